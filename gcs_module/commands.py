@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover ...` typed at a ground station. The table is the help, the completion and the dispatch in one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from MAVProxy.modules.lib import mp_settings
+from pymavlink.dialects.v20 import handover as mavlink
+
+from gcs_module.core import Answer
+from gcs_module.view import telemetry_line
+from mavproxy_handover.dialogue import Ask, Conversation, Dialogue
+from mavproxy_handover.gate.tables import COMPANION_COMPID
+
+if TYPE_CHECKING:
+    from gcs_module.module import HandoverGcsModule
+
+__all__ = ["StationCommands"]
+
+_PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
+_START = mavlink.MAV_CMD_MISSION_START
+
+
+class StationCommands:
+    """The operator's commands. A command to the aircraft is asked again until it is acknowledged."""
+
+    def __init__(self, module: HandoverGcsModule) -> None:
+        self._module = module
+        self.settings = mp_settings.MPSettings(
+            [
+                mp_settings.MPSetting(
+                    "telemetry", float, 10.0, "seconds between telemetry lines, 0 = none", range=(0, 3600)
+                )
+            ]
+        )
+        self._dialogues: dict[str, Dialogue] = {}
+        self._table: dict[str, tuple[str, Callable[[], None]]] = {
+            "status": ("who commands, this station's part, telemetry, links", self._status),
+            "share": ("send the mission package to the vehicle and to the other stations", self._share),
+            "start": ("START: arm and fly the mission", lambda: self._command("START", _START, 0)),
+            "stop": ("STOP: hold where the aircraft is", lambda: self._command("STOP", _PAUSE, 0)),
+            "continue": ("CONTINUE the mission", lambda: self._command("CONTINUE", _PAUSE, 1)),
+            "accept": ("answer the question of a handover: yes", lambda: module.operator(Answer(True))),
+            "deny": ("answer the question of a handover: no", lambda: module.operator(Answer(False))),
+        }
+        module.add_completion_function("(HANDOVERSETTING)", self.settings.completion)
+
+    def completions(self) -> list[str]:
+        """For MAVProxy's tab completion."""
+        return ["<" + "|".join(self._table) + ">", "set (HANDOVERSETTING)"]
+
+    def run(self, args: list[str]) -> None:
+        """Run one command line; anything unknown shows the usage."""
+        if args and args[0] == "set":
+            self.settings.command(args[1:])
+            return
+        if len(args) == 1 and args[0] in self._table:
+            self._table[args[0]][1]()
+            return
+        show = self._module.console.writeln
+        if args and args[0] != "help":
+            show(f"handover: unknown command {' '.join(args)!r}")
+        show("usage: handover <" + "|".join(self._table) + "|set>")
+        for name, (text, _run) in self._table.items():
+            show(f"  {name:9} {text}")
+        show(
+            "  set       NAME VALUE: "
+            + ", ".join(f"{name} = {self.settings.get(name)}" for name in self.settings.list())
+        )
+
+    # ---- commands to the aircraft ---------------------------------------------------------------------------------
+
+    def _command(self, word: str, command: int, parameter: float) -> None:
+        now = time.monotonic()
+        self._dialogues[word] = Dialogue(self._conversation(command, parameter), self._module.to_vehicle, now)
+        self._module.journal.write("command", f"{word} sent", what=word)
+
+    def _conversation(self, command: int, parameter: float) -> Conversation:
+        target = (self._module.config.vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        message = mavlink.MAVLink_command_long_message(*target, command, 0, parameter, 0, 0, 0, 0, 0, 0)
+        result = yield Ask("the command", (message,), _ack(command), timeout_s=1.5, tries=3)
+        if result == mavlink.MAV_RESULT_IN_PROGRESS:
+            result = yield Ask("the end of the command", (), _ack(command, final=True), timeout_s=60.0, tries=1)
+        return result
+
+    def on_message(self, message: Any, now: float) -> None:
+        """A COMMAND_ACK or heartbeat of the autopilot."""
+        for dialogue in list(self._dialogues.values()):
+            dialogue.on_message(message, now)
+
+    def tick(self, now: float) -> None:
+        """Time has passed: repeats what was not answered, tells what was."""
+        for word, dialogue in list(self._dialogues.items()):
+            dialogue.tick(now)
+            if not dialogue.finished:
+                continue
+            del self._dialogues[word]
+            if dialogue.failure is not None:
+                outcome, text = "no answer", f"{word}: no answer of the vehicle."
+            else:
+                outcome = _result_name(dialogue.result)
+                accepted = dialogue.result == mavlink.MAV_RESULT_ACCEPTED
+                text = f"{word} accepted." if accepted else f"{word} refused: {outcome.replace('_', ' ')}."
+            self._module.journal.write("command", text, what=word, result=outcome)
+            self._module.view.line(text, urgent=True)
+
+    # ---- others ---------------------------------------------------------------------------------------------------
+
+    def _share(self) -> None:
+        module = self._module
+        if module.desk.held is None:
+            module.view.line("There is no mission to share: set mission in [station].")
+            return
+        module.desk.offer(module.config.vehicle, COMPANION_COMPID)
+        for peer in module.config.peers:
+            module.desk.offer(peer.station.sysid, 0)
+        module.view.line(f"Sharing mission {module.desk.held.name!r}.")
+
+    def _status(self) -> None:
+        module, core, now = self._module, self._module.core, time.monotonic()
+        show = module.console.writeln
+        show(f"vehicle   {'connected' if core.vehicle_alive(now) else 'not heard'}, {core.phase.name}")
+        show(f"commander {core.name(core.commander)}, epoch {core.epoch}; this station is {core.role.value}")
+        if core.question is not None:
+            show(f"question  handover {core.question.handover_id}: 'handover accept' or 'handover deny'")
+        held = module.desk.held
+        same = (
+            "the vehicle has the same" if core.digest and core.digest == core.vehicle_digest else "the vehicle has not"
+        )
+        show(f"mission   {'none' if held is None else f'{held.name!r} {held.digest.hex()[:8]}, {same}'}")
+        for peer in module.config.peers:
+            alive = "up" if core.peer_alive(peer.station.sysid, now) else "down"
+            show(f"ground    {peer.station.name}: {alive}")
+        telemetry = module.view.last_telemetry
+        if telemetry is not None:
+            zone = core.name(telemetry.zone) if telemetry.zone else "none"
+            show(f"telemetry {telemetry_line(telemetry, zone)}")
+        if module.faults:
+            show("faults    " + ", ".join(f"{where} {count}" for where, count in module.faults.items()))
+
+
+def _ack(command: int, *, final: bool = False) -> Callable[[Any], Any]:
+    def answer(m: Any) -> Any:
+        if m.get_type() != "COMMAND_ACK" or m.command != command:
+            return None
+        if final and m.result == mavlink.MAV_RESULT_IN_PROGRESS:
+            return None
+        return m.result
+
+    return answer
+
+
+def _result_name(result: int) -> str:
+    names = mavlink.enums["MAV_RESULT"]
+    return names[result].name.removeprefix("MAV_RESULT_").lower() if result in names else str(result)

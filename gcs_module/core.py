@@ -1,0 +1,399 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The rules of a ground station, without I/O: the mirror of `mavproxy_handover.core`.
+
+Rules that live here
+--------------------
+* The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else.
+* A station only answers. It never retransmits: the vehicle asks again, and the same question gets the same answer.
+* As partner it answers HANDOVER_REQUEST with ON_HANDOVER, to the commander over the ground link and to the vehicle;
+  CONNECT_HANDOVER with DRONE_CONNECTED, likewise. With no ground link to the commander it asks the vehicle to pass
+  its word on.
+* As commander it answers ON_HANDOVER with OK_HANDOVER, and DRONE_CONNECTED with DISCONNECT_HANDOVER, the latter only for
+  a transfer it has consented to.
+* Consent is automatic, or the operator's: then the answer is "waiting" until there is one.
+
+Steps and messages: DESIGN.md section 5; names and console lines follow the thesis, section 4.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from math import inf
+
+from mavproxy_handover.core.messages import (
+    Connect,
+    ConnectAck,
+    ConnectHandover,
+    DisconnectHandover,
+    DroneConnected,
+    HandoverRequest,
+    HandoverResult,
+    Message,
+    OkHandover,
+    OnHandover,
+    TransferKey,
+)
+from mavproxy_handover.core.model import PROTOCOL_VERSION, Consent, Outcome, Phase, Reason, Station
+
+__all__ = [
+    "Answer",
+    "AuthorityHeard",
+    "FromPeer",
+    "FromVehicle",
+    "MissionHeld",
+    "Notice",
+    "PeerHeard",
+    "Role",
+    "StationCore",
+    "ToPeer",
+    "ToVehicle",
+    "VehicleHeard",
+]
+
+
+# ---- events -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class FromVehicle:
+    """A message of the vehicle's companion."""
+
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class FromPeer:
+    """A message of another station, over the ground link."""
+
+    peer: int
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class PeerHeard:
+    """A heartbeat of another station, over the ground link."""
+
+    peer: int
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleHeard:
+    """A heartbeat of the vehicle's companion."""
+
+
+@dataclass(frozen=True, slots=True)
+class AuthorityHeard:
+    """AUTHORITY_STATUS."""
+
+    phase: Phase
+    commander: int | None
+    partner: int | None
+    epoch: int
+
+
+@dataclass(frozen=True, slots=True)
+class MissionHeld:
+    """The station holds this mission package (SHA-256)."""
+
+    digest: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The operator's answer to the question that is open."""
+
+    yes: bool
+
+
+Event = FromVehicle | FromPeer | PeerHeard | VehicleHeard | AuthorityHeard | MissionHeld | Answer
+
+
+# ---- actions ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ToVehicle:
+    """Send to the vehicle's companion."""
+
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class ToPeer:
+    """Send to another station over the ground link."""
+
+    peer: int
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """A line for the operator and the journal. `event` is a fixed lower-case word; `urgent` lines are spoken."""
+
+    event: str
+    text: str
+    urgent: bool = False
+
+
+Action = ToVehicle | ToPeer | Notice
+
+
+class Role(Enum):
+    """What this station is to the vehicle now."""
+
+    COMMANDER = "commander"
+    PARTNER = "partner"
+    OBSERVER = "observer"
+
+
+@dataclass(slots=True)
+class _Part:
+    """This station's part in the present transfer."""
+
+    key: TransferKey
+    as_partner: bool
+    consent: Consent
+    #: DRONE_CONNECTED was said (partner) or heard (commander)
+    connected: bool = False
+
+
+class StationCore:
+    """One station's view of one vehicle. Times are monotonic seconds; not safe for threads."""
+
+    PEER_LOST_S = 3.0
+    VEHICLE_LOST_S = 5.0
+
+    def __init__(
+        self, station: Station, vehicle_name: str, peers: tuple[Station, ...], *, operator_consents: bool
+    ) -> None:
+        self._station = station
+        self._vehicle_name = vehicle_name
+        self._operator_consents = operator_consents
+        self._names = {peer.sysid: peer.name for peer in peers} | {station.sysid: station.name}
+        self._peers_heard = {peer.sysid: -inf for peer in peers}
+        self._vehicle_heard = -inf
+        self._vehicle_lost = True
+        self._part: _Part | None = None
+        self.digest = b""
+        self.vehicle_digest = b""
+        self.epoch = 0
+        self.commander: int | None = None
+        self.partner: int | None = None
+        self.phase = Phase.ON_LOAD
+
+    # ---- what others may look at ----------------------------------------------------------------------------------
+
+    @property
+    def role(self) -> Role:
+        """What this station is to the vehicle, as far as it has heard."""
+        if self.commander == self._station.sysid:
+            return Role.COMMANDER
+        return Role.PARTNER if self.partner == self._station.sysid else Role.OBSERVER
+
+    @property
+    def question(self) -> TransferKey | None:
+        """The transfer that waits for this station's operator."""
+        part = self._part
+        return part.key if part is not None and part.consent is Consent.WAITING else None
+
+    def name(self, sysid: int | None) -> str:
+        """A station's name, for people."""
+        return "nobody" if not sysid else self._names.get(sysid, f"station {sysid}")
+
+    def peer_alive(self, peer: int, now: float) -> bool:
+        """Whether the ground link to another station works."""
+        return now - self._peers_heard.get(peer, -inf) < self.PEER_LOST_S
+
+    def vehicle_alive(self, now: float) -> bool:
+        """Whether the vehicle's companion is heard."""
+        return now - self._vehicle_heard < self.VEHICLE_LOST_S
+
+    # ---- entry point ----------------------------------------------------------------------------------------------
+
+    def handle(self, event: Event, now: float) -> list[Action]:
+        """Take in one event at monotonic time `now` (s); returns what to do, in order."""
+        if isinstance(event, FromVehicle):
+            self._vehicle_heard = now
+            return [*self._heard_vehicle(now), *self._on_vehicle(event.message, now)]
+        if isinstance(event, VehicleHeard):
+            self._vehicle_heard = now
+            return self._heard_vehicle(now)
+        if isinstance(event, FromPeer):
+            self._peers_heard[event.peer] = now
+            return self._on_peer(event.peer, event.message)
+        if isinstance(event, PeerHeard):
+            was_alive = self.peer_alive(event.peer, now)
+            self._peers_heard[event.peer] = now
+            return [] if was_alive else [Notice("peer", f"Ground link to {self.name(event.peer)} is up.")]
+        if isinstance(event, AuthorityHeard):
+            return self._on_authority(event)
+        if isinstance(event, MissionHeld):
+            self.digest = event.digest
+            return []
+        return self._on_answer(event.yes, now)
+
+    def tick(self, now: float) -> list[Action]:
+        """Time has passed: notices that the vehicle has fallen silent."""
+        if self._vehicle_lost or self.vehicle_alive(now):
+            return []
+        self._vehicle_lost = True
+        return [Notice("lost", f"{self._vehicle_name} is not heard any more.", urgent=True)]
+
+    # ---- the vehicle ----------------------------------------------------------------------------------------------
+
+    def _heard_vehicle(self, now: float) -> list[Action]:
+        if not self._vehicle_lost:
+            return []
+        self._vehicle_lost = False
+        return [Notice("connected", f"{self._vehicle_name} is connected.")]
+
+    def _on_vehicle(self, message: Message, now: float) -> list[Action]:
+        if isinstance(message, Connect):
+            self.vehicle_digest = message.mission_digest
+            notices = self._believe(message.commander, message.epoch)
+            return [*notices, ToVehicle(self._state(message.nonce))]
+        if isinstance(message, HandoverResult):
+            return self._on_result(message)
+        if isinstance(message, HandoverRequest):
+            return self._on_request(message, now)
+        if isinstance(message, ConnectHandover):
+            return self._on_connect_handover(message, now)
+        if isinstance(message, (OnHandover, DroneConnected)):
+            return self._as_commander(message)
+        return []
+
+    def _state(self, nonce: int) -> ConnectAck:
+        return ConnectAck(
+            self._station.sysid, PROTOCOL_VERSION, nonce, self.epoch, self.commander, self._station.name, self.digest
+        )
+
+    def _believe(self, commander: int | None, epoch: int) -> list[Action]:
+        """Take over what the vehicle says of commander and epoch; an older epoch is stale and says nothing."""
+        if epoch < self.epoch or (epoch == self.epoch and commander == self.commander):
+            return []
+        before, self.commander, self.epoch = self.role, commander, epoch
+        if self.role is before:
+            return [Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")]
+        if self.role is Role.COMMANDER:
+            return [Notice("authority", f"{self._station.name} is the commander now, epoch {epoch}.", urgent=True)]
+        return [Notice("authority", f"{self.name(commander)} commands now, epoch {epoch}.", urgent=True)]
+
+    def _on_authority(self, event: AuthorityHeard) -> list[Action]:
+        notices: list[Action] = []
+        if event.phase is not self.phase:
+            self.phase = event.phase
+            notices.append(Notice("phase", f"{self._vehicle_name} is {event.phase.name.replace('_', ' ').lower()}."))
+        self.partner = event.partner
+        return [*notices, *self._believe(event.commander, event.epoch)]
+
+    def _on_result(self, message: HandoverResult) -> list[Action]:
+        key = message.key
+        notices: list[Action] = []
+        if self._part is not None and self._part.key.handover_id == key.handover_id:
+            self._part = None
+            if message.outcome is Outcome.ABORTED:
+                why = message.reason.name.lower().replace("_", " ")
+                notices.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}.", urgent=True))
+        self.partner = None
+        notices += self._believe(message.commander, key.epoch)
+        return [*notices, ToVehicle(self._state(0))]
+
+    # ---- as partner -----------------------------------------------------------------------------------------------
+
+    def _consent(self, key: TransferKey, *, as_partner: bool) -> tuple[Consent, bool]:
+        """This station's answer for a transfer, and whether the transfer is new to it."""
+        part = self._part
+        if part is not None and part.key == key and part.as_partner is as_partner:
+            return part.consent, False
+        consent = Consent.WAITING if self._operator_consents else Consent.GRANTED
+        self._part = _Part(key, as_partner, consent)
+        return consent, True
+
+    def _on_request(self, message: HandoverRequest, now: float) -> list[Action]:
+        key = message.key
+        if key.to_station != self._station.sysid or key.epoch < self.epoch:
+            return []
+        consent, new = self._consent(key, as_partner=True)
+        notices: list[Action] = []
+        if new:
+            text = f"Handover requested: {self.name(key.from_station)} -> {self._station.name}."
+            notices.append(Notice("requested", text + self._hint(consent), urgent=True))
+        return [*notices, *self._say_ready(key, consent, now)]
+
+    @staticmethod
+    def _hint(consent: Consent) -> str:
+        return " Type 'handover accept' or 'handover deny'." if consent is Consent.WAITING else ""
+
+    def _say_ready(self, key: TransferKey, consent: Consent, now: float) -> list[Action]:
+        reason = Reason.OPERATOR if consent is Consent.DENIED else Reason.NONE
+        ground = self.peer_alive(key.from_station, now)
+        word = OnHandover(key, consent, reason, relay=not ground and consent is Consent.GRANTED)
+        actions: list[Action] = [ToVehicle(word)]
+        if ground and consent is Consent.GRANTED:
+            actions.insert(0, ToPeer(key.from_station, word))
+        return actions
+
+    def _on_connect_handover(self, message: ConnectHandover, now: float) -> list[Action]:
+        key = message.key
+        if key.to_station != self._station.sysid or key.epoch < self.epoch:
+            return []
+        consent, _new = self._consent(key, as_partner=True)
+        if consent is not Consent.GRANTED:
+            return self._say_ready(key, consent, now)
+        ground = self.peer_alive(key.from_station, now)
+        word = DroneConnected(key, relay=not ground)
+        actions: list[Action] = [ToVehicle(word)]
+        if ground:
+            actions.insert(0, ToPeer(key.from_station, word))
+        part = self._part
+        if part is not None and not part.connected:
+            part.connected = True
+            actions.append(Notice("set_up", "Set up as commander: Drone Connected."))
+        return actions
+
+    # ---- as commander ---------------------------------------------------------------------------------------------
+
+    def _on_peer(self, peer: int, message: Message) -> list[Action]:
+        if isinstance(message, (OnHandover, DroneConnected)) and message.key.to_station == peer:
+            return self._as_commander(message)
+        return []
+
+    def _as_commander(self, message: OnHandover | DroneConnected) -> list[Action]:
+        key = message.key
+        if key.from_station != self._station.sysid or key.epoch < self.epoch:
+            return []
+        if isinstance(message, DroneConnected):
+            part = self._part
+            if part is None or part.key != key or part.consent is not Consent.GRANTED:
+                return []
+            release = ToVehicle(DisconnectHandover(key))
+            if part.connected:
+                return [release]
+            part.connected = True
+            return [release, Notice("released", f"{self.name(key.to_station)} has the drone: Disconnect.")]
+        consent, new = self._consent(key, as_partner=False)
+        answer = ToVehicle(self._ok(key, consent))
+        if not new:
+            return [answer]
+        if consent is Consent.GRANTED:
+            return [answer, Notice("consent", "Handover Authorized.")]
+        text = f"{self.name(key.to_station)} is ready to take {self._vehicle_name}."
+        return [answer, Notice("asked", text + self._hint(consent), urgent=True)]
+
+    @staticmethod
+    def _ok(key: TransferKey, consent: Consent) -> OkHandover:
+        return OkHandover(key, consent, Reason.OPERATOR if consent is Consent.DENIED else Reason.NONE)
+
+    # ---- the operator ---------------------------------------------------------------------------------------------
+
+    def _on_answer(self, yes: bool, now: float) -> list[Action]:
+        part = self._part
+        if part is None or part.consent is not Consent.WAITING:
+            return [Notice("question", "There is no question to answer.")]
+        part.consent = Consent.GRANTED if yes else Consent.DENIED
+        notice = Notice("consent", "Handover Authorized." if yes else "Handover Denied.")
+        if part.as_partner:
+            return [notice, *self._say_ready(part.key, part.consent, now)]
+        return [notice, ToVehicle(self._ok(part.key, part.consent))]

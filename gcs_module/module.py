@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`module load handover_gcs`: the MAVProxy module of a ground station.
+
+It decides nothing: it turns the vehicle's messages, the ground link's datagrams and the operator's words into events of
+`StationCore`, and the core's actions into messages and lines.
+
+MAVProxy's own link to the vehicle carries everything. MAVProxy hands our messages over as unknown ones unless it was
+started with `--dialect=handover`, with neither CRC nor signature checked, so their raw bytes are parsed here again.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from MAVProxy.modules.lib import mp_module
+from pymavlink.dialects.v20 import handover as mavlink
+
+from gcs_module.commands import StationCommands
+from gcs_module.core import (
+    AuthorityHeard,
+    Event,
+    FromPeer,
+    FromVehicle,
+    MissionHeld,
+    Notice,
+    PeerHeard,
+    StationCore,
+    ToPeer,
+    ToVehicle,
+    VehicleHeard,
+)
+from gcs_module.package_desk import PackageDesk
+from gcs_module.view import View, telemetry_line
+from mavproxy_handover.config import ConfigError, StationConfig, load_station
+from mavproxy_handover.core.messages import Message
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.gate.tables import COMPANION_COMPID
+from mavproxy_handover.journal import Journal
+from mavproxy_handover.links import LinkError, UdpLink
+from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.version import VERSION
+from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.frames import Frame, parse_one
+
+__all__ = ["HandoverGcsModule", "init"]
+
+_OURS = range(47100, 47132)
+_last_config: list[str] = []
+
+
+class HandoverGcsModule(mp_module.MPModule):
+    """The station's side of authority handover."""
+
+    def __init__(
+        self,
+        mpstate: Any,
+        config: StationConfig,
+        held: mission_package.MissionPackage | None,
+        ground: UdpLink | None,
+        peers: dict[int, UdpLink],
+        journal: Journal,
+    ) -> None:
+        super().__init__(
+            mpstate, "handover_gcs", "authority handover (ground station)", public=True, multi_vehicle=True
+        )
+        self.config = config
+        self.journal = journal
+        self.faults: Counter[str] = Counter()
+        stations = tuple(peer.station for peer in config.peers)
+        self.core = StationCore(
+            config.station, f"vehicle {config.vehicle}", stations, operator_consents=config.operator_consents
+        )
+        self.desk = PackageDesk(held)
+        self.view = View(self.core, config.station.name, self.console, self.settings, self.say)
+        self._ground = ground
+        self._peers = peers
+        self._own = mavlink.MAVLink(None, srcSystem=config.station.sysid, srcComponent=self.settings.source_component)
+        self._each_second_at = 0.0
+        self._telemetry_shown_at = 0.0
+        self.commands = StationCommands(self)
+        self.add_command("handover", self.commands.run, "authority handover", self.commands.completions())
+        if ground is not None:
+            mpstate.select_extra[ground.fileno()] = (self._readable, None)
+        journal.write("loaded", f"handover_gcs {VERSION}, configuration {config.path}", version=VERSION)
+        if self.settings.source_system != config.station.sysid:
+            self.view.line(f"source_system is {self.settings.source_system}: set to {config.station.sysid}.")
+            self.settings.source_system = config.station.sysid
+        if held is not None:
+            self._handle(MissionHeld(held.digest))
+
+    # ---- MAVProxy's callbacks, all wrapped ------------------------------------------------------------------------
+
+    def idle_task(self) -> None:
+        """Called by MAVProxy in every round of its main loop."""
+        self._guarded("idle", self._idle)
+
+    def mavlink_packet(self, m: Any) -> None:
+        """A message from the vehicle."""
+        self._guarded("message of the vehicle", lambda: self._on_packet(m))
+
+    def _readable(self, _unused: Any) -> None:
+        self._guarded("ground link", self._read_ground)
+
+    def unload(self) -> None:
+        """Give everything back: sockets, command."""
+        if self._ground is not None:
+            self.mpstate.select_extra.pop(self._ground.fileno(), None)
+        for link in (self._ground, *self._peers.values()):
+            if link is not None:
+                link.close()
+        self.mpstate.command_map.pop("handover", None)
+        self.mpstate.public_modules.pop("handover_gcs", None)
+        self.journal.write("unloaded")
+        self.journal.close()
+
+    def _guarded(self, where: str, job: Callable[[], None]) -> None:
+        try:
+            job()
+        except Exception:
+            self.faults[where] += 1
+            if self.faults[where] <= 10:
+                self.journal.write("fault", f"{where}: {traceback.format_exc(limit=-3)}")
+
+    # ---- in -------------------------------------------------------------------------------------------------------
+
+    def _on_packet(self, m: Any) -> None:
+        frame = parse_one(bytes(m.get_msgbuf()))
+        if frame is None or not frame.known or frame.sysid != self.config.vehicle:
+            return
+        if frame.compid == COMPANION_COMPID:
+            if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                self._handle(VehicleHeard())
+            elif frame.msgid in _OURS:
+                self._on_ours(frame)
+        elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_ACK, mavlink.MAVLINK_MSG_ID_HEARTBEAT):
+            self.commands.on_message(m, time.monotonic())
+
+    def _on_ours(self, frame: Frame) -> None:
+        message = codec.decode_bytes(frame.raw)
+        if message is None:
+            return
+        kind = message.get_type()
+        if kind.startswith("MISSION_"):
+            self._on_package(frame, message)
+        elif kind == "AUTHORITY_STATUS":
+            phase = Phase(message.phase) if message.phase in list(Phase) else Phase.EMERGENCY
+            self._handle(AuthorityHeard(phase, message.commander or None, message.partner or None, message.epoch))
+        elif kind == "HANDOVER_TELEMETRY":
+            self._on_telemetry(message)
+        else:
+            decoded = codec.decode(message)
+            if decoded is not None and message.target_system in (0, self.config.station.sysid):
+                self._journal_message("in", decoded, "vehicle")
+                self._handle(FromVehicle(decoded))
+
+    def _on_telemetry(self, message: Any) -> None:
+        self.view.last_telemetry = message
+        zone = self.core.name(message.zone) if message.zone else "none"
+        self.journal.write("telemetry", lat_deg=message.lat / 1e7, lon_deg=message.lon / 1e7, zone=zone)
+        now = time.monotonic()
+        every_s = self.commands.settings.telemetry
+        if every_s > 0 and now - self._telemetry_shown_at >= every_s:
+            self._telemetry_shown_at = now
+            self.view.line(telemetry_line(message, zone))
+
+    def _on_package(self, frame: Frame, message: Any) -> None:
+        now = time.monotonic()
+        answers, line = self.desk.on_message(frame.sysid, frame.compid, message, now)
+        for answer in answers:
+            self._put(frame.sysid, answer)
+        if line:
+            who = "vehicle" if frame.sysid == self.config.vehicle else self.core.name(frame.sysid)
+            event = "package_received" if line.startswith("Mission '") else "package_sent"
+            self.journal.write(event, line, station=who)
+            self.view.line(f"{who}: {line}")
+        if self.desk.held is not None and self.desk.held.digest != self.core.digest:
+            self._handle(MissionHeld(self.desk.held.digest))
+
+    def _read_ground(self) -> None:
+        if self._ground is None:
+            return
+        for frame in self._ground.read():
+            if frame.sysid not in self._peers:
+                self.faults["ground frame of a stranger"] += 1
+            elif frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                self._handle(PeerHeard(frame.sysid))
+            elif frame.msgid in _OURS:
+                self._on_peer(frame)
+
+    def _on_peer(self, frame: Frame) -> None:
+        message = codec.decode_bytes(frame.raw)
+        if message is None or getattr(message, "target_system", 0) not in (0, self.config.station.sysid):
+            return
+        if message.get_type().startswith("MISSION_"):
+            self._on_package(frame, message)
+            return
+        decoded = codec.decode(message)
+        if decoded is not None:
+            self._journal_message("in", decoded, self.core.name(frame.sysid), via="ground")
+            self._handle(FromPeer(frame.sysid, decoded))
+
+    # ---- time -----------------------------------------------------------------------------------------------------
+
+    def _idle(self) -> None:
+        self._read_ground()
+        now = time.monotonic()
+        self.commands.tick(now)
+        for receiver, message in self.desk.tick(now):
+            self._put(receiver, message)
+        if now >= self._each_second_at:
+            self._each_second_at = now + 1.0
+            self._perform(self.core.tick(now))
+            self.view.status()
+            beat = mavlink.MAVLink_heartbeat_message(
+                mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+            )
+            for link in self._peers.values():
+                link.write(bytes(beat.pack(self._own)))
+
+    # ---- out ------------------------------------------------------------------------------------------------------
+
+    def _handle(self, event: Event) -> None:
+        self._perform(self.core.handle(event, time.monotonic()))
+
+    def operator(self, event: Event) -> None:
+        """An operator's word to the core."""
+        self._handle(event)
+
+    def _perform(self, actions: list[Any]) -> None:
+        for action in actions:
+            if isinstance(action, ToVehicle):
+                self._send(self.config.vehicle, action.message, "vehicle")
+            elif isinstance(action, ToPeer):
+                self._send(action.peer, action.message, self.core.name(action.peer), via="ground")
+            elif isinstance(action, Notice):
+                self.journal.write(action.event, action.text, role=self.core.role.value, epoch=self.core.epoch)
+                self.view.line(action.text, urgent=action.urgent)
+
+    def _send(self, receiver: int, message: Message, who: str, via: str | None = None) -> None:
+        component = COMPANION_COMPID if receiver == self.config.vehicle else 0
+        self._put(receiver, codec.encode(message, (receiver, component), self.config.vehicle))
+        self._journal_message("out", message, who, via)
+
+    def _put(self, receiver: int, message: Any) -> None:
+        data = bytes(message.pack(self._own))
+        if receiver == self.config.vehicle:
+            self.master.write(data)
+        elif receiver in self._peers:
+            self._peers[receiver].write(data)
+
+    def to_vehicle(self, message: Any) -> None:
+        """Send a MAVLink message to the vehicle."""
+        self._put(self.config.vehicle, message)
+
+    def _journal_message(self, direction: str, message: Message, who: str, via: str | None = None) -> None:
+        key = getattr(message, "key", None)
+        if key is None:
+            return
+        self.journal.write(
+            "message",
+            direction=direction,
+            name=codec.name_of(message),
+            station=who,
+            handover_id=key.handover_id,
+            epoch=key.epoch,
+            via=via,
+            relayed=getattr(message, "relayed", False) or None,
+            consent=message.consent.name.lower() if hasattr(message, "consent") else None,
+        )
+
+
+def init(mpstate: Any, config: str | None = None, **unknown: Any) -> HandoverGcsModule | None:
+    """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy lives on.
+
+    `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`).
+    """
+    opened: list[UdpLink] = []
+    try:
+        if unknown:
+            raise ConfigError(f"unknown argument {', '.join(unknown)}; allowed is: config")
+        place = config or (_last_config[-1] if _last_config else "station.toml")
+        settings = load_station(Path(place).expanduser())
+        held = None if settings.mission is None else mission_package.load(settings.mission)
+        ground = None
+        if settings.ground is not None:
+            ground = UdpLink(settings.ground)
+            opened.append(ground)
+        peers = {}
+        for peer in settings.peers:
+            peers[peer.station.sysid] = UdpLink(peer.link)
+            opened.append(peers[peer.station.sysid])
+        journal = Journal(settings.journal, settings.station.name)
+    except (ConfigError, LinkError, MissionError, OSError) as error:
+        for link in opened:
+            link.close()
+        mpstate.console.writeln(f"handover_gcs: {error}")
+        return None
+    _last_config[:] = [str(settings.path)]
+    return HandoverGcsModule(mpstate, settings, held, ground, peers, journal)

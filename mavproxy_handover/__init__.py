@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Authority handover for ArduPilot vehicles: the companion computer's side.
+
+`core` holds the rules, `gate` judges frames, `wire` speaks MAVLink, `mission` reads mission packages, and `module` is
+the MAVProxy module that ties them to the autopilot and to the stations.
+"""

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the autopilot last said of the aircraft, and the messages that pass it on."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.wire.codec import AircraftState
+
+__all__ = ["Aircraft"]
+
+_ON_GROUND = mavlink.MAV_LANDED_STATE_ON_GROUND
+
+
+class Aircraft:
+    """The last values, in MAVLink's units; a value that was never heard is what MAVLink has for unknown."""
+
+    def __init__(self) -> None:
+        self.armed = False
+        self.custom_mode = 0
+        self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
+        self.position: Any | None = None
+        self.position_at = -math.inf
+        self.heartbeat_at = -math.inf
+        self.status_text = ""
+        self._attitude: Any | None = None
+        self._battery_voltage = 0xFFFF
+        self._battery_remaining = -1
+        self.waypoint = 0
+        self.waypoint_distance_m = math.nan
+
+    def take(self, m: Any, now: float) -> None:
+        """Take in a message of the autopilot."""
+        kind = m.get_type()
+        if kind == "HEARTBEAT":
+            self.heartbeat_at = now
+            self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            self.custom_mode = m.custom_mode
+        elif kind == "GLOBAL_POSITION_INT":
+            if m.lat != 0 or m.lon != 0:  # both 0: no position yet
+                self.position, self.position_at = m, now
+        elif kind == "ATTITUDE":
+            self._attitude = m
+        elif kind == "SYS_STATUS":
+            self._battery_voltage = m.voltage_battery
+            self._battery_remaining = m.battery_remaining
+        elif kind == "EXTENDED_SYS_STATE":
+            self.landed_state = m.landed_state
+        elif kind == "MISSION_CURRENT":
+            self.waypoint = m.seq
+        elif kind == "NAV_CONTROLLER_OUTPUT":
+            self.waypoint_distance_m = float(m.wp_dist)
+        elif kind == "STATUSTEXT":
+            self.status_text = m.text
+
+    @property
+    def flying(self) -> bool:
+        """Armed and off the ground, or armed with the ground contact unknown."""
+        return self.armed and self.landed_state != _ON_GROUND
+
+    @property
+    def track(self) -> tuple[float, float]:
+        """Course over ground (deg) and ground speed (m/s)."""
+        if self.position is None:
+            return 0.0, 0.0
+        north, east = self.position.vx / 100.0, self.position.vy / 100.0
+        return math.degrees(math.atan2(east, north)) % 360.0, math.hypot(north, east)
+
+    def state(self) -> AircraftState:
+        """What HANDOVER_REQUEST tells."""
+        position = self.position
+        if position is None:
+            return AircraftState(waypoint=self.waypoint, custom_mode=self.custom_mode)
+        return AircraftState(
+            lat=position.lat,
+            lon=position.lon,
+            relative_alt=position.relative_alt,
+            heading=position.hdg,
+            groundspeed=self.track[1],
+            battery_remaining=self._battery_remaining,
+            waypoint=self.waypoint,
+            custom_mode=self.custom_mode,
+        )
+
+    def telemetry(self, target: tuple[int, int], utc_us: int, zone: int) -> Any:
+        """HANDOVER_TELEMETRY, the telemetry record of the thesis (section 4.3.2)."""
+        position, attitude = self.position, self._attitude
+        rates = (0.0, 0.0, 0.0) if attitude is None else (attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed)
+        if position is None:
+            where = (0, 0, 0, 0, 0)
+            velocity = (0.0, 0.0, 0.0)
+            heading = 0xFFFF
+        else:
+            where = (position.time_boot_ms, position.lat, position.lon, position.alt, position.relative_alt)
+            velocity = (position.vx / 100.0, position.vy / 100.0, position.vz / 100.0)
+            heading = position.hdg
+        return mavlink.MAVLink_handover_telemetry_message(
+            *target,
+            utc_us,
+            where[0],
+            self._battery_voltage,
+            self._battery_remaining,
+            *where[1:],
+            *rates,
+            *velocity,
+            heading,
+            self.track[1],
+            self.waypoint,
+            self.waypoint_distance_m,
+            zone,
+            int(self.armed),
+            self.custom_mode,
+        )

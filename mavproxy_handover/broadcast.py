@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the companion says on its own: heartbeat, lease, AUTHORITY_STATUS, CONTROL_STATUS. Built here, sent elsewhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.core.model import AuthorityView, Phase, Reason
+from mavproxy_handover.wire.lease import Lease, pack_lease
+
+__all__ = ["LEASE_INTERVAL_S", "LeaseSequence", "authority_status", "control_status", "heartbeat"]
+
+LEASE_INTERVAL_S = 0.2
+_LEASE_TTL_MS = 3000
+
+
+class LeaseSequence:
+    """Numbers the leases of one run of the companion. `nonce` is never 0."""
+
+    def __init__(self, nonce: int) -> None:
+        self.nonce = nonce
+        self.sequence = 0
+
+    def next(self, view: AuthorityView, vehicle: int) -> Any:
+        """The next lease, as the TUNNEL message to the autopilot."""
+        self.sequence = (self.sequence + 1) & 0xFFFFFFFF
+        lease = Lease(view.lease, view.commander or 0, self.nonce, self.sequence, view.epoch, _LEASE_TTL_MS)
+        return pack_lease(lease, vehicle)
+
+
+def heartbeat(view: AuthorityView) -> Any:
+    """The companion's own heartbeat: an onboard computer, no ground station."""
+    status = mavlink.MAV_STATE_EMERGENCY if view.phase is Phase.EMERGENCY else mavlink.MAV_STATE_ACTIVE
+    return mavlink.MAVLink_heartbeat_message(
+        mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, view.phase, status, 3
+    )
+
+
+def authority_status(view: AuthorityView, zone: int, guard: GuardState, reason: Reason) -> Any:
+    """AUTHORITY_STATUS of this dialect."""
+    return mavlink.MAVLink_authority_status_message(
+        view.phase,
+        view.commander or 0,
+        view.partner or 0,
+        zone,
+        view.epoch,
+        view.handover_id,
+        view.lease,
+        guard,
+        reason,
+    )
+
+
+def control_status(view: AuthorityView) -> Any:
+    """CONTROL_STATUS of the MAVLink standard: the companion speaks for the whole system; takeover is asked for."""
+    flags = mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER
+    return mavlink.MAVLink_control_status_message(flags, view.commander or 0, [0] * 10)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover ...` typed at the companion's MAVProxy. The table is the help, the completion and the dispatch in one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from mavproxy_handover.companion import Companion
+from mavproxy_handover.core import events
+from mavproxy_handover.core.events import GuardState
+
+__all__ = ["VehicleCommands"]
+
+
+class VehicleCommands:
+    """Operator commands of the vehicle's side; they show, and never change who commands."""
+
+    def __init__(self, companion: Companion, show: Callable[[str], None]) -> None:
+        self._companion = companion
+        self._show = show
+        self._table: dict[str, tuple[str, Callable[[], None]]] = {
+            "status": ("phase, commander, epoch, lease, guard, mission", self._status),
+            "stations": ("every station: link, liveness, what the gate did", self._stations),
+            "zones": ("zones of the loaded mission and where the aircraft is", self._zones),
+            "cancel": ("call the present transfer off; the commander stays", self._cancel),
+        }
+
+    def completions(self) -> list[str]:
+        """For MAVProxy's tab completion."""
+        return ["<" + "|".join(self._table) + ">"]
+
+    def run(self, args: list[str]) -> None:
+        """Run one command line; anything unknown shows the usage."""
+        if len(args) == 1 and args[0] in self._table:
+            self._table[args[0]][1]()
+            return
+        if args and args[0] != "help":
+            self._show(f"handover: unknown command {' '.join(args)!r}")
+        self._show("usage: handover <" + "|".join(self._table) + ">")
+        for name, (text, _run) in self._table.items():
+            self._show(f"  {name:9} {text}")
+
+    def _status(self) -> None:
+        companion, now = self._companion, time.monotonic()
+        arbiter, view = companion.arbiter, companion.view
+        self._show(f"phase     {view.phase.name}{'  (INTERNAL FAULT: nobody commands)' if companion.failed else ''}")
+        partner = f", transfer to {arbiter.name(view.partner)}" if view.partner else ""
+        self._show(f"commander {arbiter.name(view.commander)}, epoch {view.epoch}, lease {view.lease.name}{partner}")
+        guard = arbiter.guard(now)
+        status = companion.guard_status
+        detail = ""
+        if status is not None and guard is not GuardState.SILENT:
+            detail = f", firmware {status.firmware[0]}.{status.firmware[1]}, {status.rejected} leases refused"
+            detail += "" if status.enforcing else ", NOT ENFORCING"
+            detail += ", TAMPERING NOTICED" if status.tampered else ""
+        self._show(f"guard     {guard.name}{detail}")
+        digest = arbiter.mission_digest
+        self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
+        self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
+        needs = arbiter.start_needs(view.commander or 0, now)
+        if not view.armed:
+            self._show(f"START     {'ready' if not needs else 'needs: ' + ', '.join(needs)}")
+        if companion.faults:
+            faults = ", ".join(f"{where} {count}" for where, count in companion.faults.items())
+            self._show(f"faults    {faults} (see {companion.journal.path})")
+
+    def _stations(self) -> None:
+        companion, now = self._companion, time.monotonic()
+        for port in companion.ports.values():
+            heard = companion.arbiter.heard_ago_s(port.sysid, now)
+            seen = "never heard" if heard is None else f"heard {heard:.1f} s ago"
+            state = "connected" if companion.arbiter.connected(port.sysid, now) else "not connected"
+            self._show(f"{port.name} ({port.sysid}): {seen}, {state}")
+            for link in port.links:
+                self._show(
+                    f"  {link.device}: {link.frames_in} frames in, {link.frames_out} out, {link.bad_crc} damaged"
+                )
+            verdicts = ", ".join(f"{reason} {count}" for reason, count in port.verdicts.most_common())
+            self._show(f"  gate: {verdicts or 'nothing yet'}")
+
+    def _zones(self) -> None:
+        companion = self._companion
+        facts = companion.zone_facts()
+        if not facts:
+            self._show("no mission loaded, or no position yet")
+        for fact in facts:
+            name = companion.arbiter.name(fact.station)
+            ends = "" if fact.exit_s is None else f", ends in {fact.exit_s:.0f} s on this track"
+            where = (
+                f"inside, {fact.margin_m:.0f} m to its border" if fact.margin_m > 0 else f"{-fact.margin_m:.0f} m away"
+            )
+            self._show(f"{name}: {where}{ends}")
+
+    def _cancel(self) -> None:
+        companion = self._companion
+        if companion.view.partner is None or companion.view.commander is None:
+            self._show("no transfer is under way")
+            return
+        companion.handle(events.Cancel(companion.view.commander), time.monotonic())

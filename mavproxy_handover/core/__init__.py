@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The rules of authority, without I/O.
+
+Everything in this package is pure: standard library only, no clock, no sockets, no MAVLink. Time is an argument
+(monotonic seconds). The same objects run in flight, in unit tests, in exhaustive exploration and in simulation.
+`tests/core/test_purity.py` walks the imports and holds this promise.
+"""

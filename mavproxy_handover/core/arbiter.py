@@ -1,0 +1,646 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The sole judge of authority.
+
+Rules that live here
+--------------------
+* One owner. `commander` is the owner while its heartbeat lives, nobody after that: a silent owner's frames have no
+  authority, and only itself can take it up again (with a new epoch), or a committed transfer.
+* The parent becomes the owner on the ground, disarmed, once it has answered CONNECT. In flight nobody is ever granted
+  authority by connecting.
+* Authority moves by a committed transfer (`transfer.py`): owner and epoch change in one step.
+* The phase moves by the table of `phases.py`; emergencies are decided by `safety.py`, zones by `zones.py`.
+* Whatever a station repeats is answered again and changes nothing; what carries another epoch or transfer number is
+  dropped and counted.
+
+The caller passes every event with the present monotonic time, carries out the actions in order, and calls again with
+`Tick` no later than `next_deadline()`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+
+from mavproxy_handover.core.events import (
+    Action,
+    AutopilotState,
+    BeginStart,
+    Cancel,
+    Event,
+    FlightAction,
+    Flush,
+    Fly,
+    GuardSeen,
+    GuardState,
+    MissionLoaded,
+    PositionSeen,
+    Record,
+    Send,
+    StartFinished,
+    StartRefused,
+    StartRequested,
+    StationHeard,
+    StationMessage,
+    ViewChanged,
+)
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import Connect, ConnectAck, DroneConnected, HandoverResult, OnHandover, TransferKey
+from mavproxy_handover.core.model import (
+    PROTOCOL_VERSION,
+    AuthorityView,
+    LeaseState,
+    Outcome,
+    Phase,
+    Reason,
+    Station,
+)
+from mavproxy_handover.core.phases import PHASES, PhaseCause
+from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.safety import Situation, decide
+from mavproxy_handover.core.transfer import Cause, End, Transfer, cause_of
+from mavproxy_handover.core.zones import ZoneTracker
+
+__all__ = ["Arbiter", "Identity"]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who this vehicle is. `nonce` is drawn at start by the edge; it makes questions of this run recognisable."""
+
+    name: str
+    stations: tuple[Station, ...]
+    parent: int
+    nonce: int = 1
+
+
+@dataclass(slots=True)
+class _PendingResult:
+    """A result that a station has not yet shown to know."""
+
+    result: HandoverResult
+    retry_at: float
+    pause_s: float
+    give_up_at: float
+    attempt: int = 1
+
+
+class Arbiter:
+    """Authority over one vehicle. Pure: no clock, no I/O; not safe for threads."""
+
+    def __init__(self, identity: Identity, limits: Limits | None = None) -> None:
+        self._identity = identity
+        self._limits = limits or Limits()
+        self._names = {station.sysid: station.name for station in identity.stations}
+        if identity.parent not in self._names:
+            raise ValueError(f"parent {identity.parent} is not among the stations")
+        self._presence = {station.sysid: Presence(station, self._limits) for station in identity.stations}
+        self._zones = ZoneTracker(self._limits)
+        self._nonce = identity.nonce
+        self._owner: int | None = None
+        self._owner_lost = False
+        self._epoch = 0
+        self._phase = Phase.ON_LOAD
+        self._transfer: Transfer | None = None
+        self._handover_id = 0
+        self._last_result: HandoverResult | None = None
+        self._pending: dict[int, _PendingResult] = {}
+        self._retry_after: dict[int, float] = {}
+        self._route: tuple[int, ...] = ()
+        self._route_at = 0
+        self._digest = b""
+        self._armed: bool | None = None
+        self._flying = False
+        self._autopilot_at = -inf
+        self._position_at = -inf
+        self._guard = GuardState.SILENT
+        self._guard_ours = False
+        self._guard_at = -inf
+        self._starting = False
+        self._emergency = Reason.NONE
+        self._stale_told = False
+        self._view = AuthorityView()
+        #: what was dropped, by cause
+        self.dropped: Counter[str] = Counter()
+
+    # ---- what others may look at ----------------------------------------------------------------------------------
+
+    @property
+    def view(self) -> AuthorityView:
+        """The present authority, immutable."""
+        return self._view
+
+    @property
+    def mission_digest(self) -> bytes:
+        """SHA-256 of the mission package that the autopilot holds; empty before one is loaded."""
+        return self._digest
+
+    def name(self, sysid: int | None) -> str:
+        """A station's name, for people."""
+        return "nobody" if not sysid else self._names.get(sysid, f"station {sysid}")
+
+    def guard(self, now: float) -> GuardState:
+        """What the guard last said of itself; SILENT when that is too long ago."""
+        return self._guard if now - self._guard_at < self._limits.guard_lost_s else GuardState.SILENT
+
+    def zone(self) -> int:
+        """Station in whose zone the aircraft is, the commander's first; 0 = none."""
+        inside = self._zones.inside(self._owner)
+        return inside[0] if inside else 0
+
+    def connected(self, station: int, now: float) -> bool:
+        """Whether messages to and from the station get through."""
+        return station in self._presence and self._presence[station].connected(now)
+
+    def heard_ago_s(self, station: int, now: float) -> float | None:
+        """Seconds since the station was heard; None if never."""
+        heard_at = self._presence[station].heard_at
+        return None if heard_at == -inf else now - heard_at
+
+    def unfit(self, station: int, now: float) -> Reason | None:
+        """Why this station could not be a partner now; None if it could."""
+        return self._presence[station].unfit(self._digest, now)
+
+    # ---- the two entry points -------------------------------------------------------------------------------------
+
+    def handle(self, event: Event, now: float) -> list[Action]:
+        """Take in one event at monotonic time `now` (s); returns what to do, in order."""
+        actions: list[Action] = []
+        if isinstance(event, StationHeard):
+            self._on_heard(event.station, now, actions)
+        elif isinstance(event, StationMessage):
+            self._on_message(event, now, actions)
+        elif isinstance(event, PositionSeen):
+            self._on_position(event, now, actions)
+        elif isinstance(event, AutopilotState):
+            self._on_autopilot(event, now, actions)
+        elif isinstance(event, GuardSeen):
+            self._on_guard(event, now, actions)
+        elif isinstance(event, MissionLoaded):
+            self._on_mission(event, actions)
+        elif isinstance(event, StartRequested):
+            self._on_start(event.station, now, actions)
+        elif isinstance(event, StartFinished):
+            self._on_start_finished(event, actions)
+        elif isinstance(event, Cancel):
+            self._on_cancel(event.station, now, actions)
+        self._on_time(now, actions)
+        return actions
+
+    def next_deadline(self) -> float | None:
+        """When `Tick` is due at the latest (monotonic s); None if nothing is pending."""
+        times = [presence.ask_at for presence in self._presence.values()]
+        times += [pending.retry_at for pending in self._pending.values()]
+        if self._owner is not None and not self._owner_lost:
+            times.append(self._presence[self._owner].lost_at())
+        if self._transfer is not None:
+            times += [self._transfer.retry_at, self._transfer.timeout_at]
+        if self._zones.out_since is not None and self._emergency is Reason.NONE:
+            times.append(self._zones.out_since + self._limits.out_hold_s)
+        return min(times, default=None)
+
+    # ---- stations -------------------------------------------------------------------------------------------------
+
+    def _on_heard(self, station: int, now: float, actions: list[Action]) -> None:
+        presence = self._presence.get(station)
+        if presence is None:
+            self.dropped["unknown station"] += 1
+            return
+        if not presence.alive(now):
+            actions.append(Record("station_heard", f"{self.name(station)} is heard", station=station))
+            presence.ask_at = now
+        presence.heard_at = now
+        if station == self._owner and self._owner_lost:
+            self._owner_lost = False
+            self._epoch += 1
+            actions.append(
+                Record(
+                    "authority",
+                    f"{self.name(station)} is back and commands again, epoch {self._epoch}",
+                    Reason.COMMANDER_RETURNED,
+                    station,
+                )
+            )
+            self._refresh(Reason.COMMANDER_RETURNED, actions)
+
+    def _on_message(self, event: StationMessage, now: float, actions: list[Action]) -> None:
+        station, message = event.station, event.message
+        if station not in self._presence:
+            self.dropped["unknown station"] += 1
+            return
+        self._on_heard(station, now, actions)
+        if isinstance(message, Connect):
+            self._on_connect(station, message, actions)
+        elif isinstance(message, ConnectAck):
+            self._on_connect_ack(station, message, now, actions)
+        else:
+            self._on_transfer_message(event, now, actions)
+
+    def _on_connect(self, station: int, message: Connect, actions: list[Action]) -> None:
+        accepted = message.protocol_version == PROTOCOL_VERSION
+        answer = ConnectAck(
+            station,
+            PROTOCOL_VERSION,
+            message.nonce,
+            self._epoch,
+            self._view.commander,
+            self._identity.name,
+            self._digest,
+            accepted,
+        )
+        actions.append(Send(station, answer))
+
+    def _on_connect_ack(self, station: int, message: ConnectAck, now: float, actions: list[Action]) -> None:
+        presence = self._presence[station]
+        pending = self._pending.get(station)
+        if pending is not None and message.epoch >= pending.result.key.epoch:
+            del self._pending[station]
+        if message.nonce == 0:
+            return
+        if message.nonce != presence.asked_nonce:
+            self.dropped["stale answer to CONNECT"] += 1
+            return
+        was_connected = presence.connected(now)
+        presence.answered_at = now
+        presence.answer = message
+        if not was_connected:
+            actions.append(Record("connected", f"{self.name(station)} is connected", station=station))
+        self._grant_parent(now, actions)
+
+    def _grant_parent(self, now: float, actions: list[Action]) -> None:
+        parent = self._identity.parent
+        grounded = self._armed is False and self._phase is Phase.ON_LOAD
+        if self._owner is not None or not grounded or not self._presence[parent].connected(now):
+            return
+        self._owner = parent
+        self._epoch += 1
+        actions.append(
+            Record("authority", f"{self.name(parent)} commands, epoch {self._epoch}", Reason.PARENT_CONNECTED, parent)
+        )
+        self._refresh(Reason.PARENT_CONNECTED, actions)
+
+    def _ask_around(self, now: float, actions: list[Action]) -> None:
+        for station, presence in self._presence.items():
+            if now < presence.ask_at:
+                continue
+            self._nonce = self._nonce % 0xFFFFFFFF + 1
+            presence.asked_nonce = self._nonce
+            presence.ask_at = now + self._limits.connect_interval_s
+            actions.append(
+                Send(
+                    station,
+                    Connect(
+                        station,
+                        PROTOCOL_VERSION,
+                        self._nonce,
+                        self._epoch,
+                        self._view.commander,
+                        self._identity.name,
+                        self._digest,
+                    ),
+                )
+            )
+
+    # ---- transfers ------------------------------------------------------------------------------------------------
+
+    def _begin_transfer(self, partner: int, reason: Reason, now: float, actions: list[Action]) -> None:
+        assert self._owner is not None
+        self._handover_id = self._handover_id % 0xFFFF + 1
+        key = TransferKey(self._owner, partner, self._handover_id, self._epoch)
+        self._transfer = Transfer(key, reason, self._limits, now)
+        self._pending.clear()
+        self._move_phase(PhaseCause.TRANSFER_BEGUN)
+        self._refresh(reason, actions)
+        text = f"handover {key.handover_id}: {self.name(self._owner)} -> {self.name(partner)}"
+        actions.append(Record("transfer_begun", text, reason, partner))
+
+    def _on_transfer_message(self, event: StationMessage, now: float, actions: list[Action]) -> None:
+        key: TransferKey = event.message.key  # type: ignore[union-attr]
+        transfer = self._transfer
+        if transfer is None or key != transfer.key:
+            last = self._last_result
+            if (
+                last is not None
+                and key.handover_id == last.key.handover_id
+                and event.station
+                in (
+                    last.key.from_station,
+                    last.key.to_station,
+                )
+            ):
+                actions.append(Send(event.station, last))
+                self.dropped["transfer already over"] += 1
+            else:
+                self.dropped["stale epoch or unknown transfer"] += 1
+            return
+        cause = cause_of(event.message, event.station)
+        if cause is None:
+            self.dropped["not the sender's to say"] += 1
+            return
+        relay = isinstance(event.message, (OnHandover, DroneConnected)) and event.message.relay
+        self._move_transfer(cause, now, actions, relay=relay)
+
+    def _move_transfer(self, cause: Cause, now: float, actions: list[Action], *, relay: bool = False) -> None:
+        transfer = self._transfer
+        if transfer is None:
+            return
+        before = transfer.step
+        end = transfer.move(cause, now, relay=relay)
+        if isinstance(end, End):
+            self._end_transfer(end, now, actions)
+        elif end:
+            actions.append(
+                Record(
+                    "step",
+                    f"handover {transfer.key.handover_id}: {before.value} -> {transfer.step.value} ({cause.value})",
+                    duration_s=now - transfer.started_at,
+                )
+            )
+
+    def _end_transfer(self, end: End, now: float, actions: list[Action]) -> None:
+        transfer = self._transfer
+        assert transfer is not None
+        self._transfer = None
+        key = transfer.key
+        duration_s = now - transfer.started_at
+        committed = end.outcome is Outcome.COMMITTED
+        reason = end.reason if end.reason is not Reason.NONE else transfer.reason
+        self._move_phase(PhaseCause.TRANSFER_ENDED)
+        if committed:
+            self._owner = key.to_station
+            self._epoch += 1
+            self._zones.moved(now)
+            self._retry_after.clear()
+            self._advance_route(key.to_station)
+        else:
+            pause_s = (
+                self._limits.denied_pause_s
+                if end.reason
+                in (
+                    Reason.COMMANDER_DENIED,
+                    Reason.PARTNER_REFUSED,
+                    Reason.CANCELLED,
+                )
+                else self._limits.retry_pause_s
+            )
+            self._retry_after[key.to_station] = now + pause_s
+        self._refresh(reason, actions)
+        if committed:
+            actions.append(Flush(key.from_station))
+        text = (
+            f"handover {key.handover_id} committed: {self.name(key.to_station)} commands, epoch {self._epoch}"
+            if committed
+            else f"handover {key.handover_id} aborted ({end.reason.name.lower()}): "
+            f"{self.name(self._view.commander)} commands"
+        )
+        actions.append(
+            Record("transfer_committed" if committed else "transfer_aborted", text, reason, key.to_station, duration_s)
+        )
+        result = HandoverResult(
+            TransferKey(key.from_station, key.to_station, key.handover_id, self._epoch),
+            self._view.commander,
+            end.outcome,
+            reason,
+        )
+        self._last_result = result
+        for station in (key.from_station, key.to_station):
+            actions.append(Send(station, result))
+            if committed:
+                first_s = self._limits.retry_first_s
+                self._pending[station] = _PendingResult(
+                    result, now + first_s, first_s, now + self._limits.result_timeout_s
+                )
+
+    def _advance_route(self, station: int) -> None:
+        if station in self._route[self._route_at :]:
+            self._route_at = self._route.index(station, self._route_at)
+
+    def _route_next(self) -> int | None:
+        following = self._route_at + 1
+        return self._route[following] if following < len(self._route) else None
+
+    def _on_cancel(self, station: int, now: float, actions: list[Action]) -> None:
+        if self._transfer is not None and station in (self._transfer.key.from_station, self._transfer.key.to_station):
+            self._move_transfer(Cause.CANCELLED, now, actions)
+
+    # ---- the aircraft ---------------------------------------------------------------------------------------------
+
+    def _on_position(self, event: PositionSeen, now: float, actions: list[Action]) -> None:
+        self._position_at = now
+        self._stale_told = False
+        change = self._zones.update(event.zones, now)
+        for station in change.entered:
+            actions.append(Record("zone_entered", f"zone of {self.name(station)} entered", station=station))
+        for station in change.left:
+            actions.append(Record("zone_left", f"zone of {self.name(station)} left", station=station))
+        if self._transfer is not None and self._transfer.key.to_station in change.left:
+            self._move_transfer(Cause.LEFT_REGION, now, actions)
+        self._seek_transfer(now, actions)
+
+    def _seek_transfer(self, now: float, actions: list[Action]) -> None:
+        if self._phase is not Phase.ON_MISSION or self._owner is None or self._owner_lost:
+            return
+        usable = self._usable(now, actions)
+        partner = self._zones.next_commander(self._owner, usable, self._route_next(), now)
+        if partner is not None:
+            self._begin_transfer(partner, Reason.ZONE, now, actions)
+
+    def _usable(self, now: float, actions: list[Action]) -> Sequence[int]:
+        """Stations whose zone holds the aircraft and that could take it; says once why another could not."""
+        usable = []
+        for station in self._zones.inside():
+            presence = self._presence.get(station)
+            if presence is None or station == self._owner or now < self._retry_after.get(station, -inf):
+                continue
+            why = presence.unfit(self._digest, now)
+            if why is None:
+                usable.append(station)
+            elif why is not presence.told_why:
+                text = f"{self.name(station)} cannot be partner: {why.name.lower().replace('_', ' ')}"
+                actions.append(Record("partner_unfit", text, why, station))
+            presence.told_why = why
+        return usable
+
+    def _on_autopilot(self, event: AutopilotState, now: float, actions: list[Action]) -> None:
+        was_armed = self._armed
+        self._autopilot_at = now
+        self._armed = event.armed
+        self._flying = event.armed and event.flying
+        if not event.armed and self._phase is not Phase.ON_LOAD:
+            self._end_by(Cause.CANCELLED, now, actions)
+            self._move_phase(PhaseCause.DISARMED)
+            self._emergency = Reason.NONE
+            self._route_at = 0
+            actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
+            self._refresh(Reason.LANDED, actions)
+        elif self._flying and self._phase is Phase.ON_LOAD and not self._starting:
+            self._enter_mission(actions, "airborne")
+        elif was_armed is not event.armed:
+            self._refresh(Reason.NONE, actions)
+        self._grant_parent(now, actions)
+
+    def _end_by(self, cause: Cause, now: float, actions: list[Action]) -> None:
+        if self._transfer is not None:
+            self._move_transfer(cause, now, actions)
+
+    def _enter_mission(self, actions: list[Action], how: str) -> None:
+        self._move_phase(PhaseCause.STARTED)
+        self._zones.forget_entries()
+        actions.append(Record("started", f"on mission: {how}", Reason.STARTED, self._owner))
+        self._refresh(Reason.STARTED, actions)
+
+    def _on_guard(self, event: GuardSeen, now: float, actions: list[Action]) -> None:
+        before = self.guard(now)
+        self._guard_at = now
+        self._guard_ours = event.ours and event.enforcing
+        self._guard = event.state
+        if before is not event.state:
+            actions.append(Record("guard", f"guard: {before.name.lower()} -> {event.state.name.lower()}"))
+
+    def _on_mission(self, event: MissionLoaded, actions: list[Action]) -> None:
+        self._digest = event.digest
+        self._route = event.route
+        self._route_at = 0
+        names = " ".join(self.name(station) for station in event.route)
+        actions.append(Record("mission_loaded", f"mission loaded, commanders along the route: {names}"))
+        self._refresh(Reason.NONE, actions)
+
+    # ---- START ----------------------------------------------------------------------------------------------------
+
+    def start_needs(self, station: int, now: float) -> tuple[str, ...]:
+        """What START from this station still lacks, in words; empty when the aircraft may take off."""
+        needs = []
+        if self._view.commander != station:
+            needs.append(f"{self.name(station)} does not command")
+        if self._phase is not Phase.ON_LOAD or self._armed or self._starting:
+            needs.append("the vehicle is already flying or starting")
+        if not self._digest:
+            needs.append("no mission loaded")
+        if now - self._autopilot_at >= self._limits.autopilot_lost_s:
+            needs.append("no autopilot")
+        if self._limits.guard_required and not (self._guard_ours and self.guard(now) is GuardState.LIVE):
+            needs.append("the guard does not answer the lease")
+        if now - self._position_at >= self._limits.position_stale_s:
+            needs.append("no position")
+        elif not self._zones.holds(station):
+            needs.append(f"outside the zone of {self.name(station)}")
+        return tuple(needs)
+
+    def _on_start(self, station: int, now: float, actions: list[Action]) -> None:
+        needs = self.start_needs(station, now)
+        if needs:
+            actions.append(Record("start_refused", "START refused: " + ", ".join(needs), Reason.NOT_READY, station))
+            actions.append(StartRefused(station, needs))
+            return
+        self._starting = True
+        actions.append(Record("start", f"START from {self.name(station)}", station=station))
+        actions.append(BeginStart(station))
+
+    def _on_start_finished(self, event: StartFinished, actions: list[Action]) -> None:
+        if not self._starting:
+            return
+        self._starting = False
+        if event.ok:
+            self._enter_mission(actions, "armed and in AUTO")
+        else:
+            actions.append(Record("start_failed", f"START failed: {event.text}", Reason.NOT_READY, self._owner))
+
+    # ---- time -----------------------------------------------------------------------------------------------------
+
+    def _on_time(self, now: float, actions: list[Action]) -> None:
+        if self._owner is not None and not self._owner_lost and now >= self._presence[self._owner].lost_at():
+            self._lose_owner(now, actions)
+        if self._transfer is not None:
+            if now >= self._transfer.timeout_at:
+                self._move_transfer(Cause.TIMEOUT, now, actions)
+            elif not self._presence[self._transfer.key.to_station].alive(now):
+                self._move_transfer(Cause.PARTNER_LOST, now, actions)
+        self._speak(now, actions)
+        self._judge_safety(now, actions)
+        self._ask_around(now, actions)
+
+    def _lose_owner(self, now: float, actions: list[Action]) -> None:
+        self._end_by(Cause.COMMANDER_LOST, now, actions)
+        self._owner_lost = True
+        assert self._owner is not None
+        actions.append(
+            Record(
+                "authority_lost",
+                f"{self.name(self._owner)} is lost: nobody commands",
+                Reason.COMMANDER_LOST,
+                self._owner,
+            )
+        )
+        self._refresh(Reason.COMMANDER_LOST, actions)
+
+    def _speak(self, now: float, actions: list[Action]) -> None:
+        transfer = self._transfer
+        if transfer is not None:
+            due = transfer.due(now)
+            if due is not None:
+                actions.append(Send(due[0], due[1], transfer.attempt))
+        for station, pending in list(self._pending.items()):
+            if now >= pending.give_up_at:
+                del self._pending[station]
+                text = f"{self.name(station)} never showed epoch {pending.result.key.epoch}"
+                actions.append(Record("result_unacknowledged", text, station=station))
+            elif now >= pending.retry_at:
+                pending.attempt += 1
+                pending.pause_s = min(pending.pause_s * self._limits.retry_growth, self._limits.retry_max_s)
+                pending.retry_at = now + pending.pause_s
+                actions.append(Send(station, pending.result, pending.attempt))
+
+    def _judge_safety(self, now: float, actions: list[Action]) -> None:
+        if self._flying and now - self._position_at >= self._limits.position_stale_s and not self._stale_told:
+            self._stale_told = True
+            actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
+        out_since = self._zones.out_since
+        lost = self._owner_lost or (self._owner is None and self._flying)
+        situation = Situation(self._flying, lost, None if out_since is None else now - out_since)
+        decision = decide(situation, self._limits)
+        if decision.reason is self._emergency:
+            return
+        self._emergency = decision.reason
+        if decision.reason is Reason.NONE:
+            actions.append(Record("emergency_over", "the cause of the emergency is gone"))
+            self._move_phase(PhaseCause.RECOVERED)
+            self._refresh(Reason.NONE, actions)
+            return
+        if decision.action is not FlightAction.WARN:
+            cause = Cause.OUT_OF_COVERAGE if decision.reason is Reason.OUT_OF_COVERAGE else Cause.COMMANDER_LOST
+            self._end_by(cause, now, actions)
+            self._move_phase(PhaseCause.EMERGENCY)
+        what = decision.reason.name.lower().replace("_", " ")
+        actions.append(Record("emergency", f"{what}: {decision.action.name.lower()}", decision.reason, self._owner))
+        self._refresh(decision.reason, actions)
+        if decision.action is not FlightAction.WARN:
+            actions.append(Fly(decision.action, decision.reason))
+
+    # ---- the view -------------------------------------------------------------------------------------------------
+
+    def _move_phase(self, cause: PhaseCause) -> None:
+        self._phase = PHASES.get((self._phase, cause), self._phase)
+
+    def _refresh(self, reason: Reason, actions: list[Action]) -> None:
+        """Make the view of what holds now, and announce it if it differs."""
+        commander = None if self._owner_lost else self._owner
+        if commander is None:
+            lease = LeaseState.LOST
+        elif self._transfer is not None:
+            lease = LeaseState.TRANSFER
+        else:
+            lease = LeaseState.HELD
+        view = AuthorityView(
+            phase=self._phase,
+            commander=commander,
+            partner=None if self._transfer is None else self._transfer.key.to_station,
+            epoch=self._epoch,
+            lease=lease,
+            armed=bool(self._armed),
+            handover_id=self._handover_id,
+        )
+        if view != self._view:
+            self._view = view
+            actions.append(ViewChanged(view, reason))

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What can happen to the arbiter, and what it asks its edge to do.
+
+The edge turns bytes and ticks into events, hands them to `Arbiter.handle`, and carries the actions out in the order
+they come. Neither side knows more of the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.messages import Message
+from mavproxy_handover.core.model import AuthorityView, Reason
+
+__all__ = [
+    "Action",
+    "AutopilotState",
+    "BeginStart",
+    "Cancel",
+    "Event",
+    "FlightAction",
+    "Fly",
+    "Flush",
+    "GuardSeen",
+    "GuardState",
+    "MissionLoaded",
+    "PositionSeen",
+    "Record",
+    "Send",
+    "StartFinished",
+    "StartRefused",
+    "StartRequested",
+    "StationHeard",
+    "StationMessage",
+    "Tick",
+    "ViewChanged",
+]
+
+
+# ---- events -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """Time has passed: whatever was due is done."""
+
+
+@dataclass(frozen=True, slots=True)
+class StationHeard:
+    """A heartbeat of a station came through its own link."""
+
+    station: int
+
+
+@dataclass(frozen=True, slots=True)
+class StationMessage:
+    """A transfer message of a station came through its own link."""
+
+    station: int
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class PositionSeen:
+    """A fresh position of the aircraft, as facts about every zone."""
+
+    zones: tuple[ZoneFact, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotState:
+    """A heartbeat of the autopilot. `flying`: off the ground as far as the autopilot knows."""
+
+    armed: bool
+    flying: bool
+
+
+class GuardState(IntEnum):
+    """What the guard says of itself (`HANDOVER_GUARD`)."""
+
+    DISABLED = 0
+    WAITING = 1
+    LIVE = 2
+    EXPIRED = 3
+    LOST = 4
+    SILENT = 255
+
+
+@dataclass(frozen=True, slots=True)
+class GuardSeen:
+    """A status message of the guard. `ours`: it echoes the nonce of this companion's leases."""
+
+    state: GuardState
+    enforcing: bool
+    ours: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MissionLoaded:
+    """The mission package was written to the autopilot, read back and found equal.
+
+    `route` is the order in which its planned track needs commanders.
+    """
+
+    digest: bytes
+    route: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StartRequested:
+    """A station sent MAV_CMD_MISSION_START on the ground."""
+
+    station: int
+
+
+@dataclass(frozen=True, slots=True)
+class StartFinished:
+    """The edge went through the START sequence; `text` says what stopped it."""
+
+    ok: bool
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Cancel:
+    """An operator asked to call the transfer off."""
+
+    station: int
+
+
+Event = (
+    Tick
+    | StationHeard
+    | StationMessage
+    | PositionSeen
+    | AutopilotState
+    | GuardSeen
+    | MissionLoaded
+    | StartRequested
+    | StartFinished
+    | Cancel
+)
+
+
+# ---- actions ------------------------------------------------------------------------------------------------------
+
+
+class FlightAction(IntEnum):
+    """What the companion commands the autopilot to do in an emergency, mildest first."""
+
+    WARN = 0
+    RETURN = 1
+    LAND = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Send a transfer message to a station, on all its links."""
+
+    station: int
+    message: Message
+    attempt: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class ViewChanged:
+    """Authority, phase or epoch changed: the gate judges by this view from here on, and all are told."""
+
+    view: AuthorityView
+    reason: Reason
+
+
+@dataclass(frozen=True, slots=True)
+class Flush:
+    """Close at the autopilot what a former commander left open."""
+
+    station: int
+
+
+@dataclass(frozen=True, slots=True)
+class Fly:
+    """Command the autopilot, see that it obeys, and go one action further if it does not."""
+
+    action: FlightAction
+    reason: Reason
+
+
+@dataclass(frozen=True, slots=True)
+class BeginStart:
+    """Every need is met: arm in GUIDED, then fly the mission in AUTO."""
+
+    station: int
+
+
+@dataclass(frozen=True, slots=True)
+class StartRefused:
+    """Answer the station's START with a refusal; `needs` are the unmet ones, in words."""
+
+    station: int
+    needs: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """An entry for the journal. `event` is a fixed lower-case word, `text` the sentence for people."""
+
+    event: str
+    text: str
+    reason: Reason = Reason.NONE
+    station: int | None = None
+    duration_s: float | None = None
+
+
+Action = Send | ViewChanged | Flush | Fly | BeginStart | StartRefused | Record

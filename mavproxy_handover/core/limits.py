@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Every number that the rules use, with its unit in its name. `config.py` gives their ranges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mavproxy_handover.core.events import FlightAction
+
+__all__ = ["Limits"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Times in seconds, distances in metres."""
+
+    #: a station whose heartbeat has been missing this long is lost
+    heartbeat_lost_s: float = 5.0
+    #: how often the vehicle asks each station whether it is there
+    connect_interval_s: float = 1.0
+    #: an answer to that older than this proves nothing
+    connect_lost_s: float = 5.0
+    #: first retransmission of a transfer message, growth from one to the next, and the longest wait
+    retry_first_s: float = 0.2
+    retry_growth: float = 1.5
+    retry_max_s: float = 1.0
+    #: a step that takes longer ends the transfer; the commander stays
+    step_timeout_s: float = 4.0
+    #: the same when a station has said that its operator has been asked
+    operator_timeout_s: float = 30.0
+    #: commander consented, partner confirmed, release missing this long: the vehicle commits
+    release_timeout_s: float = 2.0
+    #: pause before a transfer that failed is tried again, and after an operator's denial
+    retry_pause_s: float = 2.0
+    denied_pause_s: float = 10.0
+    #: how long HANDOVER_RESULT is repeated to a station that does not show the new epoch
+    result_timeout_s: float = 10.0
+    #: a zone is entered this far inside its border, and left this far outside
+    enter_margin_m: float = 5.0
+    leave_margin_m: float = 5.0
+    #: no transfer for a zone's sake sooner than this after the last one, unless coverage ends
+    dwell_s: float = 5.0
+    #: the commander's zone ends within this time along the track: time to move
+    exit_soon_s: float = 8.0
+    #: outside every zone this long is an emergency
+    out_hold_s: float = 1.0
+    out_of_coverage: FlightAction = FlightAction.RETURN
+    commander_lost: FlightAction = FlightAction.RETURN
+    #: older position, autopilot heartbeat and guard status count as lost
+    position_stale_s: float = 2.0
+    autopilot_lost_s: float = 3.0
+    guard_lost_s: float = 2.0
+    #: False for vehicles without a guard
+    guard_required: bool = True

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The messages of `handover.xml` as the rules see them; `wire/codec.py` turns them into bytes and back.
+
+Every transfer message carries the commander (`from_station`), the partner (`to_station`), the number of the transfer
+and the epoch in which it runs. Who sent a message is told by the event that brings it, not by the message.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mavproxy_handover.core.model import Consent, Outcome, Reason
+
+__all__ = [
+    "Connect",
+    "ConnectAck",
+    "ConnectHandover",
+    "DisconnectHandover",
+    "DroneConnected",
+    "HandoverRequest",
+    "HandoverResult",
+    "Message",
+    "OkHandover",
+    "OnHandover",
+    "TransferKey",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Connect:
+    """Are you there, and do we agree? Answered by `ConnectAck` with the same nonce."""
+
+    station: int
+    protocol_version: int
+    nonce: int
+    epoch: int
+    commander: int | None
+    name: str
+    mission_digest: bytes  #: SHA-256, or empty where the sender has no mission package
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectAck:
+    """Answer to `Connect`; with nonce 0, sent unasked to acknowledge a `HandoverResult` by state."""
+
+    station: int
+    protocol_version: int
+    nonce: int
+    epoch: int
+    commander: int | None
+    name: str
+    mission_digest: bytes
+    accepted: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class TransferKey:
+    """What names one transfer. A message whose key is not the present one changes nothing."""
+
+    from_station: int
+    to_station: int
+    handover_id: int
+    epoch: int
+
+
+@dataclass(frozen=True, slots=True)
+class HandoverRequest:
+    """Step 1, vehicle to partner: will you take the aircraft?"""
+
+    key: TransferKey
+    reason: Reason = Reason.NONE
+
+
+@dataclass(frozen=True, slots=True)
+class OnHandover:
+    """Step 2, partner to commander with a copy to the vehicle. `relay`: the sender has no ground link."""
+
+    key: TransferKey
+    consent: Consent = Consent.GRANTED
+    reason: Reason = Reason.NONE
+    relay: bool = False
+    relayed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class OkHandover:
+    """Step 3, commander to vehicle: consent."""
+
+    key: TransferKey
+    consent: Consent = Consent.GRANTED
+    reason: Reason = Reason.NONE
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectHandover:
+    """Step 4, vehicle to partner: set yourself up as commander."""
+
+    key: TransferKey
+
+
+@dataclass(frozen=True, slots=True)
+class DroneConnected:
+    """Step 5, partner to commander and to vehicle: done."""
+
+    key: TransferKey
+    relay: bool = False
+    relayed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class DisconnectHandover:
+    """Step 6, commander to vehicle: released. The vehicle commits here."""
+
+    key: TransferKey
+
+
+@dataclass(frozen=True, slots=True)
+class HandoverResult:
+    """Step 7, vehicle to both. `key.epoch` is the epoch now in force."""
+
+    key: TransferKey
+    commander: int | None
+    outcome: Outcome
+    reason: Reason
+
+
+Message = (
+    Connect
+    | ConnectAck
+    | HandoverRequest
+    | OnHandover
+    | OkHandover
+    | ConnectHandover
+    | DroneConnected
+    | DisconnectHandover
+    | HandoverResult
+)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The words of the system as types: phases, lease states, reasons, and the view that the gate judges by.
+
+Values that travel (phases, lease states, consents, reasons) have the numbers of `wire/handover.xml`;
+`tests/wire/test_dialect.py` compares the two, so neither can drift.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+__all__ = [
+    "PROTOCOL_VERSION",
+    "AuthorityView",
+    "Consent",
+    "LeaseState",
+    "Outcome",
+    "Phase",
+    "Reason",
+    "Station",
+]
+
+#: Version of the messages of `handover.xml`; stations of another version are not handed authority.
+PROTOCOL_VERSION = 1
+
+
+class Phase(IntEnum):
+    """What the vehicle is doing (the three states of the thesis, section 4.3, and the emergency)."""
+
+    ON_LOAD = 0  #: on the ground: waiting for parent, mission package and START
+    ON_MISSION = 1  #: flying under one commander
+    ON_HANDOVER = 2  #: a transfer is under way; the commander still commands
+    EMERGENCY = 3  #: the aircraft is being brought home
+
+
+class LeaseState(IntEnum):
+    """What the companion tells the guard about authority."""
+
+    HELD = 1  #: a commander holds authority
+    TRANSFER = 2  #: held, and a transfer is under way
+    LOST = 3  #: nobody holds authority
+    RECOVERING = 4  #: the companion restarted and has not yet heard the commander of its state file
+
+
+class Consent(IntEnum):
+    """A station's answer to the question of a transfer."""
+
+    GRANTED = 0
+    DENIED = 1
+    WAITING = 2  #: its operator has been asked
+
+
+class Outcome(IntEnum):
+    """How a transfer ended."""
+
+    COMMITTED = 0
+    ABORTED = 1
+
+
+class Reason(IntEnum):
+    """Why authority moved, did not move, or was lost."""
+
+    NONE = 0
+    ZONE = 1  #: the aircraft entered the next station's zone, or is about to leave the commander's
+    OPERATOR = 2  #: an operator asked
+    PARENT_CONNECTED = 3  #: the parent station took up its vehicle on the ground
+    RELEASE_TIMEOUT = 4  #: the commander consented, then fell silent; the partner had confirmed
+    COMMANDER_LOST = 5
+    COMMANDER_RETURNED = 6
+    PARTNER_SILENT = 7
+    PARTNER_REFUSED = 8
+    COMMANDER_SILENT = 9
+    COMMANDER_DENIED = 10
+    LEFT_REGION = 11  #: the aircraft left the partner's zone before the commit
+    CANCELLED = 12
+    OUT_OF_COVERAGE = 13  #: the aircraft is outside every zone
+    AUTOPILOT_LOST = 14  #: no heartbeat of the autopilot
+    POSITION_STALE = 15
+    GUARD_LOST = 16
+    LANDED = 17  #: disarmed: the flight is over
+    STARTED = 18
+    FAULT = 19  #: an internal fault; nobody is granted anything
+    MISSION_DIFFERS = 20  #: the partner holds another mission package
+    VERSION_DIFFERS = 21
+    NOT_READY = 22  #: START refused: something on the list of needs is missing
+
+
+@dataclass(frozen=True, slots=True)
+class Station:
+    """A ground station known to the vehicle. `sysid` is its MAVLink system id (1..255)."""
+
+    sysid: int
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class AuthorityView:
+    """All that the gate needs to judge a frame. Immutable: swapped whole at every change of authority.
+
+    `commander` is the sysid whose commands pass, None when nobody's do. `partner` is set during a transfer.
+    """
+
+    phase: Phase = Phase.ON_LOAD
+    commander: int | None = None
+    partner: int | None = None
+    epoch: int = 0
+    lease: LeaseState = LeaseState.LOST
+    armed: bool = False
+    handover_id: int = 0

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the vehicle knows of each station: is it there, both ways, and do the two agree.
+
+A heartbeat proves only that the station reaches the vehicle. An answer to CONNECT proves the way there as well, and
+says which protocol, mission package and epoch the station has. A partner must be proven in both (make before break).
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import ConnectAck
+from mavproxy_handover.core.model import PROTOCOL_VERSION, Reason, Station
+
+__all__ = ["Presence"]
+
+
+class Presence:
+    """Liveness and agreement of one station. Times are monotonic seconds."""
+
+    __slots__ = ("_limits", "answer", "answered_at", "ask_at", "asked_nonce", "heard_at", "station", "told_why")
+
+    def __init__(self, station: Station, limits: Limits) -> None:
+        self._limits = limits
+        self.station = station
+        self.heard_at = -inf
+        self.answered_at = -inf
+        self.answer: ConnectAck | None = None
+        self.ask_at = -inf
+        self.asked_nonce = 0
+        #: why the station was last journalled as no partner; None while it could be one
+        self.told_why: Reason | None = None
+
+    def alive(self, now: float) -> bool:
+        """Heard within the heartbeat limit."""
+        return now - self.heard_at < self._limits.heartbeat_lost_s
+
+    def lost_at(self) -> float:
+        """When the station counts as lost if it stays silent."""
+        return self.heard_at + self._limits.heartbeat_lost_s
+
+    def connected(self, now: float) -> bool:
+        """Alive, and its answers to CONNECT come back."""
+        return self.alive(now) and now - self.answered_at < self._limits.connect_lost_s
+
+    def unfit(self, mission_digest: bytes, now: float) -> Reason | None:
+        """Why it cannot be a partner now, or None if it can."""
+        if not self.connected(now) or self.answer is None:
+            return Reason.PARTNER_SILENT
+        if self.answer.protocol_version != PROTOCOL_VERSION or not self.answer.accepted:
+            return Reason.VERSION_DIFFERS
+        if self.answer.mission_digest != mission_digest:
+            return Reason.MISSION_DIFFERS
+        return None

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which zones hold the aircraft, and whether authority should move for their sake.
+
+Rules
+-----
+* A zone is entered `enter_margin_m` inside its border and left `leave_margin_m` outside: a track along a border does
+  not flicker.
+* Authority moves to a station when its zone is entered while another commands (the thesis's rule), or when the
+  commander's zone has ended or is about to end along the track while another zone still holds the aircraft longer.
+* After a change of authority only a zone entered since then counts as entered, and nothing moves during the dwell
+  time unless the commander's zone has ended: no ping-pong inside one handover region.
+* Where several stations would do: the next one on the route, then the one that keeps the aircraft longest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from math import inf
+
+from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.limits import Limits
+
+__all__ = ["ZoneChange", "ZoneTracker"]
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneChange:
+    """What the last position changed, station sysids in the order of the facts."""
+
+    entered: tuple[int, ...]
+    left: tuple[int, ...]
+
+
+class ZoneTracker:
+    """Zone membership with hysteresis, and the choice of the next station."""
+
+    __slots__ = ("_facts", "_fresh", "_inside", "_limits", "_moved_at", "out_since")
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._facts: dict[int, ZoneFact] = {}
+        self._inside: set[int] = set()
+        self._fresh: set[int] = set()
+        self._moved_at = -inf
+        #: since when the aircraft is outside every zone; None while one holds it or nothing is known
+        self.out_since: float | None = None
+
+    def update(self, facts: Iterable[ZoneFact], now: float) -> ZoneChange:
+        """Take in the facts of one position."""
+        entered, left = [], []
+        self._facts = {}
+        for fact in facts:
+            # a station with several zones is covered by the best of them
+            known = self._facts.get(fact.station)
+            if known is None or fact.margin_m > known.margin_m:
+                self._facts[fact.station] = fact
+        for station, fact in self._facts.items():
+            if station in self._inside:
+                if fact.margin_m <= -self._limits.leave_margin_m:
+                    self._inside.discard(station)
+                    self._fresh.discard(station)
+                    left.append(station)
+            elif fact.margin_m >= self._limits.enter_margin_m:
+                self._inside.add(station)
+                self._fresh.add(station)
+                entered.append(station)
+        if self._inside or not self._facts:
+            self.out_since = None
+        elif self.out_since is None:
+            self.out_since = now
+        return ZoneChange(tuple(entered), tuple(left))
+
+    def holds(self, station: int | None) -> bool:
+        """Whether this station's zone holds the aircraft."""
+        return station in self._inside
+
+    def inside(self, first: int | None = None) -> tuple[int, ...]:
+        """Stations whose zones hold the aircraft, `first` at the head if it is one of them."""
+        return tuple(sorted(self._inside, key=lambda station: (station != first, station)))
+
+    def moved(self, now: float) -> None:
+        """Authority has just changed: entries before this do not count any more."""
+        self._fresh.clear()
+        self._moved_at = now
+
+    def forget_entries(self) -> None:
+        """Entries so far were made on the ground and do not count."""
+        self._fresh.clear()
+
+    def _time_left_s(self, station: int) -> float:
+        """How long the zone will hold the aircraft on its present track; 0 outside, inf when no end is in sight."""
+        if station not in self._inside:
+            return 0.0
+        exit_s = self._facts[station].exit_s
+        return inf if exit_s is None else exit_s
+
+    def next_commander(self, commander: int, usable: Sequence[int], route_next: int | None, now: float) -> int | None:
+        """The station that authority should move to now, or None.
+
+        `usable`: stations that may be asked (the caller leaves out those that are down or in a pause).
+        `route_next`: the station that the planned route needs next.
+        """
+        candidates = [station for station in usable if station in self._inside and station != commander]
+        if not candidates:
+            return None
+        left_s = self._time_left_s(commander)
+        commander_ends = left_s <= self._limits.exit_soon_s
+        if now - self._moved_at < self._limits.dwell_s and commander in self._inside:
+            return None
+        wanted = [
+            station
+            for station in candidates
+            if station in self._fresh or (commander_ends and self._time_left_s(station) > left_s)
+        ]
+        if not wanted:
+            return None
+        return min(wanted, key=lambda station: (station != route_next, -self._time_left_s(station), station))

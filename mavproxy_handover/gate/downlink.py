@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which of the vehicle's frames each station hears.
+
+The commander hears everything, and so does the partner during a transfer: it has to see the aircraft before it
+takes it. An observer hears what concerns everybody (heartbeat, who is in control, position, battery, status
+texts), what is addressed to it, and the answers to what it asked. Rules:
+
+1. Lease and guard status, and whatever is addressed to the companion, never leave the vehicle.
+2. A frame addressed to a station goes to that station and to no other, whatever their roles.
+3. Answers without an address (a parameter, a version) are known only by what was asked for. A question opens
+   a window for the ids that answer it. Where one question has many answers each of them extends the window, but
+   never past `LIMIT_S` after the question: somebody else's parameters would keep it open for ever.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.gate.judge import StationIdentity
+from mavproxy_handover.gate.policy import COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
+from mavproxy_handover.wire.frames import Frame, field_offset, target
+
+__all__ = ["ANSWERS", "COMMAND_ANSWERS", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
+
+#: How long after a question, or after an answer that extends the window, an answer is still one.
+WINDOW_S: Final = 5.0
+
+#: The longest that answers to one question are waited for: a parameter list over a slow link.
+LIMIT_S: Final = 300.0
+
+#: What every known station hears.
+FOR_EVERYBODY: Final = (
+    "HEARTBEAT",
+    "AUTHORITY_STATUS",
+    "CONTROL_STATUS",
+    "GLOBAL_POSITION_INT",
+    "SYS_STATUS",
+    "BATTERY_STATUS",
+    "STATUSTEXT",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """The messages that answer a question; `many` if there is more than one, so that each extends the window."""
+
+    names: tuple[str, ...]
+    many: bool = False
+
+
+#: Answers to messages. What a station asks for by address it gets by address, in MAVLink 2; these names cover the
+#: answers that carry none.
+ANSWERS: Final = {
+    "PING": Answers(("PING",)),
+    "TIMESYNC": Answers(("TIMESYNC",)),
+    "PARAM_REQUEST_READ": Answers(("PARAM_VALUE", "PARAM_ERROR")),
+    "PARAM_REQUEST_LIST": Answers(("PARAM_VALUE",), many=True),
+    "PARAM_EXT_REQUEST_READ": Answers(("PARAM_EXT_VALUE",)),
+    "PARAM_EXT_REQUEST_LIST": Answers(("PARAM_EXT_VALUE",), many=True),
+    "MISSION_REQUEST_LIST": Answers(("MISSION_COUNT", "MISSION_ACK")),
+    "MISSION_REQUEST": Answers(("MISSION_ITEM", "MISSION_ITEM_INT", "MISSION_ACK")),
+    "MISSION_REQUEST_INT": Answers(("MISSION_ITEM_INT", "MISSION_ACK")),
+    "MISSION_REQUEST_PARTIAL_LIST": Answers(("MISSION_ITEM", "MISSION_ITEM_INT", "MISSION_ACK"), many=True),
+    "FENCE_FETCH_POINT": Answers(("FENCE_POINT",)),
+    "RALLY_FETCH_POINT": Answers(("RALLY_POINT",)),
+    "AUTOPILOT_VERSION_REQUEST": Answers(("AUTOPILOT_VERSION",)),
+    "OSD_PARAM_SHOW_CONFIG": Answers(("OSD_PARAM_SHOW_CONFIG_REPLY",)),
+    "GOPRO_GET_REQUEST": Answers(("GOPRO_GET_RESPONSE",)),
+    "TERRAIN_CHECK": Answers(("TERRAIN_REPORT",)),
+    "FILE_TRANSFER_PROTOCOL": Answers(("FILE_TRANSFER_PROTOCOL",), many=True),
+}
+
+#: Answers to commands, besides COMMAND_ACK. Names without their MAV_CMD_.
+COMMAND_ANSWERS: Final = {
+    "GET_MESSAGE_INTERVAL": Answers(("MESSAGE_INTERVAL",)),
+    "REQUEST_AUTOPILOT_CAPABILITIES": Answers(("AUTOPILOT_VERSION",)),
+    "REQUEST_CAMERA_INFORMATION": Answers(("CAMERA_INFORMATION",)),
+    "REQUEST_CAMERA_SETTINGS": Answers(("CAMERA_SETTINGS",)),
+    "REQUEST_STORAGE_INFORMATION": Answers(("STORAGE_INFORMATION",)),
+    "REQUEST_CAMERA_CAPTURE_STATUS": Answers(("CAMERA_CAPTURE_STATUS",)),
+    "REQUEST_FLIGHT_INFORMATION": Answers(("FLIGHT_INFORMATION",)),
+    "REQUEST_VIDEO_STREAM_INFORMATION": Answers(("VIDEO_STREAM_INFORMATION",)),
+    "REQUEST_VIDEO_STREAM_STATUS": Answers(("VIDEO_STREAM_STATUS",)),
+    "GET_HOME_POSITION": Answers(("HOME_POSITION", "GPS_GLOBAL_ORIGIN")),
+    "UAVCAN_GET_NODE_INFO": Answers(("UAVCAN_NODE_INFO", "UAVCAN_NODE_STATUS"), many=True),
+}
+
+_IDS: Final[dict[str, int]] = {cls.msgname: msgid for msgid, cls in mavlink.mavlink_map.items()}
+_COMMANDS: Final[dict[str, int]] = {e.name: number for number, e in mavlink.enums["MAV_CMD"].items()}
+_EVERYBODY_IDS: Final = frozenset(_IDS[name] for name in FOR_EVERYBODY)
+
+
+def _ids(answers: Answers) -> tuple[int, ...]:
+    return tuple(_IDS[name] for name in answers.names if name in _IDS)
+
+
+#: Question -> (ids of its answers, whether there are many).
+_BY_MESSAGE: Final = {_IDS[name]: (_ids(a), a.many) for name, a in ANSWERS.items() if name in _IDS}
+_BY_COMMAND: Final = {
+    _COMMANDS[f"MAV_CMD_{name}"]: (_ids(a), a.many)
+    for name, a in COMMAND_ANSWERS.items()
+    if f"MAV_CMD_{name}" in _COMMANDS
+}
+
+_COMMAND_LONG: Final = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
+_COMMAND_INT: Final = mavlink.MAVLINK_MSG_ID_COMMAND_INT
+_COMMAND_ACK: Final = mavlink.MAVLINK_MSG_ID_COMMAND_ACK
+_TUNNEL: Final = mavlink.MAVLINK_MSG_ID_TUNNEL
+_REQUEST_MESSAGE: Final = mavlink.MAV_CMD_REQUEST_MESSAGE
+_FLOAT: Final = struct.Struct("<f")
+
+
+@dataclass(slots=True)
+class _Window:
+    until: float  #: monotonic seconds
+    limit: float  #: never extended past this
+    many: bool
+
+
+def _stays_aboard(frame: Frame, aim: tuple[int, int] | None) -> bool:
+    """Rule 1: lease, guard status, and what a component of the vehicle says to the companion."""
+    if frame.msgid == _TUNNEL:
+        offset = field_offset(_TUNNEL, "payload_type")
+        if int.from_bytes(frame.payload[offset : offset + 2], "little") in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL):
+            return True
+    return aim is not None and aim == (frame.sysid, COMPANION_COMPID)
+
+
+def _answers_to(frame: Frame) -> list[tuple[tuple[int, ...], bool]]:
+    """What may answer a frame from a station."""
+    if not frame.known:
+        return []
+    if frame.msgid not in (_COMMAND_LONG, _COMMAND_INT):
+        found = _BY_MESSAGE.get(frame.msgid)
+        return [] if found is None else [found]
+    offset = field_offset(frame.msgid, "command")
+    command = int.from_bytes(frame.payload[offset : offset + 2], "little")
+    answers: list[tuple[tuple[int, ...], bool]] = [((_COMMAND_ACK,), False)]
+    if command == _REQUEST_MESSAGE:
+        wish = _FLOAT.unpack_from(frame.payload, field_offset(frame.msgid, "param1"))[0]
+        if math.isfinite(wish) and int(wish) in mavlink.mavlink_map:
+            answers.append(((int(wish),), False))
+    elif command in _BY_COMMAND:
+        answers.append(_BY_COMMAND[command])
+    return answers
+
+
+class DownlinkPolicy:
+    """Chooses, for each frame of the vehicle and each station, whether the station gets it.
+
+    Knows the stations, so that it can tell a frame addressed to one of them from one addressed to a component
+    of the vehicle. Time is an argument (monotonic seconds).
+    """
+
+    def __init__(self, stations: Iterable[StationIdentity]) -> None:
+        self._owner = {sysid: station.sysid for station in stations for sysid in station.sysids}
+        self._windows: dict[int, dict[int, _Window]] = {}
+
+    def asked(self, frame: Frame, station_sysid: int, now: float) -> None:
+        """Note a question of a station that the gate let through; anything else a station sends is ignored."""
+        for msgids, many in _answers_to(frame):
+            windows = self._windows.setdefault(station_sysid, {})
+            for msgid in msgids:
+                open_window = windows.get(msgid)
+                # A single question during a list must not shorten the list.
+                still_many = open_window is not None and open_window.many and now <= open_window.until
+                windows[msgid] = _Window(now + WINDOW_S, now + LIMIT_S, many or still_many)
+
+    def wanted(self, frame: Frame, station_sysid: int, view: AuthorityView, now: float) -> bool:
+        """Whether a station gets this frame of the vehicle. An answer that is one of many extends its window."""
+        aim = target(frame)
+        if _stays_aboard(frame, aim):
+            return False
+        if aim is not None:
+            owner = self._owner.get(aim[0])
+            if owner is not None:
+                return owner == station_sysid
+        if station_sysid in (view.commander, view.partner):
+            return True
+        return frame.msgid in _EVERYBODY_IDS or self._answers(frame.msgid, station_sysid, now)
+
+    def _answers(self, msgid: int, station_sysid: int, now: float) -> bool:
+        windows = self._windows.get(station_sysid)
+        window = None if windows is None else windows.get(msgid)
+        if window is None or now > window.until:
+            return False
+        if window.many:
+            window.until = min(now + WINDOW_S, window.limit)
+        return True

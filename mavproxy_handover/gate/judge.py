@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The gate's judgement: one pure, total function from a frame and who commands to what becomes of the frame.
+
+Rules, in this order; the first that applies decides:
+
+1. Identity. A frame from a station's link that claims the vehicle's system id, or any id that is not that
+   station's, is dropped.
+2. Default deny. A message without a row in the policy is dropped.
+3. Target. A frame aimed at another system is not for us: dropped. Target 0 means everybody, so us too.
+   A command or file-transfer opcode without a row is then refused.
+4. The class of the row (`tables.Access`) and whether the sender commands. The whole of authority is one
+   comparison: the station's system id with `AuthorityView.commander`. When authority is lost the view has no
+   commander, so nobody commands; no phase needs a rule of its own.
+5. START (MAV_CMD_MISSION_START) from the commander while the vehicle is ON_LOAD is carried out by the companion.
+6. What would pass but is aimed at the companion's own component is refused: it has nothing there to command,
+   read or set but what it consumes.
+
+Frames of further system ids behind a station (its `sysids`) are judged as the station's own, except heartbeats:
+only the station's own may keep the autopilot's GCS failsafe quiet, or a tracker would vouch for a dead operator.
+
+MAVLink 1 frames are judged like MAVLink 2 frames. Whether a link accepts them is a matter of signing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from mavproxy_handover.core.model import AuthorityView, Phase
+from mavproxy_handover.gate.policy import COMPANION_COMPID, MISSION_START, Access, Row, classify
+from mavproxy_handover.wire.frames import Frame, target
+
+__all__ = ["Action", "GateReason", "StationIdentity", "Verdict", "judge"]
+
+
+class Action(Enum):
+    """What becomes of a frame."""
+
+    FORWARD = "forward"  #: to the autopilot, byte for byte
+    CONSUME = "consume"  #: the companion's own business
+    REFUSE = "refuse"  #: not passed on; the sender is told where its protocol has an answer
+    DROP = "drop"  #: not passed on, no answer
+
+
+class GateReason(Enum):
+    """Why."""
+
+    ALLOWED = "allowed"
+    COMPANION = "companion"  #: consumed: the companion itself deals with it
+    NOT_IN_CONTROL = "not in control"  #: only the commander may
+    RATES_OF_COMMANDER = "rates of commander"  #: loads a channel that all share; only the commander may
+    LIVENESS_NOT_COMMANDER = "liveness, not commander"  #: a heartbeat that the autopilot must not count
+    MAINTENANCE_ONLY = "maintenance only"  #: over no radio link
+    NEVER = "never"  #: no station has a reason to send it
+    SPOOFED_VEHICLE = "spoofed vehicle"  #: claims the vehicle's system id
+    SPOOFED_STATION = "spoofed station"  #: claims a system id that is not this station's
+    UNKNOWN_MESSAGE = "unknown message"
+    UNKNOWN_COMMAND = "unknown command"  #: or file-transfer opcode
+    OTHER_TARGET = "other target"  #: aimed at another system
+    COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
+
+
+@dataclass(frozen=True, slots=True)
+class StationIdentity:
+    """Who may speak on a station's links: `sysid`, the station, and `sysids`, all allowed ids, its own among them.
+
+    Raises ValueError for ids outside 1..255 (0 is everybody in MAVLink, never somebody).
+    """
+
+    sysid: int
+    sysids: frozenset[int] = field(default_factory=frozenset)
+
+    def __post_init__(self) -> None:
+        everyone = self.sysids | {self.sysid}
+        for sysid in everyone:
+            if not 1 <= sysid <= 255:
+                raise ValueError(f"system id {sysid} of station {self.sysid}: must be 1 to 255")
+        object.__setattr__(self, "sysids", everyone)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What becomes of a frame and why. `access` is None if the policy has no row for it.
+
+    `what` names the frame for people: "COMMAND_LONG/MAV_CMD_NAV_LAND".
+    """
+
+    action: Action
+    access: Access | None
+    reason: GateReason
+    what: str
+
+
+#: Outcome by class for the commander and for any other station. Rule 4 as data.
+_FOR_COMMANDER = {
+    Access.READ: (Action.FORWARD, GateReason.ALLOWED),
+    Access.LIVENESS: (Action.FORWARD, GateReason.ALLOWED),
+    Access.COMMAND: (Action.FORWARD, GateReason.ALLOWED),
+    Access.STREAM: (Action.FORWARD, GateReason.ALLOWED),
+    Access.ANSWERED: (Action.FORWARD, GateReason.ALLOWED),
+    Access.TRANSFER: (Action.CONSUME, GateReason.COMPANION),
+    Access.CONTROL: (Action.CONSUME, GateReason.COMPANION),
+    Access.MAINTENANCE: (Action.REFUSE, GateReason.MAINTENANCE_ONLY),
+    Access.NEVER: (Action.DROP, GateReason.NEVER),
+}
+_FOR_OTHERS = {
+    Access.READ: (Action.FORWARD, GateReason.ALLOWED),
+    Access.LIVENESS: (Action.CONSUME, GateReason.LIVENESS_NOT_COMMANDER),
+    Access.COMMAND: (Action.REFUSE, GateReason.NOT_IN_CONTROL),
+    Access.STREAM: (Action.DROP, GateReason.NOT_IN_CONTROL),
+    Access.ANSWERED: (Action.REFUSE, GateReason.RATES_OF_COMMANDER),
+    Access.TRANSFER: (Action.CONSUME, GateReason.COMPANION),
+    Access.CONTROL: (Action.CONSUME, GateReason.COMPANION),
+    Access.MAINTENANCE: (Action.REFUSE, GateReason.MAINTENANCE_ONLY),
+    Access.NEVER: (Action.DROP, GateReason.NEVER),
+}
+
+
+def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int) -> Verdict:
+    """Judge one frame that arrived on a link of `station`. Never raises, whatever the frame holds.
+
+    The caller counts heartbeats of the commander itself: they are forwarded, and they are its sign of life too.
+    """
+    row = classify(frame)
+    action, reason = _decide(frame, row, station, view, vehicle_sysid)
+    return Verdict(action, row.access, reason, row.what)
+
+
+def _decide(
+    frame: Frame, row: Row, station: StationIdentity, view: AuthorityView, vehicle_sysid: int
+) -> tuple[Action, GateReason]:
+    if frame.sysid == vehicle_sysid:
+        return Action.DROP, GateReason.SPOOFED_VEHICLE
+    if frame.sysid not in station.sysids:
+        return Action.DROP, GateReason.SPOOFED_STATION
+    if not frame.known or (row.access is None and row.part is None):
+        return Action.DROP, GateReason.UNKNOWN_MESSAGE
+    aim = target(frame)
+    if aim is not None and aim[0] not in (0, vehicle_sysid):
+        return Action.DROP, GateReason.OTHER_TARGET
+    if row.access is None:
+        return Action.REFUSE, GateReason.UNKNOWN_COMMAND
+
+    commands = station.sysid == view.commander
+    if row.access is Access.LIVENESS and frame.sysid != station.sysid:
+        commands = False
+    action, reason = (_FOR_COMMANDER if commands else _FOR_OTHERS)[row.access]
+    if action is not Action.FORWARD:
+        return action, reason
+    if row.access is Access.COMMAND and row.part == MISSION_START and view.phase is Phase.ON_LOAD:
+        return Action.CONSUME, GateReason.COMPANION
+    if aim is not None and aim[1] == COMPANION_COMPID:
+        return Action.DROP if row.access is Access.STREAM else Action.REFUSE, GateReason.COMPANION_TARGET
+    return action, reason

@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover check MISSION`: finds before flight what would go wrong in it.
+
+`check` judges, `report_text` prints, `main` is the command. An error is what would leave the aircraft without a
+commander, or with less time for a transfer than it needs; a warning is what costs reserve; an info is worth knowing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.fence import outside_fence
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
+from mavproxy_handover.mission.walk import Handover, Walk
+from mavproxy_handover.mission.zones import overlap
+
+__all__ = ["CheckReport", "Finding", "Severity", "check", "main", "report_text"]
+
+#: what a transfer needs over a link that loses every fifth message each way, 99 times of 100
+TRANSFER_S = 3.0
+#: a rally point farther than this from every place of the route is no help
+REACH_M = 5000.0
+
+
+class Severity(Enum):
+    """How bad a finding is."""
+
+    ERROR = "error"
+    WARNING = "warning"
+    INFO = "info"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line of the report."""
+
+    severity: Severity
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class CheckReport:
+    """What the check of a mission found."""
+
+    package: MissionPackage
+    walk: Walk
+    findings: tuple[Finding, ...]
+    #: what a transfer was taken to need, seconds
+    transfer_s: float
+
+    def count(self, severity: Severity) -> int:
+        """Number of findings that bad."""
+        return sum(finding.severity is severity for finding in self.findings)
+
+    @property
+    def exit_code(self) -> int:
+        """0 when nothing is an error, else 1."""
+        return 1 if self.count(Severity.ERROR) else 0
+
+
+def check(package: MissionPackage, *, transfer_s: float = TRANSFER_S, reach_m: float = REACH_M) -> CheckReport:
+    """Walk the mission and judge it.
+
+    `transfer_s`: time that a transfer needs. `reach_m`: how far off the route a rally point may lie.
+    """
+    walk = package.walk()
+    findings = [
+        *_start(package, walk),
+        *_gaps(package, walk),
+        *_handovers(package, walk, transfer_s),
+        *_lonely_zones(package),
+        *_rally(package, walk, reach_m),
+        *_fence(package, walk),
+        *(Finding(Severity.WARNING, text) for text in package.route.warnings),
+    ]
+    order = list(Severity)
+    findings.sort(key=lambda finding: order.index(finding.severity))
+    return CheckReport(package, walk, tuple(findings), transfer_s)
+
+
+def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
+    if package.parent.sysid not in walk.samples[0].holding:
+        text = f"take-off is outside the zone of the parent station {package.parent.name}"
+        yield Finding(Severity.ERROR, text)
+
+
+def _gaps(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
+    # a mission that only warns out there has decided to fly its gaps
+    warns = package.policies.get("on_out_of_coverage") == "warn"
+    for gap in walk.gaps:
+        place = f"{_place(gap.lat_deg, gap.lon_deg)} at {gap.alt_m:.0f} m, {_way(gap.distance_along_m)}"
+        text = f"no coverage for {gap.length_m:.0f} m ({gap.duration_s:.0f} s) from {place}, on the way to {gap.seq}"
+        yield Finding(Severity.WARNING if warns else Severity.ERROR, text)
+
+
+def _handovers(package: MissionPackage, walk: Walk, transfer_s: float) -> Iterator[Finding]:
+    for number, handover in enumerate(walk.handovers, 1):
+        name = f"handover {number} {_pair(package, handover)}"
+        if handover.overlap_s == 0.0:
+            yield Finding(Severity.ERROR, f"{name}: the zones do not overlap on the route, {_handover_way(handover)}")
+        elif handover.overlap_s < transfer_s:
+            text = f"{name}: {handover.overlap_s:.1f} s inside both zones, a transfer needs {transfer_s:g} s"
+            yield Finding(Severity.ERROR, text)
+        elif handover.overlap_s < 2.0 * transfer_s:
+            text = f"{name}: {handover.overlap_s:.1f} s inside both zones leave no time for a second try"
+            yield Finding(Severity.WARNING, text)
+    if len(walk.handovers) != package.expected_handovers:
+        text = f"the route makes {len(walk.handovers)} handovers, {MISSION_FILE} expects {package.expected_handovers}"
+        yield Finding(Severity.ERROR, text)
+    flown = set(walk.commanders)
+    for station in package.stations:
+        if station.sysid not in flown:
+            yield Finding(Severity.WARNING, f"station {station.name} never commands on this route")
+
+
+def _lonely_zones(package: MissionPackage) -> Iterator[Finding]:
+    if len(package.zones) < 2:
+        return
+    for zone in package.zones:
+        if all(overlap(zone, other).is_empty for other in package.zones if other is not zone):
+            yield Finding(Severity.ERROR, f"the zone of {zone.station_name} overlaps no other zone")
+
+
+def _rally(package: MissionPackage, walk: Walk, reach_m: float) -> Iterator[Finding]:
+    route, finder = package.route, package.zone_finder()
+    for number, point in enumerate(route.rally, 1):
+        name = f"rally point {number} at {_place(point.lat_deg, point.lon_deg)}"
+        if not finder.holding(point.lat_deg, point.lon_deg, point.alt_m):
+            yield Finding(Severity.WARNING, f"{name} is in no zone: nobody would command the aircraft there")
+        nearest = min(distance_m(s.lat_deg, s.lon_deg, point.lat_deg, point.lon_deg) for s in walk.samples)
+        if nearest > reach_m:
+            yield Finding(Severity.WARNING, f"{name} is out of reach: {nearest:.0f} m off the route ({reach_m:g} m)")
+    places = [(route.home.lat_deg, route.home.lon_deg), *((p.lat_deg, p.lon_deg) for p in route.rally)]
+    far = max(walk.samples, key=lambda s: min(distance_m(s.lat_deg, s.lon_deg, *place) for place in places))
+    away = min(distance_m(far.lat_deg, far.lon_deg, *place) for place in places)
+    yield Finding(Severity.INFO, f"home or a rally point is never farther than {away:.0f} m (on the way to {far.seq})")
+
+
+def _fence(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
+    for sample in walk.samples:
+        if outside_fence(package.route.fence, sample.lat_deg, sample.lon_deg):
+            place = f"{_place(sample.lat_deg, sample.lon_deg)}, {_way(sample.distance_along_m)}"
+            yield Finding(Severity.ERROR, f"the route leaves the geofence of the plan at {place}")
+            return
+
+
+# --- words ---
+
+
+def _place(lat: float, lon: float) -> str:
+    return f"{abs(lat):.5f} {'N' if lat >= 0 else 'S'} {abs(lon):.5f} {'E' if lon >= 0 else 'W'}"
+
+
+def _way(distance: float) -> str:
+    return f"{distance:.0f} m along the route"
+
+
+def _handover_way(handover: Handover) -> str:
+    return f"{_place(handover.lat_deg, handover.lon_deg)}, {_way(handover.distance_along_m)}"
+
+
+def _pair(package: MissionPackage, handover: Handover) -> str:
+    names = {station.sysid: station.name for station in package.stations}
+    return f"{names[handover.from_station]} -> {names[handover.to_station]}"
+
+
+def _minutes(seconds: float) -> str:
+    return f"{int(seconds) // 60} min {int(seconds) % 60:02d} s"
+
+
+def report_text(report: CheckReport) -> str:
+    """The report as a table to print, without a line end at its end."""
+    package, walk = report.package, report.walk
+    names = {station.sysid: station.name for station in package.stations}
+    gap = sum(gap.length_m for gap in walk.gaps)
+    covered = 100.0 * (1.0 - gap / walk.length_m) if walk.length_m > 0.0 else 100.0
+    lines = [
+        f"mission     {package.name}  ({', '.join(package.files)}; digest {package.digest.hex()[:12]})",
+        f"stations    {', '.join(f'{s.name} ({s.sysid})' for s in package.stations)}; zones from {package.detector}",
+        f"route       {len(package.route.items)} items, {walk.length_m / 1000.0:.2f} km, at least "
+        f"{_minutes(walk.duration_s)} at {package.cruise_speed_mps:g} m/s, {len(package.route.rally)} rally points",
+        f"coverage    {covered:.1f} % of the route",
+        f"commanders  {' -> '.join(names[sysid] for sysid in walk.commanders)}",
+    ]
+    if walk.handovers:
+        rows = [("#", "from", "to", "starts at", "along", "after", "to item", "overlap", "time", "needed")]
+        for number, handover in enumerate(walk.handovers, 1):
+            rows.append(
+                (
+                    str(number),
+                    names[handover.from_station],
+                    names[handover.to_station],
+                    _place(handover.lat_deg, handover.lon_deg),
+                    f"{handover.distance_along_m:.0f} m",
+                    f"{handover.time_s:.0f} s",
+                    str(handover.seq),
+                    f"{handover.overlap_length_m:.0f} m",
+                    f"{handover.overlap_s:.1f} s",
+                    f"{report.transfer_s:g} s",
+                )
+            )
+        widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+        lines.append("")
+        for row in rows:
+            cells = [
+                cell.ljust(width) if column in (1, 2, 3) else cell.rjust(width)
+                for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+            ]
+            lines.append("  " + "  ".join(cells))
+    if report.findings:
+        lines.append("")
+        lines += [f"{finding.severity.value + ':':9}{finding.text}" for finding in report.findings]
+    errors, warnings = report.count(Severity.ERROR), report.count(Severity.WARNING)
+    lines += ["", f"check {'failed' if errors else 'passed'}: {errors} errors, {warnings} warnings"]
+    return "\n".join(lines)
+
+
+# --- command ---
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"{text} (allowed: above 0)")
+    return value
+
+
+def main(args: Sequence[str]) -> int:
+    """The command `handover check`. Returns 0 passed, 1 errors found, 2 bad input."""
+    parser = argparse.ArgumentParser(
+        prog="handover check",
+        description="Check a mission package before flight: coverage, handovers, rally points.",
+        epilog="Exit code: 0 passed, 1 errors found, 2 the mission or the command cannot be read.",
+    )
+    parser.add_argument("mission", metavar="MISSION", help=f"folder of the mission package, or its {MISSION_FILE}")
+    parser.add_argument("--map", metavar="FILE", help="draw a map of the mission (.png, .svg or .pdf)")
+    parser.add_argument(
+        "--transfer", type=_positive, default=TRANSFER_S, metavar="S", help="seconds a transfer needs (%(default)g)"
+    )
+    parser.add_argument(
+        "--reach", type=_positive, default=REACH_M, metavar="M", help="metres off the route for rally (%(default)g)"
+    )
+    try:
+        options = parser.parse_args(list(args))
+    except SystemExit as stop:  # argparse has said what it had to say
+        return 0 if stop.code in (0, None) else 2
+    folder = Path(options.mission)
+    try:
+        package = load(folder.parent if folder.name == MISSION_FILE else folder)
+        report = check(package, transfer_s=options.transfer, reach_m=options.reach)
+        print(report_text(report))
+        if options.map:
+            from mavproxy_handover.mission.picture import draw
+
+            draw(package, Path(options.map), report.walk)
+    except MissionError as error:
+        print(f"handover check: {error}", file=sys.stderr)
+        return 2
+    return report.exit_code

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The one error of this package, and the checks on values that raise it.
+
+A mission package is configuration: what is wrong with it is said before flight, in one line that names the file,
+the place in it, what is wrong and what is allowed. `Where` carries file and place down into a file as it is read.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import NoReturn
+
+__all__ = ["MissionError", "Where", "parse_json"]
+
+_SHOWN_LENGTH = 40
+
+
+class MissionError(ValueError):
+    """A mission package, or a part of it, is not usable. Its text is one line."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.split()))
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """A place in a file of a mission package; every check below returns the value or raises MissionError."""
+
+    file: str
+    place: str = ""
+
+    def at(self, place: str) -> Where:
+        """The place `place` inside this one."""
+        return Where(self.file, f"{self.place}, {place}" if self.place else place)
+
+    def error(self, problem: str) -> MissionError:
+        """An error here; the caller raises it."""
+        return MissionError(": ".join(part for part in (self.file, self.place, problem) if part))
+
+    def number(self, value: object, name: str, low: float, high: float) -> float:
+        """A finite number from `low` to `high`, both allowed."""
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise self.error(f"{name} is {_shown(value)} (allowed: a number from {low:g} to {high:g})")
+        return float(value)
+
+    def whole(self, value: object, name: str, low: int, high: int) -> int:
+        """A whole number from `low` to `high`, both allowed; 3.0 is one."""
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.error(f"{name} is {_shown(value)} (allowed: a whole number from {low} to {high})")
+        return value
+
+    def text(self, value: object, name: str, longest: int) -> str:
+        """Printable text of at most `longest` characters, not empty."""
+        if not isinstance(value, str) or not value.strip() or len(value) > longest or not value.isprintable():
+            raise self.error(f"{name} is {_shown(value)} (allowed: printable text of 1 to {longest} characters)")
+        return value
+
+    def choice(self, value: object, name: str, allowed: Iterable[str]) -> str:
+        """One of the words of `allowed`."""
+        words = tuple(allowed)
+        if not isinstance(value, str) or value not in words:
+            raise self.error(f"{name} is {_shown(value)} (allowed: {', '.join(words)})")
+        return value
+
+    def table(self, value: object, name: str) -> Mapping[str, object]:
+        """A JSON object or a TOML table."""
+        if not isinstance(value, dict):
+            raise self.error(f"{name} is {_shown(value)} (allowed: a table of keys and values)")
+        return value
+
+    def array(self, value: object, name: str) -> list[object]:
+        """A JSON or TOML array."""
+        if not isinstance(value, list):
+            raise self.error(f"{name} is {_shown(value)} (allowed: a list)")
+        return value
+
+    def need(self, table: Mapping[str, object], key: str) -> object:
+        """The value of a key that must be there."""
+        if key not in table:
+            raise self.error(f"key '{key}' is missing")
+        return table[key]
+
+    def known_keys(self, table: Mapping[str, object], allowed: Iterable[str]) -> None:
+        """Refuse keys that nobody reads: a misspelt limit must not pass for a limit."""
+        words = tuple(allowed)
+        for key in table:
+            if key not in words:
+                near = difflib.get_close_matches(key, words, n=1)
+                hint = f", did you mean '{near[0]}'?" if near else ""
+                raise self.error(f"unknown key '{_plain(key)}'{hint} (allowed: {', '.join(words)})")
+
+
+def parse_json(text: str, where: Where) -> object:
+    """Parse strict JSON (no NaN, no Infinity). Raises MissionError with line and column."""
+
+    def refuse(constant: str) -> NoReturn:
+        raise where.error(f"{constant} is not JSON (allowed: finite numbers, null)")
+
+    try:
+        return json.loads(text, parse_constant=refuse)
+    except json.JSONDecodeError as error:
+        raise where.at(f"line {error.lineno}, column {error.colno}").error(f"not JSON: {error.msg}") from None
+    except MissionError:
+        raise
+    except (ValueError, RecursionError):
+        # a number of thousands of digits, or brackets nested thousands deep: nobody's mission
+        raise where.error("not JSON that a mission can hold (a number or a nesting out of all bounds)") from None
+
+
+def _plain(text: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text)[:_SHOWN_LENGTH]
+
+
+def _shown(value: object) -> str:
+    """A value as an error line shows it: short, one line, never longer than the problem."""
+    if isinstance(value, str):
+        return f"'{_plain(value)}'"
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    try:
+        return str(value)[:_SHOWN_LENGTH]
+    except ValueError:
+        return "a number of thousands of digits"

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The geofence of a plan, judged as ArduPilot judges it: inside every inclusion, outside every exclusion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import shapely
+from shapely.geometry import Polygon
+
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.plan import FenceCircle, FencePolygon
+
+__all__ = ["outside_fence"]
+
+
+def outside_fence(fence: Iterable[FencePolygon | FenceCircle], lat_deg: float, lon_deg: float) -> bool:
+    """Whether a place breaks the fence; False where there is none."""
+    return any(_inside(part, lat_deg, lon_deg) is not part.inclusion for part in fence)
+
+
+def _inside(part: FencePolygon | FenceCircle, lat: float, lon: float) -> bool:
+    if isinstance(part, FenceCircle):
+        return distance_m(lat, lon, part.lat_deg, part.lon_deg) < part.radius_m
+    outline = Polygon([(corner_lon, corner_lat) for corner_lat, corner_lon in part.corners])
+    return bool(shapely.contains_xy(outline, lon, lat))

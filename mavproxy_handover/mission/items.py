@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Mission items and rally points as they go to the autopilot, and what the autopilot keeps of them.
+
+`COMMANDS` is the list of what a mission package may tell the aircraft to do, each entry with the parameters that
+ArduCopter stores. The list is shorter than the autopilot's own: commands that move the place to return to
+(DO_SET_HOME), switch the fence off, jump back along the route or hand the aircraft to another controller would make
+the check before flight worthless.
+
+ArduCopter does not store an item as it got it (AP_Mission, `mavlink_int_to_mission_cmd`): whole numbers are cut off,
+signs kept without their value, unused parameters forgotten, altitudes held in centimetres. `difference` knows that, so
+that a mission that was written can be read back and compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+__all__ = [
+    "COMMANDS",
+    "FRAME_ABOVE_HOME",
+    "FRAME_ABOVE_SEA",
+    "FRAME_ABOVE_TERRAIN",
+    "FRAME_NONE",
+    "LAND",
+    "LOITER_TIME",
+    "LOITER_UNLIMITED",
+    "RETURN_TO_LAUNCH",
+    "TAKEOFF",
+    "WAYPOINT",
+    "Command",
+    "MissionItem",
+    "RallyPoint",
+    "difference",
+]
+
+#: MAV_FRAME values that ArduCopter stores; the others that exist are written as one of these
+FRAME_ABOVE_SEA = 0
+FRAME_NONE = 2
+FRAME_ABOVE_HOME = 3
+FRAME_ABOVE_TERRAIN = 10
+
+WAYPOINT = 16
+LOITER_UNLIMITED = 17
+LOITER_TIME = 19
+RETURN_TO_LAUNCH = 20
+LAND = 21
+TAKEOFF = 22
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One MAV_CMD of a mission.
+
+    `kept` has a letter for each of the parameters 1 to 4, saying what ArduCopter stores of it: `f` the value, `i` its
+    whole part, `s` its sign, `b` whether it is above zero, `-` nothing. `flown` marks the commands that move the
+    aircraft or make it wait; the rest are done on the way. `located` commands carry a place.
+    """
+
+    name: str
+    located: bool
+    flown: bool
+    kept: str
+
+
+COMMANDS: Mapping[int, Command] = {
+    WAYPOINT: Command("NAV_WAYPOINT", True, True, "i---"),
+    LOITER_UNLIMITED: Command("NAV_LOITER_UNLIM", True, True, "--i-"),
+    18: Command("NAV_LOITER_TURNS", True, True, "i-ib"),
+    LOITER_TIME: Command("NAV_LOITER_TIME", True, True, "i-sb"),
+    RETURN_TO_LAUNCH: Command("NAV_RETURN_TO_LAUNCH", False, True, "----"),
+    LAND: Command("NAV_LAND", True, True, "i--s"),
+    TAKEOFF: Command("NAV_TAKEOFF", True, True, "i---"),
+    31: Command("NAV_LOITER_TO_ALT", True, True, "-i-b"),
+    82: Command("NAV_SPLINE_WAYPOINT", True, True, "i---"),
+    93: Command("NAV_DELAY", False, True, "fiii"),
+    94: Command("NAV_PAYLOAD_PLACE", True, True, "f---"),
+    112: Command("CONDITION_DELAY", False, False, "f---"),
+    114: Command("CONDITION_DISTANCE", False, False, "f---"),
+    115: Command("CONDITION_YAW", False, False, "ffib"),
+    178: Command("DO_CHANGE_SPEED", False, False, "iff-"),
+    181: Command("DO_SET_RELAY", False, False, "ii--"),
+    182: Command("DO_REPEAT_RELAY", False, False, "iif-"),
+    183: Command("DO_SET_SERVO", False, False, "ii--"),
+    184: Command("DO_REPEAT_SERVO", False, False, "iiif"),
+    189: Command("DO_LAND_START", True, False, "----"),
+    195: Command("DO_SET_ROI_LOCATION", True, False, "----"),
+    197: Command("DO_SET_ROI_NONE", False, False, "----"),
+    201: Command("DO_SET_ROI", True, False, "i---"),
+    205: Command("DO_MOUNT_CONTROL", False, False, "fff-"),
+    206: Command("DO_SET_CAM_TRIGG_DIST", False, False, "f---"),
+    211: Command("DO_GRIPPER", False, False, "ii--"),
+    2000: Command("IMAGE_START_CAPTURE", False, False, "ifii"),
+    2001: Command("IMAGE_STOP_CAPTURE", False, False, "i---"),
+    42600: Command("DO_WINCH", False, False, "iiff"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class MissionItem:
+    """One mission item, fields as in MISSION_ITEM_INT (degrees and metres instead of scaled integers).
+
+    `seq` is its number in the autopilot, where 0 is home. `frame` is one of the FRAME values above.
+    """
+
+    seq: int
+    command: int
+    frame: int
+    param1: float
+    param2: float
+    param3: float
+    param4: float
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    auto_continue: bool = True
+
+    @property
+    def params(self) -> tuple[float, float, float, float]:
+        """Parameters 1 to 4."""
+        return self.param1, self.param2, self.param3, self.param4
+
+    @property
+    def has_place(self) -> bool:
+        """The item carries a place. Latitude and longitude both 0 mean "where the aircraft is" to ArduCopter."""
+        return COMMANDS[self.command].located and (self.lat_deg != 0.0 or self.lon_deg != 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class RallyPoint:
+    """A place to return to other than home; `alt_m` above home. ArduPilot stores the altitude in whole metres."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+
+def _stored(value: float, kind: str) -> float:
+    if kind == "f":
+        return value
+    if kind == "i":
+        return float(int(value))
+    if kind == "b":
+        return 1.0 if value > 0 else 0.0
+    return (-1.0 if value < 0 else 1.0) if kind == "s" else 0.0
+
+
+def difference(sent: MissionItem, got: MissionItem) -> str | None:
+    """How an item read back from ArduCopter differs from the one sent, as words for a log line; None: it does not.
+
+    Rounding and what the autopilot does not store are no difference. Item 0 is home, which the autopilot sets itself:
+    comparing it is meaningless.
+    """
+    if got.command != sent.command:
+        return f"item {sent.seq}: command {sent.command} came back as {got.command}"
+    command = COMMANDS[sent.command]
+    for number, kind, ours, theirs in zip((1, 2, 3, 4), command.kept, sent.params, got.params, strict=True):
+        want, have = _stored(ours, kind), _stored(theirs, kind)
+        if not abs(want - have) <= 0.01 + 1e-6 * abs(want):
+            return f"item {sent.seq}: parameter {number} {want:g} came back as {have:g}"
+    if not command.located:
+        return None
+    if got.frame != sent.frame:
+        return f"item {sent.seq}: frame {sent.frame} came back as {got.frame}"
+    for name, ours, theirs in (
+        ("latitude", sent.lat_deg, got.lat_deg),
+        ("longitude", sent.lon_deg, got.lon_deg),
+    ):
+        if not abs(ours - theirs) <= 1.5e-7:
+            return f"item {sent.seq}: {name} {ours:.7f} came back as {theirs:.7f}"
+    if not abs(sent.alt_m - got.alt_m) <= 0.02:
+        return f"item {sent.seq}: altitude {sent.alt_m:g} m came back as {got.alt_m:g} m"
+    return None

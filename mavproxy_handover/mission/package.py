@@ -1,0 +1,326 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The mission package: everything that vehicle and stations must agree on before a flight, and nothing secret.
+
+On disk it is a folder: `mission.toml`, the route, the zones. On the way to vehicle and partner stations it is one
+block of bytes: the files as a JSON object of name -> text with sorted keys, compressed. The SHA-256 of that JSON is
+the package's digest; two packages are equal when their digests are. Only files that `mission.toml` names travel, so a
+key lying in the folder stays there.
+
+`from_bytes` reads what came over a radio link: sizes are bounded before anything is unpacked, nothing is written
+anywhere, and bytes that are not exactly what `to_bytes` makes of their content are refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import sys
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+from mavproxy_handover.mission.corridor import covered_area
+from mavproxy_handover.mission.errors import MissionError, Where
+from mavproxy_handover.mission.geojson import read_zones
+from mavproxy_handover.mission.items import COMMANDS
+from mavproxy_handover.mission.plan import Route, read_route
+from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Walk, commanders_along
+from mavproxy_handover.mission.zones import Zone, ZoneFinder
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+__all__ = ["DETECTORS", "MISSION_FILE", "MissionPackage", "StationEntry", "from_bytes", "load"]
+
+MISSION_FILE = "mission.toml"
+DETECTORS = ("circles", "polygons", "waypoints")
+
+MAX_PACKED_BYTES = 64 * 1024
+MAX_PLAIN_BYTES = 1024 * 1024
+#: names that are a file in the package's own folder on every system
+_FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,50}(\.[A-Za-z0-9]{1,12}){1,2}")
+_STATION_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,15}")
+
+#: keys of [policy] and the words each may have
+_POLICIES = {"on_out_of_coverage": ("return", "land", "warn")}
+_KEYS = (
+    "name",
+    "description",
+    "detector",
+    "route",
+    "zones",
+    "corridor_m",
+    "expected_handovers",
+    "cruise_speed_mps",
+    "delivery_waypoint",
+    "stations",
+    "policy",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StationEntry:
+    """A station of the mission; `sysid` is its MAVLink system id, `waypoints` the items it covers (detector
+    "waypoints" only)."""
+
+    name: str
+    sysid: int
+    waypoints: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionPackage:
+    """A mission that was read and found sound. Equal to another when the digests are."""
+
+    name: str
+    description: str
+    #: in the order of mission.toml; the first is the parent, which starts the flight
+    stations: tuple[StationEntry, ...]
+    #: "circles", "polygons" or "waypoints"
+    detector: str
+    #: one zone a station, in the order of `stations`
+    zones: tuple[Zone, ...]
+    route: Route
+    expected_handovers: int
+    cruise_speed_mps: float
+    #: item of the route where the delivery happens, if one is named
+    delivery_waypoint: int | None
+    #: the [policy] table: what the mission decides about emergencies, before the vehicle's own configuration
+    policies: Mapping[str, str]
+    #: the files of the package by name, line ends as \\n
+    files: Mapping[str, bytes] = field(repr=False)
+    #: SHA-256 of the canonical form, 32 bytes
+    digest: bytes
+
+    @property
+    def parent(self) -> StationEntry:
+        """The station that starts the flight."""
+        return self.stations[0]
+
+    def station(self, sysid: int) -> StationEntry | None:
+        """The station with that system id, None when the mission has none."""
+        return next((station for station in self.stations if station.sysid == sysid), None)
+
+    def zone_finder(self) -> ZoneFinder:
+        """A finder over the zones of the package."""
+        return ZoneFinder(self.zones)
+
+    def walk(self) -> Walk:
+        """The route walked through the zones: commanders in order, handovers, gaps."""
+        return commanders_along(
+            self.route, self.zone_finder(), self.parent.sysid, cruise_speed_mps=self.cruise_speed_mps
+        )
+
+    def to_bytes(self) -> bytes:
+        """The package as it travels, at most 64 KiB; `from_bytes` makes an equal package of it."""
+        return zlib.compress(_plain_form(self.files), 9)
+
+    def __eq__(self, other: object) -> bool:
+        return self.digest == other.digest if isinstance(other, MissionPackage) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+
+def load(folder: str | Path) -> MissionPackage:
+    """Read the mission package in `folder`. Raises MissionError, also for files that cannot be read."""
+    folder = Path(folder)
+    mission_text = _read_file(folder, MISSION_FILE)
+    texts = {MISSION_FILE: mission_text}
+    for name in _referenced(_toml(mission_text)):
+        texts[name] = _read_file(folder, name)
+    package = _build(texts)
+    if len(package.to_bytes()) > MAX_PACKED_BYTES:
+        raise MissionError(f"{folder}: larger than {MAX_PACKED_BYTES} bytes when packed: it could not be sent")
+    return package
+
+
+def from_bytes(data: bytes) -> MissionPackage:
+    """Read a package that came over a link. Raises MissionError and nothing else, whatever the bytes."""
+    where = Where("mission package")
+    if len(data) > MAX_PACKED_BYTES:
+        raise where.error(f"{len(data)} bytes (allowed: at most {MAX_PACKED_BYTES})")
+    unpacker = zlib.decompressobj()
+    try:
+        plain = unpacker.decompress(data, MAX_PLAIN_BYTES + 1)
+    except zlib.error:
+        raise where.error("not compressed data") from None
+    if len(plain) > MAX_PLAIN_BYTES:
+        raise where.error(f"more than {MAX_PLAIN_BYTES} bytes when unpacked")
+    if not unpacker.eof or unpacker.unused_data:
+        raise where.error("cut short, or something follows it")
+    try:
+        texts = json.loads(plain)
+    except (ValueError, RecursionError):
+        raise where.error("not JSON") from None
+    if not isinstance(texts, dict) or not all(isinstance(text, str) for text in texts.values()):
+        raise where.error("not files by name")
+    for name in texts:
+        _file_name(where, name, "a file")
+    if MISSION_FILE not in texts:
+        raise where.error(f"no {MISSION_FILE} in it")
+    try:
+        canonical = _plain_form({name: text.encode() for name, text in texts.items()}) == plain
+    except UnicodeEncodeError:
+        canonical = False
+    if not canonical:
+        raise where.error("not in the canonical form")
+    wanted = {MISSION_FILE, *_referenced(_toml(texts[MISSION_FILE]))}
+    for name in sorted(wanted ^ texts.keys()):
+        problem = "is missing" if name in wanted else "is not named in mission.toml"
+        raise where.error(f"file '{name}' {problem}")
+    return _build(texts)
+
+
+def _plain_form(files: Mapping[str, bytes]) -> bytes:
+    texts = {name: text.decode() for name, text in files.items()}
+    return json.dumps(texts, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode()
+
+
+def _read_file(folder: Path, name: str) -> str:
+    path = folder / name
+    try:
+        with path.open("rb") as stream:
+            data = stream.read(MAX_PLAIN_BYTES + 1)
+    except OSError as error:
+        raise MissionError(f"{path}: {error.strerror or 'cannot be read'}") from None
+    if len(data) > MAX_PLAIN_BYTES:
+        raise MissionError(f"{path}: larger than {MAX_PLAIN_BYTES} bytes")
+    try:
+        # one form of line ends and no byte order mark: a checkout on another system is the same mission
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise MissionError(f"{path}: not UTF-8 text (byte {error.start})") from None
+
+
+def _toml(text: str) -> Mapping[str, object]:
+    where = Where(MISSION_FILE)
+    try:
+        table: Mapping[str, object] = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise where.error(f"not TOML: {error}") from None
+    except (ValueError, RecursionError):
+        raise where.error("not TOML that a mission can hold (a number or a nesting out of all bounds)") from None
+    return table
+
+
+def _file_name(where: Where, value: object, name: str) -> str:
+    if not isinstance(value, str) or not _FILE_NAME.fullmatch(value):
+        raise where.error(f"{name} is not a plain file name (allowed: letters, digits, _ and -, an ending, no folder)")
+    return value
+
+
+def _referenced(mission: Mapping[str, object]) -> list[str]:
+    where = Where(MISSION_FILE)
+    names = [_file_name(where, where.need(mission, "route"), "route")]
+    if "zones" in mission:
+        names.append(_file_name(where, mission["zones"], "zones"))
+    return names
+
+
+def _build(texts: Mapping[str, str]) -> MissionPackage:
+    """Check the files against each other; raises MissionError."""
+    where = Where(MISSION_FILE)
+    mission = _toml(texts[MISSION_FILE])
+    where.known_keys(mission, _KEYS)
+    detector = where.choice(where.need(mission, "detector"), "detector", DETECTORS)
+    stations = _stations(where, where.need(mission, "stations"), detector)
+    route_file = str(mission["route"])
+    route = read_route(route_file, texts[route_file])
+    speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or DEFAULT_CRUISE_MPS)
+    description = mission.get("description")
+    files = {name: text.encode() for name, text in texts.items()}
+    return MissionPackage(
+        name=where.text(where.need(mission, "name"), "name", 40),
+        description="" if description is None else where.text(description, "description", 400),
+        stations=stations,
+        detector=detector,
+        zones=_zones(where, mission, texts, detector=detector, stations=stations, route=route),
+        route=route,
+        expected_handovers=where.whole(where.need(mission, "expected_handovers"), "expected_handovers", 0, 1000),
+        cruise_speed_mps=where.number(speed, "cruise_speed_mps", 0.1, 100.0),
+        delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
+        policies=_policies(where, mission.get("policy", {})),
+        files=MappingProxyType(files),
+        digest=hashlib.sha256(_plain_form(files)).digest(),
+    )
+
+
+def _stations(where: Where, value: object, detector: str) -> tuple[StationEntry, ...]:
+    entries = where.array(value, "stations")
+    if not entries:
+        raise where.error("no stations (allowed: 1 or more, the parent first)")
+    found: list[StationEntry] = []
+    for number, entry in enumerate(entries, 1):
+        inside = where.at(f"station {number}")
+        table = inside.table(entry, "the station")
+        inside.known_keys(table, ("name", "sysid", "waypoints") if detector == "waypoints" else ("name", "sysid"))
+        name = inside.need(table, "name")
+        if not isinstance(name, str) or not _STATION_NAME.fullmatch(name):
+            raise inside.error("name is not a station's name (allowed: 1 to 16 letters, digits, - and _)")
+        sysid = inside.whole(inside.need(table, "sysid"), "sysid", 1, 255)
+        for other in found:
+            if other.name == name:
+                raise inside.error(f"name '{name}' is taken by another station")
+            if other.sysid == sysid:
+                raise inside.error(f"sysid {sysid} is taken by station '{other.name}'")
+        waypoints: tuple[int, ...] = ()
+        if detector == "waypoints":
+            listed = inside.array(inside.need(table, "waypoints"), "waypoints")
+            if not listed:
+                raise inside.error("no waypoints (allowed: 1 or more items of the route)")
+            waypoints = tuple(inside.whole(item, "a waypoint", 1, 65535) for item in listed)
+        found.append(StationEntry(name, sysid, waypoints))
+    return tuple(found)
+
+
+def _zones(
+    where: Where,
+    mission: Mapping[str, object],
+    texts: Mapping[str, str],
+    *,
+    detector: str,
+    stations: tuple[StationEntry, ...],
+    route: Route,
+) -> tuple[Zone, ...]:
+    home = (route.home.lat_deg, route.home.lon_deg)
+    if detector == "waypoints":
+        if "zones" in mission:
+            raise where.error("key 'zones' does not go with detector 'waypoints' (the zones follow the route)")
+        width = where.number(where.need(mission, "corridor_m"), "corridor_m", 5.0, 10000.0)
+        return tuple(
+            Zone(
+                station.sysid,
+                station.name,
+                covered_area(where.at(f"station {number}"), route, station.waypoints, width),
+            )
+            for number, station in enumerate(stations, 1)
+        )
+    if "corridor_m" in mission:
+        raise where.error(f"key 'corridor_m' does not go with detector '{detector}' (allowed: with 'waypoints')")
+    zones_file = str(where.need(mission, "zones"))
+    ids = {station.name: station.sysid for station in stations}
+    return read_zones(zones_file, texts[zones_file], ids, detector, home)
+
+
+def _delivery(where: Where, value: object, route: Route) -> int | None:
+    if value is None:
+        return None
+    seq = where.whole(value, "delivery_waypoint", 1, len(route.items))
+    command = COMMANDS[route.items[seq - 1].command]
+    if not command.flown:
+        raise where.error(f"delivery_waypoint {seq} is {command.name} (allowed: an item that is flown to)")
+    return seq
+
+
+def _policies(where: Where, value: object) -> Mapping[str, str]:
+    inside = where.at("[policy]")
+    table = inside.table(value, "policy")
+    inside.known_keys(table, _POLICIES)
+    return MappingProxyType({key: inside.choice(word, key, _POLICIES[key]) for key, word in table.items()})

@@ -1,0 +1,384 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Draws the map of a mission: zones, handover regions, the route in the colours of its commanders.
+
+Needs matplotlib (extra `sim`), which is loaded here only. The map is drawn in metres around home, so circles are round
+and the scale bar is right; the axes are labelled in degrees.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import shapely
+from shapely.ops import polylabel
+
+from mavproxy_handover.mission.drawing import INK, Points, columns, degrees, halo, note, patch, round_down, ticks
+from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.geodesy import LocalPlane
+from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH, TAKEOFF
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.plan import FenceCircle
+from mavproxy_handover.mission.walk import Sample, Walk
+from mavproxy_handover.mission.zones import Circle, Zone, overlap
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from shapely.geometry import MultiPolygon, Polygon
+
+__all__ = ["STATION_COLOURS", "draw"]
+
+#: Okabe and Ito's palette: told apart with every kind of colour vision; stations take them in order
+STATION_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_SOFT, _DELIVERY = "#8a8a8a", "#F0E442"
+
+
+def draw(package: MissionPackage, path: str | Path, walk: Walk | None = None) -> None:
+    """Draw the map of `package` into the file `path`, whose ending tells the format.
+
+    `walk` saves walking the route again. Raises MissionError when matplotlib is missing or the file cannot be written.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise MissionError(f"{path}: a map needs matplotlib (install the extra 'sim')") from None
+    sheet = _Sheet(package, walk or package.walk())
+    figure = Figure(figsize=sheet.size_inches(), dpi=130)
+    FigureCanvasAgg(figure)
+    sheet.paint(figure.add_axes((0.0, 0.0, 1.0, 1.0)))
+    try:
+        figure.savefig(path, facecolor="white", bbox_inches="tight", pad_inches=0.15)
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise MissionError(f"{path}: cannot write the map: {reason}") from None
+
+
+class _Sheet:
+    """One map on one pair of axes."""
+
+    def __init__(self, package: MissionPackage, walk: Walk) -> None:
+        self._package, self._walk = package, walk
+        home = package.route.home
+        self._plane = LocalPlane(home.lat_deg, home.lon_deg)
+        self._colour = {
+            station.sysid: STATION_COLOURS[number % len(STATION_COLOURS)]
+            for number, station in enumerate(package.stations)
+        }
+        self._marks = list({sample.seq: self._xy(sample.lat_deg, sample.lon_deg) for sample in walk.samples}.values())
+        self._marks += self._rally_points()
+        self._marks += [self._xy(handover.lat_deg, handover.lon_deg) for handover in walk.handovers]
+        self._bounds = self._all_bounds()
+
+    def size_inches(self) -> tuple[float, float]:
+        """Width and height of the axes, in the proportions of the map."""
+        west, south, east, north = self._bounds
+        tall = (north - south) / (east - west)
+        return (10.0, 10.0 * tall) if tall < 0.9 else (9.0 / tall, 9.0)
+
+    def paint(self, axes: Axes) -> None:
+        axes.set_aspect("equal")
+        axes.set_facecolor("#fbfaf7")
+        self._zones(axes)
+        self._regions(axes)
+        self._fence(axes)
+        self._route(axes)
+        self._rally(axes)
+        self._handovers(axes)
+        self._items(axes)
+        self._frame(axes)
+        self._heading(axes)
+
+    # --- the ground ---
+
+    def _zones(self, axes: Axes) -> None:
+        zones = self._package.zones
+        for zone in zones:
+            colour = self._colour[zone.station]
+            for part in self._parts(zone.outline()):
+                axes.add_patch(patch(part, facecolor=colour, alpha=0.13, linewidth=0.0, zorder=1))
+                axes.add_patch(patch(part, facecolor="none", edgecolor=colour, linewidth=2.0, zorder=3))
+            if isinstance(zone.area, Circle):
+                axes.plot(*self._xy(zone.area.lat_deg, zone.area.lon_deg), "+", color=colour, markersize=9, zorder=3)
+            limits = [
+                f"{word} {value:g} m"
+                for word, value in (("above", zone.min_alt_m), ("below", zone.max_alt_m))
+                if value is not None
+            ]
+            axes.annotate(
+                "\n".join([*textwrap.wrap(zone.name, 14), *limits]),
+                self._quiet_place(zone),
+                (0, -8),
+                textcoords="offset points",
+                color=colour,
+                fontsize=9,
+                ha="center",
+                va="top",
+                zorder=9,
+                path_effects=halo(),
+            )
+            axes.annotate(
+                zone.station_name,
+                self._quiet_place(zone),
+                color=colour,
+                fontsize=14,
+                fontweight="bold",
+                ha="center",
+                va="center",
+                zorder=9,
+                path_effects=halo(),
+            )
+
+    def _quiet_place(self, zone: Zone) -> tuple[float, float]:
+        """The middle of the largest circle in the zone that is free of other zones, route, marks and their notes."""
+        area = shapely.union_all(self._parts(zone.outline()))
+        line = shapely.LineString([self._xy(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples])
+        room = area
+        for busy in (line.buffer(1.0), shapely.MultiPoint(self._marks).buffer(math.sqrt(area.area) / 8.0)):
+            rest = room.difference(busy)
+            room = room if rest.is_empty else rest
+        for other in self._package.zones:
+            rest = room.difference(shapely.union_all(self._parts(other.outline())))
+            room = room if other is zone or rest.is_empty else rest
+        largest = max(shapely.get_parts(room), key=lambda part: float(part.area))
+        place = polylabel(largest, tolerance=max(0.1, math.sqrt(largest.area) / 50.0))
+        return place.x, place.y
+
+    def _rally_points(self) -> Points:
+        return [self._xy(point.lat_deg, point.lon_deg) for point in self._package.route.rally]
+
+    def _regions(self, axes: Axes) -> None:
+        label: str | None = "handover region"
+        for first, second in combinations(self._package.zones, 2):
+            for part in self._parts(overlap(first, second)):
+                hatched = patch(
+                    part, facecolor="none", edgecolor=_SOFT, hatch="///", linewidth=0.0, alpha=0.55, zorder=2
+                )
+                hatched.set_label(label or "")
+                axes.add_patch(hatched)
+                label = None
+
+    def _fence(self, axes: Axes) -> None:
+        label: str | None = "geofence"
+        for part in self._package.route.fence:
+            if isinstance(part, FenceCircle):
+                outline = Circle(part.lat_deg, part.lon_deg, part.radius_m).outline()
+                corners = [(lat, lon) for lon, lat in outline.exterior.coords]
+            else:
+                corners = [*part.corners, part.corners[0]]
+            points = [self._xy(lat, lon) for lat, lon in corners]
+            style = "--" if part.inclusion else ":"
+            axes.plot(*columns(points), style, color=_SOFT, linewidth=1.2, label=label, zorder=2)
+            label = None
+
+    # --- the flight ---
+
+    def _route(self, axes: Axes) -> None:
+        named: set[int] = set()
+        names = {station.sysid: station.name for station in self._package.stations}
+        for commander, stretch in _stretches(self._walk.samples):
+            points = [self._xy(sample.lat_deg, sample.lon_deg) for sample in stretch]
+            label = f"route, {names[commander]} commands" if commander not in named else None
+            named.add(commander)
+            axes.plot(*columns(points), color="white", linewidth=5.0, solid_capstyle="round", zorder=4)
+            axes.plot(
+                *columns(points),
+                color=self._colour[commander],
+                linewidth=2.8,
+                solid_capstyle="round",
+                label=label,
+                zorder=5,
+            )
+        for x, y, dx, dy, commander in self._arrows():
+            axes.annotate(
+                "",
+                xy=(x + dx, y + dy),
+                xytext=(x, y),
+                arrowprops={
+                    "arrowstyle": "-|>",
+                    "color": self._colour[commander],
+                    "mutation_scale": 17,
+                    "linewidth": 0,
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                },
+                zorder=5,
+            )
+        words: str | None = "no coverage"
+        for gap in self._walk.gaps:
+            first, last = gap.distance_along_m, gap.distance_along_m + gap.length_m
+            points = [self._xy(s.lat_deg, s.lon_deg) for s in self._walk.samples if first <= s.distance_along_m <= last]
+            axes.plot(*columns(points), color="#d00000", linewidth=5.0, alpha=0.6, label=words, zorder=6)
+            words = None
+
+    def _arrows(self) -> Iterator[tuple[float, float, float, float, int]]:
+        """One arrow in the last third of each item's way, where it is long enough."""
+        by_item: dict[int, list[Sample]] = {}
+        for sample in self._walk.samples:
+            by_item.setdefault(sample.seq, []).append(sample)
+        for way in by_item.values():
+            if way[-1].distance_along_m - way[0].distance_along_m < 0.03 * self._walk.length_m:
+                continue
+            place = way[0].distance_along_m + 0.62 * (way[-1].distance_along_m - way[0].distance_along_m)
+            here = max(1, next(n for n, sample in enumerate(way) if sample.distance_along_m >= place))
+            (x0, y0), (x1, y1) = (self._xy(s.lat_deg, s.lon_deg) for s in (way[here - 1], way[here]))
+            yield x0, y0, x1 - x0, y1 - y0, way[here].commander
+
+    def _rally(self, axes: Axes) -> None:
+        for number, (x, y) in enumerate(self._rally_points(), 1):
+            label = "rally point" if number == 1 else None
+            axes.plot(x, y, "*", color="#2ca02c", markeredgecolor=INK, markersize=16, label=label, zorder=7, ls="none")
+            note(axes, f"R{number}", (x, y), (9, 7))
+
+    def _handovers(self, axes: Axes) -> None:
+        names = {station.sysid: station.name for station in self._package.stations}
+        for number, handover in enumerate(self._walk.handovers, 1):
+            x, y = self._xy(handover.lat_deg, handover.lon_deg)
+            label = "handover starts (time inside both zones)" if number == 1 else None
+            colour = self._colour[handover.to_station]
+            axes.plot(
+                x, y, "D", color=colour, markeredgecolor="white", markersize=9.5, label=label, zorder=8, ls="none"
+            )
+            pair = f"{names[handover.from_station]} \N{RIGHTWARDS ARROW} {names[handover.to_station]}"
+            words = f"{number}: {pair}\n{handover.overlap_s:.0f} s"
+            # below, unless another mark is nearer there than above
+            step = 0.04 * (self._bounds[2] - self._bounds[0])
+            above, below = (
+                min(math.dist((x, y + side), mark) for mark in self._marks if mark != (x, y)) for side in (step, -step)
+            )
+            if below >= min(above, step):
+                note(axes, words, (x, y), (0, -12), va="top", ha="center")
+            else:
+                note(axes, words, (x, y), (0, 12), va="bottom", ha="center")
+
+    def _items(self, axes: Axes) -> None:
+        package = self._package
+        ends = {sample.seq: sample for sample in self._walk.samples}
+        shared: dict[tuple[int, int], list[int]] = {}
+        for item in package.route.items:
+            if COMMANDS[item.command].flown and item.seq in ends:
+                x, y = self._xy(ends[item.seq].lat_deg, ends[item.seq].lon_deg)
+                shared.setdefault((round(x / 3.0), round(y / 3.0)), []).append(item.seq)
+        for seqs in shared.values():
+            commands = {package.route.items[seq - 1].command for seq in seqs}
+            x, y = self._xy(ends[seqs[0]].lat_deg, ends[seqs[0]].lon_deg)
+            words = [
+                word
+                for word, command in (("take-off", TAKEOFF), ("landing", LAND), ("return", RETURN_TO_LAUNCH))
+                if command in commands
+            ]
+            ground = bool(commands & {TAKEOFF, LAND, RETURN_TO_LAUNCH})
+            face = "#dddddd" if ground else "white"
+            if package.delivery_waypoint in seqs:
+                face = _DELIVERY
+                hold = package.route.items[package.delivery_waypoint - 1]
+                words.append("delivery" if ground else f"delivery, {hold.alt_m:g} m")
+            axes.annotate(
+                ", ".join(str(seq) for seq in seqs),
+                (x, y),
+                ha="center",
+                va="center",
+                fontsize=9,
+                fontweight="bold",
+                color=INK,
+                zorder=10,
+                bbox={"boxstyle": "round,pad=0.28", "facecolor": face, "edgecolor": INK, "linewidth": 1.1},
+            )
+            if words and ground:
+                note(axes, ", ".join(words), (x, y), (0, -13), va="top", ha="center")
+            elif words:
+                note(axes, ", ".join(words), (x, y), (14, 0), va="center")
+
+    # --- the sheet ---
+
+    def _frame(self, axes: Axes) -> None:
+        west, south, east, north = self._bounds
+        axes.set_xlim(west, east)
+        axes.set_ylim(south, north)
+        middle_lat, _ = self._plane.to_earth(0.0, (south + north) / 2.0)
+        _, middle_lon = self._plane.to_earth((west + east) / 2.0, 0.0)
+        lats = ticks(*(self._plane.to_earth(0.0, y)[0] for y in axes.get_ylim()))
+        lons = ticks(*(self._plane.to_earth(x, 0.0)[1] for x in axes.get_xlim()))
+        axes.set_yticks([self._xy(lat, middle_lon)[1] for lat in lats], degrees(lats, "NS"))
+        axes.set_xticks([self._xy(middle_lat, lon)[0] for lon in lons], degrees(lons, "EW"))
+        axes.tick_params(labelsize=8, colors="#555555")
+        axes.grid(color="#d9d6cf", linewidth=0.6, zorder=0)
+        axes.set_axisbelow(True)
+        self._scale_bar(axes)
+        axes.annotate(
+            "N",
+            xy=(0.975, 1.0),
+            xytext=(0, -50),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontweight="bold",
+            arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 1.6, "shrinkB": 12},
+            zorder=11,
+        )
+
+    def _scale_bar(self, axes: Axes) -> None:
+        west, south, east, north = self._bounds
+        room = 0.04 * max(east - west, north - south)
+        x, y, length = west + room, south + 0.7 * room, round_down((east - west) / 5.0)
+        axes.plot([x, x + length], [y, y], color=INK, linewidth=3.0, solid_capstyle="butt", zorder=11)
+        for end in (x, x + length):
+            axes.plot([end], [y], "|", color=INK, markersize=11, markeredgewidth=1.6, zorder=11)
+        words = f"{length / 1000.0:g} km" if length >= 1000.0 else f"{length:g} m"
+        axes.annotate(
+            words, (x + length / 2.0, y), (0, 5), textcoords="offset points", ha="center", fontsize=9, zorder=11
+        )
+
+    def _heading(self, axes: Axes) -> None:
+        package, walk = self._package, self._walk
+        minutes = f"{int(walk.duration_s) // 60} min {int(walk.duration_s) % 60:02d} s"
+        facts = (
+            f"{walk.length_m / 1000.0:.2f} km, at least {minutes} at {package.cruise_speed_mps:g} m/s, "
+            f"{len(walk.handovers)} handovers"
+        )
+        axes.set_title(f"Mission {package.name}", loc="left", fontsize=15, fontweight="bold", color=INK)
+        axes.set_title(facts, loc="right", fontsize=10, color="#555555")
+        axes.legend(
+            loc="upper center",
+            bbox_to_anchor=(0.5, 0.0),
+            borderaxespad=2.8,
+            ncols=4,
+            fontsize=9,
+            frameon=False,
+            handlelength=2.4,
+        )
+
+    def _all_bounds(self) -> tuple[float, float, float, float]:
+        """West, south, east and north end of the map in metres, with room around for the scale bar below."""
+        shapes = [shapely.MultiPoint(self._marks)]
+        shapes += [part for zone in self._package.zones for part in self._parts(zone.outline())]
+        for part in self._package.route.fence:
+            if not isinstance(part, FenceCircle):
+                shapes.append(shapely.MultiPoint([self._xy(*corner) for corner in part.corners]))
+        west, south, east, north = shapely.union_all(shapes).bounds
+        room = 0.04 * max(east - west, north - south)
+        return west - room, south - 2.2 * room, east + room, north + room
+
+    def _xy(self, lat: float, lon: float) -> tuple[float, float]:
+        return self._plane.to_plane(lat, lon)
+
+    def _parts(self, area: Polygon | MultiPolygon) -> list[Polygon]:
+        flat = shapely.transform(area, lambda xy: [self._xy(lat, lon) for lon, lat in xy])
+        return [part for part in shapely.get_parts(flat) if not part.is_empty]
+
+
+def _stretches(samples: tuple[Sample, ...]) -> Iterator[tuple[int, list[Sample]]]:
+    """The samples cut where the commander changes; each stretch ends where the next begins."""
+    stretch = [samples[0]]
+    for sample in samples[1:]:
+        if sample.commander != stretch[0].commander:
+            yield stretch[0].commander, [*stretch, sample]
+            stretch = []
+        stretch.append(sample)
+    yield stretch[0].commander, stretch

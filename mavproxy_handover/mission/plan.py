@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Reads the route of a mission package: QGroundControl `.plan` files and the older `.waypoints` (QGC WPL 110).
+
+Formats: QGroundControl developer guide, "Plan File Format" (Plan 1, mission 2, geoFence 2, rallyPoints 2), and
+mavlink.io, "File Formats". What comes out is what goes to the autopilot: only simple items, parameters that the file
+leaves open (null, NaN) as 0, which is what ArduCopter takes them for, and frames in the form ArduCopter stores.
+Survey patterns and other complex items would have to be unfolded the way QGroundControl does it; they are refused.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from mavproxy_handover.mission.errors import Where, parse_json
+from mavproxy_handover.mission.items import (
+    COMMANDS,
+    FRAME_ABOVE_HOME,
+    FRAME_ABOVE_SEA,
+    FRAME_ABOVE_TERRAIN,
+    FRAME_NONE,
+    LAND,
+    LOITER_UNLIMITED,
+    RETURN_TO_LAUNCH,
+    TAKEOFF,
+    WAYPOINT,
+    MissionItem,
+    RallyPoint,
+)
+
+__all__ = ["FenceCircle", "FencePolygon", "Home", "Route", "read_route"]
+
+#: what a flight controller's mission storage holds, rounded down (Cube Orange: 724 items)
+MAX_ITEMS = 700
+#: far beyond any sensible altitude, near enough to catch centimetres given for metres
+LOWEST_M, HIGHEST_M = -1000.0, 10000.0
+LONGEST_NUMBER = 1e9
+
+#: MAV_FRAME as files have it -> as ArduCopter stores it (the _INT variants are the same frames)
+_FRAMES = {
+    0: FRAME_ABOVE_SEA,
+    5: FRAME_ABOVE_SEA,
+    3: FRAME_ABOVE_HOME,
+    6: FRAME_ABOVE_HOME,
+    10: FRAME_ABOVE_TERRAIN,
+    11: FRAME_ABOVE_TERRAIN,
+}
+_COPTER_TYPES = {2, 3, 4, 13, 14, 15, 29, 35}
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """The planned home position; `alt_m` above mean sea level."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class FencePolygon:
+    """A polygon of the geofence: stay inside it (`inclusion`) or outside. Corners are (latitude, longitude)."""
+
+    inclusion: bool
+    corners: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FenceCircle:
+    """A circle of the geofence: stay inside it (`inclusion`) or outside."""
+
+    inclusion: bool
+    lat_deg: float
+    lon_deg: float
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """What the aircraft is to fly. `items[n].seq == n + 1`: item 0 of the autopilot is home."""
+
+    home: Home
+    items: tuple[MissionItem, ...]
+    rally: tuple[RallyPoint, ...] = ()
+    fence: tuple[FencePolygon | FenceCircle, ...] = ()
+    #: speed the plan was made for, if the file says so
+    cruise_speed_mps: float | None = None
+    #: what is odd but flyable, one line each
+    warnings: tuple[str, ...] = ()
+
+    def upload_items(self) -> tuple[MissionItem, ...]:
+        """All items to write to the autopilot, in order, home as item 0 first."""
+        home = MissionItem(
+            0,
+            WAYPOINT,
+            FRAME_ABOVE_SEA,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            self.home.lat_deg,
+            self.home.lon_deg,
+            self.home.alt_m,
+        )
+        return (home, *self.items)
+
+
+def read_route(file: str, text: str) -> Route:
+    """Read the route in `text`; the ending of `file` tells the format. Raises MissionError."""
+    where = Where(file)
+    if file.endswith(".plan"):
+        return _read_plan(where, text)
+    if file.endswith(".waypoints"):
+        return _read_waypoints(where, text)
+    raise where.error("not a route (allowed: a file named *.plan or *.waypoints)")
+
+
+# --- QGroundControl .plan ---
+
+
+def _read_plan(where: Where, text: str) -> Route:
+    plan = where.table(parse_json(text, where), "the file")
+    if plan.get("fileType") != "Plan":
+        raise where.error("not a QGroundControl plan (fileType is not 'Plan')")
+    _version(where, plan, "version", 1)
+    mission = where.table(where.need(plan, "mission"), "mission")
+    inside = where.at("mission")
+    _version(inside, mission, "version", 2)
+    home = Home(*_coordinate(inside, inside.need(mission, "plannedHomePosition"), "plannedHomePosition", 3))
+    listed = inside.array(inside.need(mission, "items"), "items")
+    items = tuple(_plan_item(where, seq, entry) for seq, entry in enumerate(listed, 1))
+    fence = plan.get("geoFence")
+    rally = plan.get("rallyPoints")
+    return _finish(
+        where,
+        home,
+        items,
+        rally=() if rally is None else _rally_points(where.at("rallyPoints"), rally),
+        fence=() if fence is None else _fence(where.at("geoFence"), fence),
+        cruise_speed_mps=_plan_speed(inside, mission),
+        warnings=_plan_warnings(mission),
+    )
+
+
+def _version(where: Where, table: Mapping[str, object], key: str, wanted: int) -> None:
+    if where.need(table, key) != wanted:
+        raise where.error(f"{key} is not {wanted}: save the plan again with a present QGroundControl")
+
+
+def _coordinate(where: Where, value: object, name: str, length: int) -> tuple[float, ...]:
+    numbers = where.array(value, name)
+    if len(numbers) != length:
+        raise where.error(f"{name} has {len(numbers)} numbers (allowed: {length})")
+    limits = ((-90.0, 90.0), (-180.0, 180.0), (LOWEST_M, HIGHEST_M))
+    parts = ("latitude", "longitude", "altitude")
+    return tuple(
+        where.number(number, f"{name} {part}", low, high)
+        for number, part, (low, high) in zip(numbers, parts, limits, strict=False)
+    )
+
+
+def _plan_item(where: Where, seq: int, entry: object) -> MissionItem:
+    inside = where.at(f"item {seq}")
+    item = inside.table(entry, "the item")
+    kind = inside.need(item, "type")
+    if kind == "ComplexItem":
+        name = item.get("complexItemType")
+        shown = f" '{inside.text(name, 'complexItemType', 60)}'" if name is not None else ""
+        raise inside.error(f"complex item{shown} (allowed: SimpleItem; rebuild the pattern from waypoints)")
+    if kind != "SimpleItem":
+        raise inside.error("type is not 'SimpleItem'")
+    numbers = inside.array(inside.need(item, "params"), "params")
+    if len(numbers) != 7:
+        raise inside.error(f"params has {len(numbers)} numbers (allowed: 7)")
+    command = inside.whole(inside.need(item, "command"), "command", 0, 65535)
+    return _item(
+        inside,
+        seq,
+        command,
+        frame=inside.need(item, "frame"),
+        numbers=numbers,
+        auto_continue=item.get("autoContinue") is not False,
+    )
+
+
+def _rally_points(where: Where, value: object) -> tuple[RallyPoint, ...]:
+    rally = where.table(value, "rallyPoints")
+    _version(where, rally, "version", 2)
+    points = where.array(where.need(rally, "points"), "points")
+    return tuple(RallyPoint(*_coordinate(where, point, f"point {number}", 3)) for number, point in enumerate(points, 1))
+
+
+def _fence(where: Where, value: object) -> tuple[FencePolygon | FenceCircle, ...]:
+    fence = where.table(value, "geoFence")
+    _version(where, fence, "version", 2)
+    found: list[FencePolygon | FenceCircle] = []
+    for number, entry in enumerate(where.array(fence.get("polygons", []), "polygons"), 1):
+        inside = where.at(f"polygon {number}")
+        polygon = inside.table(entry, "the polygon")
+        path = inside.array(inside.need(polygon, "polygon"), "polygon")
+        if len(path) < 3:
+            raise inside.error(f"{len(path)} corners (allowed: 3 or more)")
+        corners = [_coordinate(inside, corner, f"corner {n}", 2) for n, corner in enumerate(path, 1)]
+        found.append(FencePolygon(polygon.get("inclusion") is not False, tuple((lat, lon) for lat, lon in corners)))
+    for number, entry in enumerate(where.array(fence.get("circles", []), "circles"), 1):
+        inside = where.at(f"circle {number}")
+        outer = inside.table(entry, "the circle")
+        circle = inside.table(inside.need(outer, "circle"), "circle")
+        lat, lon = _coordinate(inside, inside.need(circle, "center"), "center", 2)
+        radius = inside.number(inside.need(circle, "radius"), "radius", 1.0, 1e6)
+        found.append(FenceCircle(outer.get("inclusion") is not False, lat, lon, radius))
+    return tuple(found)
+
+
+def _plan_speed(where: Where, mission: Mapping[str, object]) -> float | None:
+    # QGroundControl plans copters by the hover speed; its cruise speed is for wings
+    kind = mission.get("vehicleType", 2)
+    key = "hoverSpeed" if isinstance(kind, int) and kind in _COPTER_TYPES else "cruiseSpeed"
+    value = mission.get(key)
+    return None if value is None else where.number(value, key, 0.1, 100.0)
+
+
+def _plan_warnings(mission: Mapping[str, object]) -> tuple[str, ...]:
+    if mission.get("firmwareType", 3) != 3:
+        return ("the plan was made for another autopilot than ArduPilot (firmwareType is not 3)",)
+    return ()
+
+
+# --- QGC WPL 110 .waypoints ---
+
+
+def _read_waypoints(where: Where, text: str) -> Route:
+    lines = text.splitlines()
+    if not lines or lines[0].split() != ["QGC", "WPL", "110"]:
+        raise where.error("not a waypoint file (allowed: a first line 'QGC WPL 110')")
+    home: Home | None = None
+    items: list[MissionItem] = []
+    for number, line in enumerate(lines[1:], 2):
+        if not line.strip() or line.startswith("#"):
+            continue
+        inside = where.at(f"line {number}")
+        fields = line.split()
+        if len(fields) != 12:
+            raise inside.error(f"{len(fields)} fields (allowed: 12)")
+        seq = 0 if home is None else len(items) + 1
+        if fields[0] != str(seq):
+            raise inside.error(f"item number is '{fields[0][:20]}' (allowed here: {seq}, items count up from 0)")
+        values = [_field(inside, field, n) for n, field in enumerate(fields[2:11], 3)]
+        if home is None:
+            home = Home(
+                inside.number(values[6], "latitude", -90.0, 90.0),
+                inside.number(values[7], "longitude", -180.0, 180.0),
+                inside.number(values[8], "altitude", LOWEST_M, HIGHEST_M),
+            )
+            continue
+        command = inside.whole(values[1], "command", 0, 65535)
+        items.append(_item(inside, seq, command, frame=values[0], numbers=values[2:9], auto_continue=fields[11] != "0"))
+    if home is None:
+        raise where.error("no items (allowed: item 0 is home, item 1 the first one flown)")
+    return _finish(where, home, tuple(items))
+
+
+def _field(where: Where, field: str, number: int) -> float | None:
+    try:
+        value = float(field)
+    except ValueError:
+        raise where.error(f"field {number} is '{field[:20]}' (allowed: a number)") from None
+    return None if math.isnan(value) else value
+
+
+# --- common to both ---
+
+
+def _item(
+    where: Where, seq: int, command: int, *, frame: object, numbers: Sequence[object], auto_continue: bool
+) -> MissionItem:
+    """Check one item. `numbers` are parameters 1 to 4, latitude, longitude, altitude; None where left open."""
+    known = COMMANDS.get(command)
+    if known is None:
+        raise where.error(f"command {command} is not one a mission package may hold (allowed: {_allowed()})")
+    param1, param2, param3, param4 = (
+        0.0 if value is None else where.number(value, f"parameter {n}", -LONGEST_NUMBER, LONGEST_NUMBER)
+        for n, value in enumerate(numbers[:4], 1)
+    )
+    if not known.located:
+        return MissionItem(seq, command, FRAME_NONE, param1, param2, param3, param4, 0.0, 0.0, 0.0, auto_continue)
+    stored = (
+        None if isinstance(frame, bool) else next((kept for value, kept in _FRAMES.items() if value == frame), None)
+    )
+    if stored is None:
+        allowed = ", ".join(str(value) for value in _FRAMES)
+        raise where.error(f"frame of {known.name} is not one with a place (allowed: {allowed})")
+    return MissionItem(
+        seq,
+        command,
+        stored,
+        param1,
+        param2,
+        param3,
+        param4,
+        where.number(numbers[4], "latitude", -90.0, 90.0),
+        where.number(numbers[5], "longitude", -180.0, 180.0),
+        where.number(numbers[6], "altitude", LOWEST_M, HIGHEST_M),
+        auto_continue,
+    )
+
+
+def _allowed() -> str:
+    return ", ".join(f"{number} {command.name}" for number, command in COMMANDS.items())
+
+
+def _finish(
+    where: Where,
+    home: Home,
+    items: tuple[MissionItem, ...],
+    *,
+    rally: tuple[RallyPoint, ...] = (),
+    fence: tuple[FencePolygon | FenceCircle, ...] = (),
+    cruise_speed_mps: float | None = None,
+    warnings: tuple[str, ...] = (),
+) -> Route:
+    """Rules on the route as a whole: what makes no flight is refused, what makes an odd one is a warning."""
+    if len(items) > MAX_ITEMS:
+        raise where.error(f"{len(items)} items (allowed: at most {MAX_ITEMS})")
+    flown = [item for item in items if COMMANDS[item.command].flown]
+    if not flown or flown[0].command != TAKEOFF:
+        first = f"the first flown item is {COMMANDS[flown[0].command].name}" if flown else "nothing is flown"
+        raise where.error(f"{first} (allowed: NAV_TAKEOFF first)")
+    ground = home.alt_m if flown[0].frame == FRAME_ABOVE_SEA else 0.0
+    if flown[0].alt_m <= ground:
+        raise where.at(f"item {flown[0].seq}").error(f"take-off to {flown[0].alt_m:g} m (allowed: above home)")
+    found = list(warnings)
+    if flown[-1].command not in (LAND, RETURN_TO_LAUNCH):
+        name = COMMANDS[flown[-1].command].name
+        found.append(f"the route ends with {name}, not with NAV_LAND or NAV_RETURN_TO_LAUNCH")
+    for item in flown[:-1]:
+        if item.command == RETURN_TO_LAUNCH:
+            found.append(f"item {item.seq} is NAV_RETURN_TO_LAUNCH: what follows it is never flown")
+            break
+    for item in flown:
+        if item.command == LOITER_UNLIMITED:
+            found.append(f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft waits there until told to go on")
+    if not rally:
+        found.append("no rally point: the aircraft can only return to home")
+    return Route(home, items, rally, fence, cruise_speed_mps, tuple(found))

@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Walks a route before flight and tells who will command where.
+
+The walk follows the path that ArduCopter flies (take-off straight up, legs straight, landing straight down, return to
+the nearest of home and rally points) in small steps, notes at each which zones hold it, and moves authority by the
+rule of the core:
+
+* while inside the commander's zone, entering another station's zone moves authority to that station;
+* authority also moves when the commander's zone ends and another zone holds the aircraft;
+* of several stations that could take over, the one that keeps the aircraft longest does.
+
+Times come from the cruise speed and ArduCopter's default vertical speeds, without the time that speeding up, slowing
+down and corners cost: the aircraft has at least the time told here. Wind is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from mavproxy_handover.mission.geodesy import distance_m, wrap_longitude_deg
+from mavproxy_handover.mission.items import (
+    COMMANDS,
+    FRAME_ABOVE_SEA,
+    LAND,
+    LOITER_TIME,
+    RETURN_TO_LAUNCH,
+    TAKEOFF,
+    WAYPOINT,
+    MissionItem,
+)
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.zones import ZoneFinder
+
+__all__ = ["Gap", "Handover", "Leg", "Sample", "Walk", "commanders_along", "legs_of"]
+
+#: WPNAV_SPEED of ArduCopter, for routes that name no speed
+DEFAULT_CRUISE_MPS = 10.0
+#: WPNAV_SPEED_UP, WPNAV_SPEED_DN, LAND_SPEED and LAND_ALT_LOW of ArduCopter
+CLIMB_MPS, DESCENT_MPS, LANDING_MPS, LANDING_BELOW_M = 2.5, 1.5, 0.5, 10.0
+
+STEP_M = 5.0
+#: a longer route gets longer steps: a walk ends in bounded time, whatever plan came over a link
+MOST_STEPS = 20000
+#: a border between two steps is found to this part of a metre
+BORDER_M = 0.05
+
+_SPLINE_WAYPOINT, _DELAY, _PAYLOAD_PLACE, _CHANGE_SPEED = 82, 93, 94, 178
+_HOLDING = (WAYPOINT, LOITER_TIME, _SPLINE_WAYPOINT)
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A straight piece of the path, flown on the way to item `seq`; altitudes above home, `hold_s` at its end."""
+
+    seq: int
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    duration_s: float
+    hold_s: float = 0.0
+
+    @property
+    def length_m(self) -> float:
+        """Horizontal length."""
+        return distance_m(*self.start[:2], *self.end[:2])
+
+    @property
+    def size_m(self) -> float:
+        """Length or change of altitude, whichever is more."""
+        return max(self.length_m, abs(self.end[2] - self.start[2]))
+
+    def at(self, part: float) -> tuple[float, float, float]:
+        """Latitude, longitude and altitude at `part` (0 to 1) of the leg."""
+        (lat, lon, alt), (lat2, lon2, alt2) = self.start, self.end
+        return (
+            lat + part * (lat2 - lat),
+            wrap_longitude_deg(lon + part * wrap_longitude_deg(lon2 - lon)),
+            alt + part * (alt2 - alt),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A place on the path: distance and time from take-off, position (altitude above home), the item flown to, the
+    stations whose zone holds it, and the station that commands from here on."""
+
+    distance_along_m: float
+    time_s: float
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    seq: int
+    holding: frozenset[int]
+    commander: int
+
+
+@dataclass(frozen=True, slots=True)
+class Handover:
+    """A change of commander expected on the route; stations by system id.
+
+    The place is where it starts: the entry of the handover region, or the end of the commander's zone where the other
+    zone was entered before. `overlap_length_m` and `overlap_s` are what the route offers inside both zones; 0 when
+    they do not overlap there.
+    """
+
+    from_station: int
+    to_station: int
+    lat_deg: float
+    lon_deg: float
+    distance_along_m: float
+    time_s: float
+    seq: int
+    overlap_length_m: float
+    overlap_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """A stretch of the route outside every zone, with the place where it starts."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    distance_along_m: float
+    seq: int
+    length_m: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """What a walk along the route found."""
+
+    samples: tuple[Sample, ...]
+    handovers: tuple[Handover, ...]
+    gaps: tuple[Gap, ...]
+
+    @property
+    def commanders(self) -> tuple[int, ...]:
+        """System ids of the commanders in the order in which the route needs them."""
+        return (self.samples[0].commander, *(handover.to_station for handover in self.handovers))
+
+    @property
+    def length_m(self) -> float:
+        """Horizontal length of the whole path."""
+        return self.samples[-1].distance_along_m
+
+    @property
+    def duration_s(self) -> float:
+        """Flight time, at the least."""
+        return self.samples[-1].time_s
+
+
+# --- from route to path ---
+
+
+def legs_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Leg, ...]:
+    """The path of a route as straight legs, from home to the ground. The speed given goes before the plan's own."""
+    return tuple(_legs(route, cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS))
+
+
+def _legs(route: Route, speed_mps: float) -> Iterator[Leg]:
+    lat, lon, alt = route.home.lat_deg, route.home.lon_deg, 0.0
+    for item in route.items:
+        if item.command == _CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0:
+            speed_mps = item.param2
+        if not COMMANDS[item.command].flown:
+            continue
+        if item.command == RETURN_TO_LAUNCH:
+            to_lat, to_lon, to_alt = (*_return_place(route, lat, lon), alt)
+        elif item.command == TAKEOFF:  # straight up, whatever place the item names
+            to_lat, to_lon, to_alt = lat, lon, _above_home(route, item)
+        else:
+            to_lat, to_lon = (item.lat_deg, item.lon_deg) if item.has_place else (lat, lon)
+            keeps = item.command in (LAND, _DELAY)
+            to_alt = alt if keeps else _above_home(route, item)
+        start, end = (lat, lon, alt), (to_lat, to_lon, to_alt)
+        hold = item.param1 if item.command in _HOLDING else max(0.0, item.param1) if item.command == _DELAY else 0.0
+        if start != end or hold > 0.0:
+            yield Leg(item.seq, start, end, _duration_s(start, end, speed_mps), max(0.0, hold))
+        lat, lon, alt = end
+        if item.command in (LAND, RETURN_TO_LAUNCH, _PAYLOAD_PLACE):
+            yield from _down(item.seq, end)
+            if item.command == _PAYLOAD_PLACE:
+                yield Leg(item.seq, (lat, lon, 0.0), end, alt / CLIMB_MPS if alt > 0.0 else 0.0)
+            else:
+                alt = 0.0
+        if item.command == RETURN_TO_LAUNCH:
+            return
+
+
+def _down(seq: int, place: tuple[float, float, float]) -> Iterator[Leg]:
+    lat, lon, alt = place
+    low = min(alt, LANDING_BELOW_M)
+    if alt > low:
+        yield Leg(seq, place, (lat, lon, low), (alt - low) / DESCENT_MPS)
+    if low > 0.0:
+        yield Leg(seq, (lat, lon, low), (lat, lon, 0.0), low / LANDING_MPS)
+
+
+def _above_home(route: Route, item: MissionItem) -> float:
+    return item.alt_m - route.home.alt_m if item.frame == FRAME_ABOVE_SEA else item.alt_m
+
+
+def _return_place(route: Route, lat: float, lon: float) -> tuple[float, float]:
+    places = [(route.home.lat_deg, route.home.lon_deg), *((point.lat_deg, point.lon_deg) for point in route.rally)]
+    return min(places, key=lambda place: distance_m(lat, lon, *place))
+
+
+def _duration_s(start: tuple[float, float, float], end: tuple[float, float, float], speed_mps: float) -> float:
+    climb = end[2] - start[2]
+    vertical = climb / CLIMB_MPS if climb > 0.0 else -climb / DESCENT_MPS
+    return max(distance_m(*start[:2], *end[:2]) / speed_mps, vertical)
+
+
+# --- from path to commanders ---
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    distance_along_m: float
+    time_s: float
+    position: tuple[float, float, float]
+    seq: int
+    holding: frozenset[int]
+
+
+def commanders_along(
+    route: Route,
+    finder: ZoneFinder,
+    parent: int,
+    *,
+    cruise_speed_mps: float | None = None,
+    step_m: float = STEP_M,
+) -> Walk:
+    """Walk `route` through the zones of `finder`, from take-off under `parent` (a system id) to landing."""
+    legs = legs_of(route, cruise_speed_mps)
+    places = list(_places(legs, finder, max(step_m, sum(leg.size_m for leg in legs) / MOST_STEPS)))
+    order = [zone.station for zone in finder.zones]
+    commander, waiting = parent, frozenset[int]()
+    handovers: list[Handover] = []
+    samples: list[Sample] = []
+    for number, place in enumerate(places):
+        entered = place.holding - places[number - 1].holding if number else frozenset[int]()
+        waiting = (waiting & place.holding) | (entered - {commander})
+        beyond = places[number + 1].holding if number + 1 < len(places) else place.holding
+        if commander not in place.holding:
+            possible = place.holding
+        elif waiting:
+            possible = waiting
+        elif commander not in beyond:
+            possible = (place.holding & beyond) - {commander}
+        else:
+            possible = frozenset()
+        if possible:
+            taker = max((s for s in order if s in possible), key=lambda s: _stay_m(places, number, s))
+            handovers.append(_handover(places, number, commander, taker))
+            commander, waiting = taker, frozenset()
+        samples.append(
+            Sample(place.distance_along_m, place.time_s, *place.position, place.seq, place.holding, commander)
+        )
+    return Walk(tuple(samples), tuple(handovers), tuple(_gaps(places)))
+
+
+def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterator[_Place]:
+    """Places along the legs, one at least every `step_m`, and one right behind each border."""
+    along = time = 0.0
+    lat, lon, alt = legs[0].start
+    before = finder.holding(lat, lon, alt)
+    yield _Place(along, time, (lat, lon, alt), legs[0].seq, before)
+    for leg in legs:
+        size = leg.size_m
+        steps = max(1, math.ceil(size / step_m))
+        part = 0.0
+        for step in range(1, steps + 1):
+            target = step / steps
+            after = finder.holding(*leg.at(target))
+            while before != after:
+                part, before = _border(
+                    leg, part, target, before=before, finder=finder, smallest=BORDER_M / max(size, BORDER_M)
+                )
+                yield _Place(along + part * leg.length_m, time + part * leg.duration_s, leg.at(part), leg.seq, before)
+            if part < target:
+                part = target
+                yield _Place(along + part * leg.length_m, time + part * leg.duration_s, leg.at(part), leg.seq, before)
+        along += leg.length_m
+        time += leg.duration_s
+        if leg.hold_s > 0.0:
+            time += leg.hold_s
+            yield _Place(along, time, leg.end, leg.seq, before)
+
+
+def _border(
+    leg: Leg, low: float, high: float, *, before: frozenset[int], finder: ZoneFinder, smallest: float
+) -> tuple[float, frozenset[int]]:
+    """Halve from `low` (inside `before`) to `high` (not) down to a place just behind a border, and what holds it."""
+    while high - low > smallest:
+        middle = (low + high) / 2.0
+        if finder.holding(*leg.at(middle)) == before:
+            low = middle
+        else:
+            high = middle
+    return high, finder.holding(*leg.at(high))
+
+
+def _stay_m(places: list[_Place], number: int, station: int) -> float:
+    last = places[number]
+    for last in places[number:]:
+        if station not in last.holding:
+            break
+    return last.distance_along_m - places[number].distance_along_m
+
+
+def _handover(places: list[_Place], number: int, commander: int, taker: int) -> Handover:
+    both = {commander, taker}
+    first = last = number
+    if both <= places[number].holding:
+        while first > 0 and both <= places[first - 1].holding:
+            first -= 1
+        while last + 1 < len(places) and both <= places[last].holding:
+            last += 1
+    here = places[number]
+    return Handover(
+        commander,
+        taker,
+        here.position[0],
+        here.position[1],
+        here.distance_along_m,
+        here.time_s,
+        here.seq,
+        places[last].distance_along_m - places[first].distance_along_m,
+        places[last].time_s - places[first].time_s,
+    )
+
+
+def _gaps(places: list[_Place]) -> Iterator[Gap]:
+    start: _Place | None = None
+    for place in places:
+        if not place.holding and start is None:
+            start = place
+        elif place.holding and start is not None:
+            yield _gap(start, place)
+            start = None
+    if start is not None:
+        yield _gap(start, places[-1])
+
+
+def _gap(start: _Place, end: _Place) -> Gap:
+    length, duration = end.distance_along_m - start.distance_along_m, end.time_s - start.time_s
+    return Gap(*start.position, start.distance_along_m, start.seq, length, duration)

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Between the rules' messages and MAVLink messages.
+
+`decode` is total: a frame that is no message of ours, or carries values that no message may carry, is None.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.messages import (
+    Connect,
+    ConnectAck,
+    ConnectHandover,
+    DisconnectHandover,
+    DroneConnected,
+    HandoverRequest,
+    HandoverResult,
+    Message,
+    OkHandover,
+    OnHandover,
+    TransferKey,
+)
+from mavproxy_handover.core.model import Consent, Outcome, Reason
+
+__all__ = ["AircraftState", "decode", "decode_bytes", "encode", "name_of"]
+
+_RELAY = mavlink.HANDOVER_FLAGS_RELAY
+_RELAYED = mavlink.HANDOVER_FLAGS_RELAYED
+_NO_DIGEST = bytes(32)
+
+
+@dataclass(frozen=True, slots=True)
+class AircraftState:
+    """What HANDOVER_REQUEST tells the partner of the aircraft, in MAVLink's units (degE7, mm, cdeg, m/s, %)."""
+
+    lat: int = 0
+    lon: int = 0
+    relative_alt: int = 0
+    heading: int = 0xFFFF
+    groundspeed: float = 0.0
+    battery_remaining: int = -1
+    waypoint: int = 0
+    custom_mode: int = 0
+
+
+def name_of(message: Message) -> str:
+    """The MAVLink name of a message, for journals and consoles."""
+    return _NAMES[type(message)]
+
+
+_NAMES: dict[type, str] = {
+    Connect: "CONNECT",
+    ConnectAck: "CONNECT_ACK",
+    HandoverRequest: "HANDOVER_REQUEST",
+    OnHandover: "ON_HANDOVER",
+    OkHandover: "OK_HANDOVER",
+    ConnectHandover: "CONNECT_HANDOVER",
+    DroneConnected: "DRONE_CONNECTED",
+    DisconnectHandover: "DISCONNECT_HANDOVER",
+    HandoverResult: "HANDOVER_RESULT",
+}
+
+
+def encode(
+    message: Message, target: tuple[int, int], vehicle: int, aircraft: AircraftState | None = None
+) -> mavlink.MAVLink_message:
+    """The MAVLink message for `message`, addressed to `target` (system, component)."""
+    if isinstance(message, (Connect, ConnectAck)):
+        common = (
+            *target,
+            vehicle,
+            message.station,
+            message.protocol_version,
+            message.nonce,
+            message.epoch,
+            message.commander or 0,
+            message.name.encode("utf-8")[:20],
+            list(message.mission_digest or _NO_DIGEST),
+        )
+        if isinstance(message, Connect):
+            return mavlink.MAVLink_connect_message(*common)
+        result = (
+            mavlink.HANDOVER_CONNECT_RESULT_ACCEPTED
+            if message.accepted
+            else mavlink.HANDOVER_CONNECT_RESULT_VERSION_DIFFERS
+        )
+        return mavlink.MAVLink_connect_ack_message(*common, result)
+    key = message.key
+    head = (*target, vehicle, key.from_station, key.to_station, key.handover_id, key.epoch)
+    if isinstance(message, HandoverRequest):
+        state = aircraft or AircraftState()
+        return mavlink.MAVLink_handover_request_message(
+            *head,
+            message.reason,
+            state.lat,
+            state.lon,
+            state.relative_alt,
+            state.heading,
+            state.groundspeed,
+            state.battery_remaining,
+            state.waypoint,
+            state.custom_mode,
+        )
+    if isinstance(message, OnHandover):
+        return mavlink.MAVLink_on_handover_message(*head, message.consent, message.reason, _flags(message))
+    if isinstance(message, OkHandover):
+        return mavlink.MAVLink_ok_handover_message(*head, message.consent, message.reason)
+    if isinstance(message, ConnectHandover):
+        return mavlink.MAVLink_connect_handover_message(*head)
+    if isinstance(message, DroneConnected):
+        return mavlink.MAVLink_drone_connected_message(*head, _flags(message))
+    if isinstance(message, DisconnectHandover):
+        return mavlink.MAVLink_disconnect_handover_message(*head)
+    return mavlink.MAVLink_handover_result_message(*head, message.commander or 0, message.outcome, message.reason)
+
+
+def _flags(message: OnHandover | DroneConnected) -> int:
+    return (_RELAY if message.relay else 0) | (_RELAYED if message.relayed else 0)
+
+
+def decode(m: Any) -> Message | None:
+    """The rules' message in a decoded MAVLink message, or None."""
+    try:
+        return _decode(m)
+    except ValueError:  # a value outside its enum
+        return None
+
+
+def _decode(m: Any) -> Message | None:
+    kind = m.get_msgId()
+    if kind in (mavlink.MAVLINK_MSG_ID_CONNECT, mavlink.MAVLINK_MSG_ID_CONNECT_ACK):
+        digest = bytes(m.mission_digest)
+        common = (
+            m.station,
+            m.protocol_version,
+            m.nonce,
+            m.epoch,
+            m.commander or None,
+            m.name,
+            b"" if digest == _NO_DIGEST else digest,
+        )
+        if kind == mavlink.MAVLINK_MSG_ID_CONNECT:
+            return Connect(*common)
+        return ConnectAck(*common, accepted=m.result == mavlink.HANDOVER_CONNECT_RESULT_ACCEPTED)
+    if not mavlink.MAVLINK_MSG_ID_HANDOVER_REQUEST <= kind <= mavlink.MAVLINK_MSG_ID_HANDOVER_RESULT:
+        return None
+    key = TransferKey(m.from_station, m.to_station, m.handover_id, m.epoch)
+    if kind == mavlink.MAVLINK_MSG_ID_HANDOVER_REQUEST:
+        return HandoverRequest(key, Reason(m.reason))
+    if kind == mavlink.MAVLINK_MSG_ID_ON_HANDOVER:
+        flags = m.flags
+        return OnHandover(
+            key, Consent(m.consent), Reason(m.reason), relay=bool(flags & _RELAY), relayed=bool(flags & _RELAYED)
+        )
+    if kind == mavlink.MAVLINK_MSG_ID_OK_HANDOVER:
+        return OkHandover(key, Consent(m.consent), Reason(m.reason))
+    if kind == mavlink.MAVLINK_MSG_ID_CONNECT_HANDOVER:
+        return ConnectHandover(key)
+    if kind == mavlink.MAVLINK_MSG_ID_DRONE_CONNECTED:
+        return DroneConnected(key, relay=bool(m.flags & _RELAY), relayed=bool(m.flags & _RELAYED))
+    if kind == mavlink.MAVLINK_MSG_ID_DISCONNECT_HANDOVER:
+        return DisconnectHandover(key)
+    return HandoverResult(key, m.commander or None, Outcome(m.outcome), Reason(m.reason))
+
+
+_PARSER = mavlink.MAVLink(None)
+
+
+def decode_bytes(raw: bytes) -> Any | None:
+    """The decoded MAVLink message of one whole frame whose CRC is already proven, or None."""
+    try:
+        return _PARSER.decode(bytearray(raw))
+    except Exception:  # pymavlink raises its own error and, on odd lengths, struct.error
+        return None

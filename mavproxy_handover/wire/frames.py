@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""MAVLink frames as the gate sees them: header, verified bytes, a few payload bytes, no decoded fields.
+
+Decoding a whole message costs more than judging it, and what is passed on must be passed on byte for byte.
+So this module finds frames in a byte stream, checks them, and leaves them whole. Rules that live here:
+
+1. A frame counts only if its CRC fits the definition of its message in our dialect. A frame of an id that the
+   dialect does not have cannot be checked; it is skipped and counted. Its length is believed only if a magic
+   byte follows, because a stray magic byte in garbage has a length too, and would swallow the frame behind it.
+2. A frame with an incompatibility flag other than "signed" is not understood; it is skipped and counted.
+3. After garbage or a bad CRC the search goes on one byte behind the magic byte, so a damaged frame costs no
+   frame but itself.
+4. Any cut of the stream gives the same frames. What is kept between two calls is no longer than one frame.
+5. Nothing that arrives raises.
+
+Signatures are not checked here (that needs a link's key); `Frame.signed` says that one is there.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+from pymavlink.generator.mavcrc import x25crc
+
+__all__ = [
+    "MAX_FRAME_BYTES",
+    "Frame",
+    "FrameCounters",
+    "FrameSplitter",
+    "field_offset",
+    "parse_one",
+    "target",
+]
+
+MAGIC_V1: Final = 0xFE
+MAGIC_V2: Final = 0xFD
+HEADER_V1: Final = 6
+HEADER_V2: Final = 10
+CRC_BYTES: Final = 2
+SIGNATURE_BYTES: Final = 13
+FLAG_SIGNED: Final = 0x01
+
+#: The longest frame there can be: MAVLink 2, full payload, signed.
+MAX_FRAME_BYTES: Final = HEADER_V2 + 255 + CRC_BYTES + SIGNATURE_BYTES
+
+_MAGIC: Final = re.compile(b"[\xfd\xfe]")
+_CRC: Final = struct.Struct("<H")
+_STRUCT_ITEM: Final = re.compile(r"(\d*)([a-zA-Z])")
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One whole MAVLink frame.
+
+    `payload` has the full length of the message's definition when the id is known: trailing zeros that
+    MAVLink 2 left out are there again, and fields newer than our dialect are not. Of an unknown id it is what
+    was received. `known` is False only in frames from `parse_one`: their CRC could not be checked.
+    """
+
+    raw: bytes
+    version: int  #: 1 or 2
+    msgid: int
+    sysid: int
+    compid: int
+    seq: int
+    signed: bool
+    payload: bytes
+    known: bool
+
+
+@dataclass(slots=True)
+class FrameCounters:
+    """What a splitter has seen. Every byte fed is in a frame, a skipped frame, garbage, dropped, or waits."""
+
+    frames: int = 0  #: whole and checked
+    bad_crc: int = 0
+    bad_flags: int = 0  #: incompatibility flags that we do not understand
+    unknown_id: int = 0  #: whole by their length, unchecked, skipped
+    garbage_bytes: int = 0  #: bytes that belong to no frame
+    overflow_bytes: int = 0  #: bytes beyond `max_buffer` of a single feed
+
+
+@dataclass(frozen=True, slots=True)
+class _Definition:
+    crc_extra: bytes
+    length: int
+    padding: bytes
+    target_system: int | None
+    target_component: int | None
+
+
+def _offsets(message: type) -> dict[str, int]:
+    """Payload offsets of a message's fields, in wire order, from the format that pymavlink unpacks by."""
+    items = _STRUCT_ITEM.findall(message.unpacker.format.lstrip("<"))  # type: ignore[attr-defined]
+    offsets = {}
+    position = 0
+    for name, (count, code) in zip(message.ordered_fieldnames, items, strict=True):  # type: ignore[attr-defined]
+        offsets[name] = position
+        position += struct.calcsize(f"<{count}{code}")
+    return offsets
+
+
+def _definition(message: type) -> _Definition:
+    offsets = _offsets(message)
+    length: int = message.unpacker.size  # type: ignore[attr-defined]
+    return _Definition(
+        crc_extra=bytes([message.crc_extra]),  # type: ignore[attr-defined]
+        length=length,
+        padding=bytes(length),
+        # MANUAL_CONTROL is the one message that calls its target system just "target".
+        target_system=offsets.get("target_system", offsets.get("target")),
+        target_component=offsets.get("target_component"),
+    )
+
+
+_OFFSETS: Final[dict[int, dict[str, int]]] = {msgid: _offsets(cls) for msgid, cls in mavlink.mavlink_map.items()}
+_DEFINITIONS: Final[dict[int, _Definition]] = {msgid: _definition(cls) for msgid, cls in mavlink.mavlink_map.items()}
+
+
+def field_offset(msgid: int, field: str) -> int:
+    """Where a field begins in the payload, in bytes. KeyError if the dialect lacks message or field."""
+    return _OFFSETS[msgid][field]
+
+
+def target(frame: Frame) -> tuple[int, int] | None:
+    """The system and component that a frame is aimed at (0 = all), or None if its message has no target.
+
+    A message with a target system and no target component is aimed at component 0.
+    """
+    definition = _DEFINITIONS.get(frame.msgid)
+    if definition is None or definition.target_system is None:
+        return None
+    payload = frame.payload
+    if len(payload) < definition.length:
+        return None
+    component = definition.target_component
+    return payload[definition.target_system], 0 if component is None else payload[component]
+
+
+def _crc_fits(raw: bytes, end: int, crc_extra: bytes) -> bool:
+    crc = x25crc(raw[1:end] + crc_extra).crc
+    return bool(crc == _CRC.unpack_from(raw, end)[0])
+
+
+def _frame_length(data: bytes, start: int) -> int:
+    """Length of the frame whose header begins at `start`; 0 if more bytes are needed to tell."""
+    if data[start] == MAGIC_V1:
+        if len(data) - start < 2:
+            return 0
+        return HEADER_V1 + data[start + 1] + CRC_BYTES
+    if len(data) - start < 3:
+        return 0
+    signature = SIGNATURE_BYTES if data[start + 2] & FLAG_SIGNED else 0
+    return HEADER_V2 + data[start + 1] + CRC_BYTES + signature
+
+
+def _message_id(data: bytes, start: int) -> int:
+    if data[start] == MAGIC_V1:
+        return data[start + 5]
+    return data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
+
+
+def _build(raw: bytes, definition: _Definition | None) -> Frame:
+    """The frame that `raw` holds. Its length and CRC have been checked."""
+    length = raw[1]
+    if raw[0] == MAGIC_V2:
+        payload = raw[HEADER_V2 : HEADER_V2 + length]
+        version, seq, sysid, compid = 2, raw[4], raw[5], raw[6]
+        signed = bool(raw[2] & FLAG_SIGNED)
+    else:
+        payload = raw[HEADER_V1 : HEADER_V1 + length]
+        version, seq, sysid, compid = 1, raw[2], raw[3], raw[4]
+        signed = False
+    if definition is not None and length != definition.length:
+        payload = (payload + definition.padding)[: definition.length]
+    return Frame(raw, version, _message_id(raw, 0), sysid, compid, seq, signed, payload, definition is not None)
+
+
+def parse_one(raw: bytes) -> Frame | None:
+    """The frame that `raw` holds from its first byte to its last, or None.
+
+    None means: not a frame, not exactly one, a bad CRC, or flags we do not understand. A frame of an unknown
+    id is returned with `known` False, because its CRC cannot be checked.
+    """
+    raw = bytes(raw)
+    if len(raw) < HEADER_V1 + CRC_BYTES or raw[0] not in (MAGIC_V1, MAGIC_V2):
+        return None
+    if _frame_length(raw, 0) != len(raw):
+        return None
+    if raw[0] == MAGIC_V2 and raw[2] & ~FLAG_SIGNED:
+        return None
+    definition = _DEFINITIONS.get(_message_id(raw, 0))
+    header = HEADER_V1 if raw[0] == MAGIC_V1 else HEADER_V2
+    if definition is not None and not _crc_fits(raw, header + raw[1], definition.crc_extra):
+        return None
+    return _build(raw, definition)
+
+
+class FrameSplitter:
+    """Finds the frames in one peer's byte stream. Use one splitter for each peer: streams do not mix.
+
+    `max_buffer` (bytes) limits what one `feed` looks at; what is over is dropped and counted.
+    """
+
+    def __init__(self, max_buffer: int = 65536) -> None:
+        if max_buffer < MAX_FRAME_BYTES:
+            raise ValueError(f"max_buffer = {max_buffer}: must be {MAX_FRAME_BYTES} or more, one whole frame")
+        self.counters = FrameCounters()
+        self._max_buffer = max_buffer
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Take the next bytes of the stream; return the frames that they complete, in order."""
+        counters = self.counters
+        buffer = self._rest + data if self._rest else bytes(data)
+        if len(buffer) > self._max_buffer:
+            counters.overflow_bytes += len(buffer) - self._max_buffer
+            buffer = buffer[: self._max_buffer]
+        frames: list[Frame] = []
+        end = len(buffer)
+        position = 0
+        while position < end:
+            found = _MAGIC.search(buffer, position)
+            if found is None:
+                counters.garbage_bytes += end - position
+                position = end
+                break
+            start = found.start()
+            counters.garbage_bytes += start - position
+            position = start
+            if buffer[start] == MAGIC_V2 and end - start > 2 and buffer[start + 2] & ~FLAG_SIGNED:
+                counters.bad_flags += 1
+                counters.garbage_bytes += 1
+                position = start + 1
+                continue
+            length = _frame_length(buffer, start)
+            if length == 0 or end - start < length:
+                break
+            definition = _DEFINITIONS.get(_message_id(buffer, start))
+            if definition is None:
+                behind = start + length
+                if behind == end:
+                    break
+                if buffer[behind] in (MAGIC_V1, MAGIC_V2):
+                    counters.unknown_id += 1
+                    position = behind
+                else:
+                    counters.garbage_bytes += 1
+                    position = start + 1
+                continue
+            raw = buffer[start : start + length]
+            header = HEADER_V1 if raw[0] == MAGIC_V1 else HEADER_V2
+            if not _crc_fits(raw, header + raw[1], definition.crc_extra):
+                counters.bad_crc += 1
+                counters.garbage_bytes += 1
+                position = start + 1
+                continue
+            counters.frames += 1
+            frames.append(_build(raw, definition))
+            position = start + length
+        self._rest = buffer[position:]
+        return frames

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What companion and guard tell each other inside TUNNEL messages.
+
+TUNNEL is known to every ArduPilot firmware, so the autopilot's signing protects it and firmware 4.5 delivers it to Lua.
+No field is wider than 32 bits: Lua on the flight controller has 32-bit integers. Layouts: DESIGN.md section 4.3.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.core.model import LeaseState
+
+__all__ = [
+    "GUARD_STATUS_TYPE",
+    "LEASE_TYPE",
+    "GuardStatus",
+    "Lease",
+    "pack_lease",
+    "unpack_guard_status",
+    "unpack_lease",
+]
+
+LEASE_TYPE = 47116
+GUARD_STATUS_TYPE = 47117
+_VERSION = 1
+_LEASE = struct.Struct("<BBBBIIIHH")
+_STATUS = struct.Struct("<BBBBIIIHBB")
+_FLAG_ENFORCING, _FLAG_ARMED, _FLAG_FLYING, _FLAG_TAMPERED = 1, 2, 4, 8
+
+
+@dataclass(frozen=True, slots=True)
+class Lease:
+    """One lease. `commander` 0 = nobody; `nonce` is drawn when the companion starts, never 0."""
+
+    state: LeaseState
+    commander: int
+    nonce: int
+    sequence: int
+    epoch: int
+    ttl_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class GuardStatus:
+    """What the guard says of itself; nonce, sequence and epoch are those of the last lease it accepted."""
+
+    state: GuardState
+    action: int
+    enforcing: bool
+    armed: bool
+    flying: bool
+    tampered: bool
+    nonce: int
+    sequence: int
+    epoch: int
+    rejected: int
+    firmware: tuple[int, int]
+
+
+def pack_lease(lease: Lease, vehicle: int) -> mavlink.MAVLink_tunnel_message:
+    """The TUNNEL message that carries `lease` to the autopilot of system `vehicle`."""
+    body = _LEASE.pack(
+        _VERSION,
+        lease.state,
+        lease.commander,
+        0,
+        lease.nonce,
+        lease.sequence & 0xFFFFFFFF,
+        lease.epoch,
+        lease.ttl_ms,
+        0,
+    )
+    return mavlink.MAVLink_tunnel_message(
+        vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1, LEASE_TYPE, len(body), list(body.ljust(128, b"\0"))
+    )
+
+
+def unpack_lease(payload: bytes) -> Lease | None:
+    """The lease in a TUNNEL payload cut to its length, or None if it is none."""
+    if len(payload) != _LEASE.size:
+        return None
+    version, state, commander, _flags, nonce, sequence, epoch, ttl_ms, _reserved = _LEASE.unpack(payload)
+    if version != _VERSION or state not in LeaseState.__members__.values():
+        return None
+    return Lease(LeaseState(state), commander, nonce, sequence, epoch, ttl_ms)
+
+
+def unpack_guard_status(payload: bytes) -> GuardStatus | None:
+    """The guard's status in a TUNNEL payload cut to its length, or None if it is none."""
+    if len(payload) != _STATUS.size:
+        return None
+    version, state, action, flags, nonce, sequence, epoch, rejected, major, minor = _STATUS.unpack(payload)
+    if version != _VERSION or state not in GuardState.__members__.values() or state == GuardState.SILENT:
+        return None
+    return GuardStatus(
+        state=GuardState(state),
+        action=action,
+        enforcing=bool(flags & _FLAG_ENFORCING),
+        armed=bool(flags & _FLAG_ARMED),
+        flying=bool(flags & _FLAG_FLYING),
+        tampered=bool(flags & _FLAG_TAMPERED),
+        nonce=nonce,
+        sequence=sequence,
+        epoch=epoch,
+        rejected=rejected,
+        firmware=(major, minor),
+    )

@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Carrying a mission package over MISSION_PACKAGE, MISSION_CHUNK and MISSION_PACKAGE_ACK.
+
+The receiver leads: it always says which offset it wants next, so a lost, doubled or reordered message costs time and
+nothing else, and a transfer that was cut goes on where it stopped. The sender keeps a few chunks in flight.
+The package is handed over only when its size fits and its contents parse to the promised digest (that check is the
+caller's, who knows what a package is).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+__all__ = ["CHUNK_BYTES", "MAX_PACKAGE_BYTES", "PackageReceiver", "PackageSender", "package_id"]
+
+CHUNK_BYTES = 200
+MAX_PACKAGE_BYTES = 64 * 1024
+_WINDOW = 8
+_RETRY_S = 0.5
+
+_RECEIVING = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVING
+_RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
+_LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
+_REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
+
+
+def package_id(digest: bytes) -> int:
+    """The short name of a package in chunk messages: the first four bytes of its digest."""
+    return int.from_bytes(digest[:4], "little")
+
+
+class PackageSender:
+    """Sends one package to one receiver. Times are monotonic seconds."""
+
+    def __init__(self, data: bytes, digest: bytes, name: str, target: tuple[int, int]) -> None:
+        self._data = data
+        self._digest = digest
+        self._name = name
+        self._target = target
+        self._id = package_id(digest)
+        self._retry_at = 0.0
+        self._wanted: int | None = None
+        #: None while under way, then RECEIVED, LOADED or REFUSED
+        self.result: int | None = None
+        self.text = ""
+
+    @property
+    def finished(self) -> bool:
+        """Nothing more to send."""
+        return self.result is not None
+
+    @property
+    def progress(self) -> float:
+        """Part of the package that the receiver has acknowledged, 0 to 1."""
+        return 1.0 if self.finished else (self._wanted or 0) / max(1, len(self._data))
+
+    def tick(self, now: float) -> list[Any]:
+        """Messages to send now."""
+        if self.finished or now < self._retry_at:
+            return []
+        self._retry_at = now + _RETRY_S
+        if self._wanted is None:
+            offer = mavlink.MAVLink_mission_package_message(
+                *self._target, len(self._data), list(self._digest), self._name.encode("utf-8")[:32]
+            )
+            return [offer]
+        return self._chunks(self._wanted)
+
+    def on_ack(self, ack: Any, now: float) -> list[Any]:
+        """Take in a MISSION_PACKAGE_ACK of the receiver; returns what to send next."""
+        if ack.package_id != self._id:
+            return []
+        if ack.result in (_RECEIVED, _LOADED, _REFUSED):
+            self.result, self.text = ack.result, ack.text
+            return []
+        if ack.next_offset > len(self._data) or ack.next_offset == self._wanted:
+            return []
+        self._wanted = ack.next_offset
+        self._retry_at = now + _RETRY_S
+        return self._chunks(ack.next_offset)
+
+    def _chunks(self, start: int) -> list[Any]:
+        chunks = []
+        for offset in range(start, min(start + _WINDOW * CHUNK_BYTES, len(self._data)), CHUNK_BYTES):
+            piece = self._data[offset : offset + CHUNK_BYTES]
+            chunks.append(
+                mavlink.MAVLink_mission_chunk_message(
+                    *self._target, self._id, offset, len(piece), list(piece.ljust(CHUNK_BYTES, b"\0"))
+                )
+            )
+        return chunks
+
+
+@dataclass(slots=True)
+class _Incoming:
+    digest: bytes
+    name: str
+    size: int
+    data: bytearray
+    #: offset up to which the sender's present window reaches; an answer is due there
+    answer_at: int
+
+
+def _said(done: tuple[bytes, int, str]) -> tuple[bytes, int, int, str]:
+    digest, result, text = done
+    return digest, 0, result, text
+
+
+class PackageReceiver:
+    """Receives one package at a time; a new offer replaces an unfinished one."""
+
+    def __init__(self) -> None:
+        self._incoming: _Incoming | None = None
+        self._done: tuple[bytes, int, str] | None = None
+
+    def on_offer(self, offer: Any, target: tuple[int, int]) -> list[Any]:
+        """Take in MISSION_PACKAGE; returns the answer."""
+        digest = bytes(offer.mission_digest)
+        if self._done is not None and self._done[0] == digest and self._done[1] != _REFUSED:
+            return [self._ack(target, *_said(self._done))]
+        if not 0 < offer.size <= MAX_PACKAGE_BYTES:
+            text = f"package of {offer.size} bytes, allowed are {MAX_PACKAGE_BYTES}"
+            return [self._ack(target, digest, 0, _REFUSED, text)]
+        incoming = self._incoming
+        if incoming is None or incoming.digest != digest or incoming.size != offer.size:
+            incoming = self._incoming = _Incoming(digest, offer.name, offer.size, bytearray(), 0)
+        return [self._next(incoming, target)]
+
+    def on_chunk(self, chunk: Any, target: tuple[int, int]) -> tuple[list[Any], tuple[bytes, bytes] | None]:
+        """Take in MISSION_CHUNK; returns answers, and (digest, data) once the package is whole."""
+        incoming = self._incoming
+        if incoming is None or chunk.package_id != package_id(incoming.digest):
+            done = self._done
+            if done is not None and chunk.package_id == package_id(done[0]):  # our last word was lost
+                return [self._ack(target, *_said(done))], None
+            return [], None
+        have = len(incoming.data)
+        piece = bytes(chunk.data)[: min(chunk.length, CHUNK_BYTES)]
+        if chunk.offset > have:  # something before it was lost: ask for that at once, but only once for a window
+            if have >= incoming.answer_at:
+                return [], None
+            incoming.answer_at = have
+            return [self._ack(target, incoming.digest, have, _RECEIVING)], None
+        if chunk.offset + len(piece) <= have:
+            return [], None
+        incoming.data += piece[have - chunk.offset :]
+        if len(incoming.data) >= incoming.size:
+            self._incoming = None
+            return [], (incoming.digest, bytes(incoming.data[: incoming.size]))
+        if len(incoming.data) >= incoming.answer_at:
+            return [self._next(incoming, target)], None
+        return [], None
+
+    def refuse(self, digest: bytes, text: str, target: tuple[int, int]) -> Any:
+        """The message that turns an offer away; nothing is remembered, so it may come again."""
+        return self._ack(target, digest, 0, _REFUSED, text)
+
+    def conclude(self, digest: bytes, result: int, text: str, target: tuple[int, int]) -> Any:
+        """Remember what became of a whole package, and return the message that says so."""
+        self._done = (digest, result, text)
+        return self._ack(target, digest, 0, result, text)
+
+    def _next(self, incoming: _Incoming, target: tuple[int, int]) -> Any:
+        incoming.answer_at = len(incoming.data) + _WINDOW * CHUNK_BYTES
+        return self._ack(target, incoming.digest, len(incoming.data), _RECEIVING)
+
+    @staticmethod
+    def _ack(target: tuple[int, int], digest: bytes, offset: int, result: int, text: str = "") -> Any:
+        return mavlink.MAVLink_mission_package_ack_message(
+            *target, package_id(digest), offset, result, text.encode("utf-8")[:50]
+        )

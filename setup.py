@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What pyproject.toml cannot say: files that the wheel puts outside its own packages.
+
+* the Python of the dialect, made by pymavlink's mavgen from `wire/*.xml`, goes where pymavlink looks for dialects, so
+  that `--dialect=handover` works in every program that uses pymavlink;
+* two shims go where MAVProxy looks for modules, so that `module load handover` works right after installation;
+* missions and the guard, which live in folders of their own, become data of the package.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+from setuptools import setup
+from setuptools.command.build_py import build_py
+from setuptools.errors import SetupError
+
+HERE = Path(__file__).resolve().parent
+WIRE = HERE / "mavproxy_handover" / "wire"
+SHIMS = HERE / "mavproxy_handover" / "deploy" / "mavproxy_modules"
+DATA_FOLDERS = ("missions", "ardupilot_lua")
+
+
+def make_dialect(target: Path) -> None:
+    """Write the dialect's Python to `target`. The XML files that ours includes come from the installed pymavlink."""
+    import pymavlink
+    from pymavlink.generator import mavgen
+
+    shipped = Path(pymavlink.__file__).parent / "dialects" / "v20"
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        for xml in [*shipped.glob("*.xml"), *WIRE.glob("*.xml")]:
+            shutil.copy(xml, work / xml.name)
+        if any('name="CONTROL_STATUS"' in xml.read_text(encoding="utf-8") for xml in shipped.glob("*.xml")):
+            text = (work / "handover.xml").read_text(encoding="utf-8")
+            text = text.replace("operator_control.xml", "development.xml")
+            (work / "handover.xml").write_text(text, encoding="utf-8")
+        options = mavgen.Opts(output=str(work / "handover.py"), wire_protocol="2.0", language="Python3", validate=False)
+        if not mavgen.mavgen(options, [str(work / "handover.xml")]):
+            raise SetupError("pymavlink's mavgen could not make the dialect from wire/handover.xml")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(work / "handover.py", target)
+
+
+class BuildWithDialect(build_py):
+    """build_py plus the three kinds of file named at the head of this module."""
+
+    def run(self) -> None:
+        if self.editable_mode:
+            raise SetupError("an editable install cannot place the dialect and the MAVProxy shims: use 'pip install .'")
+        super().run()
+        build = Path(self.build_lib)
+        make_dialect(build / "pymavlink" / "dialects" / "v20" / "handover.py")
+        for shim in SHIMS.glob("mavproxy_*.py"):
+            target = build / "MAVProxy" / "modules" / shim.name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(shim, target)
+        for name in DATA_FOLDERS:
+            target = build / "mavproxy_handover" / "data" / name
+            shutil.rmtree(target, ignore_errors=True)
+            shutil.copytree(HERE / name, target)
+
+
+setup(cmdclass={"build_py": BuildWithDialect})
