@@ -4,13 +4,16 @@
 
 Rules that live here
 --------------------
-* The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else.
+* The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else. Within an epoch
+  one thing alone is news: that nobody commands any more.
 * A station only answers. It never retransmits: the vehicle asks again, and the same question gets the same answer.
+  What comes late from a transfer before the vehicle's latest is no question any more.
 * As partner it answers HANDOVER_REQUEST with ON_HANDOVER, to the commander over the ground link and to the vehicle;
   CONNECT_HANDOVER with DRONE_CONNECTED, likewise. With no ground link to the commander it asks the vehicle to pass
   its word on.
-* As commander it answers ON_HANDOVER with OK_HANDOVER, and DRONE_CONNECTED with DISCONNECT_HANDOVER, the latter only for
-  a transfer it has consented to.
+* As commander it answers ON_HANDOVER with OK_HANDOVER, and DRONE_CONNECTED with DISCONNECT_HANDOVER, but that only
+  for a transfer it has consented to. Over the ground link it hears this from the partner itself, in the present
+  epoch, and only while it commands; what the vehicle passes on it takes at its word.
 * Consent is automatic, or the operator's: then the answer is "waiting" until there is one.
 
 Steps and messages: DESIGN.md section 5; names and console lines follow the thesis, section 4.5.
@@ -176,6 +179,7 @@ class StationCore:
         self._vehicle_heard = -inf
         self._vehicle_lost = True
         self._part: _Part | None = None
+        self._latest: TransferKey | None = None
         self.digest = b""
         self.vehicle_digest = b""
         self.epoch = 0
@@ -261,7 +265,7 @@ class StationCore:
         if isinstance(message, ConnectHandover):
             return self._on_connect_handover(message, now)
         if isinstance(message, (OnHandover, DroneConnected)):
-            return self._as_commander(message)
+            return self._as_commander(message, of_vehicle=True)
         return []
 
     def _state(self, nonce: int) -> ConnectAck:
@@ -270,8 +274,9 @@ class StationCore:
         )
 
     def _believe(self, commander: int | None, epoch: int) -> list[Action]:
-        """Take over what the vehicle says of commander and epoch; an older epoch is stale and says nothing."""
-        if epoch < self.epoch or (epoch == self.epoch and commander == self.commander):
+        """Take over what the vehicle says of commander and epoch, unless it is stale."""
+        same_epoch_news = commander is None and self.commander is not None
+        if epoch < self.epoch or (epoch == self.epoch and not same_epoch_news):
             return []
         before, self.commander, self.epoch = self.role, commander, epoch
         if self.role is before:
@@ -300,6 +305,17 @@ class StationCore:
         notices += self._believe(message.commander, key.epoch)
         return [*notices, ToVehicle(self._state(0))]
 
+    def _stale(self, key: TransferKey, *, of_vehicle: bool) -> bool:
+        """Whether this is about a transfer of an older epoch, or one before the vehicle's latest.
+
+        Only the vehicle's own word makes a transfer the latest: a peer could name any number.
+        """
+        if key.epoch < self.epoch or (self._latest is not None and key.before(self._latest)):
+            return True
+        if of_vehicle:
+            self._latest = key
+        return False
+
     # ---- as partner -----------------------------------------------------------------------------------------------
 
     def _consent(self, key: TransferKey, *, as_partner: bool) -> tuple[Consent, bool]:
@@ -313,7 +329,7 @@ class StationCore:
 
     def _on_request(self, message: HandoverRequest, now: float) -> list[Action]:
         key = message.key
-        if key.to_station != self._station.sysid or key.epoch < self.epoch:
+        if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return []
         consent, new = self._consent(key, as_partner=True)
         notices: list[Action] = []
@@ -337,7 +353,7 @@ class StationCore:
 
     def _on_connect_handover(self, message: ConnectHandover, now: float) -> list[Action]:
         key = message.key
-        if key.to_station != self._station.sysid or key.epoch < self.epoch:
+        if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return []
         consent, _new = self._consent(key, as_partner=True)
         if consent is not Consent.GRANTED:
@@ -356,17 +372,19 @@ class StationCore:
     # ---- as commander ---------------------------------------------------------------------------------------------
 
     def _on_peer(self, peer: int, message: Message) -> list[Action]:
-        if isinstance(message, (OnHandover, DroneConnected)) and message.key.to_station == peer:
-            return self._as_commander(message)
-        return []
+        if not isinstance(message, (OnHandover, DroneConnected)) or message.key.to_station != peer:
+            return []
+        if self.role is not Role.COMMANDER or message.key.epoch != self.epoch:
+            return []
+        return self._as_commander(message, of_vehicle=False)
 
-    def _as_commander(self, message: OnHandover | DroneConnected) -> list[Action]:
+    def _as_commander(self, message: OnHandover | DroneConnected, *, of_vehicle: bool) -> list[Action]:
         key = message.key
-        if key.from_station != self._station.sysid or key.epoch < self.epoch:
+        if key.from_station != self._station.sysid or self._stale(key, of_vehicle=of_vehicle):
             return []
         if isinstance(message, DroneConnected):
             part = self._part
-            if part is None or part.key != key or part.consent is not Consent.GRANTED:
+            if part is None or part.as_partner or part.key != key or part.consent is not Consent.GRANTED:
                 return []
             release = ToVehicle(DisconnectHandover(key))
             if part.connected:

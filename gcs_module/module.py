@@ -78,7 +78,7 @@ class HandoverGcsModule(mp_module.MPModule):
             config.station, f"vehicle {config.vehicle}", stations, operator_consents=config.operator_consents
         )
         self.desk = PackageDesk(held)
-        self.view = View(self.core, config.station.name, self.console, self.settings, self.say)
+        self.view = View(self.core, config.station.name, self.console, self._speak)
         self._ground = ground
         self._peers = peers
         self._own = mavlink.MAVLink(None, srcSystem=config.station.sysid, srcComponent=self.settings.source_component)
@@ -222,7 +222,7 @@ class HandoverGcsModule(mp_module.MPModule):
                 mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
             )
             for link in self._peers.values():
-                link.write(bytes(beat.pack(self._own)))
+                link.write(codec.pack(beat, self._own))
 
     # ---- out ------------------------------------------------------------------------------------------------------
 
@@ -249,11 +249,15 @@ class HandoverGcsModule(mp_module.MPModule):
         self._journal_message("out", message, who, via)
 
     def _put(self, receiver: int, message: Any) -> None:
-        data = bytes(message.pack(self._own))
+        data = codec.pack(message, self._own)
         if receiver == self.config.vehicle:
             self.master.write(data)
         elif receiver in self._peers:
             self._peers[receiver].write(data)
+
+    def _speak(self, text: str) -> None:
+        if any(module.name == "speech" for module, _package in self.mpstate.modules):
+            self.say(text)
 
     def to_vehicle(self, message: Any) -> None:
         """Send a MAVLink message to the vehicle."""

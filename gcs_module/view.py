@@ -27,21 +27,20 @@ def telemetry_line(m: Any, zone_name: str) -> str:
 class View:
     """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`."""
 
-    def __init__(self, core: StationCore, name: str, console: Any, settings: Any, say: Callable[[str], None]) -> None:
+    def __init__(self, core: StationCore, name: str, console: Any, speak: Callable[[str], None]) -> None:
         self._core = core
         self._name = name
         self._console = console
-        self._settings = settings
-        self._say = say
+        self._speak = speak
         self.last_telemetry: Any | None = None
 
     def line(self, text: str, *, urgent: bool = False) -> None:
-        """One line; spoken as well if it is urgent and `set speech 1` is on."""
+        """One line; spoken as well if it is urgent and MAVProxy's speech module is loaded."""
         phase = self._core.phase.name.replace("_", "")
         stamp = time.strftime("%H:%M:%S")
         self._console.writeln(f"[{stamp}|{self._name}][{phase}]: {text}")
-        if urgent and self._settings.speech:
-            self._say(text)
+        if urgent:
+            self._speak(text)
 
     def status(self) -> None:
         """The status field of MAVProxy's graphical console."""

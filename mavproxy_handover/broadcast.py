@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion says on its own: heartbeat, lease, AUTHORITY_STATUS, CONTROL_STATUS. Built here, sent elsewhere."""
+"""What the companion says on its own: heartbeat, lease, AUTHORITY_STATUS, CONTROL_STATUS. Built here, not sent."""
 
 from __future__ import annotations
 

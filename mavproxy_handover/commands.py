@@ -53,7 +53,7 @@ class VehicleCommands:
         detail = ""
         if status is not None and guard is not GuardState.SILENT:
             detail = f", firmware {status.firmware[0]}.{status.firmware[1]}, {status.rejected} leases refused"
-            detail += "" if status.enforcing else ", NOT ENFORCING"
+            detail += ", ENFORCING" if status.enforcing else ""
             detail += ", TAMPERING NOTICED" if status.tampered else ""
         self._show(f"guard     {guard.name}{detail}")
         digest = arbiter.mission_digest

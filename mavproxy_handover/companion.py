@@ -114,7 +114,7 @@ class Companion:
         if verdict.action is Action.FORWARD:
             self._forward(port, frame, verdict, now)
         elif verdict.action is Action.CONSUME:
-            if own_voice:
+            if own_voice or verdict.access is Access.COMMAND:
                 self._consume(port, frame, verdict, now)
         else:
             self._refuse(port, frame, verdict, now)
@@ -139,8 +139,10 @@ class Companion:
             if message.get_type() != "COMMAND_ACK":
                 self._answer(port, frame, message.command, mavlink.MAV_RESULT_UNSUPPORTED)
         elif message.command == _START:
-            if "start" in self._dialogues and self._start_asker == (port.sysid, frame.sysid, frame.compid):
-                self._answer(port, frame, _START, mavlink.MAV_RESULT_IN_PROGRESS)  # asked again: it is on its way
+            if "start" in self._dialogues:  # asked again: it is on its way
+                mine = self._start_asker == (port.sysid, frame.sysid, frame.compid)
+                result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+                self._answer(port, frame, _START, result)
                 return
             self.journal.write("accepted", station=port.name, what=verdict.what)
             self._start_asker = (port.sysid, frame.sysid, frame.compid)
@@ -184,7 +186,7 @@ class Companion:
     def _answer(self, port: StationPort, frame: Frame, command: int, result: int, text: str = "") -> None:
         """COMMAND_ACK in the autopilot's name, and the reason as text."""
         ack = mavlink.MAVLink_command_ack_message(command, result, 0, 0, frame.sysid, frame.compid)
-        port.write(bytes(ack.pack(self._as_autopilot)))
+        port.write(codec.pack(ack, self._as_autopilot))
         if text:
             self._say_to(port, text)
 
@@ -192,23 +194,26 @@ class Companion:
         raw = text.encode("utf-8")
         for start in range(0, len(raw), 50):
             line = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_WARNING, raw[start : start + 50])
-            port.write(bytes(line.pack(self._own)))
+            port.write(codec.pack(line, self._own))
 
     # ---- the mission package --------------------------------------------------------------------------------------
 
     def _on_package(self, port: StationPort, kind: str, message: Any, now: float) -> None:
-        welcome = self.view.commander == port.sysid and self.view.phase is Phase.ON_LOAD and not self.view.armed
+        grounded = self.view.phase is Phase.ON_LOAD and not self.view.armed and "start" not in self._dialogues
+        welcome = self.view.commander == port.sysid and grounded
         answers, package = self._loader.on_message(kind, message, port.target, welcome)
         for answer in answers:
-            port.write(bytes(answer.pack(self._own)))
+            port.write(codec.pack(answer, self._own))
         if package is None:
             return
         self.journal.write("package_received", f"mission {package.name!r} from {port.name}", station=port.name)
+        if self.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
+            self.handle(events.MissionLoaded(b"", ()), now)
         conversation = self._copter.load(package.route.upload_items(), package.route.rally)
 
         def done(dialogue: Dialogue, now: float) -> None:
             answer = self._loader.concluded(package, dialogue.failure, port.target)
-            port.write(bytes(answer.pack(self._own)))
+            port.write(codec.pack(answer, self._own))
             if dialogue.failure is not None:
                 self.journal.write("mission_failed", dialogue.failure, station=port.name)
                 self._tell(f"mission not loaded: {dialogue.failure}")
@@ -236,8 +241,10 @@ class Companion:
         kind = message.get_type()
         waypoint, mode = self.aircraft.waypoint, self.aircraft.custom_mode
         self.aircraft.take(message, now)
-        for dialogue, _done in list(self._dialogues.values()):
-            dialogue.on_message(message, now)
+        if getattr(message, "target_system", 0) in (0, self.config.sysid) and (
+            getattr(message, "target_component", 0) in (0, COMPANION_COMPID)
+        ):
+            self._with_dialogues(lambda dialogue: dialogue.on_message(message, now))
         if kind == "HEARTBEAT":
             if self.aircraft.custom_mode != mode:
                 self.journal.write(
@@ -277,7 +284,7 @@ class Companion:
             return
         self.guard_status = status
         ours = status.nonce == self._lease.nonce
-        self.handle(events.GuardSeen(status.state, status.enforcing, ours), now)
+        self.handle(events.GuardSeen(status.state, ours), now)
 
     def _on_reached(self, number: int) -> None:
         self.journal.write("reached", f"waypoint {number} reached", number=number)
@@ -288,17 +295,28 @@ class Companion:
     # ---- time -----------------------------------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
-        """To be called often (MAVProxy: at least 50 times a second)."""
-        for dialogue, _done in list(self._dialogues.values()):
-            dialogue.tick(now)
+        """To be called often (MAVProxy: at least 50 times a second). What fails in here stops nothing else in here."""
+        self._with_dialogues(lambda dialogue: dialogue.tick(now))
         self._finish_dialogues(now)
-        deadline = self.arbiter.next_deadline()
-        if deadline is not None and now >= deadline:
+        if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)
         for job, (interval_s, due_at) in self._due.items():
             if now >= due_at:
                 self._due[job] = (interval_s, now + interval_s)
-                job(now)
+                try:
+                    job(now)
+                except Exception:
+                    self.fault(job.__name__.strip("_"), traceback.format_exc(limit=-3))
+
+    def _arbiter_is_due(self, now: float) -> bool:
+        if self.failed:
+            return False
+        try:
+            deadline = self.arbiter.next_deadline()
+        except Exception:
+            self.fail_closed(f"arbiter failed on its deadline: {traceback.format_exc(limit=-3)}")
+            return False
+        return deadline is not None and now >= deadline
 
     def _send_lease(self, now: float) -> None:
         if not self.failed:
@@ -337,7 +355,7 @@ class Companion:
             port = self.ports.get(station or 0)
             if port is not None:
                 message = self.aircraft.telemetry(port.target, int(time.time() * 1e6), zone)
-                port.write(bytes(message.pack(self._own)))
+                port.write(codec.pack(message, self._own))
 
     # ---- the arbiter ----------------------------------------------------------------------------------------------
 
@@ -351,13 +369,17 @@ class Companion:
             self.fail_closed(f"arbiter failed on {type(event).__name__}: {traceback.format_exc(limit=-3)}")
             return
         for action in actions:
-            self._perform(action, now)
+            try:
+                self._perform(action, now)
+            except Exception:  # those behind it are none the worse for it
+                self.fault(f"action {type(action).__name__}", traceback.format_exc(limit=-3))
 
     def fail_closed(self, text: str) -> None:
         """Nobody commands from here on, and no lease is sent: the guard brings the aircraft home."""
         self.failed = True
         self.view = AuthorityView(self.view.phase, None, None, self.view.epoch, LeaseState.LOST, self.view.armed)
         self.journal.write("failed_closed", text, reason="fault")
+        self._give_start_up("internal fault")
         self._tell(f"INTERNAL FAULT, authority ends here: {text.strip().splitlines()[-1]}")
 
     def fault(self, where: str, text: str) -> None:
@@ -385,7 +407,7 @@ class Companion:
     def _send(self, action: events.Send) -> None:
         port = self.ports[action.station]
         message = codec.encode(action.message, port.target, self.config.sysid, self.aircraft.state())
-        port.write_all(bytes(message.pack(self._own)))
+        port.write_all(codec.pack(message, self._own))
         if not isinstance(action.message, (Connect, ConnectAck)):
             self._journal_message("out", port, action.message, action.attempt)
 
@@ -429,7 +451,7 @@ class Companion:
         as_station = mavlink.MAVLink(None, srcSystem=station, srcComponent=port.component)
         release = [0] * 8 + [0xFFFE] * 10  # 0 releases channels 1 to 8, UINT16_MAX - 1 the others
         message = mavlink.MAVLink_rc_channels_override_message(self.config.sysid, _AUTOPILOT, *release)
-        self._write_autopilot(bytes(message.pack(as_station)))
+        self._write_autopilot(codec.pack(message, as_station))
         self.journal.write("flush", f"RC override of {port.name} released", station=port.name)
 
     # ---- conversations with the autopilot -------------------------------------------------------------------------
@@ -438,11 +460,22 @@ class Companion:
         """Start a conversation; one of the same name that is still going on is dropped."""
         self._dialogues[name] = (Dialogue(conversation, self._to_autopilot, now), done)
 
+    def _with_dialogues(self, step: Callable[[Dialogue], None]) -> None:
+        for name, (dialogue, _done) in list(self._dialogues.items()):
+            try:
+                step(dialogue)
+            except Exception as error:
+                self.fault(f"conversation {name}", traceback.format_exc(limit=-3))
+                dialogue.break_off(f"internal fault: {error}")
+
     def _finish_dialogues(self, now: float) -> None:
         for name, (dialogue, done) in list(self._dialogues.items()):
-            if dialogue.finished and self._dialogues[name][0] is dialogue:
+            if dialogue.finished and name in self._dialogues and self._dialogues[name][0] is dialogue:
                 del self._dialogues[name]
-                done(dialogue, now)
+                try:
+                    done(dialogue, now)
+                except Exception:
+                    self.fault(f"end of conversation {name}", traceback.format_exc(limit=-3))
 
     def _begin_start(self, action: events.BeginStart, now: float) -> None:
         port = self.ports[action.station]
@@ -463,14 +496,18 @@ class Companion:
         station, sysid, compid = self._start_asker
         ack = mavlink.MAVLink_command_ack_message(_START, result, 0, 0, sysid, compid)
         port = self.ports[station]
-        port.write(bytes(ack.pack(self._as_autopilot)))
+        port.write(codec.pack(ack, self._as_autopilot))
         if text:
             self._say_to(port, text)
         if result != mavlink.MAV_RESULT_IN_PROGRESS:
             self._start_asker = None
 
+    def _give_start_up(self, why: str) -> None:
+        if self._dialogues.pop("start", None) is not None:
+            self._conclude_start(mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
+
     def _bring_home(self, action: events.Fly, now: float) -> None:
-        self._dialogues.pop("start", None)
+        self._give_start_up("the aircraft is brought home")
 
         def done(dialogue: Dialogue, now: float) -> None:
             text = dialogue.failure or f"the autopilot flies {dialogue.result}"
@@ -482,10 +519,10 @@ class Companion:
     # ---- out ------------------------------------------------------------------------------------------------------
 
     def _to_autopilot(self, message: Any) -> None:
-        self._write_autopilot(bytes(message.pack(self._own)))
+        self._write_autopilot(codec.pack(message, self._own))
 
     def _to_stations(self, message: Any) -> None:
-        data = bytes(message.pack(self._own))
+        data = codec.pack(message, self._own)
         for port in self.ports.values():
             port.write(data)
 

@@ -30,17 +30,23 @@ __all__ = [
     "StationConfig",
     "StationLinks",
     "VehicleConfig",
+    "config_argument",
+    "find_station_config",
     "find_vehicle_config",
     "load_station",
     "load_vehicle",
 ]
 
 VEHICLE_PLACES = ("./handover.toml", "/etc/handover/vehicle.toml")
+STATION_PLACES = ("./station.toml",)
 LINK_KINDS = ("udpin", "udpout")
 
 
 class ConfigError(Exception):
     """A configuration cannot be used. The message is one line for people."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.splitlines()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +132,8 @@ class _Table:
 
     def name(self, key: str) -> str:
         value: str = self.get(key, str, required=True)
-        if not value or len(value.encode("utf-8")) > 20 or not value.isprintable():
-            raise self.error(key, f"{value!r} must be 1 to 20 printable characters")
+        if not 1 <= len(value) <= 20 or not value.isprintable() or not value.isascii():
+            raise self.error(key, f"{value!r} must be 1 to 20 printable ASCII characters")
         return value
 
     def done(self) -> None:
@@ -150,7 +156,7 @@ def _read(path: Path) -> Mapping[str, Any]:
         raise ConfigError(f"{path}: no such file") from None
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: no TOML, no UTF-8, a number of thousands of digits
         raise ConfigError(f"{path}: not valid TOML: {error}") from None
 
 
@@ -176,7 +182,7 @@ def _link(table: _Table, key: str, value: Any) -> str:
     """A link in pymavlink's device form."""
     form = f"must be one of {', '.join(kind + ':HOST:PORT' for kind in LINK_KINDS)}"
     parts = value.split(":") if isinstance(value, str) else []
-    if len(parts) != 3 or parts[0] not in LINK_KINDS or not parts[1]:
+    if len(parts) != 3 or parts[0] not in LINK_KINDS or not parts[1] or not value.isprintable():
         raise table.error(key, f"{value!r} {form}")
     if not parts[2].isdecimal() or not 1 <= int(parts[2]) <= 65535:
         raise table.error(key, f"{value!r}: port must be 1 to 65535")
@@ -247,22 +253,36 @@ _check_limits_table()
 # ---- the vehicle --------------------------------------------------------------------------------------------------
 
 
+def config_argument(value: Any) -> str | None:
+    """The `config` argument of `module load`, which MAVProxy reads as JSON. Raises ConfigError if it is no path."""
+    if value is None or (isinstance(value, str) and value and "\0" not in value):
+        return value
+    raise ConfigError(f"argument config: {value!r} must be the path of a configuration file")
+
+
 def find_vehicle_config(explicit: str | None) -> Path:
     """The vehicle's configuration file: `explicit`, else $HANDOVER_CONFIG, else the usual places.
 
     Raises ConfigError that says where was looked and how to make one.
     """
     named = explicit or os.environ.get("HANDOVER_CONFIG")
-    if named:
-        return Path(named).expanduser().resolve()
-    for place in VEHICLE_PLACES:
-        if Path(place).is_file():
-            return Path(place).resolve()
-    raise ConfigError(
-        'no configuration: looked for module load handover:{"config":"FILE"}, $HANDOVER_CONFIG, '
-        + ", ".join(VEHICLE_PLACES)
-        + "; 'handover init' writes a commented one"
-    )
+    return _find(named, "handover", VEHICLE_PLACES, "vehicle", "$HANDOVER_CONFIG, ")
+
+
+def find_station_config(explicit: str | None) -> Path:
+    """The same for a station: `explicit`, else the usual place."""
+    return _find(explicit, "handover_gcs", STATION_PLACES, "station")
+
+
+def _find(named: str | None, module: str, places: tuple[str, ...], kind: str, variable: str = "") -> Path:
+    try:
+        for place in (named,) if named else places:
+            if named or Path(place).is_file():
+                return Path(place).expanduser().resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # ~nobody, links in a circle
+        raise ConfigError(f"{named}: {error}") from None
+    looked = f'module load {module}:{{"config":"FILE"}} (no spaces in it), {variable}{", ".join(places)}'
+    raise ConfigError(f"no configuration: looked for {looked}; the shell's 'handover init {kind}' writes one")
 
 
 def load_vehicle(path: Path) -> VehicleConfig:
@@ -297,7 +317,7 @@ def _station_links(table: _Table) -> StationLinks:
     checked = tuple(_link(table, "links", link) for link in links)
     extra = table.get("sysids", list, [])
     for sysid in extra:
-        if not isinstance(sysid, int) or not 1 <= sysid <= 255:
+        if not isinstance(sysid, int) or isinstance(sysid, bool) or not 1 <= sysid <= 255:
             raise table.error("sysids", f"{sysid!r} must be a MAVLink system id, 1 to 255")
     table.done()
     return StationLinks(station, checked, frozenset([station.sysid, *extra]))

@@ -69,6 +69,11 @@ class Dialogue:
         for message in self._ask.messages:
             self._send(message)
 
+    def break_off(self, why: str) -> None:
+        """End the conversation from outside; it failed because of `why`."""
+        if not self.finished:
+            self._ask, self.finished, self.failure = None, True, why
+
     def on_message(self, message: Any, now: float) -> None:
         """A message of the autopilot."""
         if self._ask is None:

@@ -4,7 +4,8 @@
 
 Every entry carries `t` (monotonic seconds: differences are true even when the clock is set), `utc`, `who` and `event`;
 `text` is the sentence for people. The file is size-capped: when full it moves to `NAME.1` and a new one begins, so the
-newest events are always there. Writing never raises: a full disk must not end a flight; what is lost is counted.
+newest events are always there. Writing never raises: a full disk must not end a flight; what is lost is counted, and
+when there is room again the journal goes on. An entry that was cut (full disk, power failure) stays a line by itself.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from __future__ import annotations
 import json
 import os
 import time
+from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 __all__ = ["Journal"]
 
@@ -30,8 +32,12 @@ class Journal:
         self.lost = 0
         self._who = who
         self._max_bytes = max_bytes
+        self._descriptor: int | None = None
+        self._closed = False
+        #: the file ends in the middle of a line
+        self._cut = False
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._file: TextIO | None = path.open("a", encoding="utf-8", buffering=1)
+        self._open()
 
     def write(self, event: str, text: str = "", **values: Any) -> None:
         """Add an entry. Values that are None are left out."""
@@ -45,23 +51,43 @@ class Journal:
             entry["text"] = text
         entry.update((key, value) for key, value in values.items() if value is not None)
         try:
-            if self._file is None:
-                raise OSError("closed")
-            self._file.write(json.dumps(entry, ensure_ascii=False, default=str) + "\n")
-            if self._file.tell() > self._max_bytes:
-                self._roll()
-        except (OSError, ValueError):
+            line = json.dumps(entry, ensure_ascii=False, default=str) + "\n"
+            self._put(line.encode("utf-8", "backslashreplace"))
+        except (OSError, TypeError, ValueError):
             self.lost += 1
 
-    def _roll(self) -> None:
-        assert self._file is not None
-        self._file.close()
-        self._file = None
-        os.replace(self.path, self.path.with_name(self.path.name + ".1"))
-        self._file = self.path.open("a", encoding="utf-8", buffering=1)
+    def _open(self) -> int:
+        if self._descriptor is None:
+            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+            self._descriptor = os.open(self.path, flags, 0o644)
+            size = os.fstat(self._descriptor).st_size
+            self._cut = size > 0 and os.pread(self._descriptor, 1, size - 1) != b"\n"
+        return self._descriptor
+
+    def _put(self, line: bytes) -> None:
+        if self._closed:
+            raise OSError("closed")
+        descriptor = self._open()
+        size = os.fstat(descriptor).st_size
+        if size > 0 and size + len(line) > self._max_bytes:
+            self._release()
+            with suppress(OSError):  # too long a journal is better than none
+                os.replace(self.path, self.path.with_name(self.path.name + ".1"))
+            descriptor = self._open()
+        data = b"\n" + line if self._cut else line
+        written = os.write(descriptor, data)
+        if written:
+            self._cut = data[written - 1] != ord("\n")
+        if written != len(data):
+            raise OSError("no room for the whole line")
+
+    def _release(self) -> None:
+        if self._descriptor is not None:
+            descriptor, self._descriptor = self._descriptor, None
+            with suppress(OSError):
+                os.close(descriptor)
 
     def close(self) -> None:
         """Close the file; entries after this are lost and counted."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        self._closed = True
+        self._release()

@@ -4,7 +4,8 @@
 
 A link belongs to one station. Its bytes go through a splitter of its own; who may say what is the gate's business.
 `udpout:HOST:PORT` sends to a station that listens; `udpin:HOST:PORT` listens and answers the address that last
-sent a whole frame. Nothing here raises once a link is open: errors of the network are counted.
+sent a whole frame of the link's owner: a stray frame must not draw the vehicle's messages away from the station.
+Nothing here raises once a link is open: errors of the network are counted.
 """
 
 from __future__ import annotations
@@ -29,10 +30,11 @@ class LinkError(Exception):
 class UdpLink:
     """One UDP link in pymavlink's device form."""
 
-    def __init__(self, device: str) -> None:
-        """Open it. Raises LinkError (port in use, unknown host)."""
+    def __init__(self, device: str, owners: frozenset[int] | None = None) -> None:
+        """Open it. `owners`: system ids that may be answered, None = all. Raises LinkError (port in use, no host)."""
         kind, host, port = device.split(":")
         self.device = device
+        self._owners = owners
         self.frames_in = 0
         self.frames_out = 0
         self.errors = 0
@@ -45,9 +47,9 @@ class UdpLink:
                 self._socket.bind((host, int(port)))
             else:
                 self._peer = (socket.gethostbyname(host), int(port))
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: a host name that cannot be one
             self._socket.close()
-            raise LinkError(f"link {device} cannot be opened: {error.strerror or error}") from None
+            raise LinkError(f"link {device} cannot be opened: {getattr(error, 'strerror', None) or error}") from None
         self._learns = kind == "udpin"
 
     def _splitter(self, address: tuple[str, int]) -> FrameSplitter:
@@ -80,11 +82,15 @@ class UdpLink:
                 self.errors += 1
                 continue
             found = self._splitter(address).feed(data)
-            if found and self._learns:
+            if self._learns and any(self.owned(frame) for frame in found):
                 self._peer = address
             frames += found
         self.frames_in += len(frames)
         return frames
+
+    def owned(self, frame: Frame) -> bool:
+        """Whether a frame names one of the link's owners as its sender."""
+        return self._owners is None or frame.sysid in self._owners
 
     def write(self, data: bytes) -> bool:
         """Send one frame; False if that could not be done now."""

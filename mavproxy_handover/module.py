@@ -7,7 +7,8 @@ back. What it must see to, because MAVProxy does not:
 
 * nothing reaches the autopilot past the gate: it refuses to load while `--out` links exist, and switches `mavfwd`,
   `mavfwd_disarmed` and MAVProxy's own heartbeat off, and off again if somebody switches them on;
-* every callback is wrapped: MAVProxy would swallow an exception, or drop the socket, without a word;
+* every callback is wrapped: MAVProxy would swallow an exception, or drop the socket, without a word; and what breaks in
+  one step of the main loop leaves the others alone, the lease before all;
 * its sockets are polled in `idle_task` as well, because MAVProxy does not select on them while it has no master.
 
 The lease goes out from MAVProxy's main loop, so it stops when that loop stalls.
@@ -21,11 +22,11 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from MAVProxy.modules.lib import mp_module
+from MAVProxy.modules.lib import mp_module, mp_util
 
 from mavproxy_handover.commands import VehicleCommands
 from mavproxy_handover.companion import Companion
-from mavproxy_handover.config import ConfigError, VehicleConfig, find_vehicle_config, load_vehicle
+from mavproxy_handover.config import ConfigError, VehicleConfig, config_argument, find_vehicle_config, load_vehicle
 from mavproxy_handover.journal import Journal
 from mavproxy_handover.links import LinkError, UdpLink
 from mavproxy_handover.stations import StationPort, open_ports
@@ -44,7 +45,6 @@ class HandoverModule(mp_module.MPModule):
 
     def __init__(self, mpstate: Any, config: VehicleConfig, ports: dict[int, StationPort], journal: Journal) -> None:
         super().__init__(mpstate, "handover", "authority handover (companion)", public=True, multi_vehicle=True)
-        self._nag_at = 0.0
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
         self.companion = Companion(config, ports, journal, self._write_autopilot, nonce, self._show)
@@ -52,9 +52,12 @@ class HandoverModule(mp_module.MPModule):
         self._links = [(port, link) for port in ports.values() for link in port.links]
         for port, link in self._links:
             mpstate.select_extra[link.fileno()] = (self._readable, (port, link))
-        self.add_command("handover", self._commands.run, "authority handover", self._commands.completions())
+            mp_util.child_fd_list_add(link.fileno())  # or a map's process would keep the port after `unload`
+        self.add_command("handover", self._command, "authority handover", self._commands.completions())
         journal.write("loaded", f"handover {VERSION}, configuration {config.path}", version=VERSION)
-        self._close_side_doors()
+        self._close_side_doors(tell=False)
+        stations = ", ".join(port.name for port in ports.values())
+        self._show(f"handover {VERSION}: {config.name}, stations {stations}, configuration {config.path}")
 
     # ---- MAVProxy's callbacks, all wrapped ------------------------------------------------------------------------
 
@@ -69,11 +72,15 @@ class HandoverModule(mp_module.MPModule):
     def _readable(self, where: tuple[StationPort, UdpLink]) -> None:
         self._guarded("link", lambda: self._read(*where))
 
+    def _command(self, args: list[str]) -> None:
+        self._guarded("command", lambda: self._commands.run(args), "handover: internal fault, see the journal")
+
     def unload(self) -> None:
         """Give everything back: sockets, command, settings."""
         for _port, link in self._links:
             self.mpstate.select_extra.pop(link.fileno(), None)
-        self.mpstate.command_map.pop("handover", None)
+            mp_util.child_fd_list_remove(link.fileno())
+        self.remove_command("handover")
         self.mpstate.public_modules.pop("handover", None)
         for name, value in self._kept.items():
             setattr(self.settings, name, value)
@@ -81,46 +88,61 @@ class HandoverModule(mp_module.MPModule):
 
     # ---- behind them ----------------------------------------------------------------------------------------------
 
-    def _guarded(self, where: str, job: Callable[[], None]) -> None:
+    def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
+        """Run `job`; if it breaks, count and journal that, and show `line`."""
         try:
             job()
         except Exception:
             self.companion.fault(where, traceback.format_exc(limit=-3))
+            if line:
+                self._show(line)
 
     def _idle(self) -> None:
-        for port, link in self._links:
-            self._read(port, link)
-        now = time.monotonic()
-        if now >= self._nag_at:
-            self._nag_at = now + 1.0
-            self._close_side_doors()
-        self.companion.tick(now)
+        for where in self._links:
+            self._readable(where)
+        self._guarded("side doors", self._close_side_doors)
+        self.companion.tick(time.monotonic())
 
     def _read(self, port: StationPort, link: UdpLink) -> None:
         frames = port.read(link)
         if frames:
             self.companion.on_station(port, frames, time.monotonic())
 
-    def _close_side_doors(self) -> None:
+    def _close_side_doors(self, *, tell: bool = True) -> None:
         for name, value in _SETTINGS.items():
             if name in self._kept and getattr(self.settings, name) != value:
-                if self._nag_at:
-                    self._show(f"handover: {name} is set back to {value}: only the gate lets stations through")
                 setattr(self.settings, name, value)
-        if self.mpstate.mav_outputs and not self.companion.config.listen_only_outputs and self._nag_at:
-            for output in list(self.mpstate.mav_outputs):
-                self._show(f"handover: output {output.address} is closed: stations belong in the configuration")
-                self.mpstate.mav_outputs.remove(output)
-                output.close()
+                if tell:
+                    self._show(f"handover: {name} is set back to {value}: only the gate lets stations through")
+        for output in _take_outputs(self.mpstate, self.companion.config):
+            self._guarded("output", output.close)
+            self._show(f"handover: output {output.address} is closed: stations belong in the configuration")
 
     def _write_autopilot(self, data: bytes) -> None:
-        self.master.write(data)
+        if self.master is not None:  # None after `link remove`
+            self.master.write(data)
 
     def _show(self, text: str) -> None:
         self.console.writeln(text)
 
 
-def init(mpstate: Any, config: str | None = None, **unknown: Any) -> HandoverModule | None:
+def _outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
+    """MAVProxy's outputs that may not be. One that stands for a system id takes that system's messages from us."""
+    allowed = [] if not config.listen_only_outputs else list(mpstate.mav_outputs)
+    return [output for output in (*mpstate.mav_outputs, *mpstate.sysid_outputs.values()) if output not in allowed]
+
+
+def _take_outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
+    """Take those outputs out of MAVProxy's lists."""
+    outputs = _outputs(mpstate, config)
+    for output in outputs:
+        if output in mpstate.mav_outputs:
+            mpstate.mav_outputs.remove(output)
+    mpstate.sysid_outputs.clear()
+    return outputs
+
+
+def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | None:
     """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy lives on.
 
     `config`: path of the configuration file (`module load handover:{"config":"FILE"}`).
@@ -128,10 +150,11 @@ def init(mpstate: Any, config: str | None = None, **unknown: Any) -> HandoverMod
     if unknown:
         return _not_loaded(mpstate, f"unknown argument {', '.join(unknown)}; allowed is: config")
     try:
-        path = find_vehicle_config(config or (_last_config[-1] if _last_config else None))
+        path = find_vehicle_config(config_argument(config) or (_last_config[-1] if _last_config else None))
         settings = load_vehicle(path)
-        if mpstate.mav_outputs and not settings.listen_only_outputs:
-            outputs = ", ".join(output.address for output in mpstate.mav_outputs)
+        forbidden = _outputs(mpstate, settings)
+        if forbidden:
+            outputs = ", ".join(output.address for output in forbidden)
             return _not_loaded(
                 mpstate,
                 f"MAVProxy has outputs ({outputs}): whoever is behind them could pass the gate. Start without --out, "
@@ -146,11 +169,20 @@ def init(mpstate: Any, config: str | None = None, **unknown: Any) -> HandoverMod
         for port in ports.values():
             port.close()
         return _not_loaded(mpstate, f"journal {settings.journal}: {error.strerror}")
+    try:
+        module = HandoverModule(mpstate, settings, ports, journal)
+    except Exception as error:  # MAVProxy would not live through it when it loads its default modules
+        for port in ports.values():
+            for link in port.links:
+                mpstate.select_extra.pop(link.fileno(), None)
+            port.close()
+        mpstate.public_modules.pop("handover", None)
+        return _not_loaded(mpstate, f"internal fault: {type(error).__name__}: {error}")
     _last_config[:] = [str(path)]
-    return HandoverModule(mpstate, settings, ports, journal)
+    return module
 
 
 def _not_loaded(mpstate: Any, text: str) -> HandoverModule | None:
     """Say why; the answer to MAVProxy is that there is no module."""
-    mpstate.console.writeln(f"handover: {text}")
+    mpstate.console.writeln(f"handover is not loaded: {text}")
     return None

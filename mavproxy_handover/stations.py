@@ -38,7 +38,7 @@ class StationPort:
     def read(self, link: UdpLink) -> list[Frame]:
         """Frames that arrived on `link`; the link that speaks is the one that is answered on."""
         frames = link.read()
-        if frames:
+        if any(link.owned(frame) for frame in frames):
             self._best = self.links.index(link)
         return frames
 
@@ -65,7 +65,7 @@ def open_ports(configs: tuple[StationLinks, ...]) -> dict[int, StationPort]:
         for config in configs:
             links = []
             for device in config.links:
-                links.append(UdpLink(device))
+                links.append(UdpLink(device, config.sysids))
                 opened.append(links[-1])
             ports[config.station.sysid] = StationPort(config, tuple(links))
     except LinkError:

@@ -1,1 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 
+"""The command `handover`: one table of subcommands, each imported only when it is used.
+
+Exit codes everywhere: 0 all is well, 1 the answer is no (a check found errors, an expectation did not hold), 2 wrong
+usage or bad input, with one line that says what and where.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+
+from mavproxy_handover.version import VERSION
+
+__all__ = ["main"]
+
+#: word -> (module, function, what it does)
+_COMMANDS = {
+    "sim": ("sitl.main", "main", "fly a scenario in simulation, all real processes, and write a report"),
+    "check": ("mavproxy_handover.mission.check", "main", "check a mission package before flight"),
+    "report": ("sitl.report", "main_report", "write the report of a run folder again"),
+    "init": ("mavproxy_handover.cli.init", "main", "write a commented configuration for a vehicle or a station"),
+    "companion": ("mavproxy_handover.cli.run", "companion", "run MAVProxy with the module of the companion computer"),
+    "station": ("mavproxy_handover.cli.run", "station", "run MAVProxy with the module of a ground station"),
+}
+
+
+def _usage() -> str:
+    lines = [
+        "usage: handover COMMAND [options]        (handover COMMAND --help tells more)",
+        "",
+        "Authority handover of an ArduPilot vehicle between ground control stations.",
+        "",
+        *(f"  {word:10} {text}" for word, (_module, _function, text) in _COMMANDS.items()),
+        "",
+        "  --help, --version",
+    ]
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command line; returns the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(_usage())
+        return 0 if words else 2
+    if words[0] in ("-V", "--version", "version"):
+        print(f"handover {VERSION}")
+        return 0
+    if words[0] not in _COMMANDS:
+        print(f"handover: unknown command {words[0]!r}; known are {', '.join(_COMMANDS)}", file=sys.stderr)
+        return 2
+    module, function, _text = _COMMANDS[words[0]]
+    try:
+        run = getattr(importlib.import_module(module), function)
+    except ModuleNotFoundError as error:
+        if error.name and error.name.split(".")[0] in ("matplotlib", "lupa"):
+            print(f"handover {words[0]}: needs {error.name}: pip install 'mavproxy-handover[sim]'", file=sys.stderr)
+            return 2
+        raise
+    code: int = run(words[1:])
+    return code

@@ -59,7 +59,7 @@ from mavproxy_handover.core.model import (
 )
 from mavproxy_handover.core.phases import PHASES, PhaseCause
 from mavproxy_handover.core.presence import Presence
-from mavproxy_handover.core.safety import Situation, decide
+from mavproxy_handover.core.safety import NOTHING_WRONG, Decision, Situation, decide
 from mavproxy_handover.core.transfer import Cause, End, Transfer, cause_of
 from mavproxy_handover.core.zones import ZoneTracker
 
@@ -119,7 +119,9 @@ class Arbiter:
         self._guard_ours = False
         self._guard_at = -inf
         self._starting = False
-        self._emergency = Reason.NONE
+        #: the strongest decision since the present emergency began
+        self._emergency: Decision = NOTHING_WRONG
+        self._judged_at = -inf
         self._stale_told = False
         self._view = AuthorityView()
         #: what was dropped, by cause
@@ -192,13 +194,18 @@ class Arbiter:
     def next_deadline(self) -> float | None:
         """When `Tick` is due at the latest (monotonic s); None if nothing is pending."""
         times = [presence.ask_at for presence in self._presence.values()]
-        times += [pending.retry_at for pending in self._pending.values()]
+        times += [min(pending.retry_at, pending.give_up_at) for pending in self._pending.values()]
         if self._owner is not None and not self._owner_lost:
             times.append(self._presence[self._owner].lost_at())
         if self._transfer is not None:
             times += [self._transfer.retry_at, self._transfer.timeout_at]
-        if self._zones.out_since is not None and self._emergency is Reason.NONE:
-            times.append(self._zones.out_since + self._limits.out_hold_s)
+            times.append(self._presence[self._transfer.key.to_station].lost_at())
+        if self._flying and not self._stale_told:
+            times.append(self._position_at + self._limits.position_stale_s)
+        if self._zones.out_since is not None:
+            held_until = self._zones.out_since + self._limits.out_hold_s
+            if held_until > self._judged_at:
+                times.append(held_until)
         return min(times, default=None)
 
     # ---- stations -------------------------------------------------------------------------------------------------
@@ -259,8 +266,9 @@ class Arbiter:
             del self._pending[station]
         if message.nonce == 0:
             return
-        if message.nonce != presence.asked_nonce:
-            self.dropped["stale answer to CONNECT"] += 1
+        if not presence.answers(message.nonce):
+            doubled = presence.answer is not None and message.nonce == presence.answer.nonce
+            self.dropped["doubled answer to CONNECT" if doubled else "stale answer to CONNECT"] += 1
             return
         was_connected = presence.connected(now)
         presence.answered_at = now
@@ -271,8 +279,11 @@ class Arbiter:
 
     def _grant_parent(self, now: float, actions: list[Action]) -> None:
         parent = self._identity.parent
-        grounded = self._armed is False and self._phase is Phase.ON_LOAD
-        if self._owner is not None or not grounded or not self._presence[parent].connected(now):
+        known = now < self._autopilot_at + self._limits.autopilot_lost_s
+        grounded = known and self._armed is False and self._phase is Phase.ON_LOAD
+        # it need not hold the mission package yet: it may be about to bring it
+        fit = self._presence[parent].unfit(self._digest, now) in (None, Reason.MISSION_DIFFERS)
+        if self._owner is not None or not grounded or not fit:
             return
         self._owner = parent
         self._epoch += 1
@@ -286,7 +297,7 @@ class Arbiter:
             if now < presence.ask_at:
                 continue
             self._nonce = self._nonce % 0xFFFFFFFF + 1
-            presence.asked_nonce = self._nonce
+            presence.asked.append(self._nonce)
             presence.ask_at = now + self._limits.connect_interval_s
             actions.append(
                 Send(
@@ -471,7 +482,7 @@ class Arbiter:
         if not event.armed and self._phase is not Phase.ON_LOAD:
             self._end_by(Cause.CANCELLED, now, actions)
             self._move_phase(PhaseCause.DISARMED)
-            self._emergency = Reason.NONE
+            self._emergency = NOTHING_WRONG
             self._route_at = 0
             actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
             self._refresh(Reason.LANDED, actions)
@@ -494,7 +505,7 @@ class Arbiter:
     def _on_guard(self, event: GuardSeen, now: float, actions: list[Action]) -> None:
         before = self.guard(now)
         self._guard_at = now
-        self._guard_ours = event.ours and event.enforcing
+        self._guard_ours = event.ours
         self._guard = event.state
         if before is not event.state:
             actions.append(Record("guard", f"guard: {before.name.lower()} -> {event.state.name.lower()}"))
@@ -550,27 +561,28 @@ class Arbiter:
     # ---- time -----------------------------------------------------------------------------------------------------
 
     def _on_time(self, now: float, actions: list[Action]) -> None:
-        if self._owner is not None and not self._owner_lost and now >= self._presence[self._owner].lost_at():
-            self._lose_owner(now, actions)
-        if self._transfer is not None:
-            if now >= self._transfer.timeout_at:
-                self._move_transfer(Cause.TIMEOUT, now, actions)
-            elif not self._presence[self._transfer.key.to_station].alive(now):
-                self._move_transfer(Cause.PARTNER_LOST, now, actions)
+        # the partner first: from here on nothing commits to a station that is lost itself
+        if self._transfer is not None and not self._presence[self._transfer.key.to_station].alive(now):
+            self._move_transfer(Cause.PARTNER_LOST, now, actions)
+        if self._owner is not None and not self._owner_lost and not self._presence[self._owner].alive(now):
+            self._lose_owner(self._owner, now, actions)
+        if self._transfer is not None and now >= self._transfer.timeout_at:
+            self._move_transfer(Cause.TIMEOUT, now, actions)
         self._speak(now, actions)
         self._judge_safety(now, actions)
         self._ask_around(now, actions)
 
-    def _lose_owner(self, now: float, actions: list[Action]) -> None:
+    def _lose_owner(self, owner: int, now: float, actions: list[Action]) -> None:
         self._end_by(Cause.COMMANDER_LOST, now, actions)
+        if self._owner != owner:  # that ended in a commit
+            return
         self._owner_lost = True
-        assert self._owner is not None
         actions.append(
             Record(
                 "authority_lost",
-                f"{self.name(self._owner)} is lost: nobody commands",
+                f"{self.name(owner)} is lost: nobody commands",
                 Reason.COMMANDER_LOST,
-                self._owner,
+                owner,
             )
         )
         self._refresh(Reason.COMMANDER_LOST, actions)
@@ -593,16 +605,17 @@ class Arbiter:
                 actions.append(Send(station, pending.result, pending.attempt))
 
     def _judge_safety(self, now: float, actions: list[Action]) -> None:
-        if self._flying and now - self._position_at >= self._limits.position_stale_s and not self._stale_told:
+        if self._flying and now >= self._position_at + self._limits.position_stale_s and not self._stale_told:
             self._stale_told = True
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
         out_since = self._zones.out_since
         lost = self._owner_lost or (self._owner is None and self._flying)
-        situation = Situation(self._flying, lost, None if out_since is None else now - out_since)
-        decision = decide(situation, self._limits)
-        if decision.reason is self._emergency:
+        self._judged_at = now
+        decision = decide(Situation(self._flying, lost, out_since, now), self._limits)
+        # once for each emergency, and again where it turns worse: what was a warning on the ground takes off
+        if decision.reason is self._emergency.reason and decision.action <= self._emergency.action:
             return
-        self._emergency = decision.reason
+        self._emergency = decision
         if decision.reason is Reason.NONE:
             actions.append(Record("emergency_over", "the cause of the emergency is gone"))
             self._move_phase(PhaseCause.RECOVERED)
@@ -611,6 +624,9 @@ class Arbiter:
         if decision.action is not FlightAction.WARN:
             cause = Cause.OUT_OF_COVERAGE if decision.reason is Reason.OUT_OF_COVERAGE else Cause.COMMANDER_LOST
             self._end_by(cause, now, actions)
+            self._starting = False
+            if self._phase is Phase.ON_LOAD:
+                self._enter_mission(actions, "airborne")
             self._move_phase(PhaseCause.EMERGENCY)
         what = decision.reason.name.lower().replace("_", " ")
         actions.append(Record("emergency", f"{what}: {decision.action.name.lower()}", decision.reason, self._owner))

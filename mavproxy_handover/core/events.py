@@ -94,7 +94,6 @@ class GuardSeen:
     """A status message of the guard. `ours`: it echoes the nonce of this companion's leases."""
 
     state: GuardState
-    enforcing: bool
     ours: bool
 
 

@@ -63,6 +63,12 @@ class TransferKey:
     handover_id: int
     epoch: int
 
+    def before(self, other: TransferKey) -> bool:
+        """Whether this transfer began before `other`. Within an epoch the number decides, which wraps."""
+        if self.epoch != other.epoch:
+            return self.epoch < other.epoch
+        return 0 < (other.handover_id - self.handover_id) % 0x10000 < 0x8000
+
 
 @dataclass(frozen=True, slots=True)
 class HandoverRequest:

@@ -8,7 +8,8 @@ says which protocol, mission package and epoch the station has. A partner must b
 
 from __future__ import annotations
 
-from math import inf
+from collections import deque
+from math import ceil, inf
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import ConnectAck
@@ -20,7 +21,7 @@ __all__ = ["Presence"]
 class Presence:
     """Liveness and agreement of one station. Times are monotonic seconds."""
 
-    __slots__ = ("_limits", "answer", "answered_at", "ask_at", "asked_nonce", "heard_at", "station", "told_why")
+    __slots__ = ("_limits", "answer", "answered_at", "ask_at", "asked", "heard_at", "station", "told_why")
 
     def __init__(self, station: Station, limits: Limits) -> None:
         self._limits = limits
@@ -29,17 +30,27 @@ class Presence:
         self.answered_at = -inf
         self.answer: ConnectAck | None = None
         self.ask_at = -inf
-        self.asked_nonce = 0
+        #: nonces of the questions that may still be answered, oldest first: the way there and back may take longer
+        #: than the pause between two questions
+        self.asked: deque[int] = deque(maxlen=max(1, ceil(limits.connect_lost_s / limits.connect_interval_s)))
         #: why the station was last journalled as no partner; None while it could be one
         self.told_why: Reason | None = None
 
     def alive(self, now: float) -> bool:
         """Heard within the heartbeat limit."""
-        return now - self.heard_at < self._limits.heartbeat_lost_s
+        return now < self.lost_at()
 
     def lost_at(self) -> float:
         """When the station counts as lost if it stays silent."""
         return self.heard_at + self._limits.heartbeat_lost_s
+
+    def answers(self, nonce: int) -> bool:
+        """Whether `nonce` answers an open question; that one and the older ones are closed by it."""
+        if nonce not in self.asked:
+            return False
+        while self.asked.popleft() != nonce:
+            pass
+        return True
 
     def connected(self, now: float) -> bool:
         """Alive, and its answers to CONNECT come back."""

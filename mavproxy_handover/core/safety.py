@@ -14,16 +14,20 @@ from mavproxy_handover.core.events import FlightAction
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Reason
 
-__all__ = ["Decision", "Situation", "decide"]
+__all__ = ["NOTHING_WRONG", "Decision", "Situation", "decide"]
 
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the decision rests on. `out_s`: seconds outside every zone, None while a zone holds the aircraft."""
+    """What the decision rests on. `out_since`: when it left the last zone, None while a zone holds the aircraft.
+
+    `now` and `out_since` are monotonic seconds.
+    """
 
     flying: bool
     commander_lost: bool
-    out_s: float | None
+    out_since: float | None
+    now: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +38,7 @@ class Decision:
     reason: Reason
 
 
-_NOTHING = Decision(FlightAction.WARN, Reason.NONE)
+NOTHING_WRONG = Decision(FlightAction.WARN, Reason.NONE)
 
 
 def decide(situation: Situation, limits: Limits) -> Decision:
@@ -42,10 +46,10 @@ def decide(situation: Situation, limits: Limits) -> Decision:
     asked = []
     if situation.commander_lost:
         asked.append(Decision(limits.commander_lost, Reason.COMMANDER_LOST))
-    if situation.out_s is not None and situation.out_s >= limits.out_hold_s:
+    if situation.out_since is not None and situation.now >= situation.out_since + limits.out_hold_s:
         asked.append(Decision(limits.out_of_coverage, Reason.OUT_OF_COVERAGE))
     if not asked:
-        return _NOTHING
+        return NOTHING_WRONG
     decision = max(asked, key=lambda candidate: candidate.action)
     if not situation.flying:
         return Decision(FlightAction.WARN, decision.reason)

@@ -88,7 +88,7 @@ def _aborted(reason: Reason) -> End:
     return End(Outcome.ABORTED, reason)
 
 
-_ENDS_ANY_STEP: dict[Cause, End] = {
+_ABORTS: dict[Cause, End] = {
     Cause.LEFT_REGION: _aborted(Reason.LEFT_REGION),
     Cause.CANCELLED: _aborted(Reason.CANCELLED),
     Cause.COMMANDER_LOST: _aborted(Reason.COMMANDER_LOST),
@@ -97,7 +97,7 @@ _ENDS_ANY_STEP: dict[Cause, End] = {
 }
 
 MOVES: dict[tuple[Step, Cause], Step | End] = {
-    **{(step, cause): end for step in Step for cause, end in _ENDS_ANY_STEP.items()},
+    **{(step, cause): end for step in Step for cause, end in _ABORTS.items()},
     (Step.REQUEST, Cause.PARTNER_READY): Step.CONSENT,
     (Step.REQUEST, Cause.PARTNER_ASKS): Step.REQUEST,
     (Step.REQUEST, Cause.PARTNER_REFUSED): _aborted(Reason.PARTNER_REFUSED),
@@ -120,6 +120,8 @@ MOVES: dict[tuple[Step, Cause], Step | End] = {
     (Step.CONNECT_FREED, Cause.TIMEOUT): _aborted(Reason.PARTNER_SILENT),
     (Step.RELEASE, Cause.RELEASED): End(Outcome.COMMITTED, Reason.NONE),
     (Step.RELEASE, Cause.TIMEOUT): End(Outcome.COMMITTED, Reason.RELEASE_TIMEOUT),
+    # the heartbeat may run out before the step does: both have agreed, so this is no loss of authority
+    (Step.RELEASE, Cause.COMMANDER_LOST): End(Outcome.COMMITTED, Reason.RELEASE_TIMEOUT),
 }
 
 

@@ -27,7 +27,7 @@ __all__ = ["ZoneChange", "ZoneTracker"]
 
 @dataclass(frozen=True, slots=True)
 class ZoneChange:
-    """What the last position changed, station sysids in the order of the facts."""
+    """What the last position changed: station sysids in the order of the facts, before them those without a fact."""
 
     entered: tuple[int, ...]
     left: tuple[int, ...]
@@ -56,6 +56,11 @@ class ZoneTracker:
             known = self._facts.get(fact.station)
             if known is None or fact.margin_m > known.margin_m:
                 self._facts[fact.station] = fact
+        for station in sorted(self._inside - self._facts.keys()):
+            # another mission package, and no zone of that station in it
+            self._inside.discard(station)
+            self._fresh.discard(station)
+            left.append(station)
         for station, fact in self._facts.items():
             if station in self._inside:
                 if fact.margin_m <= -self._limits.leave_margin_m:

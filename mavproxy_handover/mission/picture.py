@@ -20,7 +20,7 @@ from shapely.ops import polylabel
 
 from mavproxy_handover.mission.drawing import INK, Points, columns, degrees, halo, note, patch, round_down, ticks
 from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.mission.geodesy import LocalPlane
+from mavproxy_handover.mission.geodesy import LocalPlane, degree_lengths_m
 from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH, TAKEOFF
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from shapely.geometry import MultiPolygon, Polygon
 
-__all__ = ["STATION_COLOURS", "draw"]
+__all__ = ["STATION_COLOURS", "MapSheet", "draw"]
 
 #: Okabe and Ito's palette: told apart with every kind of colour vision; stations take them in order
 STATION_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -48,7 +48,7 @@ def draw(package: MissionPackage, path: str | Path, walk: Walk | None = None) ->
         from matplotlib.figure import Figure
     except ImportError:
         raise MissionError(f"{path}: a map needs matplotlib (install the extra 'sim')") from None
-    sheet = _Sheet(package, walk or package.walk())
+    sheet = MapSheet(package, walk)
     figure = Figure(figsize=sheet.size_inches(), dpi=130)
     FigureCanvasAgg(figure)
     sheet.paint(figure.add_axes((0.0, 0.0, 1.0, 1.0)))
@@ -59,20 +59,21 @@ def draw(package: MissionPackage, path: str | Path, walk: Walk | None = None) ->
         raise MissionError(f"{path}: cannot write the map: {reason}") from None
 
 
-class _Sheet:
-    """One map on one pair of axes."""
+class MapSheet:
+    """One map for one pair of axes; a report may draw on them afterwards, by `place`. `walk` saves walking again."""
 
-    def __init__(self, package: MissionPackage, walk: Walk) -> None:
-        self._package, self._walk = package, walk
+    def __init__(self, package: MissionPackage, walk: Walk | None = None) -> None:
+        self._package, self._walk = package, walk or package.walk()
+        walk = self._walk
         home = package.route.home
         self._plane = LocalPlane(home.lat_deg, home.lon_deg)
         self._colour = {
             station.sysid: STATION_COLOURS[number % len(STATION_COLOURS)]
             for number, station in enumerate(package.stations)
         }
-        self._marks = list({sample.seq: self._xy(sample.lat_deg, sample.lon_deg) for sample in walk.samples}.values())
+        self._marks = list({sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in walk.samples}.values())
         self._marks += self._rally_points()
-        self._marks += [self._xy(handover.lat_deg, handover.lon_deg) for handover in walk.handovers]
+        self._marks += [self.place(handover.lat_deg, handover.lon_deg) for handover in walk.handovers]
         self._bounds = self._all_bounds()
 
     def size_inches(self) -> tuple[float, float]:
@@ -81,7 +82,12 @@ class _Sheet:
         tall = (north - south) / (east - west)
         return (10.0, 10.0 * tall) if tall < 0.9 else (9.0 / tall, 9.0)
 
+    def place(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        """Where a place is on the axes: metres east and north of home."""
+        return self._plane.to_plane(lat_deg, lon_deg)
+
     def paint(self, axes: Axes) -> None:
+        """Draw everything, and set the limits, labels and legend of the axes."""
         axes.set_aspect("equal")
         axes.set_facecolor("#fbfaf7")
         self._zones(axes)
@@ -104,7 +110,7 @@ class _Sheet:
                 axes.add_patch(patch(part, facecolor=colour, alpha=0.13, linewidth=0.0, zorder=1))
                 axes.add_patch(patch(part, facecolor="none", edgecolor=colour, linewidth=2.0, zorder=3))
             if isinstance(zone.area, Circle):
-                axes.plot(*self._xy(zone.area.lat_deg, zone.area.lon_deg), "+", color=colour, markersize=9, zorder=3)
+                axes.plot(*self.place(zone.area.lat_deg, zone.area.lon_deg), "+", color=colour, markersize=9, zorder=3)
             limits = [
                 f"{word} {value:g} m"
                 for word, value in (("above", zone.min_alt_m), ("below", zone.max_alt_m))
@@ -137,7 +143,7 @@ class _Sheet:
     def _quiet_place(self, zone: Zone) -> tuple[float, float]:
         """The middle of the largest circle in the zone that is free of other zones, route, marks and their notes."""
         area = shapely.union_all(self._parts(zone.outline()))
-        line = shapely.LineString([self._xy(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples])
+        line = shapely.LineString([self.place(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples])
         room = area
         for busy in (line.buffer(1.0), shapely.MultiPoint(self._marks).buffer(math.sqrt(area.area) / 8.0)):
             rest = room.difference(busy)
@@ -150,7 +156,7 @@ class _Sheet:
         return place.x, place.y
 
     def _rally_points(self) -> Points:
-        return [self._xy(point.lat_deg, point.lon_deg) for point in self._package.route.rally]
+        return [self.place(point.lat_deg, point.lon_deg) for point in self._package.route.rally]
 
     def _regions(self, axes: Axes) -> None:
         label: str | None = "handover region"
@@ -171,7 +177,7 @@ class _Sheet:
                 corners = [(lat, lon) for lon, lat in outline.exterior.coords]
             else:
                 corners = [*part.corners, part.corners[0]]
-            points = [self._xy(lat, lon) for lat, lon in corners]
+            points = [self.place(lat, lon) for lat, lon in corners]
             style = "--" if part.inclusion else ":"
             axes.plot(*columns(points), style, color=_SOFT, linewidth=1.2, label=label, zorder=2)
             label = None
@@ -182,7 +188,7 @@ class _Sheet:
         named: set[int] = set()
         names = {station.sysid: station.name for station in self._package.stations}
         for commander, stretch in _stretches(self._walk.samples):
-            points = [self._xy(sample.lat_deg, sample.lon_deg) for sample in stretch]
+            points = [self.place(sample.lat_deg, sample.lon_deg) for sample in stretch]
             label = f"route, {names[commander]} commands" if commander not in named else None
             named.add(commander)
             axes.plot(*columns(points), color="white", linewidth=5.0, solid_capstyle="round", zorder=4)
@@ -212,7 +218,9 @@ class _Sheet:
         words: str | None = "no coverage"
         for gap in self._walk.gaps:
             first, last = gap.distance_along_m, gap.distance_along_m + gap.length_m
-            points = [self._xy(s.lat_deg, s.lon_deg) for s in self._walk.samples if first <= s.distance_along_m <= last]
+            points = [
+                self.place(s.lat_deg, s.lon_deg) for s in self._walk.samples if first <= s.distance_along_m <= last
+            ]
             axes.plot(*columns(points), color="#d00000", linewidth=5.0, alpha=0.6, label=words, zorder=6)
             words = None
 
@@ -226,7 +234,7 @@ class _Sheet:
                 continue
             place = way[0].distance_along_m + 0.62 * (way[-1].distance_along_m - way[0].distance_along_m)
             here = max(1, next(n for n, sample in enumerate(way) if sample.distance_along_m >= place))
-            (x0, y0), (x1, y1) = (self._xy(s.lat_deg, s.lon_deg) for s in (way[here - 1], way[here]))
+            (x0, y0), (x1, y1) = (self.place(s.lat_deg, s.lon_deg) for s in (way[here - 1], way[here]))
             yield x0, y0, x1 - x0, y1 - y0, way[here].commander
 
     def _rally(self, axes: Axes) -> None:
@@ -238,14 +246,14 @@ class _Sheet:
     def _handovers(self, axes: Axes) -> None:
         names = {station.sysid: station.name for station in self._package.stations}
         for number, handover in enumerate(self._walk.handovers, 1):
-            x, y = self._xy(handover.lat_deg, handover.lon_deg)
+            x, y = self.place(handover.lat_deg, handover.lon_deg)
             label = "handover starts (time inside both zones)" if number == 1 else None
             colour = self._colour[handover.to_station]
             axes.plot(
                 x, y, "D", color=colour, markeredgecolor="white", markersize=9.5, label=label, zorder=8, ls="none"
             )
             pair = f"{names[handover.from_station]} \N{RIGHTWARDS ARROW} {names[handover.to_station]}"
-            words = f"{number}: {pair}\n{handover.overlap_s:.0f} s"
+            words = f"{number}: {pair}\n{math.floor(handover.overlap_s)} s"
             # below, unless another mark is nearer there than above
             step = 0.04 * (self._bounds[2] - self._bounds[0])
             above, below = (
@@ -262,11 +270,11 @@ class _Sheet:
         shared: dict[tuple[int, int], list[int]] = {}
         for item in package.route.items:
             if COMMANDS[item.command].flown and item.seq in ends:
-                x, y = self._xy(ends[item.seq].lat_deg, ends[item.seq].lon_deg)
+                x, y = self.place(ends[item.seq].lat_deg, ends[item.seq].lon_deg)
                 shared.setdefault((round(x / 3.0), round(y / 3.0)), []).append(item.seq)
         for seqs in shared.values():
             commands = {package.route.items[seq - 1].command for seq in seqs}
-            x, y = self._xy(ends[seqs[0]].lat_deg, ends[seqs[0]].lon_deg)
+            x, y = self.place(ends[seqs[0]].lat_deg, ends[seqs[0]].lon_deg)
             words = [
                 word
                 for word, command in (("take-off", TAKEOFF), ("landing", LAND), ("return", RETURN_TO_LAUNCH))
@@ -304,8 +312,8 @@ class _Sheet:
         _, middle_lon = self._plane.to_earth((west + east) / 2.0, 0.0)
         lats = ticks(*(self._plane.to_earth(0.0, y)[0] for y in axes.get_ylim()))
         lons = ticks(*(self._plane.to_earth(x, 0.0)[1] for x in axes.get_xlim()))
-        axes.set_yticks([self._xy(lat, middle_lon)[1] for lat in lats], degrees(lats, "NS"))
-        axes.set_xticks([self._xy(middle_lat, lon)[0] for lon in lons], degrees(lons, "EW"))
+        axes.set_yticks([self.place(lat, middle_lon)[1] for lat in lats], degrees(lats, "NS"))
+        axes.set_xticks([self.place(middle_lat, lon)[0] for lon in lons], degrees(lons, "EW"))
         axes.tick_params(labelsize=8, colors="#555555")
         axes.grid(color="#d9d6cf", linewidth=0.6, zorder=0)
         axes.set_axisbelow(True)
@@ -360,16 +368,15 @@ class _Sheet:
         shapes += [part for zone in self._package.zones for part in self._parts(zone.outline())]
         for part in self._package.route.fence:
             if not isinstance(part, FenceCircle):
-                shapes.append(shapely.MultiPoint([self._xy(*corner) for corner in part.corners]))
+                shapes.append(shapely.MultiPoint([self.place(*corner) for corner in part.corners]))
         west, south, east, north = shapely.union_all(shapes).bounds
         room = 0.04 * max(east - west, north - south)
         return west - room, south - 2.2 * room, east + room, north + room
 
-    def _xy(self, lat: float, lon: float) -> tuple[float, float]:
-        return self._plane.to_plane(lat, lon)
-
     def _parts(self, area: Polygon | MultiPolygon) -> list[Polygon]:
-        flat = shapely.transform(area, lambda xy: [self._xy(lat, lon) for lon, lat in xy])
+        per_lat, per_lon = degree_lengths_m(self._plane.lat_deg)
+        origin, scale = [self._plane.lon_deg, self._plane.lat_deg], [per_lon, per_lat]
+        flat = shapely.transform(area, lambda corners: (corners - origin) * scale)
         return [part for part in shapely.get_parts(flat) if not part.is_empty]
 
 

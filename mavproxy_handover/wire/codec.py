@@ -27,7 +27,7 @@ from mavproxy_handover.core.messages import (
 )
 from mavproxy_handover.core.model import Consent, Outcome, Reason
 
-__all__ = ["AircraftState", "decode", "decode_bytes", "encode", "name_of"]
+__all__ = ["AircraftState", "decode", "decode_bytes", "encode", "name_of", "pack"]
 
 _RELAY = mavlink.HANDOVER_FLAGS_RELAY
 _RELAYED = mavlink.HANDOVER_FLAGS_RELAYED
@@ -177,3 +177,10 @@ def decode_bytes(raw: bytes) -> Any | None:
         return _PARSER.decode(bytearray(raw))
     except Exception:  # pymavlink raises its own error and, on odd lengths, struct.error
         return None
+
+
+def pack(message: Any, own: mavlink.MAVLink) -> bytes:
+    """The frame of `message` as `own` sends it; counts the sequence number on, which pymavlink leaves to its caller."""
+    data = bytes(message.pack(own))
+    own.seq = (own.seq + 1) & 0xFF
+    return data

@@ -48,7 +48,10 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class GuardStatus:
-    """What the guard says of itself; nonce, sequence and epoch are those of the last lease it accepted."""
+    """What the guard says of itself; nonce, sequence and epoch are those of the last lease it accepted.
+
+    `enforcing`: it is acting on a loss of authority now. A guard that is switched off has the state DISABLED.
+    """
 
     state: GuardState
     action: int

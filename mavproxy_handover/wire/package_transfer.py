@@ -3,7 +3,8 @@
 """Carrying a mission package over MISSION_PACKAGE, MISSION_CHUNK and MISSION_PACKAGE_ACK.
 
 The receiver leads: it always says which offset it wants next, so a lost, doubled or reordered message costs time and
-nothing else, and a transfer that was cut goes on where it stopped. The sender keeps a few chunks in flight.
+nothing else, and a transfer that was cut goes on where it stopped. The sender keeps a few chunks in flight; when it
+hears nothing it makes its offer again, because the receiver may have started anew and know nothing of the package.
 The package is handed over only when its size fits and its contents parse to the promised digest (that check is the
 caller's, who knows what a package is).
 """
@@ -36,7 +37,11 @@ def package_id(digest: bytes) -> int:
 class PackageSender:
     """Sends one package to one receiver. Times are monotonic seconds."""
 
-    def __init__(self, data: bytes, digest: bytes, name: str, target: tuple[int, int]) -> None:
+    def __init__(
+        self, data: bytes, digest: bytes, name: str, target: tuple[int, int], *, until_loaded: bool = False
+    ) -> None:
+        """`until_loaded`: RECEIVED is not the last word yet, the receiver is going to load the package."""
+        self._until_loaded = until_loaded
         self._data = data
         self._digest = digest
         self._name = name
@@ -44,6 +49,7 @@ class PackageSender:
         self._id = package_id(digest)
         self._retry_at = 0.0
         self._wanted: int | None = None
+        self._acknowledged = 0
         #: None while under way, then RECEIVED, LOADED or REFUSED
         self.result: int | None = None
         self.text = ""
@@ -51,24 +57,23 @@ class PackageSender:
     @property
     def finished(self) -> bool:
         """Nothing more to send."""
-        return self.result is not None
+        return self.result is not None and not (self._until_loaded and self.result == _RECEIVED)
 
     @property
     def progress(self) -> float:
         """Part of the package that the receiver has acknowledged, 0 to 1."""
-        return 1.0 if self.finished else (self._wanted or 0) / max(1, len(self._data))
+        return 1.0 if self.result is not None else self._acknowledged / max(1, len(self._data))
 
     def tick(self, now: float) -> list[Any]:
         """Messages to send now."""
         if self.finished or now < self._retry_at:
             return []
         self._retry_at = now + _RETRY_S
-        if self._wanted is None:
-            offer = mavlink.MAVLink_mission_package_message(
-                *self._target, len(self._data), list(self._digest), self._name.encode("utf-8")[:32]
-            )
-            return [offer]
-        return self._chunks(self._wanted)
+        self._wanted = None
+        offer = mavlink.MAVLink_mission_package_message(
+            *self._target, len(self._data), list(self._digest), self._name.encode("utf-8")[:32]
+        )
+        return [offer]
 
     def on_ack(self, ack: Any, now: float) -> list[Any]:
         """Take in a MISSION_PACKAGE_ACK of the receiver; returns what to send next."""
@@ -79,7 +84,8 @@ class PackageSender:
             return []
         if ack.next_offset > len(self._data) or ack.next_offset == self._wanted:
             return []
-        self._wanted = ack.next_offset
+        self.result = None
+        self._wanted = self._acknowledged = ack.next_offset
         self._retry_at = now + _RETRY_S
         return self._chunks(ack.next_offset)
 

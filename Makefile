@@ -1,0 +1,55 @@
+# Two commands do everything: `make demo` and `make test`. They need Python 3.10+ and a package registry.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua -type f -not -path '*/__pycache__/*') \
+           pyproject.toml setup.py constraints.txt
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check format clean
+
+help:
+	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
+	@echo "make test    set up, run the tests"
+	@echo "make check   set up, formatting, lint, types, Lua lint, tests"
+	@echo "make format  format the Python files"
+	@echo "make clean   remove everything that make made"
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+	  { echo "Python 3.10 or newer is needed; choose one with: make PYTHON=python3.12 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/dependencies: $(BIN)/python pyproject.toml constraints.txt setup.py
+	@echo "Installing what the project needs (a few minutes the first time) ..."
+	$(BIN)/python -m pip install --quiet --upgrade pip setuptools wheel
+	$(BIN)/python -m pip install --quiet -c constraints.txt '.[dev]'
+	@touch $@
+
+# What runs is what a user gets: the installed package, made anew whenever a source changes.
+$(VENV)/installed: $(VENV)/dependencies $(SOURCES)
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
+	@rm -rf build *.egg-info
+	@touch $@
+
+demo: $(VENV)/installed
+	$(BIN)/handover sim --scenario nominal
+
+test: $(VENV)/installed
+	$(BIN)/pytest $(PYTEST_ARGS)
+
+check: $(VENV)/installed
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy mavproxy_handover gcs_module sitl
+	@if command -v luacheck > /dev/null; then luacheck --config ardupilot_lua/.luacheckrc ardupilot_lua; \
+	  else echo "luacheck is not installed (Debian: lua-check): the Lua lint was SKIPPED"; fi
+	$(BIN)/pytest $(PYTEST_ARGS)
+
+format: $(VENV)/installed
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info runs .pytest_cache .mypy_cache .ruff_cache .hypothesis
