@@ -115,7 +115,7 @@ class StationCommands:
         if module.desk.held is None:
             module.view.line("There is no mission to share: set mission in [station].")
             return
-        module.desk.offer(module.config.vehicle, COMPANION_COMPID)
+        module.desk.offer(module.config.vehicle, COMPANION_COMPID, until_loaded=True)
         for peer in module.config.peers:
             module.desk.offer(peer.station.sysid, 0)
         module.view.line(f"Sharing mission {module.desk.held.name!r}.")

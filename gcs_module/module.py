@@ -15,10 +15,10 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any
 
-from MAVProxy.modules.lib import mp_module
+from MAVProxy.modules.lib import mp_module, mp_util
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.commands import StationCommands
@@ -37,7 +37,7 @@ from gcs_module.core import (
 )
 from gcs_module.package_desk import PackageDesk
 from gcs_module.view import View, telemetry_line
-from mavproxy_handover.config import ConfigError, StationConfig, load_station
+from mavproxy_handover.config import ConfigError, StationConfig, config_argument, find_station_config, load_station
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.gate.tables import COMPANION_COMPID
@@ -85,10 +85,18 @@ class HandoverGcsModule(mp_module.MPModule):
         self._each_second_at = 0.0
         self._telemetry_shown_at = 0.0
         self.commands = StationCommands(self)
-        self.add_command("handover", self.commands.run, "authority handover", self.commands.completions())
+        self.add_command(
+            "handover", self._command, "authority handover, this station ('handover help')", self.commands.completions()
+        )
         if ground is not None:
             mpstate.select_extra[ground.fileno()] = (self._readable, None)
+        for link in self._links():
+            mp_util.child_fd_list_add(link.fileno())  # or a map's process would keep the port after `unload`
         journal.write("loaded", f"handover_gcs {VERSION}, configuration {config.path}", version=VERSION)
+        self.console.writeln(
+            f"handover_gcs {VERSION}: {config.station.name}, vehicle {config.vehicle}, configuration {config.path}"
+        )
+        self._kept_source_system = self.settings.source_system
         if self.settings.source_system != config.station.sysid:
             self.view.line(f"source_system is {self.settings.source_system}: set to {config.station.sysid}.")
             self.settings.source_system = config.station.sysid
@@ -108,25 +116,36 @@ class HandoverGcsModule(mp_module.MPModule):
     def _readable(self, _unused: Any) -> None:
         self._guarded("ground link", self._read_ground)
 
+    def _command(self, args: list[str]) -> None:
+        self._guarded("command", lambda: self.commands.run(args), "handover: internal fault, see the journal")
+
     def unload(self) -> None:
-        """Give everything back: sockets, command."""
+        """Give everything back: sockets, command, setting."""
         if self._ground is not None:
             self.mpstate.select_extra.pop(self._ground.fileno(), None)
-        for link in (self._ground, *self._peers.values()):
-            if link is not None:
-                link.close()
-        self.mpstate.command_map.pop("handover", None)
+        for link in self._links():
+            mp_util.child_fd_list_remove(link.fileno())
+            link.close()
+        self.remove_command("handover")
+        self.mpstate.completion_functions.pop("(HANDOVERSETTING)", None)
         self.mpstate.public_modules.pop("handover_gcs", None)
+        self.settings.source_system = self._kept_source_system
         self.journal.write("unloaded")
         self.journal.close()
 
-    def _guarded(self, where: str, job: Callable[[], None]) -> None:
+    def _links(self) -> list[UdpLink]:
+        return [link for link in (self._ground, *self._peers.values()) if link is not None]
+
+    def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
+        """Run `job`; if it breaks, count and journal that, and show `line`."""
         try:
             job()
         except Exception:
             self.faults[where] += 1
             if self.faults[where] <= 10:
                 self.journal.write("fault", f"{where}: {traceback.format_exc(limit=-3)}")
+            if line:
+                self.console.writeln(line)
 
     # ---- in -------------------------------------------------------------------------------------------------------
 
@@ -209,20 +228,26 @@ class HandoverGcsModule(mp_module.MPModule):
     # ---- time -----------------------------------------------------------------------------------------------------
 
     def _idle(self) -> None:
-        self._read_ground()
         now = time.monotonic()
-        self.commands.tick(now)
-        for receiver, message in self.desk.tick(now):
-            self._put(receiver, message)
+        self._guarded("ground link", self._read_ground)
+        self._guarded("command", lambda: self.commands.tick(now))
+        self._guarded("mission package", lambda: self._send_package(now))
         if now >= self._each_second_at:
             self._each_second_at = now + 1.0
             self._perform(self.core.tick(now))
+            self._beat()
             self.view.status()
-            beat = mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-            )
-            for link in self._peers.values():
-                link.write(codec.pack(beat, self._own))
+
+    def _send_package(self, now: float) -> None:
+        for receiver, message in self.desk.tick(now):
+            self._put(receiver, message)
+
+    def _beat(self) -> None:
+        beat = mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
+        )
+        for link in self._peers.values():
+            link.write(codec.pack(beat, self._own))
 
     # ---- out ------------------------------------------------------------------------------------------------------
 
@@ -234,24 +259,28 @@ class HandoverGcsModule(mp_module.MPModule):
         self._handle(event)
 
     def _perform(self, actions: list[Any]) -> None:
-        for action in actions:
-            if isinstance(action, ToVehicle):
-                self._send(self.config.vehicle, action.message, "vehicle")
-            elif isinstance(action, ToPeer):
-                self._send(action.peer, action.message, self.core.name(action.peer), via="ground")
-            elif isinstance(action, Notice):
-                self.journal.write(action.event, action.text, role=self.core.role.value, epoch=self.core.epoch)
-                self.view.line(action.text, urgent=action.urgent)
+        for action in actions:  # those behind one that breaks are none the worse for it
+            self._guarded(f"action {type(action).__name__}", partial(self._perform_one, action))
+
+    def _perform_one(self, action: Any) -> None:
+        if isinstance(action, ToVehicle):
+            self._send(self.config.vehicle, action.message, "vehicle")
+        elif isinstance(action, ToPeer):
+            self._send(action.peer, action.message, self.core.name(action.peer), via="ground")
+        elif isinstance(action, Notice):
+            self.journal.write(action.event, action.text, role=self.core.role.value, epoch=self.core.epoch)
+            self.view.line(action.text, urgent=action.urgent)
 
     def _send(self, receiver: int, message: Message, who: str, via: str | None = None) -> None:
         component = COMPANION_COMPID if receiver == self.config.vehicle else 0
-        self._put(receiver, codec.encode(message, (receiver, component), self.config.vehicle))
         self._journal_message("out", message, who, via)
+        self._put(receiver, codec.encode(message, (receiver, component), self.config.vehicle))
 
     def _put(self, receiver: int, message: Any) -> None:
         data = codec.pack(message, self._own)
         if receiver == self.config.vehicle:
-            self.master.write(data)
+            if self.master is not None:  # None after `link remove`
+                self.master.write(data)
         elif receiver in self._peers:
             self._peers[receiver].write(data)
 
@@ -280,7 +309,7 @@ class HandoverGcsModule(mp_module.MPModule):
         )
 
 
-def init(mpstate: Any, config: str | None = None, **unknown: Any) -> HandoverGcsModule | None:
+def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule | None:
     """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy lives on.
 
     `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`).
@@ -289,8 +318,10 @@ def init(mpstate: Any, config: str | None = None, **unknown: Any) -> HandoverGcs
     try:
         if unknown:
             raise ConfigError(f"unknown argument {', '.join(unknown)}; allowed is: config")
-        place = config or (_last_config[-1] if _last_config else "station.toml")
-        settings = load_station(Path(place).expanduser())
+        if "handover" in mpstate.command_map:
+            raise ConfigError("module handover is loaded here: vehicle and station need a MAVProxy each")
+        last = _last_config[-1] if _last_config else None
+        settings = load_station(find_station_config(config_argument(config) or last))
         held = None if settings.mission is None else mission_package.load(settings.mission)
         ground = None
         if settings.ground is not None:
@@ -301,10 +332,22 @@ def init(mpstate: Any, config: str | None = None, **unknown: Any) -> HandoverGcs
             peers[peer.station.sysid] = UdpLink(peer.link)
             opened.append(peers[peer.station.sysid])
         journal = Journal(settings.journal, settings.station.name)
-    except (ConfigError, LinkError, MissionError, OSError) as error:
+        module = HandoverGcsModule(mpstate, settings, held, ground, peers, journal)
+    except Exception as error:  # MAVProxy would not live through it when it loads its default modules
         for link in opened:
+            mpstate.select_extra.pop(link.fileno(), None)
             link.close()
-        mpstate.console.writeln(f"handover_gcs: {error}")
+        mpstate.public_modules.pop("handover_gcs", None)
+        mpstate.command_map.pop("handover", None)
+        mpstate.console.writeln(f"handover_gcs is not loaded: {_why(error)}")
         return None
     _last_config[:] = [str(settings.path)]
-    return HandoverGcsModule(mpstate, settings, held, ground, peers, journal)
+    return module
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, (ConfigError, LinkError, MissionError)):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}"
+    return f"internal fault: {type(error).__name__}: {error}"

@@ -26,11 +26,16 @@ class PackageDesk:
         self._senders: dict[int, PackageSender] = {}
         self._receiver = PackageReceiver()
 
-    def offer(self, receiver: int, component: int) -> None:
-        """Begin to send the held package to `receiver`. There must be one."""
+    def offer(self, receiver: int, component: int, *, until_loaded: bool = False) -> None:
+        """Begin to send the held package to `receiver`. There must be one.
+
+        `until_loaded`: the receiver is the vehicle, which has the last word when the autopilot holds the mission.
+        """
         assert self.held is not None
-        held = self.held
-        self._senders[receiver] = PackageSender(held.to_bytes(), held.digest, held.name, (receiver, component))
+        held, target = self.held, (receiver, component)
+        self._senders[receiver] = PackageSender(
+            held.to_bytes(), held.digest, held.name, target, until_loaded=until_loaded
+        )
 
     def tick(self, now: float) -> list[tuple[int, Any]]:
         """(receiver, message) to send now."""

@@ -59,12 +59,14 @@ class VehicleCommands:
         digest = arbiter.mission_digest
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
-        needs = arbiter.start_needs(view.commander or 0, now)
         if not view.armed:
-            self._show(f"START     {'ready' if not needs else 'needs: ' + ', '.join(needs)}")
+            needs = arbiter.start_needs(view.commander or companion.config.parent, now)
+            self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")
         if companion.faults:
             faults = ", ".join(f"{where} {count}" for where, count in companion.faults.items())
             self._show(f"faults    {faults} (see {companion.journal.path})")
+        if companion.journal.lost:
+            self._show(f"journal   {companion.journal.lost} entries lost: is the disk full?")
 
     def _stations(self) -> None:
         companion, now = self._companion, time.monotonic()

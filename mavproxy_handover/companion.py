@@ -44,8 +44,11 @@ from mavproxy_handover.wire.lease import GUARD_STATUS_TYPE, unpack_guard_status
 __all__ = ["Companion"]
 
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
-_ZONE_CHECK_S = 0.05
+#: the autopilot is asked for 20 positions a second; they come unevenly, so less than 50 ms is no reason to skip one
+_ZONE_CHECK_S = 0.03
 _STREAM_CHECK_S = 5.0
+#: fewer than this: a ground station has asked for slower ones
+_POSITIONS_A_SECOND = 10
 _START = mavlink.MAV_CMD_MISSION_START
 _DISPLAY_MODE = {phase: phase.name.replace("_", "") for phase in Phase}
 
@@ -86,6 +89,8 @@ class Companion:
         self._start_asker: tuple[int, int, int] | None = None
         self._zones_at = 0.0
         self._streams_at = 0.0
+        self._streams_asked = False
+        self._positions = 0
         self._refusals_journalled: dict[tuple[int, int, GateReason], tuple[float, int]] = {}
         self._due = {
             self._send_lease: (broadcast.LEASE_INTERVAL_S, 0.0),
@@ -271,12 +276,11 @@ class Companion:
         return finder.facts(*where, *self.aircraft.track, position.relative_alt / 1000.0)
 
     def _check_zones(self, now: float) -> None:
-        if now - self._zones_at < _ZONE_CHECK_S:
+        if now - self._zones_at < _ZONE_CHECK_S or self.aircraft.position_at != now:  # that one held no position
             return
         self._zones_at = now
-        facts = self.zone_facts()
-        if facts:
-            self.handle(events.PositionSeen(facts), now)
+        self._positions += 1
+        self.handle(events.PositionSeen(self.zone_facts()), now)
 
     def _on_guard(self, message: Any, now: float) -> None:
         status = unpack_guard_status(bytes(message.payload)[: message.payload_length])
@@ -302,7 +306,8 @@ class Companion:
             self.handle(events.Tick(), now)
         for job, (interval_s, due_at) in self._due.items():
             if now >= due_at:
-                self._due[job] = (interval_s, now + interval_s)
+                late_s = now - due_at
+                self._due[job] = (interval_s, now + interval_s - (late_s if late_s < interval_s else 0.0))
                 try:
                     job(now)
                 except Exception:
@@ -332,9 +337,17 @@ class Companion:
         self._to_stations(beat)
         self._to_stations(broadcast.control_status(self.view))
         self._send_telemetry(now)
-        if now - self.aircraft.heartbeat_at < 3.0 and now - self.aircraft.position_at > 2.0 and now >= self._streams_at:
-            self._streams_at = now + _STREAM_CHECK_S
-            for request in self._copter.stream_requests():
+        self._ask_for_streams(now)
+
+    def _ask_for_streams(self, now: float) -> None:
+        """Once, when the autopilot falls silent, and for positions alone when somebody has slowed them down."""
+        slow, self._positions = self._positions < _POSITIONS_A_SECOND, 0
+        if now - self.aircraft.heartbeat_at >= 3.0:
+            self._streams_asked = False
+        elif now >= self._streams_at and (slow or not self._streams_asked):
+            all_of_them = not self._streams_asked or now - self.aircraft.position_at > 2.0
+            self._streams_at, self._streams_asked = now + _STREAM_CHECK_S, True
+            for request in self._copter.stream_requests()[: None if all_of_them else 1]:
                 self._to_autopilot(request)
 
     def _send_telemetry(self, now: float) -> None:
@@ -406,10 +419,10 @@ class Companion:
 
     def _send(self, action: events.Send) -> None:
         port = self.ports[action.station]
-        message = codec.encode(action.message, port.target, self.config.sysid, self.aircraft.state())
-        port.write_all(codec.pack(message, self._own))
         if not isinstance(action.message, (Connect, ConnectAck)):
             self._journal_message("out", port, action.message, action.attempt)
+        message = codec.encode(action.message, port.target, self.config.sysid, self.aircraft.state())
+        port.write_all(codec.pack(message, self._own))
 
     def _on_view(self, action: events.ViewChanged, now: float) -> None:
         before, view = self.view, action.view

@@ -9,6 +9,7 @@ misspelt limit must not silently keep its default.
 from __future__ import annotations
 
 import difflib
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -119,7 +120,7 @@ class _Table:
             return default
         value = self._data[key]
         if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
+            value = float(value) if abs(value) < 2**63 else math.inf
         if not isinstance(value, kind) or (kind is not bool and isinstance(value, bool)):
             raise self.error(key, f"{value!r} must be {_KIND_NAMES[kind]}")
         return value
@@ -184,7 +185,7 @@ def _link(table: _Table, key: str, value: Any) -> str:
     parts = value.split(":") if isinstance(value, str) else []
     if len(parts) != 3 or parts[0] not in LINK_KINDS or not parts[1] or not value.isprintable():
         raise table.error(key, f"{value!r} {form}")
-    if not parts[2].isdecimal() or not 1 <= int(parts[2]) <= 65535:
+    if not parts[2].isdecimal() or len(parts[2]) > 5 or not 1 <= int(parts[2]) <= 65535:
         raise table.error(key, f"{value!r}: port must be 1 to 65535")
     return str(value)
 

@@ -42,9 +42,10 @@ class MissionLoader:
         `welcome`: the sender may load a mission now (it commands, the aircraft is on the ground and disarmed).
         """
         if kind == "MISSION_PACKAGE":
-            if not welcome:
+            digest = bytes(message.mission_digest)
+            if not welcome and self._receiver.last_word(digest, target) is None:
                 text = "only the commander's, on the ground, disarmed"
-                return [self._receiver.refuse(bytes(message.mission_digest), text, target)], None
+                return [self._receiver.refuse(digest, text, target)], None
             return self._receiver.on_offer(message, target), None
         if kind != "MISSION_CHUNK" or not welcome:
             return [], None

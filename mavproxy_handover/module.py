@@ -53,7 +53,12 @@ class HandoverModule(mp_module.MPModule):
         for port, link in self._links:
             mpstate.select_extra[link.fileno()] = (self._readable, (port, link))
             mp_util.child_fd_list_add(link.fileno())  # or a map's process would keep the port after `unload`
-        self.add_command("handover", self._command, "authority handover", self._commands.completions())
+        self.add_command(
+            "handover",
+            self._command,
+            "authority handover of this vehicle ('handover help')",
+            self._commands.completions(),
+        )
         journal.write("loaded", f"handover {VERSION}, configuration {config.path}", version=VERSION)
         self._close_side_doors(tell=False)
         stations = ", ".join(port.name for port in ports.values())
@@ -149,6 +154,9 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
     """
     if unknown:
         return _not_loaded(mpstate, f"unknown argument {', '.join(unknown)}; allowed is: config")
+    if "handover" in mpstate.command_map:
+        return _not_loaded(mpstate, "module handover_gcs is loaded here: vehicle and station need a MAVProxy each")
+    ports: dict[int, StationPort] = {}
     try:
         path = find_vehicle_config(config_argument(config) or (_last_config[-1] if _last_config else None))
         settings = load_vehicle(path)
@@ -161,25 +169,25 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
                 "or set listen_only_outputs = true in [vehicle]",
             )
         ports = open_ports(settings.stations)
-    except (ConfigError, LinkError) as error:
-        return _not_loaded(mpstate, str(error))
-    try:
-        journal = Journal(settings.journal, settings.name)
-    except OSError as error:
-        for port in ports.values():
-            port.close()
-        return _not_loaded(mpstate, f"journal {settings.journal}: {error.strerror}")
-    try:
-        module = HandoverModule(mpstate, settings, ports, journal)
-    except Exception as error:  # MAVProxy would not live through it when it loads its default modules
+        module = HandoverModule(mpstate, settings, ports, Journal(settings.journal, settings.name))
+    except Exception as error:  # whatever: MAVProxy would not live through it when it loads its default modules
         for port in ports.values():
             for link in port.links:
                 mpstate.select_extra.pop(link.fileno(), None)
             port.close()
         mpstate.public_modules.pop("handover", None)
-        return _not_loaded(mpstate, f"internal fault: {type(error).__name__}: {error}")
+        mpstate.command_map.pop("handover", None)
+        return _not_loaded(mpstate, _why(error))
     _last_config[:] = [str(path)]
     return module
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, (ConfigError, LinkError)):
+        return str(error)
+    if isinstance(error, OSError):
+        return f"{error.filename}: {error.strerror}"
+    return f"internal fault: {type(error).__name__}: {error}"
 
 
 def _not_loaded(mpstate: Any, text: str) -> HandoverModule | None:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mavproxy_handover.resources import DEPLOY, shipped
+from sitl import vehicles
 
 __all__ = ["main"]
 
@@ -41,8 +42,7 @@ def main(argv: Sequence[str]) -> int:
         if target.exists():
             raise FileExistsError
         if sample.is_dir():
-            shutil.copytree(sample, target)
-            shutil.copytree(shipped("missions") / "delivery", target / "delivery")
+            _write_demo(sample, target)
         else:
             shutil.copy(sample, target)
     except FileExistsError:
@@ -53,3 +53,14 @@ def main(argv: Sequence[str]) -> int:
         return 2
     print(f"{target} written; {following}")
     return 0
+
+
+def _write_demo(sample: Path, target: Path) -> None:
+    """Everything that a flight by hand needs, in one folder that MAVProxy and both vehicles can be started in."""
+    guard = shipped("ardupilot_lua")
+    shutil.copytree(sample, target)
+    shutil.copytree(shipped("missions") / "delivery", target / "delivery")
+    (target / "scripts").mkdir()
+    shutil.copy(guard / "handover_guard.lua", target / "scripts")
+    shutil.copy(guard / "handover.parm", target)
+    shutil.copy(Path(vehicles.__file__).parent / "copter_base.parm", target)

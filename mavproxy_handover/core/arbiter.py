@@ -168,8 +168,12 @@ class Arbiter:
     # ---- the two entry points -------------------------------------------------------------------------------------
 
     def handle(self, event: Event, now: float) -> list[Action]:
-        """Take in one event at monotonic time `now` (s); returns what to do, in order."""
+        """Take in one event at monotonic time `now` (s); returns what to do, in order.
+
+        What has run out by then runs out before the event counts, even if the caller's tick is late.
+        """
         actions: list[Action] = []
+        self._expire(now, actions)
         if isinstance(event, StationHeard):
             self._on_heard(event.station, now, actions)
         elif isinstance(event, StationMessage):
@@ -188,7 +192,9 @@ class Arbiter:
             self._on_start_finished(event, actions)
         elif isinstance(event, Cancel):
             self._on_cancel(event.station, now, actions)
-        self._on_time(now, actions)
+        self._speak(now, actions)
+        self._judge_safety(now, actions)
+        self._ask_around(now, actions)
         return actions
 
     def next_deadline(self) -> float | None:
@@ -560,7 +566,7 @@ class Arbiter:
 
     # ---- time -----------------------------------------------------------------------------------------------------
 
-    def _on_time(self, now: float, actions: list[Action]) -> None:
+    def _expire(self, now: float, actions: list[Action]) -> None:
         # the partner first: from here on nothing commits to a station that is lost itself
         if self._transfer is not None and not self._presence[self._transfer.key.to_station].alive(now):
             self._move_transfer(Cause.PARTNER_LOST, now, actions)
@@ -568,9 +574,6 @@ class Arbiter:
             self._lose_owner(self._owner, now, actions)
         if self._transfer is not None and now >= self._transfer.timeout_at:
             self._move_transfer(Cause.TIMEOUT, now, actions)
-        self._speak(now, actions)
-        self._judge_safety(now, actions)
-        self._ask_around(now, actions)
 
     def _lose_owner(self, owner: int, now: float, actions: list[Action]) -> None:
         self._end_by(Cause.COMMANDER_LOST, now, actions)

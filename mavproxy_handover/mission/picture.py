@@ -253,7 +253,7 @@ class MapSheet:
                 x, y, "D", color=colour, markeredgecolor="white", markersize=9.5, label=label, zorder=8, ls="none"
             )
             pair = f"{names[handover.from_station]} \N{RIGHTWARDS ARROW} {names[handover.to_station]}"
-            words = f"{number}: {pair}\n{math.floor(handover.overlap_s)} s"
+            words = f"{number}: {pair}\n{handover.overlap_s:.1f} s"
             # below, unless another mark is nearer there than above
             step = 0.04 * (self._bounds[2] - self._bounds[0])
             above, below = (

@@ -77,7 +77,7 @@ class PackageSender:
 
     def on_ack(self, ack: Any, now: float) -> list[Any]:
         """Take in a MISSION_PACKAGE_ACK of the receiver; returns what to send next."""
-        if ack.package_id != self._id:
+        if ack.package_id != self._id or self.finished:
             return []
         if ack.result in (_RECEIVED, _LOADED, _REFUSED):
             self.result, self.text = ack.result, ack.text
@@ -126,8 +126,9 @@ class PackageReceiver:
     def on_offer(self, offer: Any, target: tuple[int, int]) -> list[Any]:
         """Take in MISSION_PACKAGE; returns the answer."""
         digest = bytes(offer.mission_digest)
-        if self._done is not None and self._done[0] == digest and self._done[1] != _REFUSED:
-            return [self._ack(target, *_said(self._done))]
+        known = self.last_word(digest, target)
+        if known is not None:
+            return [known]
         if not 0 < offer.size <= MAX_PACKAGE_BYTES:
             text = f"package of {offer.size} bytes, allowed are {MAX_PACKAGE_BYTES}"
             return [self._ack(target, digest, 0, _REFUSED, text)]
@@ -135,6 +136,12 @@ class PackageReceiver:
         if incoming is None or incoming.digest != digest or incoming.size != offer.size:
             incoming = self._incoming = _Incoming(digest, offer.name, offer.size, bytearray(), 0)
         return [self._next(incoming, target)]
+
+    def last_word(self, digest: bytes, target: tuple[int, int]) -> Any | None:
+        """What was said of this package when it was whole, to be said again; None if it must be sent (again)."""
+        if self._done is None or self._done[0] != digest or self._done[1] == _REFUSED:
+            return None
+        return self._ack(target, *_said(self._done))
 
     def on_chunk(self, chunk: Any, target: tuple[int, int]) -> tuple[list[Any], tuple[bytes, bytes] | None]:
         """Take in MISSION_CHUNK; returns answers, and (digest, data) once the package is whole."""

@@ -1,0 +1,188 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What all links have in common: frames in, frames out, counters, and the promise never to block and never to raise.
+
+Rules that live here:
+
+1. After its construction a device raises nothing: what the network does is counted (`LinkCounters`) and named
+   (`trouble`). Construction raises LinkError for faults of this machine: a port in use, an unknown host, no right to a
+   serial line. A peer that is not there is no fault.
+2. One `read` does a bounded amount of work, so that one flooded link cannot keep the others waiting.
+3. `write` takes a whole frame or nothing of it. What cannot be sent now is refused, never kept for later: old
+   telemetry is worth nothing, and the protocols above repeat what matters.
+4. What `fileno` names stays open until the next `read`; ask again after each. It is -1 while there is nothing to wait
+   for.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from mavproxy_handover.wire.frames import Frame, FrameSplitter
+
+__all__ = ["PEER_HOLD_S", "Backoff", "Clock", "Device", "LinkCounters", "OutBuffer", "reason"]
+
+Clock = Callable[[], float]
+
+#: A sender that was heard as lately as this keeps the link, though another one proved genuine. A bit more than the
+#: interval of heartbeats: two programs of one station must not take the downlink from each other in turns, and
+#: somebody who repeats the station's frames must not get it while the station speaks.
+PEER_HOLD_S: Final = 1.5
+
+#: Unsent bytes that wait for a stream (TCP, serial): 0.2 s of a 57600 baud line and a few frames of a fast link.
+OUT_BUFFER_BYTES: Final = 4096
+
+
+@dataclass(slots=True)
+class LinkCounters:
+    """What went through a device since it was made."""
+
+    bytes_in: int = 0
+    frames_in: int = 0  #: whole and checked, whoever sent them
+    bad_crc: int = 0
+    unknown_id: int = 0
+    garbage_bytes: int = 0
+    bytes_out: int = 0
+    frames_out: int = 0
+    refused_out: int = 0  #: frames that could not be sent
+    strangers: int = 0  #: datagrams or connections of others that were turned away unread
+    oversize: int = 0  #: datagrams longer than any station sends
+    errors: int = 0  #: what the system reported: no route, connection lost, device gone
+    connects: int = 0  #: connections made, or the serial line opened
+
+
+def reason(error: Exception) -> str:
+    """An error of the system in words, without its number."""
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return " ".join(str(text).splitlines())
+
+
+class Backoff:
+    """When to try again: at once, then after `first_s`, then twice as long each time, up to `most_s`."""
+
+    def __init__(self, first_s: float = 0.5, most_s: float = 10.0) -> None:
+        self._first_s = first_s
+        self._most_s = most_s
+        self._wait_s = 0.0
+        self._at = float("-inf")
+
+    def due(self, now: float) -> bool:
+        """Whether the next attempt may be made."""
+        return now >= self._at
+
+    def tried(self, now: float) -> None:
+        """An attempt begins now; the next one is due later each time."""
+        self._wait_s = min(max(self._first_s, 2 * self._wait_s), self._most_s)
+        self._at = now + self._wait_s
+
+    def succeeded(self) -> None:
+        """It works: after the next loss the first attempt is soon again."""
+        self._wait_s = 0.0
+
+
+class OutBuffer:
+    """Bytes that wait to leave on a stream; takes whole frames only, and no more than `limit` bytes."""
+
+    def __init__(self, limit: int = OUT_BUFFER_BYTES) -> None:
+        self._limit = limit
+        self._data = bytearray()
+
+    def __len__(self) -> int:
+        return len(self._data)
+
+    def add(self, frame: bytes) -> bool:
+        """Take a frame; False if there is no room for all of it."""
+        if len(self._data) + len(frame) > self._limit:
+            return False
+        self._data += frame
+        return True
+
+    def drain(self, send: Callable[[bytes], int]) -> int:
+        """Hand over what `send` takes now; bytes that left. OSError of `send` passes, but for "not now"."""
+        sent = 0
+        while self._data:
+            try:
+                count = send(bytes(self._data))
+            except (BlockingIOError, InterruptedError):
+                break
+            del self._data[:count]
+            sent += count
+            if count == 0:
+                break
+        return sent
+
+    def clear(self) -> None:
+        """What waits is not sent to whoever comes next."""
+        self._data.clear()
+
+
+class Device(ABC):
+    """One link. See the module's rules."""
+
+    def __init__(self, device: str, clock: Clock = time.monotonic) -> None:
+        self.device = device
+        self.counters = LinkCounters()
+        #: the last thing that went wrong, in words; empty while all is well
+        self.trouble = ""
+        self._clock = clock
+        self._closed = False
+
+    @abstractmethod
+    def read(self) -> list[Frame]:
+        """Whole, checked frames that have arrived, from whomever; also looks after the connection. Call it often."""
+
+    @abstractmethod
+    def write(self, data: bytes) -> bool:
+        """Send one frame; False, and counted, if that cannot be done now."""
+
+    @abstractmethod
+    def fileno(self) -> int:
+        """To wait for until the next `read`; -1 if there is nothing."""
+
+    @property
+    @abstractmethod
+    def open(self) -> bool:
+        """Whether a frame written now would leave this machine."""
+
+    @abstractmethod
+    def _shut(self) -> None:
+        """Give everything back."""
+
+    def accept_sender(self, frame: Frame) -> None:  # noqa: B027 (most devices have but one peer)
+        """`frame`, out of the last `read`, was genuine: its sender is the one to answer, where there is a choice."""
+
+    def close(self) -> None:
+        """Close for good; may be called twice."""
+        if not self._closed:
+            self._closed = True
+            self._shut()
+
+    def _split(self, splitter: FrameSplitter, data: bytes) -> list[Frame]:
+        """Feed a splitter and count what it found."""
+        seen = splitter.counters
+        bad_crc, unknown, garbage = seen.bad_crc, seen.unknown_id, seen.garbage_bytes
+        frames = splitter.feed(data)
+        counters = self.counters
+        counters.bytes_in += len(data)
+        counters.frames_in += len(frames)
+        counters.bad_crc += seen.bad_crc - bad_crc
+        counters.unknown_id += seen.unknown_id - unknown
+        counters.garbage_bytes += seen.garbage_bytes - garbage
+        return frames
+
+    def _sent(self, data: bytes) -> bool:
+        self.counters.frames_out += 1
+        self.counters.bytes_out += len(data)
+        return True
+
+    def _refused(self) -> bool:
+        self.counters.refused_out += 1
+        return False
+
+    def _failed(self, error: Exception) -> None:
+        self.counters.errors += 1
+        self.trouble = reason(error)

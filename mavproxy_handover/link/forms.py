@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Device strings of links, in pymavlink's forms, into values. No device is touched here.
+
+    udpin:HOST:PORT          listen on a local address; answer whoever proved to be the station
+    udpout:HOST:PORT         send to a station that listens
+    tcp:HOST:PORT            connect to a station that listens
+    tcpin:HOST:PORT          listen for the station's connection
+    /dev/ttyX[,BAUD]         serial line
+    serial:/dev/ttyX:BAUD    the same
+
+HOST is a name or an IPv4 address. Without BAUD a serial line runs at 57600, as MAVProxy has it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+__all__ = ["DEFAULT_BAUD", "DeviceSpec", "Kind", "LinkError", "parse_device"]
+
+DEFAULT_BAUD: Final = 57600
+BAUD_RANGE: Final = (1200, 4_000_000)
+_FORMS: Final = (
+    "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyX[,BAUD], serial:/dev/ttyX:BAUD"
+)
+
+
+class LinkError(Exception):
+    """A link cannot be opened, for a reason on this machine. The message is one line for people."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.splitlines()))
+
+
+class Kind(Enum):
+    """The kinds of link, by the word that a device string begins with."""
+
+    UDP_IN = "udpin"
+    UDP_OUT = "udpout"
+    TCP_OUT = "tcp"
+    TCP_IN = "tcpin"
+    SERIAL = "serial"
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceSpec:
+    """What a device string says. `text` is the string; `host` is the path and `port` the baud rate of a serial line."""
+
+    text: str
+    kind: Kind
+    host: str
+    port: int
+
+
+def parse_device(text: str) -> DeviceSpec:
+    """The meaning of a device string. Raises LinkError, one line that says what is allowed."""
+    if not text.isprintable() or not text:
+        raise LinkError(f"link {text!r} must be one of {_FORMS}")
+    if text.startswith("/dev/"):
+        path, _, baud = text.partition(",")
+        return _serial(text, path, baud if "," in text else str(DEFAULT_BAUD))
+    word, _, rest = text.partition(":")
+    if word == Kind.SERIAL.value:
+        # paths such as /dev/serial/by-path/... have colons of their own
+        path, _, baud = rest.rpartition(":")
+        return _serial(text, path, baud)
+    host, _, port = rest.partition(":")
+    kinds = {kind.value: kind for kind in Kind}
+    if word not in kinds or not host:
+        raise LinkError(f"link {text!r} must be one of {_FORMS}")
+    number = _number(port)
+    if not 1 <= number <= 65535:
+        raise LinkError(f"link {text!r}: port must be 1 to 65535")
+    return DeviceSpec(text, kinds[word], host, number)
+
+
+def _serial(text: str, path: str, baud: str) -> DeviceSpec:
+    low, high = BAUD_RANGE
+    number = _number(baud)
+    if not path.startswith("/"):
+        raise LinkError(f"link {text!r} must be one of {_FORMS}")
+    if not low <= number <= high:
+        raise LinkError(f"link {text!r}: baud rate must be {low} to {high}")
+    return DeviceSpec(text, Kind.SERIAL, path, number)
+
+
+def _number(text: str) -> int:
+    """-1 for what is no plain decimal number."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) <= 8 else -1

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Serial links (radio modems): non-blocking, and back by themselves when the device was unplugged.
+
+pyserial opens and sets up the line; bytes are moved on its descriptor directly, because pyserial's own `write` spins
+for as long as the line takes nothing.
+
+At construction a device that is not there is no fault: it may be plugged in later. No right to use it, another program
+on it, or a rate that it cannot do are faults.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import time
+from typing import Final
+
+import serial
+
+from mavproxy_handover.link.base import Backoff, Clock, Device, OutBuffer, reason
+from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
+from mavproxy_handover.wire.frames import Frame, FrameSplitter
+
+__all__ = ["SerialLine"]
+
+_READ_BYTES: Final = 4096
+_ABSENT: Final = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO)
+
+
+class SerialLine(Device):
+    """A serial line at a fixed rate."""
+
+    def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
+        """Raises LinkError: not allowed, in use, no serial line, rate not possible."""
+        assert spec.kind is Kind.SERIAL
+        super().__init__(spec.text, clock)
+        self._path, self._baud = spec.host, spec.port
+        self._backoff = Backoff(most_s=5.0)
+        self._port: serial.Serial | None = None
+        self._splitter = FrameSplitter()
+        self._out = OutBuffer()
+        self._hang_up = select.poll()
+        fault = self._connect()
+        if fault is not None and getattr(fault, "errno", None) not in _ABSENT:
+            hint = "; is the user in group dialout?" if getattr(fault, "errno", None) == errno.EACCES else ""
+            raise LinkError(f"link {spec.text} cannot be opened: {_words(fault)}{hint}")
+
+    @property
+    def open(self) -> bool:
+        return self._port is not None
+
+    def fileno(self) -> int:
+        return -1 if self._port is None else int(self._port.fileno())
+
+    def read(self) -> list[Frame]:
+        if self._closed:
+            return []
+        if self._port is None:
+            if self._backoff.due(self._clock()):
+                self._connect()
+            return []
+        try:
+            # an unplugged device reads as empty, over and over, like one that is silent
+            if self._hang_up.poll(0):
+                raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+            self._push()
+            data = os.read(self._port.fileno(), _READ_BYTES)
+        except (BlockingIOError, InterruptedError):
+            return []
+        except OSError as error:
+            self._failed(error)
+            self._shut()
+            return []
+        return self._split(self._splitter, data) if data else []
+
+    def write(self, data: bytes) -> bool:
+        if self._port is None:
+            return self._refused()
+        try:
+            self._push()
+            if not self._out.add(data):
+                return self._refused()
+            self._push()
+        except OSError as error:  # closed in the next `read`
+            self._failed(error)
+            return self._refused()
+        return self._sent(data)
+
+    def _push(self) -> None:
+        assert self._port is not None
+        descriptor = self._port.fileno()
+        self._out.drain(lambda data: os.write(descriptor, data))
+
+    def _connect(self) -> Exception | None:
+        """Open the line; the error that prevented it."""
+        self._backoff.tried(self._clock())
+        try:
+            self._port = serial.Serial(self._path, self._baud, timeout=0, write_timeout=0, exclusive=True)
+        except Exception as error:  # OSError, ValueError (the rate), termios.error: pyserial passes all of them on
+            self.counters.errors += 1
+            self.trouble = _words(error)
+            return error
+        self._backoff.succeeded()
+        self._hang_up.register(self._port.fileno(), 0)  # hang-up and error are told without asking
+        self._splitter = FrameSplitter()
+        self.counters.connects += 1
+        self.trouble = ""
+        return None
+
+    def _shut(self) -> None:
+        if self._port is None:
+            return
+        port, self._port = self._port, None
+        self._out.clear()
+        try:
+            self._hang_up.unregister(port.fileno())
+            port.reset_output_buffer()  # closing would wait for what the line does not take
+        except Exception:  # the device is gone
+            pass
+        try:
+            port.close()
+        except Exception:
+            pass
+
+
+def _words(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else reason(error)

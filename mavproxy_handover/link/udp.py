@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""UDP links.
+
+`udpout` sends to one address and hears that address only. That is safe behind address translation: a station's answer
+comes from the very address that was written to, whichever of the two sides is translated, or it would not find its way
+back. A station that answers from another address or socket than the one it listens on is not heard; reach it by
+`udpin`. The socket is not connected, so the way out is chosen anew for each datagram: a modem that comes back with
+another address of our own needs no reconnect.
+
+`udpin` listens. Anybody can send to it, so:
+
+* the peer, who gets the downlink, is the address whose frame was last called genuine (`accept_sender`); a peer that
+  was heard within PEER_HOLD_S is not replaced;
+* the peer's datagrams have a splitter that lasts, as some bridges cut frames anywhere; those of anybody else are
+  looked at one by one, and only if they begin with a frame, so that nothing is kept for strangers;
+* of strangers' datagrams only so many are looked at in one `read`; the rest is thrown away unread. The peer's are not
+  left waiting behind them.
+
+Datagrams of more than 2 KiB are dropped: no station sends them, and a long one made of frame starts costs much.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from typing import Final
+
+from mavproxy_handover.link.base import PEER_HOLD_S, Clock, Device, reason
+from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
+from mavproxy_handover.wire.frames import MAGIC_V1, MAGIC_V2, Frame, FrameSplitter
+
+__all__ = ["UdpIn", "UdpOut"]
+
+Address = tuple[str, int]
+
+_DATAGRAM_BYTES: Final = 2048
+#: datagrams taken off the socket in one `read`
+_TAKEN: Final = 256
+#: of these, looked at: the peer's and everybody else's
+_PEER_DATAGRAMS: Final = 64
+_STRANGER_DATAGRAMS: Final = 16
+_STRANGER_BYTES: Final = 4096
+_RECEIVE_BUFFER_BYTES: Final = 1 << 20
+
+
+class _Udp(Device):
+    def __init__(self, spec: DeviceSpec, clock: Clock) -> None:
+        super().__init__(spec.text, clock)
+        self._peer: Address | None = None
+        self._splitter = FrameSplitter()
+        try:
+            # the resolver may ask the network, so this happens once, before anything flies
+            self._address: Address = (socket.gethostbyname(spec.host), spec.port)
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        except (OSError, UnicodeError) as error:
+            raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
+        self._socket.setblocking(False)
+        # more than the system allows is cut by the system; a burst must outlast one slow round of the main loop
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+
+    @property
+    def open(self) -> bool:
+        return not self._closed and self._peer is not None
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def _shut(self) -> None:
+        self._socket.close()
+
+    def _receive(self) -> tuple[bytes, Address] | None:
+        """The next datagram; None when there is none. One too long comes back empty."""
+        try:
+            data, address = self._socket.recvfrom(_DATAGRAM_BYTES + 1)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError as error:
+            if not self._closed:
+                self._failed(error)
+            return None
+        if len(data) > _DATAGRAM_BYTES:
+            self.counters.oversize += 1
+            return b"", address
+        return data, address
+
+    def write(self, data: bytes) -> bool:
+        if self._peer is None or self._closed:
+            return self._refused()
+        try:
+            self._socket.sendto(data, self._peer)
+        except (BlockingIOError, InterruptedError):
+            return self._refused()
+        except OSError as error:  # no route, the interface is down
+            self._failed(error)
+            return self._refused()
+        self.trouble = ""
+        return self._sent(data)
+
+
+class UdpOut(_Udp):
+    """Sends to `HOST:PORT` and hears nobody else."""
+
+    def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
+        """Raises LinkError: unknown host."""
+        assert spec.kind is Kind.UDP_OUT
+        super().__init__(spec, clock)
+        self._peer = self._address
+
+    def read(self) -> list[Frame]:
+        frames: list[Frame] = []
+        looked_at = 0
+        for _ in range(_TAKEN):
+            received = self._receive()
+            if received is None:
+                break
+            data, address = received
+            if address != self._peer:
+                self.counters.strangers += 1
+                continue
+            frames += self._split(self._splitter, data)
+            looked_at += 1
+            if looked_at == _PEER_DATAGRAMS:
+                break
+        return frames
+
+
+class UdpIn(_Udp):
+    """Listens on `HOST:PORT` and answers whoever proved genuine."""
+
+    def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
+        """Raises LinkError: port in use, not an address of this machine."""
+        assert spec.kind is Kind.UDP_IN
+        super().__init__(spec, clock)
+        self._heard_at = 0.0
+        #: senders of the frames of the last read. By identity: two senders may send equal frames
+        self._senders: dict[int, Address] = {}
+        self._last: list[Frame] = []
+        try:
+            self._socket.bind(self._address)
+        except OSError as error:
+            self._socket.close()
+            raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
+
+    def read(self) -> list[Frame]:
+        frames: list[Frame] = []
+        senders: dict[int, Address] = {}
+        peers = strangers = stranger_bytes = 0
+        for _ in range(_TAKEN):
+            received = self._receive()
+            if received is None:
+                break
+            data, address = received
+            if address == self._peer:
+                found = self._split(self._splitter, data)
+                peers += 1
+            elif strangers < _STRANGER_DATAGRAMS and stranger_bytes < _STRANGER_BYTES and _begins_with_frame(data):
+                found = self._split(FrameSplitter(), data)
+                strangers += 1
+                stranger_bytes += len(data)
+            else:
+                self.counters.strangers += 1
+                continue
+            for frame in found:
+                senders[id(frame)] = address
+            frames += found
+            if peers == _PEER_DATAGRAMS:
+                break
+        self._senders, self._last = senders, list(frames)
+        return frames
+
+    def accept_sender(self, frame: Frame) -> None:
+        address = self._senders.get(id(frame))
+        if address is None:
+            return
+        now = self._clock()
+        if address != self._peer:
+            if self._peer is not None and now - self._heard_at <= PEER_HOLD_S:
+                return
+            self._peer = address
+            self._splitter = FrameSplitter()
+        self._heard_at = now
+
+
+def _begins_with_frame(data: bytes) -> bool:
+    return len(data) > 0 and data[0] in (MAGIC_V1, MAGIC_V2)

@@ -1,0 +1,400 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""MAVLink 2 signatures: who really sent a frame, and that it is not an old one played again.
+
+A signature is 13 bytes behind the CRC: link id, 48-bit stamp (10 us since 2015-01-01), and the first 6 bytes of the
+SHA-256 of key and frame (https://mavlink.io/en/guide/message_signing.html). Each station has a key of its own, so a
+valid signature says which station it was. A *stream* is (system, component, link id). Rules that live here:
+
+Signing
+1. Only the flag, the CRC and the signature change; ids, sequence number and payload stay. The CRC is not computed
+   again but corrected: CRCs are linear, so the flag changes it by a value that depends on the length alone. No CRC
+   extra is needed, unknown messages can be signed, and what was damaged before signing is damaged after it.
+2. MAVLink 1 cannot be signed: the answer is None, and the caller must not send the frame as if it were.
+3. Stamps of a key rise with every frame and keep pace with time: they follow the wall clock, run on evenly when it is
+   set back, and follow the newest stamp proven from the other end (MAVLink's rule). So an end whose clock is not set
+   yet is pulled along by the other one's first good frame, and neither is locked out.
+
+Checking
+4. The hash comes first. A frame that fails it is BAD and changes nothing, whatever its stamp says: ids are sent in
+   clear, so anybody could otherwise silence a station with one forged stamp from the far future.
+5. In a stream stamps must rise: equal or lower is REPLAYED.
+6. The first frame of a stream may be `first_packet_tolerance_s` behind the later of our clock and the newest stamp
+   proven under this key, else it is TOO_OLD. Nothing at or before the `floor` is ever accepted.
+7. The table of streams is bounded. A full one forgets its oldest stream if that is so far behind the newest stamp that
+   rule 6 refuses all of its frames anyway; the floor rises to it, so it stays refused. Else: TOO_MANY_STREAMS. Only
+   holders of the key can fill the table.
+8. A frame of a running stream that comes more than `max_age_s` later than the stream's frames usually do was held back
+   on its way, by a jammed link or by somebody: TOO_OLD. That is measured with the monotonic clock against the stream's
+   own stamps, so no clock needs to be right. If the stamp is within `max_age_s` of our wall clock it is fresh all the
+   same: the sender set its clock back.
+9. After a restart the floor is the newest stamp that was proven before it (`state`, `restore`): every frame captured
+   before is refused, in known streams and unknown ones.
+
+What clocks can do to this. Our wall clock is used in rules 6 and 8 only and never remembered, and what was accepted
+once is refused by rules 5, 7 and 9 alone: no step of our clock, forward or back, makes a replay acceptable. A clock
+that is not set yet (no battery, no GPS fix) reads too early and bounds nothing; the stamps proven before still do. One
+that reads too late leaves running streams alone; new ones are TOO_OLD until it is right, or until the station has heard
+us and follows our stamps. A station whose clock was far ahead and then set right is pulled along too; a program that
+does not follow the other end's stamps needs a new key (`handover keys rotate`), which starts afresh.
+
+Time is an argument: UTC and monotonic seconds. Nothing that arrives raises.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+from collections.abc import Mapping
+from enum import Enum
+from typing import Final
+
+from pymavlink.generator.mavcrc import x25crc
+
+from mavproxy_handover.wire.frames import CRC_BYTES, FLAG_SIGNED, HEADER_V2, MAGIC_V2, SIGNATURE_BYTES, Frame
+
+__all__ = [
+    "KEY_BYTES",
+    "MAX_TIMESTAMP",
+    "SignatureVerdict",
+    "SignedPeer",
+    "Signer",
+    "SigningClock",
+    "Verifier",
+    "fingerprint",
+    "resign",
+    "sign",
+    "time_of",
+    "timestamp_of",
+    "unsign",
+]
+
+KEY_BYTES: Final = 32
+MAX_TIMESTAMP: Final = (1 << 48) - 1  #: in the year 2104
+UNITS_PER_S: Final = 100_000
+_EPOCH_S: Final = 1_420_070_400  # 2015-01-01 00:00 UTC
+
+#: How fast a stream's usual delay may grow without being a delay: clocks drift, and slewing ones by up to 0.05 %.
+_DRIFT: Final = 0.001
+
+
+def timestamp_of(utc_s: float) -> int:
+    """UTC seconds as a signature's stamp, held within its 48 bits: a clock before 2015 reads 0."""
+    return int(min(max(0.0, utc_s - _EPOCH_S) * UNITS_PER_S, MAX_TIMESTAMP))
+
+
+def time_of(timestamp: int) -> float:
+    """A signature's stamp as UTC seconds."""
+    return _EPOCH_S + timestamp / UNITS_PER_S
+
+
+def fingerprint(key: bytes) -> str:
+    """A name for a key that may be shown and written down: 16 hexadecimal digits that do not give the key away."""
+    return hashlib.sha256(b"handover key fingerprint" + key).hexdigest()[:16]
+
+
+# ---- signing ------------------------------------------------------------------------------------------------------
+
+
+def _flag_in_crc(length: int) -> int:
+    """By what the signed flag changes the CRC of a frame with `length` bytes of payload."""
+    crc = x25crc()
+    crc.crc = 0
+    crc.accumulate(
+        bytes([FLAG_SIGNED]) + bytes(HEADER_V2 - 3 + length + 1)
+    )  # what follows the flag, CRC extra included
+    return int(crc.crc)
+
+
+_FLAG_IN_CRC: Final = tuple(_flag_in_crc(length) for length in range(256))
+
+
+def _bare_length(raw: bytes) -> int:
+    """Length without signature, if `raw` is one whole MAVLink 2 frame with flags that we understand; else 0."""
+    if len(raw) < HEADER_V2 + CRC_BYTES or raw[0] != MAGIC_V2 or raw[2] & ~FLAG_SIGNED:
+        return 0
+    length = HEADER_V2 + raw[1] + CRC_BYTES
+    return length if len(raw) == length + (SIGNATURE_BYTES if raw[2] else 0) else 0
+
+
+def _with_flag(bare: bytes, flag: int) -> bytes:
+    """A bare frame with its signed flag changed to `flag`, and the CRC to fit."""
+    crc = int.from_bytes(bare[-CRC_BYTES:], "little") ^ _FLAG_IN_CRC[bare[1]]
+    return b"%b%c%b%b" % (bare[:2], flag, bare[3:-CRC_BYTES], crc.to_bytes(CRC_BYTES, "little"))
+
+
+def sign(raw: bytes, key: bytes, link_id: int, timestamp: int) -> bytes | None:
+    """`raw`, an unsigned MAVLink 2 frame, as a signed one. `link_id`: 8 bits, `timestamp`: 48 bits.
+
+    None: MAVLink 1, signed already (that takes `resign`), or not exactly one whole frame.
+    """
+    if len(raw) < 3 or raw[2]:
+        return None
+    return resign(raw, key, link_id, timestamp)
+
+
+def resign(raw: bytes, key: bytes, link_id: int, timestamp: int) -> bytes | None:
+    """Like `sign`, and a signature that `raw` already carries is replaced. The caller has checked that one."""
+    length = _bare_length(raw)
+    if not length:
+        return None
+    bare = raw[:length] if raw[2] else _with_flag(raw, FLAG_SIGNED)
+    signed = b"%b%c%b" % (bare, link_id, timestamp.to_bytes(6, "little"))
+    return signed + hashlib.sha256(key + signed).digest()[:6]
+
+
+def unsign(raw: bytes) -> bytes:
+    """`raw` without its signature, as logs should have it; what carries none comes back as it is."""
+    length = _bare_length(raw)
+    return _with_flag(raw[:length], 0) if length and raw[2] else raw
+
+
+class SigningClock:
+    """Where the stamps of one key come from (rule 3); one for everything that is signed with it, on all links."""
+
+    def __init__(self) -> None:
+        #: the newest stamp given out
+        self.last = 0
+        self._anchor = 0
+        self._anchor_at: float | None = None
+
+    def next(self, now_utc_s: float, now_s: float) -> int | None:
+        """A stamp above all that were given out before; None when 48 bits are used up."""
+        running = self._running(now_s)
+        wall = timestamp_of(now_utc_s)
+        if wall > running or self._anchor_at is None:
+            self._anchor = running = max(wall, running)
+            self._anchor_at = now_s
+        stamp = max(running, self.last + 1)
+        if stamp > MAX_TIMESTAMP:
+            return None
+        self.last = stamp
+        return stamp
+
+    def follow(self, timestamp: int, now_s: float | None = None) -> None:
+        """The other end proved this stamp: go on from there. `now_s` None: it is not known when that was."""
+        if timestamp > (self._anchor if now_s is None else self._running(now_s)):
+            self._anchor = timestamp
+            self._anchor_at = now_s
+
+    def _running(self, now_s: float) -> int:
+        if self._anchor_at is None:
+            return self._anchor
+        return self._anchor + max(0, int((now_s - self._anchor_at) * UNITS_PER_S))
+
+
+class Signer:
+    """Signs what goes out on one link. Signers of the same key share a clock. Raises ValueError for no key."""
+
+    def __init__(self, key: bytes, link_id: int, clock: SigningClock | None = None) -> None:
+        self._key = _checked(key)
+        self._link_id = link_id
+        self.clock = clock or SigningClock()
+
+    def sign(self, raw: bytes, now_utc_s: float, now_s: float) -> bytes | None:
+        """`raw` with our signature, and only ours. None: it cannot be signed (see `sign`)."""
+        stamp = self.clock.next(now_utc_s, now_s)
+        return None if stamp is None else resign(raw, self._key, self._link_id, stamp)
+
+
+def _checked(key: bytes) -> bytes:
+    if len(key) != KEY_BYTES:
+        raise ValueError(f"a signing key has {KEY_BYTES} bytes, not {len(key)}")
+    return bytes(key)
+
+
+# ---- checking -----------------------------------------------------------------------------------------------------
+
+
+class SignatureVerdict(Enum):
+    """What a signature says of its frame. Only OK lets it pass."""
+
+    OK = "ok"
+    UNSIGNED = "unsigned"  #: no signature, or MAVLink 1
+    BAD = "bad signature"  #: another key, or changed on its way
+    REPLAYED = "replayed"  #: not newer than what the stream had already
+    TOO_OLD = "too old"  #: held back, or captured before; or clocks differ
+    TOO_MANY_STREAMS = "too many streams"
+
+
+class _Stream:
+    __slots__ = ("last", "usual", "usual_at")
+
+    def __init__(self, last: int, usual: int, usual_at: float) -> None:
+        self.last = last
+        #: monotonic time at arrival less stamp, of the frame that was least late so far, in stamp units
+        self.usual = usual
+        self.usual_at = usual_at
+
+
+class Verifier:
+    """Checks the signatures of one key, over all links that its holder uses. Rules 4 to 9 above."""
+
+    def __init__(
+        self,
+        key: bytes,
+        *,
+        max_streams: int = 16,
+        max_age_s: float | None = 30.0,
+        first_packet_tolerance_s: float = 60.0,
+        clock: SigningClock | None = None,
+    ) -> None:
+        """`clock`: that of the signers of the same key, which is to follow. `max_age_s` None: rule 8 is off.
+
+        `max_age_s` must be well above 10 s: stock MAVProxy brings its stamps up to date every 10 s only.
+        Raises ValueError for no key, for no streams.
+        """
+        if max_streams < 1:
+            raise ValueError(f"max_streams = {max_streams}: must be 1 or more")
+        self._key = _checked(key)
+        self._max_streams = max_streams
+        self._max_age = None if max_age_s is None else int(max_age_s * UNITS_PER_S)
+        self._tolerance = int(first_packet_tolerance_s * UNITS_PER_S)
+        self._clock = clock
+        self._streams: dict[tuple[int, int, int], _Stream] = {}
+        #: the newest stamp proven under this key, before the last restart included
+        self.newest = 0
+        #: first frames of a stream must be above this
+        self.floor = 0
+        #: how far behind (seconds) the last frame was that was TOO_OLD: for the operator, who may have a clock to set
+        self.behind_s = 0.0
+        self.fingerprint = fingerprint(key)
+
+    def check(self, frame: Frame, now_utc_s: float, now_s: float) -> SignatureVerdict:
+        """The verdict on a frame whose CRC is proven. Times: UTC as far as known, and monotonic."""
+        if not frame.signed:
+            return SignatureVerdict.UNSIGNED
+        raw = frame.raw
+        if not hmac.compare_digest(hashlib.sha256(self._key + raw[:-6]).digest()[:6], raw[-6:]):
+            return SignatureVerdict.BAD
+        stamp = int.from_bytes(raw[-12:-6], "little")
+        delay = int(now_s * UNITS_PER_S) - stamp
+        name = (frame.sysid, frame.compid, raw[-13])
+        stream = self._streams.get(name)
+        if stream is None:
+            verdict = self._first(name, stamp, delay, now_utc_s, now_s)
+        elif stamp <= stream.last:
+            return SignatureVerdict.REPLAYED
+        else:
+            stream.last = stamp  # of frames that are too old as well: nothing may make them fresh again
+            verdict = self._next(stream, stamp, delay, now_utc_s, now_s)
+        if verdict is SignatureVerdict.OK and stamp > self.newest:
+            self.newest = stamp
+            if self._clock is not None:
+                self._clock.follow(stamp, now_s)
+        return verdict
+
+    def state(self) -> dict[str, int]:
+        """What must outlive a restart: fingerprint of the key -> stamp up to which everything is old by then."""
+        return {self.fingerprint: max(self.newest, self.floor)}
+
+    def restore(self, state: Mapping[str, int], floor: int = 0) -> None:
+        """Take up a `state` (rule 9), before the first frame. What it says of other keys is left alone.
+
+        `floor`: refuse everything up to this stamp, for when the state is lost.
+        """
+        newest = state.get(self.fingerprint, 0)
+        self.newest = max(self.newest, newest)
+        self.floor = max(self.floor, newest, floor)
+        if self._clock is not None:
+            self._clock.follow(self.floor)
+
+    def _first(
+        self, name: tuple[int, int, int], stamp: int, delay: int, now_utc_s: float, now_s: float
+    ) -> SignatureVerdict:
+        earliest = max(max(self.newest, timestamp_of(now_utc_s)) - self._tolerance, self.floor + 1)
+        if stamp < earliest:
+            self.behind_s = (earliest - stamp) / UNITS_PER_S
+            return SignatureVerdict.TOO_OLD
+        if len(self._streams) >= self._max_streams:
+            oldest = min(self._streams, key=lambda other: self._streams[other].last)
+            last = self._streams[oldest].last
+            if last >= self.newest - self._tolerance:
+                return SignatureVerdict.TOO_MANY_STREAMS
+            del self._streams[oldest]
+            self.floor = max(self.floor, last)
+        self._streams[name] = _Stream(stamp, delay, now_s)
+        return SignatureVerdict.OK
+
+    def _next(self, stream: _Stream, stamp: int, delay: int, now_utc_s: float, now_s: float) -> SignatureVerdict:
+        late = delay - stream.usual - int((now_s - stream.usual_at) * (UNITS_PER_S * _DRIFT))
+        if late > 0:
+            if self._max_age is None or late <= self._max_age:
+                return SignatureVerdict.OK
+            if abs(timestamp_of(now_utc_s) - stamp) > self._max_age:
+                self.behind_s = late / UNITS_PER_S
+                return SignatureVerdict.TOO_OLD
+        stream.usual = delay
+        stream.usual_at = now_s
+        return SignatureVerdict.OK
+
+
+class SignedPeer:
+    """The other end of a key: a station, or the autopilot. Checks what it sends and signs what it is sent.
+
+    During a rotation it has two keys. Both are accepted; what goes out is signed with the current one, unless all that
+    the peer has proven yet is the previous one. Once the current key was seen, nothing makes us sign with the previous
+    one again: who else has it may be the reason for the rotation.
+    """
+
+    def __init__(
+        self,
+        current: bytes,
+        previous: bytes | None = None,
+        *,
+        max_streams: int = 16,
+        max_age_s: float | None = 30.0,
+        first_packet_tolerance_s: float = 60.0,
+    ) -> None:
+        """The options are those of `Verifier`, and so are the errors."""
+        self.clock = SigningClock()
+        self._keys = (current,) if previous is None else (current, previous)
+        self._verifiers = [
+            Verifier(
+                key,
+                max_streams=max_streams,
+                max_age_s=max_age_s,
+                first_packet_tolerance_s=first_packet_tolerance_s,
+                clock=self.clock,
+            )
+            for key in self._keys
+        ]
+        self._current_seen = False
+        self._in_use = 0
+        self.behind_s = 0.0  #: see `Verifier.behind_s`
+
+    @property
+    def uses_previous(self) -> bool:
+        """The peer still signs with the key before the rotation, and so do we."""
+        return self._in_use == 1
+
+    def check(self, frame: Frame, now_utc_s: float, now_s: float) -> SignatureVerdict:
+        """The verdict on a frame from this peer."""
+        verdict = SignatureVerdict.BAD
+        for index, verifier in enumerate(self._verifiers):
+            verdict = verifier.check(frame, now_utc_s, now_s)
+            if verdict is SignatureVerdict.OK:
+                self._proven(index)
+            elif verdict is SignatureVerdict.TOO_OLD:
+                self.behind_s = verifier.behind_s
+            if verdict is not SignatureVerdict.BAD:
+                break
+        return verdict
+
+    def sign(self, raw: bytes, link_id: int, now_utc_s: float, now_s: float) -> bytes | None:
+        """`raw` as this peer gets it on link `link_id`: our signature replaces any other. None: see `sign`."""
+        stamp = self.clock.next(now_utc_s, now_s)
+        return None if stamp is None else resign(raw, self._keys[self._in_use], link_id, stamp)
+
+    def state(self) -> dict[str, int]:
+        """See `Verifier.state`; one entry for each key."""
+        return {name: stamp for verifier in self._verifiers for name, stamp in verifier.state().items()}
+
+    def restore(self, state: Mapping[str, int], floor: int = 0) -> None:
+        """See `Verifier.restore`."""
+        for verifier in self._verifiers:
+            verifier.restore(state, floor)
+
+    def _proven(self, index: int) -> None:
+        self._current_seen = self._current_seen or index == 0
+        self._in_use = 0 if self._current_seen else index

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a run left behind, as the expectations and the report look at it: journals, moments, places, deaths.
+
+Everything comes from files of the run's folder, so that a report can be made again later from the folder alone.
+Entries after the end of the timeline are left out: they tell of the programs being stopped, not of the flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+
+from mavproxy_handover.mission.package import MissionPackage
+from sitl.journal_reader import Entry
+from sitl.matching import matches
+from sitl.watch import VEHICLE, Clock, Sample, samples_of
+
+__all__ = ["NOBODY", "CommanderChange", "Evidence"]
+
+NOBODY = "nobody"
+#: a companion that flies writes its position every second
+_SILENCE_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class CommanderChange:
+    """From `t` on, `commander` (a station's name or "nobody") commands under `epoch`."""
+
+    t: float
+    commander: str
+    epoch: int
+
+
+class Evidence:
+    """The journals of a run, sorted by time, with what is needed to read them."""
+
+    def __init__(
+        self,
+        entries: Iterable[Entry],
+        package: MissionPackage,
+        *,
+        speedup: float = 1.0,
+        marks: Mapping[str, float] | None = None,
+        deaths: Mapping[str, str] | None = None,
+        kills: Mapping[str, float] | None = None,
+        ended_t: float | None = None,
+    ) -> None:
+        """`marks`: label of a step -> monotonic time at which it was done. `deaths`: process -> how it ended without
+        being asked to. `kills`: process -> when the scenario killed it."""
+        cut = sorted(entries, key=lambda entry: entry.t)
+        self.entries: Sequence[Entry] = [entry for entry in cut if ended_t is None or entry.t <= ended_t]
+        self.package = package
+        self.marks = dict(marks or {})
+        self.deaths = dict(deaths or {})
+        self.kills = dict(kills or {})
+        self.samples: Sequence[Sample] = samples_of(self.entries)
+        self._clock = Clock(speedup)
+        for sample in self.samples:
+            self._clock.add(sample.t, sample.sim_s)
+
+    def of(self, who: str = "", event: str = "") -> list[Entry]:
+        """The entries of a source and an event (empty: any)."""
+        return [entry for entry in self.entries if matches(entry, who, event)]
+
+    def sim_at(self, t: float) -> float:
+        """Simulated seconds at monotonic `t`."""
+        return self._clock.sim_at(t)
+
+    def station_name(self, value: object) -> str:
+        """A station as a journal names it, by name or system id, as its name."""
+        if value in (None, 0, "", NOBODY):
+            return NOBODY
+        if isinstance(value, int):
+            station = self.package.station(value)
+            return f"station {value}" if station is None else station.name
+        return str(value)
+
+    def commanders(self) -> list[CommanderChange]:
+        """Who commanded from when, from the vehicle's own views; begins with the first commander."""
+        changes: list[CommanderChange] = []
+        for entry in self.of(event="view"):
+            commander = self.station_name(entry.get("commander"))
+            epoch = entry.get("epoch")
+            if not changes and commander == NOBODY:
+                continue
+            if not changes or changes[-1].commander != commander:
+                changes.append(CommanderChange(entry.t, commander, epoch if isinstance(epoch, int) else -1))
+        return changes
+
+    def commander_at(self, t: float, changes: Sequence[CommanderChange] | None = None) -> str:
+        """Who commanded at monotonic `t`."""
+        found = NOBODY
+        for change in self.commanders() if changes is None else changes:
+            if change.t > t:
+                break
+            found = change.commander
+        return found
+
+    def companion_ended_t(self) -> float:
+        """When the companion ended: killed, or silent for good; infinity if it was there to the end.
+
+        After that its last word says nothing any more: nobody commands.
+        """
+        if "companion" in self.kills:
+            return self.kills["companion"]
+        companions = {entry.who for entry in self.of(event="view")}
+        spoken = [entry.t for entry in self.entries if entry.who in companions]
+        silent = bool(spoken) and self.entries[-1].t - spoken[-1] > _SILENCE_S
+        return spoken[-1] if silent else inf
+
+    def modes_flown(self) -> list[str]:
+        """The flight modes in the air, in order."""
+        mode, airborne = "", False
+        flown: list[str] = []
+        for entry in self.of(VEHICLE):
+            if entry.event == "mode":
+                mode = str(entry.get("mode"))
+            elif entry.event in ("airborne", "landed"):
+                airborne = entry.event == "airborne"
+            if airborne and mode and (not flown or flown[-1] != mode):
+                flown.append(mode)
+        return flown
+
+    def armed_at_end(self) -> bool:
+        """Whether the motors were armed when the run ended."""
+        changes = [entry.event for entry in self.of(VEHICLE) if entry.event in ("armed", "disarmed")]
+        return bool(changes) and changes[-1] == "armed"

@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The words of a scenario's expectations, judged after the run on its journals alone.
+
+Each judgement says what was wanted and what was seen, whether it held or not. `ALWAYS` are expectations of every run:
+no program died unbidden, none noted a fault, and authority never was in two hands, which the epoch proves: each
+change of commander has a higher one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH
+from sitl.evidence import Evidence
+from sitl.matching import describe, last_line, matches
+from sitl.tables import Match
+from sitl.watch import VEHICLE
+
+__all__ = ["ALWAYS", "EXPECTATIONS", "Expectation", "Verdict"]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether an expectation held; `wanted` and `seen` are for people."""
+
+    held: bool
+    wanted: str
+    seen: str
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """Base of the expectations."""
+
+    def labels(self) -> tuple[str, ...]:
+        """Labels of steps that the expectation names."""
+        return ()
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        """Look at the evidence. Never raises on account of what is or is not in it."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True)
+class Commanders(Expectation):
+    """These stations commanded, in this order; nobody else did, and authority was never lost in between."""
+
+    value: tuple[str, ...]
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        seen = [change.commander for change in evidence.commanders()]
+        return Verdict(seen == list(self.value), f"commanders {_chain(self.value)}", _chain(seen))
+
+
+@dataclass(frozen=True, slots=True)
+class Handovers(Expectation):
+    """So many transfers were committed, each with its duration, and so many aborted."""
+
+    committed: int
+    aborted: int = 0
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        done = evidence.of(event="transfer_committed")
+        aborted = evidence.of(event="transfer_aborted")
+        times = [entry.get("duration_s") for entry in done]
+        timed = all(isinstance(time, (int, float)) and time >= 0 for time in times)
+        shown = ", ".join(f"{time * 1000:.0f} ms" if isinstance(time, (int, float)) else "no time" for time in times)
+        seen = f"{len(done)} committed" + (f" ({shown})" if shown else "") + f", {len(aborted)} aborted"
+        held = len(done) == self.committed and len(aborted) == self.aborted and timed
+        return Verdict(held, f"handovers: {self.committed} committed, {self.aborted} aborted", seen)
+
+
+@dataclass(frozen=True, slots=True)
+class Count(Expectation):
+    """So many entries with this source, this event and these values are in the journals: exactly, or within limits."""
+
+    event: str
+    who: str = ""
+    count: int | None = None
+    at_least: int | None = None
+    at_most: int | None = None
+    match: Match = field(default_factory=Match)
+
+    def __post_init__(self) -> None:
+        if self.count is None and self.at_least is None and self.at_most is None:
+            raise ValueError("needs one of count, at_least, at_most")
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        number = sum(matches(entry, self.who, self.event, self.match) for entry in evidence.entries)
+        low = self.count if self.count is not None else self.at_least
+        high = self.count if self.count is not None else self.at_most
+        held = (low is None or number >= low) and (high is None or number <= high)
+        parts = [f"exactly {self.count}"] if self.count is not None else []
+        parts += [f"at least {self.at_least}"] if self.at_least is not None else []
+        parts += [f"at most {self.at_most}"] if self.at_most is not None else []
+        return Verdict(held, f"{' and '.join(parts)}: {describe(self.who, self.event, self.match)}", str(number))
+
+
+@dataclass(frozen=True, slots=True)
+class Commands(Expectation):
+    """What the gate let through and what it refused of the commands named by `what`, exactly, station by station.
+
+    Written as STATION = [accepted, refused]; a station that is not named must have neither.
+    """
+
+    what: tuple[str, ...]
+    match: Match
+
+    def __post_init__(self) -> None:
+        for station, pair in self.match.values:
+            good = isinstance(pair, list) and len(pair) == 2 and all(isinstance(n, int) and n >= 0 for n in pair)
+            if not good:
+                raise ValueError(f"{station}: {pair!r} must be [accepted, refused], two whole numbers")
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = {station: (pair[0], pair[1]) for station, pair in self.match.values}
+        seen: dict[str, tuple[int, int]] = {}
+        for word, place in (("accepted", 0), ("refused", 1)):
+            for entry in evidence.of(event=word):
+                if not matches(entry, match=Match((("what", list(self.what)),))):
+                    continue
+                pair = list(seen.get(str(entry.get("station", "?")), (0, 0)))
+                pair[place] += 1
+                seen[str(entry.get("station", "?"))] = (pair[0], pair[1])
+        everyone = {**dict.fromkeys(wanted, (0, 0)), **seen}
+        held = all(wanted.get(station, (0, 0)) == pair for station, pair in everyone.items())
+        return Verdict(held, f"{_pairs(wanted)} of {', '.join(self.what)}", _pairs(everyone))
+
+
+@dataclass(frozen=True, slots=True)
+class Modes(Expectation):
+    """The flight modes from leaving the ground to touching it, in this order and no others."""
+
+    value: tuple[str, ...]
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        seen = evidence.modes_flown()
+        return Verdict(seen == list(self.value), f"modes {_chain(self.value)}", _chain(seen))
+
+
+@dataclass(frozen=True, slots=True)
+class ModeWithin(Expectation):
+    """The autopilot shows a mode within so many simulated seconds after the moment that a step's label names."""
+
+    mode: str
+    after: str
+    within_s: float
+
+    def labels(self) -> tuple[str, ...]:
+        return (self.after,)
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = f"mode {self.mode} within {self.within_s:g} s after '{self.after}'"
+        mark = evidence.marks.get(self.after)
+        if mark is None:
+            return Verdict(False, wanted, f"'{self.after}' never came")
+        for entry in evidence.of(VEHICLE, "mode"):
+            if entry.t >= mark and entry.get("mode") == self.mode:
+                took = evidence.sim_at(entry.t) - evidence.sim_at(mark)
+                return Verdict(took <= self.within_s, wanted, f"after {took:.1f} s")
+        return Verdict(False, wanted, "the mode was never shown after that")
+
+
+@dataclass(frozen=True, slots=True)
+class Landed(Expectation):
+    """The aircraft flew, landed and disarmed; near home or a rally point if `near` says so."""
+
+    within_m: float
+    near: tuple[str, ...] = ("home", "rally")
+
+    def __post_init__(self) -> None:
+        for word in self.near:
+            if word not in ("home", "rally", "last_item"):
+                raise ValueError(f"near: {word!r} must be one of home, rally, last_item")
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = f"landed within {self.within_m:g} m of {' or '.join(self.near)}, disarmed"
+        landings = evidence.of(VEHICLE, "landed")
+        if not landings:
+            return Verdict(False, wanted, "never landed")
+        if evidence.armed_at_end():
+            return Verdict(False, wanted, "still armed at the end")
+        place = landings[-1]
+        if place.get("lat_deg") is None:
+            return Verdict(False, wanted, "landed at an unknown place")
+        away = sorted(
+            (distance_m(place.get("lat_deg"), place.get("lon_deg"), lat, lon), word)
+            for word, lat, lon in _landing_places(evidence)
+            if word.split()[0] in self.near
+        )
+        if not away:
+            return Verdict(False, wanted, "the mission has no such place")
+        return Verdict(away[0][0] <= self.within_m, wanted, f"{away[0][0]:.1f} m from {away[0][1]}")
+
+
+@dataclass(frozen=True, slots=True)
+class ItemsReached(Expectation):
+    """The autopilot said of every mission item that is flown to that it reached it ("all").
+
+    A landing that ends the mission is not among them: ArduCopter disarms instead of saying so.
+    """
+
+    value: str
+
+    def __post_init__(self) -> None:
+        if self.value != "all":
+            raise ValueError(f"{self.value!r} must be 'all'")
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        route = evidence.package.route.items
+        wanted = [item.seq for item in route if COMMANDS[item.command].flown]
+        if route[-1].command in (LAND, RETURN_TO_LAUNCH):
+            wanted.remove(route[-1].seq)
+        numbers = [entry.get("number") for entry in evidence.of(VEHICLE, "reached")]
+        missing = [number for number in wanted if number not in numbers]
+        seen = "all reached" if not missing else f"not reached: {', '.join(map(str, missing))}"
+        return Verdict(not missing, f"mission items {', '.join(map(str, wanted))} reached", seen)
+
+
+@dataclass(frozen=True, slots=True)
+class Emergencies(Expectation):
+    """The companion declared emergencies for these reasons, in this order; an empty list: none."""
+
+    value: tuple[str, ...]
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        seen = [str(entry.get("reason", "no reason")) for entry in evidence.of(event="emergency")]
+        return Verdict(
+            seen == list(self.value),
+            f"emergencies: {', '.join(self.value) or 'none'}",
+            ", ".join(seen) or "none",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Said(Expectation):
+    """The autopilot said this (STATUSTEXT; * and ? stand for anything)."""
+
+    value: str
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        match = Match((("text", self.value),))
+        heard = [entry.text for entry in evidence.of(VEHICLE, "said") if matches(entry, match=match)]
+        return Verdict(bool(heard), f"autopilot says {self.value!r}", heard[0] if heard else "it did not")
+
+
+@dataclass(frozen=True, slots=True)
+class NobodyDied(Expectation):
+    """No program ended before the end of the run, save those that the scenario killed."""
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = "every program runs to the end"
+        deaths = [f"{name} {how}" for name, how in evidence.deaths.items()]
+        return Verdict(not deaths, wanted, "; ".join(deaths) or "they did")
+
+
+@dataclass(frozen=True, slots=True)
+class NoFault(Expectation):
+    """No program noted an internal fault in its journal."""
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        faults = [f"{entry.who}: {last_line(entry.text)}" for entry in evidence.of(event="fault")]
+        return Verdict(not faults, "no internal fault in any journal", "; ".join(faults[:3]) or "none")
+
+
+@dataclass(frozen=True, slots=True)
+class OneCommander(Expectation):
+    """Authority is never in two hands: every change of commander comes with a higher epoch."""
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = "one commander at a time, each under a higher epoch"
+        changes = evidence.commanders()
+        epochs = [change.epoch for change in changes]
+        held = bool(epochs) and all(a < b for a, b in pairwise(epochs))
+        seen = ", ".join(f"{change.commander} {change.epoch}" for change in changes) or "nobody ever commanded"
+        return Verdict(held, wanted, seen)
+
+
+def _landing_places(evidence: Evidence) -> list[tuple[str, float, float]]:
+    route = evidence.package.route
+    places = [("home", route.home.lat_deg, route.home.lon_deg)]
+    places += [(f"rally point {n}", point.lat_deg, point.lon_deg) for n, point in enumerate(route.rally, 1)]
+    located = [item for item in route.items if item.has_place]
+    if located:
+        places.append(("last_item", located[-1].lat_deg, located[-1].lon_deg))
+    return places
+
+
+def _chain(words: Sequence[str]) -> str:
+    return " → ".join(words) or "none"
+
+
+def _pairs(pairs: Mapping[str, tuple[int, int]]) -> str:
+    words = (f"{name} {pair[0]} accepted, {pair[1]} refused" for name, pair in sorted(pairs.items()))
+    return "; ".join(words) or "none"
+
+
+ALWAYS: tuple[Expectation, ...] = (NobodyDied(), NoFault(), OneCommander())
+
+#: word in the file -> expectation
+EXPECTATIONS: Mapping[str, type[Expectation]] = {
+    "commanders": Commanders,
+    "handovers": Handovers,
+    "count": Count,
+    "commands": Commands,
+    "modes": Modes,
+    "mode_within": ModeWithin,
+    "landed": Landed,
+    "items_reached": ItemsReached,
+    "emergencies": Emergencies,
+    "said": Said,
+}

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover sim`: flies a scenario with real processes on this machine, judges it and writes a report.
+
+Exit code 0: every expectation held. 1: one did not. 2: the command line is wrong or nothing could be set up.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from types import FrameType
+from typing import Any, TextIO
+
+from mavproxy_handover.mission import package as packages
+from mavproxy_handover.mission.errors import MissionError
+from sitl.places import SetupError, mission_folder
+from sitl.runner import Order, Result, run
+from sitl.scenario import Scenario, ScenarioError, known_scenarios, load_scenario
+from sitl.story import Story
+from sitl.vehicles import KINDS, LaunchError, find_arducopter
+
+__all__ = ["main"]
+
+DEFAULT_SPEEDUP = 5.0
+MAX_SPEEDUP = 12.0
+#: what MAVProxy's command line splits or eats
+UNUSABLE = " ;'\"\\"
+_BAD_USAGE = 2
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    parser = _parser()
+    try:
+        arguments = parser.parse_args(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    if arguments.list:
+        _list()
+        return 0
+    stream = sys.stderr if arguments.json else sys.stdout
+    _stop_like_ctrl_c()
+    try:
+        order = _order(arguments)
+        result = _fly(order, stream)
+    except (SetupError, ScenarioError, MissionError, LaunchError) as error:
+        print(f"handover sim: {error}", file=sys.stderr)
+        return _BAD_USAGE
+    except KeyboardInterrupt:
+        print("\nhandover sim: stopped; every process was ended", file=sys.stderr)
+        return 130
+    report = _report(order.folder)
+    _conclude(result, report, stream)
+    if arguments.json:
+        print(json.dumps(_summary(result, report), ensure_ascii=False))
+    return 0 if result.held else 1
+
+
+def _stop_like_ctrl_c() -> None:
+    """SIGTERM and a closed terminal end a run as Ctrl-C does, with every process."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, stop)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="handover sim",
+        description="Fly a scenario: a simulated vehicle with the guard, a companion and ground stations as real "
+        "processes on this machine; then judge it and write a report.",
+        epilog="Exit code: 0 every expectation held, 1 one did not, 2 wrong usage or nothing could be set up.",
+    )
+    parser.add_argument("--scenario", default="nominal", metavar="NAME", help="what to play (default: nominal)")
+    parser.add_argument("--list", action="store_true", help="list the scenarios and end")
+    parser.add_argument(
+        "--vehicle",
+        default="builtin",
+        choices=[*KINDS, "auto"],
+        help="builtin: the copter model that ships here; arducopter: ArduPilot's own SITL program; auto: arducopter "
+        "if there is one (default: builtin)",
+    )
+    parser.add_argument("--arducopter", metavar="PATH", help="the SITL program (else $ARDUCOPTER, PATH, ~/ardupilot)")
+    parser.add_argument(
+        "--speedup",
+        type=float,
+        metavar="N",
+        help=f"simulated seconds per second, 0.5 to {MAX_SPEEDUP:g} (default: {DEFAULT_SPEEDUP:g}, or the scenario's)",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder of the run (default: runs/TIME-SCENARIO-VEHICLE)"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object at the end; the story goes to stderr"
+    )
+    return parser
+
+
+def _list() -> None:
+    for name, path in known_scenarios().items():
+        try:
+            text = load_scenario(path).description
+        except ScenarioError as error:
+            text = f"cannot be used: {error}"
+        print(f"{name:<18} {text}")
+
+
+def _order(arguments: argparse.Namespace) -> Order:
+    scenarios = known_scenarios()
+    if arguments.scenario not in scenarios:
+        raise ScenarioError(f"no scenario {arguments.scenario!r}; known are {', '.join(scenarios) or 'none'}")
+    scenario = load_scenario(scenarios[arguments.scenario])
+    speedup = arguments.speedup if arguments.speedup is not None else scenario.speedup or DEFAULT_SPEEDUP
+    if speedup > MAX_SPEEDUP:
+        raise SetupError(
+            f"--speedup {speedup:g} is above {MAX_SPEEDUP:g}: the companion sends the lease every 0.2 s of the wall "
+            f"clock, the guard waits HNDO_TIMEOUT 3 s of simulated time for it, so {speedup:g} would leave it "
+            f"{3 / 0.2 / speedup:.1f} leases"
+        )
+    if not speedup >= 0.5:
+        raise SetupError(f"--speedup {speedup:g} is below 0.5")
+    vehicle = arguments.vehicle
+    if vehicle in ("auto", "arducopter"):
+        found = find_arducopter(arguments.arducopter)
+        if vehicle == "auto":
+            vehicle = "arducopter" if found else "builtin"
+        elif found is None:
+            raise SetupError("no arducopter found: give --arducopter PATH, set $ARDUCOPTER, or take --vehicle builtin")
+    mission = mission_folder(scenario.mission)
+    package = packages.load(mission)
+    _check_names(scenario, package)
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    folder = (arguments.out or Path("runs") / f"{stamp}-{scenario.name}-{vehicle}").resolve()
+    if any(character in str(folder) for character in UNUSABLE):
+        raise SetupError(f"{folder}: MAVProxy cannot take a path with spaces, quotes or ';': give another --out")
+    return Order(scenario, package, mission, vehicle, speedup, folder, arguments.arducopter)
+
+
+def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
+    """Stations that the scenario names must be in the mission."""
+    names = [station.name for station in package.stations]
+    used = set(scenario.consent)
+    for step in scenario.steps:
+        used.update(step.action.processes())
+    for name in sorted(used - {*names, "companion"}):
+        raise ScenarioError(
+            f"{scenario.name}.toml: {name!r} is no station of mission {package.name!r}: {', '.join(names)}"
+        )
+
+
+def _fly(order: Order, stream: TextIO) -> Result:
+    story = Story(stream, [station.name for station in order.package.stations])
+    story.heading(f"{order.scenario.name}: {order.scenario.description}")
+    story.line(
+        f"vehicle {order.vehicle}, mission {order.package.name}, {order.speedup:g} times real time, in {order.folder}"
+    )
+    result = run(order, story)
+    story.heading("Expectations")
+    for verdict in result.verdicts:
+        story.verdict(verdict.held, f"{verdict.wanted}: {verdict.seen}")
+    return result
+
+
+def _report(folder: Path) -> Path | None:
+    """The report; a run without one is still a run, so trouble here is told and not raised."""
+    from sitl.record import RecordError, load_run
+    from sitl.report import write_report
+
+    try:
+        return write_report(load_run(folder))
+    except (RecordError, OSError) as error:
+        print(f"handover sim: no report: {error}", file=sys.stderr)
+        return None
+
+
+def _conclude(result: Result, report: Path | None, stream: TextIO) -> None:
+    failed = sum(not verdict.held for verdict in result.verdicts)
+    outcome = "every expectation held" if result.held else f"{failed} of {len(result.verdicts)} expectations failed"
+    print(
+        f"{result.order.scenario.name} on {result.order.vehicle}: {outcome}; {result.duration_sim_s:.0f} s flown in "
+        f"{result.duration_wall_s:.0f} s",
+        file=stream,
+    )
+    if report is not None:
+        print(f"report: {report}", file=stream)
+
+
+def _summary(result: Result, report: Path | None) -> dict[str, Any]:
+    evidence = result.evidence
+    committed = [] if evidence is None else evidence.of(event="transfer_committed")
+    return {
+        "scenario": result.order.scenario.name,
+        "vehicle": result.order.vehicle,
+        "speedup": result.order.speedup,
+        "held": result.held,
+        "verdicts": [
+            {"held": verdict.held, "wanted": verdict.wanted, "seen": verdict.seen} for verdict in result.verdicts
+        ],
+        "commanders": [] if evidence is None else [change.commander for change in evidence.commanders()],
+        "handovers": [
+            {"station": entry.get("station"), "epoch": entry.get("epoch"), "duration_s": entry.get("duration_s")}
+            for entry in committed
+        ],
+        "duration_wall_s": round(result.duration_wall_s, 1),
+        "duration_sim_s": round(result.duration_sim_s, 1),
+        "folder": str(result.order.folder),
+        "report": None if report is None else str(report),
+    }
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Whether an entry of a journal is one that a scenario means, and how to say it."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from typing import Any
+
+from sitl.journal_reader import Entry
+from sitl.tables import Match
+
+__all__ = ["describe", "last_line", "matches"]
+
+
+def matches(entry: Entry, who: str = "", event: str = "", match: Match | None = None) -> bool:
+    """True when the entry has that source and that event (empty: any) and every value of `match`.
+
+    A text of `match` may hold the wildcards * and ?; a list means any of its values.
+    """
+    if who and entry.who != who:
+        return False
+    if event and entry.event != event:
+        return False
+    return all(_equal(entry.get(key), wanted) for key, wanted in (match or Match()).values)
+
+
+def _equal(value: Any, wanted: Any) -> bool:
+    if isinstance(wanted, list):
+        return any(_equal(value, one) for one in wanted)
+    if isinstance(wanted, str):
+        return value is not None and fnmatchcase(str(value), wanted)
+    return type(value) is not bool and value == wanted if not isinstance(wanted, bool) else value is wanted
+
+
+def describe(who: str, event: str, match: Match) -> str:
+    """The same in words."""
+    parts = [part for part in (who, event) if part]
+    parts += [f"{key} {wanted}" for key, wanted in match.values]
+    return ", ".join(parts) or "anything"
+
+
+def last_line(text: str) -> str:
+    """What went wrong, of a fault's text: where it was noticed and the last line of the trace."""
+    lines = text.strip().splitlines() or [""]
+    return lines[0] if len(lines) == 1 else f"{lines[0].split(':', 1)[0]}: {lines[-1].strip()}"

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The passive monitor: listens on the vehicle's second port and keeps its own journal of what the aircraft truly did.
+
+It must not disturb what it watches, so it sends no heartbeat and no command that moves anything. It does ask for two
+things, under the vehicle's own system id and a free component id, addressed to the autopilot so that nothing is
+passed on to other ports: the firmware's version and the landed state at 5 Hz. The question is needed for more than
+its answer: ArduPilot sends STATUSTEXT only to ports on which it has heard something. The streams themselves come from
+the vehicle's parameters.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from sitl.journal_reader import Entry
+from sitl.watch import Watch
+
+__all__ = ["Observer"]
+
+_COMPONENT = mavlink.MAV_COMP_ID_USER1
+_ASK_INTERVAL_S = 1.0
+_LANDED_STATE_INTERVAL_US = 200_000
+
+
+class Observer:
+    """Connection to the vehicle plus the journal. `watch` is the aircraft as last heard of."""
+
+    def __init__(self, address: str, sysid: int, speedup: float, journal: Path) -> None:
+        """Connect to `tcp:HOST:PORT`. Raises OSError when nothing listens there."""
+        _, host, port = address.split(":")
+        self.watch = Watch(sysid, speedup)
+        self._sysid = sysid
+        self._socket = socket.create_connection((host, int(port)), timeout=5.0)
+        self._socket.setblocking(False)
+        self._parser: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=_COMPONENT)
+        self._parser.robust_parsing = True
+        self._journal = journal.open("w", encoding="utf-8", buffering=1)
+        self._ask_at = 0.0
+        self.connected = True
+
+    def fileno(self) -> int:
+        """For select."""
+        return self._socket.fileno()
+
+    def poll(self) -> list[Entry]:
+        """Take in all that has come; returns the new entries, which are in the journal as well."""
+        found: list[Entry] = []
+        while self.connected:
+            try:
+                data = self._socket.recv(65536)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            now = time.monotonic()
+            if not data:
+                self.connected = False
+                break
+            for message in self._parser.parse_buffer(data) or ():
+                found += self.watch.take(message, now)
+        self._ask()
+        for entry in found:
+            self._journal.write(entry.to_line() + "\n")
+        return found
+
+    def _ask(self) -> None:
+        now = time.monotonic()
+        if self.watch.firmware or not self.connected or now < self._ask_at:
+            return
+        self._ask_at = now + _ASK_INTERVAL_S
+        self._command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, 0)
+        self._command(
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
+            _LANDED_STATE_INTERVAL_US,
+        )
+
+    def _command(self, number: int, first: float, second: float) -> None:
+        autopilot = mavlink.MAV_COMP_ID_AUTOPILOT1
+        message = mavlink.MAVLink_command_long_message(self._sysid, autopilot, number, 0, first, second, 0, 0, 0, 0, 0)
+        try:
+            self._socket.send(message.pack(self._parser))
+        except OSError:
+            self.connected = False
+
+    def close(self) -> None:
+        """Close connection and journal."""
+        self.connected = False
+        self._socket.close()
+        self._journal.close()

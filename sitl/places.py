@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Where missions, guard and scenarios lie: beside this package in a checkout, inside the package once installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+__all__ = ["SCENARIOS", "SetupError", "guard_files", "mission_folder"]
+
+SCENARIOS = Path(__file__).resolve().parent / "scenarios"
+
+
+class SetupError(Exception):
+    """A simulation cannot be set up. The message is one line for people."""
+
+
+def _data(name: str) -> Path:
+    checkout = Path(__file__).resolve().parents[1] / name
+    if checkout.is_dir():
+        return checkout
+    import mavproxy_handover
+
+    return Path(mavproxy_handover.__file__).resolve().parent / "data" / name
+
+
+def mission_folder(name: str) -> Path:
+    """The folder of a mission that ships, or any folder named by its path. Raises SetupError."""
+    shipped = _data("missions")
+    for folder in (shipped / name, Path(name).expanduser()):
+        if (folder / "mission.toml").is_file():
+            return folder.resolve()
+    known = ", ".join(sorted(path.parent.name for path in shipped.glob("*/mission.toml"))) or "none"
+    raise SetupError(f"no mission {name!r} (known: {known}; or the path of a folder with a mission.toml)")
+
+
+def guard_files() -> tuple[Path, Path]:
+    """The guard's script and its parameter file. Raises SetupError."""
+    folder = _data("ardupilot_lua")
+    script, parameters = folder / "handover_guard.lua", folder / "handover.parm"
+    for path in (script, parameters):
+        if not path.is_file():
+            raise SetupError(f"{path} is missing: the guard cannot be put on the vehicle")
+    return script, parameters

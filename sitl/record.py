@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Reads the folder of a run: what was run, what came of it, and the journals.
+
+A folder without `run.json` is read too, as far as it goes: journals of a real flight with the mission package beside
+them make the same pictures, only without a verdict.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mavproxy_handover.mission import package as packages
+from mavproxy_handover.mission.errors import MissionError
+from sitl.evidence import Evidence
+from sitl.expect import Verdict
+from sitl.journal_reader import read_journals
+
+__all__ = ["RUN_FILE", "RecordError", "RunRecord", "load_run"]
+
+RUN_FILE = "run.json"
+
+
+class RecordError(Exception):
+    """The folder holds no run that can be reported. The message is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecord:
+    """A run as its folder tells it. `values` is run.json, empty where there is none."""
+
+    folder: Path
+    evidence: Evidence
+    values: Mapping[str, Any] = field(default_factory=dict)
+    verdicts: tuple[Verdict, ...] = ()
+    files: tuple[Path, ...] = ()
+
+    @property
+    def title(self) -> str:
+        """The run in a few words."""
+        if not self.values:
+            return f"flight of {self.evidence.package.name}"
+        return f"{self.values.get('scenario', '?')} on {self.values.get('vehicle', '?')}"
+
+    @property
+    def held(self) -> bool | None:
+        """Every expectation held; None when nobody expected anything."""
+        return all(verdict.held for verdict in self.verdicts) if self.verdicts else None
+
+
+def load_run(folder: Path) -> RunRecord:
+    """Read a run's folder. Raises RecordError."""
+    if not folder.is_dir():
+        raise RecordError(f"{folder}: no such folder")
+    journals = sorted(folder.glob("*.jsonl")) + sorted(folder.glob("*/*.jsonl"))
+    if not journals:
+        raise RecordError(f"{folder}: no journals (*.jsonl) in it or in its folders")
+    values = _read_values(folder / RUN_FILE)
+    mission = folder / "mission"
+    try:
+        package = packages.load(mission if mission.is_dir() else folder)
+    except MissionError as error:
+        raise RecordError(f"{folder}: no mission package in it: {error}") from None
+    evidence = Evidence(
+        read_journals(journals),
+        package,
+        speedup=_number(values.get("speedup"), 1.0),
+        marks=values.get("marks", {}),
+        deaths=values.get("deaths", {}),
+        kills=values.get("kills", {}),
+        ended_t=_number(values.get("ended_t"), None),
+    )
+    verdicts = tuple(
+        Verdict(bool(entry.get("held")), str(entry.get("wanted", "")), str(entry.get("seen", "")))
+        for entry in values.get("verdicts", [])
+    )
+    patterns = ("*.jsonl", "*/*.jsonl", "*/*.tlog", "*/*.console.txt", "vehicle/vehicle.log", "*/*.toml")
+    files = [path for pattern in patterns for path in sorted(folder.glob(pattern))]
+    return RunRecord(folder, evidence, values, verdicts, tuple(dict.fromkeys(files)))
+
+
+def _number(value: Any, default: Any) -> Any:
+    return float(value) if isinstance(value, (int, float)) and not isinstance(value, bool) else default
+
+
+def _read_values(path: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError) as error:
+        raise RecordError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(values, dict):
+        raise RecordError(f"{path}: not the record of a run")
+    return values

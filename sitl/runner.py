@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""One run: vehicle, companion and stations are started, the timeline is played, the expectations are judged.
+
+One thread does everything: it waits for the observer's socket, follows the journals, tells the story and asks the
+step under way whether it is done. Every wait is bounded, in simulated time where the aircraft flies and on the wall
+clock in any case, so that a vehicle that stops simulating cannot hang a run. A step that fails ends the timeline; the
+expectations are judged all the same, because what was seen until then is what tells why.
+"""
+
+from __future__ import annotations
+
+import json
+import select
+import shutil
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from mavproxy_handover.config import ConfigError
+from mavproxy_handover.launch import companion_argv, station_argv
+from mavproxy_handover.mission.geodesy import offset
+from mavproxy_handover.mission.package import MissionPackage
+from sitl.evidence import Evidence
+from sitl.expect import ALWAYS, Verdict
+from sitl.journal_reader import Entry, JournalReader
+from sitl.observer import Observer
+from sitl.places import SetupError, guard_files
+from sitl.processes import Processes, ProcessGone, ending
+from sitl.record import RUN_FILE
+from sitl.scenario import Scenario, Step
+from sitl.steps import Running, Steady, StepFailed
+from sitl.story import Story
+from sitl.vehicles import LaunchError, RunningVehicle, VehicleSpec, launch
+from sitl.watch import Watch
+from sitl.wiring import COMPANION, SYSID, Wiring, lay_out
+
+__all__ = ["Order", "Result", "run"]
+
+_POLL_S = 0.02
+_LOAD_TIMEOUT_S = 30.0
+#: how much longer than planned a machine that cannot keep up may take
+_SLACK_FACTOR, _SLACK_S = 2.5, 15.0
+#: channel of SERIAL1, where the companion is
+_COMPANION_CHANNEL = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What to run. `folder` is new or empty; `mission` is the package's folder."""
+
+    scenario: Scenario
+    package: MissionPackage
+    mission: Path
+    vehicle: str
+    speedup: float
+    folder: Path
+    arducopter: str | None = None
+
+
+@dataclass(slots=True)
+class Result:
+    """What came of it."""
+
+    order: Order
+    verdicts: list[Verdict] = field(default_factory=list)
+    duration_wall_s: float = 0.0
+    duration_sim_s: float = 0.0
+    evidence: Evidence | None = None
+
+    @property
+    def held(self) -> bool:
+        """Every expectation held."""
+        return bool(self.verdicts) and all(verdict.held for verdict in self.verdicts)
+
+
+def run(order: Order, story: Story) -> Result:
+    """Run a scenario once. Raises SetupError with one line when it cannot be set up."""
+    begun = time.monotonic()
+    _prepare_folder(order)
+    with Processes() as processes:
+        flight = _Flight(order, story, processes)
+        try:
+            flight.set_up()
+            flight.play()
+        finally:
+            flight.tear_down()
+    result = flight.judge()
+    result.duration_wall_s = time.monotonic() - begun
+    _write_run(order, flight, result)
+    return result
+
+
+def _prepare_folder(order: Order) -> None:
+    try:
+        order.folder.mkdir(parents=True, exist_ok=True)
+        if any(order.folder.iterdir()):
+            raise SetupError(f"{order.folder} is not empty: give --out another folder")
+        shutil.copytree(order.mission, order.folder / "mission")
+    except OSError as error:
+        raise SetupError(f"{order.folder}: {error.strerror}") from None
+
+
+class _Flight:
+    """The run under way; what the steps see of it is `sitl.steps.Stage`."""
+
+    def __init__(self, order: Order, story: Story, processes: Processes) -> None:
+        self.order = order
+        self.story = story
+        self.processes = processes
+        self.reader = JournalReader()
+        self.since = {"typed": 0, "last": 0, "begin": 0}
+        self.taken: set[int] = set()
+        self.marks: dict[str, float] = {}
+        self.deaths: dict[str, str] = {}
+        self.kills: dict[str, float] = {}
+        self.step_verdicts: list[Verdict] = []
+        self.begun_t = time.monotonic()
+        self.begun_utc = datetime.now(timezone.utc)
+        self.ended_t = self.begun_t
+        self.vehicle: RunningVehicle | None = None
+        self._observer: Observer | None = None
+        self._told = 0
+
+    # ---- what steps see -------------------------------------------------------------------------------------------
+
+    @property
+    def watch(self) -> Watch:
+        assert self._observer is not None
+        return self._observer.watch
+
+    def entries(self) -> list[Entry]:
+        return self.reader.entries
+
+    def sim_s(self) -> float:
+        return 0.0 if self._observer is None else self.watch.clock.sim_at(time.monotonic())
+
+    def place(self, name: str) -> tuple[float, float]:
+        place, home = self.order.scenario.places[name], self.order.package.route.home
+        return offset(home.lat_deg, home.lon_deg, place.east_m, place.north_m)
+
+    def type(self, process: str, line: str) -> None:
+        self._pump(0.0)
+        self.since["typed"] = self.since["last"] = len(self.reader.entries)
+        try:
+            self.processes[process].type(line)
+        except ProcessGone as error:
+            raise StepFailed(str(error)) from None
+
+    def kill(self, process: str) -> None:
+        self._pump(0.0)
+        self.since["typed"] = self.since["last"] = len(self.reader.entries)
+        self.processes[process].kill()
+        self.kills[process] = time.monotonic()
+
+    # ---- the three parts of a run ---------------------------------------------------------------------------------
+
+    def set_up(self) -> None:
+        """Start everything. Raises SetupError."""
+        order = self.order
+        try:
+            wiring = lay_out(order.folder, order.package, order.folder / "mission", order.scenario)
+            self._start_vehicle()
+            assert self.vehicle is not None
+            self._start_programs(wiring, self.vehicle.companion_master)
+        except (ConfigError, OSError) as error:
+            raise SetupError(" ".join(str(error).split())) from None
+        self._await_loaded({COMPANION: wiring.companion_journal, **{s.name: s.journal for s in wiring.stations}})
+
+    def _start_vehicle(self) -> None:
+        order, home = self.order, self.order.package.route.home
+        script, parameters = guard_files()
+        spec = VehicleSpec(
+            home=(home.lat_deg, home.lon_deg, home.alt_m, 0.0),
+            sysid=SYSID,
+            speedup=order.speedup,
+            scripts=(script,),
+            defaults=(parameters,),
+            parameters={"HNDO_CHAN": _COMPANION_CHANNEL, **order.scenario.parameters},
+            arducopter=order.arducopter,
+        )
+        try:
+            self.vehicle = launch(order.vehicle, spec, order.folder / "vehicle")
+        except LaunchError as error:
+            raise SetupError(str(error)) from None
+        self._observer = Observer(self.vehicle.monitor, SYSID, order.speedup, order.folder / "vehicle.jsonl")
+
+    def _start_programs(self, wiring: Wiring, master: str) -> None:
+        self.reader.follow(wiring.companion_journal)
+        argv = companion_argv(wiring.companion_config, master, wiring.companion_tlog)
+        self.processes.start(COMPANION, argv, wiring.companion_config.parent)
+        for station in wiring.stations:
+            self.reader.follow(station.journal)
+            argv = station_argv(station.config, station.master, station.tlog)
+            self.processes.start(station.name, argv, station.config.parent)
+
+    def _await_loaded(self, journals: Mapping[str, Path]) -> None:
+        """A program that is up has begun its journal. Raises SetupError with what its console said."""
+        until = time.monotonic() + _LOAD_TIMEOUT_S
+        missing = dict(journals)
+        while missing:
+            self._pump(_POLL_S)
+            missing = {name: path for name, path in missing.items() if not path.exists()}
+            for name in missing:
+                child = self.processes[name]
+                trouble = _trouble(child.console())
+                if trouble or not child.alive() or time.monotonic() > until:
+                    how = "does not come up" if child.alive() else "ended while starting"
+                    raise SetupError(f"{name} {how}: {trouble or 'it does not say why'} (see {child.log_path})")
+
+    def play(self) -> None:
+        """Go through the timeline."""
+        for step in self.order.scenario.steps:
+            if step.say:
+                self.story.line(step.say, sim_s=self.sim_s())
+            trouble = self._do(step)
+            if trouble:
+                self.story.line(f"step {step.number} failed: {trouble}", sim_s=self.sim_s())
+                wanted = f"step {step.number}: {step.action.describe()}"
+                self.step_verdicts.append(Verdict(False, wanted, trouble))
+                break
+        else:
+            steps = len(self.order.scenario.steps)
+            self.step_verdicts.append(Verdict(True, f"timeline of {steps} steps", "all done"))
+        self._pump(0.2)
+        self.ended_t = time.monotonic()
+
+    def _do(self, step: Step) -> str:
+        """Do a step; returns what went wrong, or nothing."""
+        began_wall, began_sim = time.monotonic(), self.sim_s()
+        wall_limit_s = step.timeout_wall_s or (step.timeout_s or 0.0) / self.order.speedup * _SLACK_FACTOR + _SLACK_S
+        try:
+            running = step.action.begin(self)
+            while not running.done():
+                self._pump(_POLL_S)
+                self.story.progress(f"waiting for {step.action.describe()} ({running.seen()})", self.sim_s())
+                if self.deaths:
+                    return f"{', '.join(f'{name} {how}' for name, how in self.deaths.items())}; {running.seen()}"
+                if step.timeout_s is not None and self.sim_s() - began_sim > step.timeout_s:
+                    return f"not within {step.timeout_s:g} s: {running.seen()}"
+                if time.monotonic() - began_wall > wall_limit_s:
+                    return f"not within {wall_limit_s:.0f} s of the wall clock: {running.seen()}"
+        except StepFailed as error:
+            return str(error)
+        self._done(step, running)
+        return ""
+
+    def _done(self, step: Step, running: Running) -> None:
+        if step.label:
+            self.marks[step.label] = time.monotonic() if running.at is None else running.at
+        if isinstance(step.action, Steady):
+            self.step_verdicts.append(Verdict(True, step.action.describe(), running.seen()))
+
+    def tear_down(self) -> None:
+        """End everything that was started, whatever has happened."""
+        if self._observer is not None:
+            self._observer.close()
+        try:
+            self.processes.stop_all()
+        finally:
+            if self.vehicle is not None:
+                self.vehicle.stop()
+
+    # ---- in between -----------------------------------------------------------------------------------------------
+
+    def _pump(self, timeout_s: float) -> None:
+        """Take in what has come, waiting for the vehicle at most so long; tell the story; notice deaths."""
+        observer = self._observer
+        if observer is not None and observer.connected:
+            select.select([observer], [], [], timeout_s)
+            self.reader.add(observer.poll())
+        else:
+            time.sleep(timeout_s)
+        self.reader.poll()
+        while self._told < len(self.reader.entries):
+            entry = self.reader.entries[self._told]
+            self._told += 1
+            self.story.entry(entry, self.watch.clock.sim_at(entry.t))
+        for child in self.processes.dead():
+            if child.name not in self.deaths and child.returncode is not None:
+                self.deaths[child.name] = ending(child.returncode)
+        if self.vehicle is not None and not self.vehicle.alive() and "vehicle" not in self.deaths:
+            self.deaths["vehicle"] = "ended"
+
+    def judge(self) -> Result:
+        """Judge what was seen."""
+        evidence = Evidence(
+            self.reader.entries,
+            self.order.package,
+            speedup=self.order.speedup,
+            marks=self.marks,
+            deaths=self.deaths,
+            kills=self.kills,
+            ended_t=self.ended_t,
+        )
+        verdicts = list(self.step_verdicts)
+        verdicts += [expectation.judge(evidence) for expectation in (*self.order.scenario.expectations, *ALWAYS)]
+        return Result(self.order, verdicts, duration_sim_s=evidence.sim_at(self.ended_t), evidence=evidence)
+
+
+def _trouble(console: Sequence[str]) -> str:
+    """The line in which MAVProxy or a module says why it does not load; nothing if there is none."""
+    marks = ("Failed to load module", "is not loaded:", "handover:", "handover_gcs:", "Error:", "Exception:")
+    return next((line.strip() for line in console if any(mark in line for mark in marks)), "")
+
+
+def _write_run(order: Order, flight: _Flight, result: Result) -> None:
+    """What `handover report` needs beside the journals."""
+    values: dict[str, Any] = {
+        "scenario": order.scenario.name,
+        "description": order.scenario.description,
+        "vehicle": order.vehicle,
+        "firmware": flight.watch.firmware,
+        "speedup": order.speedup,
+        "begun_utc": flight.begun_utc.isoformat(timespec="seconds"),
+        "begun_t": flight.begun_t,
+        "ended_t": flight.ended_t,
+        "duration_wall_s": round(result.duration_wall_s, 1),
+        "duration_sim_s": round(result.duration_sim_s, 1),
+        "marks": flight.marks,
+        "deaths": flight.deaths,
+        "kills": flight.kills,
+        "held": result.held,
+        "verdicts": [
+            {"held": verdict.held, "wanted": verdict.wanted, "seen": verdict.seen} for verdict in result.verdicts
+        ],
+    }
+    text = json.dumps(values, indent=2, ensure_ascii=False)
+    (order.folder / RUN_FILE).write_text(text + "\n", encoding="utf-8")

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Command line of ArduPilot's SITL program.
+
+Facts that shape it: ports are given explicitly, because the defaults (5760 and up) are everybody's and SERIAL0
+would wait for a client. Whatever arrives on its radio-control port is flown as stick positions, and two
+programs may bind the same number there without an error: port 0 lets the kernel pick one that nobody else has.
+Relative paths (scripts, eeprom, logs, terrain) follow the working directory; `--defaults` splits its list at
+commas. The program listens on every interface, not only on loopback; clients here use 127.0.0.1, and a host
+that minds should have a firewall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from sitl.vehicles.base import LaunchError, VehicleSpec, find_arducopter
+
+__all__ = ["command"]
+
+
+def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path]) -> tuple[list[str], dict[str, str]]:
+    """Arguments and extra environment that start the program.
+
+    Raises:
+        LaunchError: no program found.
+    """
+    program = find_arducopter(spec.arducopter)
+    if program is None:
+        raise LaunchError(
+            "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, or build it in ~/ardupilot (waf copter)"
+        )
+    latitude, longitude, altitude, heading = spec.home
+    arguments = [
+        str(program),
+        "--model",
+        "quad",
+        "--wipe",
+        "--speedup",
+        f"{spec.speedup:g}",
+        "--home",
+        f"{latitude:.8f},{longitude:.8f},{altitude:.2f},{heading:.1f}",
+        "--sysid",
+        str(spec.sysid),
+        "--defaults",
+        ",".join(path.name for path in parameters),
+        "--rc-in-port",
+        "0",
+    ]
+    for serial, port in ports.items():
+        arguments += [f"--serial{serial}", f"tcp:{port}"]
+    return arguments, {}

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Starting and stopping a simulated vehicle.
+
+Rules: the vehicle's working directory is the one given, and everything it writes (parameters, logs, scripts,
+console) lands there, so that one directory is one flight; parameters come from `copter_base.parm` beside this
+file, then the files of the specification in order, then its single overrides, the last word winning; `launch`
+returns when the ports listen.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+__all__ = ["BASE_PARAMETERS", "KINDS", "LaunchError", "RunningVehicle", "VehicleSpec", "find_arducopter", "launch"]
+
+KINDS = ("builtin", "arducopter")
+
+#: What a copter without radio control needs to arm in GUIDED and fly AUTO, for both kinds.
+BASE_PARAMETERS = Path(__file__).with_name("copter_base.parm")
+
+LOG_NAME = "vehicle.log"
+_START_TIMEOUT_S = 30.0
+_STOP_TIMEOUT_S = 3.0
+_SERIALS = (0, 1, 2)
+
+
+class LaunchError(RuntimeError):
+    """The vehicle did not come up; the message names the program and carries the end of its log."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSpec:
+    """What to start: place, identity, pace and parameters."""
+
+    home: tuple[float, float, float, float]
+    """Latitude and longitude (degrees), altitude above sea level (m), heading (degrees)."""
+    sysid: int = 1
+    speedup: float = 1.0
+    """Simulated seconds per second of the wall clock."""
+    scripts: tuple[Path, ...] = ()
+    """Lua scripts, copied into the directory's `scripts/`."""
+    defaults: tuple[Path, ...] = ()
+    """Parameter files (NAME VALUE lines), applied after the base file."""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    """Single parameters, applied last."""
+    arducopter: str | None = None
+    """Explicit path of the SITL program, for kind `arducopter`."""
+
+
+class RunningVehicle:
+    """A vehicle process and the addresses it listens on (all on 127.0.0.1)."""
+
+    def __init__(self, kind: str, process: subprocess.Popen[bytes], ports: Mapping[int, int], log_path: Path) -> None:
+        self.kind = kind
+        self.log_path = log_path
+        self._process = process
+        self._ports = dict(ports)
+        atexit.register(self.stop)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def companion_master(self) -> str:
+        """pymavlink address for the companion's MAVProxy (SERIAL1, channel 1)."""
+        return self.address(1)
+
+    @property
+    def monitor(self) -> str:
+        """pymavlink address for one passive observer (SERIAL2, channel 2)."""
+        return self.address(2)
+
+    def address(self, serial: int) -> str:
+        """pymavlink address of SERIAL`serial`; SERIAL0 stands for a radio wired straight to the autopilot."""
+        return f"tcp:127.0.0.1:{self._ports[serial]}"
+
+    def alive(self) -> bool:
+        return self._process.poll() is None
+
+    def stop(self) -> None:
+        """End the process (terminate, then kill). Safe to call twice."""
+        atexit.unregister(self.stop)
+        if not self.alive():
+            return
+        self._process.terminate()
+        try:
+            self._process.wait(_STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def find_arducopter(explicit: str | None = None) -> Path | None:
+    """The SITL program: `explicit`, `$ARDUCOPTER`, `arducopter` on PATH, ~/ardupilot/build/sitl/bin; None if nowhere.
+
+    Raises:
+        LaunchError: `explicit` or `$ARDUCOPTER` names something that cannot be run.
+    """
+    for source, name in (("--arducopter", explicit), ("$ARDUCOPTER", os.environ.get("ARDUCOPTER"))):
+        if name:
+            path = Path(name).expanduser()
+            if not path.is_file() or not os.access(path, os.X_OK):
+                raise LaunchError(f"{source}: {path} is not a program that can be run")
+            return path.resolve()
+    found = shutil.which("arducopter")
+    if found:
+        return Path(found).resolve()
+    built = Path.home() / "ardupilot" / "build" / "sitl" / "bin" / "arducopter"
+    return built if os.access(built, os.X_OK) else None
+
+
+def launch(kind: str, spec: VehicleSpec, directory: Path) -> RunningVehicle:
+    """Start a vehicle of `kind` in `directory` (made if absent) and wait until it listens.
+
+    Raises:
+        LaunchError: unknown kind, no program found, or the process ended or did not listen in time.
+    """
+    from sitl.vehicles import arducopter
+    from sitl.vehicles.builtin import launcher
+
+    commands = {"builtin": launcher.command, "arducopter": arducopter.command}
+    if kind not in commands:
+        raise LaunchError(f"vehicle kind '{kind}' is unknown; known are {', '.join(KINDS)}")
+    directory = directory.resolve()
+    directory.mkdir(parents=True, exist_ok=True)
+    _install_scripts(spec, directory)
+    ports = dict(zip(_SERIALS, _free_ports(len(_SERIALS)), strict=True))
+    arguments, environment = commands[kind](spec, ports, _parameter_files(spec, directory))
+    log_path = directory / LOG_NAME
+    with log_path.open("wb") as log:
+        process = subprocess.Popen(
+            arguments,
+            cwd=directory,
+            env={**os.environ, **environment},
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+    vehicle = RunningVehicle(kind, process, ports, log_path)
+    try:
+        _wait_for_ports(vehicle)
+    except LaunchError:
+        vehicle.stop()
+        raise
+    return vehicle
+
+
+def _install_scripts(spec: VehicleSpec, directory: Path) -> None:
+    scripts = directory / "scripts"
+    scripts.mkdir(exist_ok=True)
+    for stale in scripts.glob("*.lua"):
+        stale.unlink()
+    for script in spec.scripts:
+        shutil.copy(script, scripts / script.name)
+
+
+def _parameter_files(spec: VehicleSpec, directory: Path) -> list[Path]:
+    files = [BASE_PARAMETERS, *(path.resolve() for path in spec.defaults)]
+    copies = []
+    for index, source in enumerate(files):
+        copies.append(directory / f"{index}_{source.name}")
+        shutil.copy(source, copies[-1])
+    if spec.parameters:
+        overrides = directory / f"{len(files)}_overrides.parm"
+        overrides.write_text(
+            "".join(f"{name} {value:.9g}\n" for name, value in spec.parameters.items()), encoding="utf-8"
+        )
+        copies.append(overrides)
+    return copies
+
+
+def _free_ports(count: int) -> list[int]:
+    sockets = [socket.socket(socket.AF_INET, socket.SOCK_STREAM) for _ in range(count)]
+    try:
+        for sock in sockets:
+            sock.bind(("127.0.0.1", 0))
+        return [sock.getsockname()[1] for sock in sockets]
+    finally:
+        for sock in sockets:
+            sock.close()
+
+
+def _wait_for_ports(vehicle: RunningVehicle) -> None:
+    """Wait until the log says that every port listens; both kinds print ArduPilot's line for it."""
+    deadline = time.monotonic() + _START_TIMEOUT_S
+    while True:
+        log = vehicle.log_path.read_text(encoding="utf-8", errors="replace")
+        if all(f"SERIAL{serial} on TCP port" in log for serial in _SERIALS):
+            return
+        if not vehicle.alive():
+            raise LaunchError(f"{vehicle.kind} ended while starting:\n{log[-2000:]}")
+        if time.monotonic() > deadline:
+            raise LaunchError(f"{vehicle.kind} does not listen after {_START_TIMEOUT_S:.0f} s:\n{log[-2000:]}")
+        time.sleep(0.02)

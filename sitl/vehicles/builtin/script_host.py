@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The vehicle as its Lua scripts see it: implements `sitl.vehicles.lua_host.VehicleHost`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pymavlink.dialects.v20 import all as dialect
+
+from sitl.vehicles.builtin.telemetry import FIRMWARE
+
+if TYPE_CHECKING:
+    from sitl.vehicles.builtin.vehicle import Vehicle
+
+__all__ = ["ScriptHost"]
+
+_WRAP = 1 << 32
+
+
+class ScriptHost:
+    """Answers the scripts' bindings from the vehicle."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._v = vehicle
+
+    def millis(self) -> int:
+        return self._v.millis() % _WRAP
+
+    def is_armed(self) -> bool:
+        return self._v.copter.armed
+
+    def arm(self) -> bool:
+        return self._v.arming.arm()
+
+    def disarm(self) -> bool:
+        was_armed = self._v.copter.armed
+        self._v.copter.disarm()
+        return was_armed
+
+    def get_mode(self) -> int:
+        return self._v.copter.mode.number
+
+    def set_mode(self, mode: int, reason: int) -> bool:
+        return self._v.copter.set_mode(mode, reason)
+
+    def get_control_mode_reason(self) -> int:
+        return int(self._v.copter.reason)
+
+    def likely_flying(self) -> bool:
+        return not self._v.copter.land_complete
+
+    def time_flying_ms(self) -> int:
+        since_s = self._v.copter.flying_since_s
+        return 0 if since_s is None else round((self._v.copter.time_s - since_s) * 1000)
+
+    def rc_valid(self) -> bool:
+        return False
+
+    def param_get(self, name: str) -> float | None:
+        row = self._v.parameters.find(name)
+        return None if row is None else row.value
+
+    def param_set(self, name: str, value: float, save: bool) -> bool:
+        if not self._v.parameters.set(name, value):
+            return False
+        self._v.parameter_changed(name)
+        if save:
+            self._v.parameter_protocol.announce(name)
+        return True
+
+    def param_define(self, name: str, default: float) -> bool:
+        return self._v.parameters.define(name, default)
+
+    def send_text(self, severity: int, text: str) -> None:
+        self._v.text(severity, text)
+
+    def send_message(self, channel: int, msgid: int, payload: bytes) -> bool:
+        link = self._v.links.get(channel)
+        if link is None or msgid not in dialect.mavlink_map:
+            return False
+        return link.send(_RawMessage(msgid, payload))
+
+    def gcs_last_seen_ms(self) -> int:
+        seen_s = self._v.failsafes.gcs_seen_at_s
+        return 0 if seen_s is None else round(seen_s * 1000)
+
+    def log_write(self, name: str, labels: str, fmt: str, values: tuple[object, ...]) -> None:
+        fields = " ".join(f"{label}={value}" for label, value in zip(labels.split(","), values, strict=False))
+        self._v.config.record(f"{self._v.copter.time_s:.2f} log {name} {fields}")
+
+    def script_removed(self, path: str, error: str) -> None:
+        self._v.config.record(f"{self._v.copter.time_s:.2f} script removed {path}: {error}")
+
+    def firmware(self) -> tuple[int, int, int]:
+        return FIRMWARE
+
+
+class _RawMessage(dialect.MAVLink_message):  # type: ignore[misc]
+    """A message whose payload a script has packed itself."""
+
+    def __init__(self, msgid: int, payload: bytes) -> None:
+        kind = dialect.mavlink_map[msgid]
+        super().__init__(msgid, kind.msgname)
+        self._crc_extra = kind.crc_extra
+        self._bytes = payload
+
+    def pack(self, mav: dialect.MAVLink, force_mavlink1: bool = False) -> bytes:
+        packed: bytes = self._pack(mav, self._crc_extra, self._bytes, force_mavlink1=force_mavlink1)
+        return packed

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the autopilot reports: one function per message, and which stream carries it.
+
+Fields follow GCS_Common and GCS_MAVLink_Copter of ArduCopter 4.7. Position and speed before the receiver has a
+fix are zero. Messages about things the model does not have (raw sensors, radio control, motors one by one) are
+not sent at all.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from pymavlink.dialects.v20 import all as dialect
+
+from sitl.vehicles.builtin.copter import ORIGIN_AFTER_S
+from sitl.vehicles.builtin.frame import AltFrame, shift
+from sitl.vehicles.builtin.mission import MissionState
+from sitl.vehicles.builtin.modes import target_bearing_deg
+
+if TYPE_CHECKING:
+    from sitl.vehicles.builtin.vehicle import Vehicle
+
+__all__ = ["BUILDERS", "CAPABILITIES", "FIRMWARE", "STREAMS", "STREAM_IDS"]
+
+#: pymavlink's messages are untyped.
+Message: TypeAlias = Any
+
+FIRMWARE = (4, 7, 0)
+BANNER = ("ArduCopter V4.7.0-dev (builtin model)", "Frame: QUAD/PLUS")
+
+#: MAV_PROTOCOL_CAPABILITY of ArduCopter in SITL, without FTP (0x20), compass calibration (0x1000), terrain (0x200),
+#: local NED (0x80) and attitude (0x40) targets, which the model does not have.
+CAPABILITIES = 63983 & ~(0x20 | 0x1000 | 0x200 | 0x80 | 0x40)
+
+#: MAV_SYS_STATUS_SENSOR bits as ArduCopter's SITL reports them once it is ready.
+_SENSORS_PRESENT, _SENSORS_ENABLED, _SENSORS_HEALTHY = 0x5331_FC2F, 0x5221_9C2F, 0x4731_9C2F
+_PREARM = 0x1000_0000
+_EKF_FLAGS_READY, _EKF_FLAGS_WAITING = 831, 167
+
+
+def _millis(v: Vehicle) -> int:
+    return v.millis()
+
+
+def _has_fix(v: Vehicle) -> bool:
+    return v.copter.time_s >= ORIGIN_AFTER_S
+
+
+def heartbeat(v: Vehicle) -> Message:
+    copter = v.copter
+    base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
+    base |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    ended = copter.mission.state is MissionState.COMPLETE and copter.mode.number == 3 and copter.land_complete
+    idle = not copter.armed and copter.mode.number in (6, 21)
+    if not (copter.mode.manual_throttle or ended or idle):
+        base |= dialect.MAV_MODE_FLAG_GUIDED_ENABLED
+    if copter.armed:
+        base |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_QUADROTOR,
+        dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        base,
+        copter.mode.number,
+        _system_status(v),
+        3,
+    )
+
+
+def _system_status(v: Vehicle) -> int:
+    copter = v.copter
+    if not copter.initialised:
+        return int(dialect.MAV_STATE_BOOT)
+    if copter.failsafe_active or copter.battery.level:
+        return int(dialect.MAV_STATE_CRITICAL)
+    return int(dialect.MAV_STATE_STANDBY if copter.land_complete else dialect.MAV_STATE_ACTIVE)
+
+
+def sys_status(v: Vehicle) -> Message | None:
+    if not v.copter.initialised:
+        return None
+    battery = v.copter.battery
+    health = _SENSORS_HEALTHY
+    if v.arming.ready or v.copter.armed:
+        health |= _PREARM
+    return dialect.MAVLink_sys_status_message(
+        _SENSORS_PRESENT,
+        _SENSORS_ENABLED,
+        health,
+        0,
+        round(battery.voltage_v * 1000) if battery.present else 0,
+        round(battery.current_a * 100) if battery.present else -1,
+        battery.remaining_percent if battery.present else -1,
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+    )
+
+
+def power_status(v: Vehicle) -> Message:
+    return dialect.MAVLink_power_status_message(5000, 0, 0)
+
+
+def meminfo(v: Vehicle) -> Message:
+    return dialect.MAVLink_meminfo_message(0, 65535, 524288)
+
+
+def mission_current(v: Vehicle, seq: int | None = None) -> Message:
+    mission, mode = v.copter.mission, v.copter.mode
+    state = int(mission.state) if mission.present else int(dialect.MISSION_STATE_NO_MISSION)
+    if getattr(mode, "paused", False):
+        state = int(dialect.MISSION_STATE_PAUSED)
+    total = max(0, len(mission) - 1)
+    return dialect.MAVLink_mission_current_message(
+        mission.current if seq is None else seq, total, state, 1 if mode.number == 3 else 0
+    )
+
+
+def gps_raw_int(v: Vehicle) -> Message:
+    if not _has_fix(v):
+        return dialect.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
+    place, body = v.copter.location(), v.copter.body
+    course = math.degrees(math.atan2(body.velocity[1], body.velocity[0])) % 360
+    return dialect.MAVLink_gps_raw_int_message(
+        v.micros(),
+        6,
+        place.lat_e7,
+        place.lon_e7,
+        round(place.alt_m * 1000),
+        121,
+        200,
+        round(body.ground_speed_m_s * 100),
+        round(course * 100) % 36000,
+        10,
+        round(place.alt_m * 1000),
+        300,
+        300,
+        40,
+        0,
+        0,
+    )
+
+
+def nav_controller_output(v: Vehicle) -> Message | None:
+    copter = v.copter
+    if not copter.initialised:
+        return None
+    goal = copter.mode.target()
+    roll, pitch = copter.body.roll_pitch_rad()
+    distance, height, crosstrack = 0.0, 0.0, 0.0
+    if goal is not None:
+        here = copter.body.position
+        distance, height = math.hypot(goal[0] - here[0], goal[1] - here[1]), goal[2] - here[2]
+        crosstrack = copter.navigator.crosstrack_m(here) if copter.mode.number != 4 else 0.0
+    return dialect.MAVLink_nav_controller_output_message(
+        math.degrees(roll),
+        math.degrees(pitch),
+        int(copter.body.heading_deg),
+        int(target_bearing_deg(copter.mode)),
+        min(int(distance), 65535),
+        height,
+        0.0,
+        crosstrack,
+    )
+
+
+def position_target_global_int(v: Vehicle) -> Message | None:
+    copter = v.copter
+    goal = copter.mode.target()
+    if goal is None:
+        return None
+    lat, lon = shift(copter.start, goal[0], goal[1])
+    return dialect.MAVLink_position_target_global_int_message(
+        _millis(v), 0, 0xFDF8, lat, lon, copter.start.alt_m + goal[2], *([0.0] * 8)
+    )
+
+
+def global_position_int(v: Vehicle) -> Message:
+    copter, body = v.copter, v.copter.body
+    lat = lon = alt = above = 0
+    if _has_fix(v):
+        place = copter.location()
+        lat, lon, alt = place.lat_e7, place.lon_e7, round(place.alt_m * 1000)
+        above = round(copter.above_home_m() * 1000)
+    vn, ve, vu = body.velocity
+    heading = round(body.heading_deg * 100) % 36000
+    return dialect.MAVLink_global_position_int_message(
+        _millis(v), lat, lon, alt, above, round(vn * 100), round(ve * 100), round(-vu * 100), heading
+    )
+
+
+def local_position_ned(v: Vehicle) -> Message | None:
+    if not v.copter.position_ok:
+        return None
+    (n, e, u), (vn, ve, vu) = v.copter.body.position, v.copter.body.velocity
+    return dialect.MAVLink_local_position_ned_message(_millis(v), n, e, -u, vn, ve, -vu)
+
+
+def attitude(v: Vehicle) -> Message:
+    body = v.copter.body
+    roll, pitch = body.roll_pitch_rad()
+    yaw = math.radians((body.heading_deg + 180) % 360 - 180)
+    return dialect.MAVLink_attitude_message(_millis(v), roll, pitch, yaw, 0.0, 0.0, math.radians(body.yaw_rate_deg_s))
+
+
+def vfr_hud(v: Vehicle) -> Message:
+    copter, body = v.copter, v.copter.body
+    flying = copter.armed and not copter.land_complete
+    throttle = 36 + round(2 * body.velocity[2]) if flying else 0
+    return dialect.MAVLink_vfr_hud_message(
+        body.ground_speed_m_s,
+        body.ground_speed_m_s,
+        int(body.heading_deg),
+        throttle,
+        copter.location().alt_m if _has_fix(v) else 0.0,
+        body.velocity[2],
+    )
+
+
+def system_time(v: Vehicle) -> Message:
+    unix_us = v.unix_start_us + v.micros() if _has_fix(v) else 0
+    return dialect.MAVLink_system_time_message(unix_us, _millis(v))
+
+
+def battery_status(v: Vehicle) -> Message | None:
+    battery = v.copter.battery
+    if not battery.present:
+        return None
+    charge_state = {0: 1, 2: 2, 3: 3}[int(battery.level)]
+    return dialect.MAVLink_battery_status_message(
+        0,
+        0,
+        0,
+        32767,
+        [round(battery.voltage_v * 1000)] + [65535] * 9,
+        round(battery.current_a * 100),
+        round(battery.used_mah),
+        round(battery.used_mah * battery.voltage_v * 0.036),
+        battery.remaining_percent,
+        0,
+        charge_state,
+        [0, 0, 0, 0],
+        0,
+        0,
+    )
+
+
+def ekf_status_report(v: Vehicle) -> Message:
+    ready = v.copter.position_ok
+    return dialect.MAVLink_ekf_status_report_message(_EKF_FLAGS_READY if ready else _EKF_FLAGS_WAITING, *([0.0] * 5))
+
+
+def vibration(v: Vehicle) -> Message:
+    return dialect.MAVLink_vibration_message(v.micros(), 0.0, 0.0, 0.0, 0, 0, 0)
+
+
+def extended_sys_state(v: Vehicle) -> Message:
+    copter = v.copter
+    if copter.land_complete:
+        landed = dialect.MAV_LANDED_STATE_ON_GROUND
+    elif copter.mode.landing:
+        landed = dialect.MAV_LANDED_STATE_LANDING
+    elif copter.mode.taking_off:
+        landed = dialect.MAV_LANDED_STATE_TAKEOFF
+    else:
+        landed = dialect.MAV_LANDED_STATE_IN_AIR
+    return dialect.MAVLink_extended_sys_state_message(dialect.MAV_VTOL_STATE_MC, landed)
+
+
+def home_position(v: Vehicle) -> Message | None:
+    copter = v.copter
+    if copter.home is None:
+        return None
+    n, e, u = copter.local(copter.home)
+    return dialect.MAVLink_home_position_message(
+        copter.home.lat_e7,
+        copter.home.lon_e7,
+        round(copter.home.alt_m * 1000),
+        n,
+        e,
+        -u,
+        [math.nan] * 4,
+        0.0,
+        0.0,
+        0.0,
+        v.micros(),
+    )
+
+
+def gps_global_origin(v: Vehicle) -> Message | None:
+    origin = v.copter.origin
+    if origin is None:
+        return None
+    return dialect.MAVLink_gps_global_origin_message(
+        origin.lat_e7, origin.lon_e7, round(origin.alt_m * 1000), v.micros()
+    )
+
+
+def autopilot_version(v: Vehicle) -> Message:
+    version = struct.unpack(">I", bytes((*FIRMWARE, 0)))[0]
+    custom = list(b"builtin\0")
+    return dialect.MAVLink_autopilot_version_message(CAPABILITIES, version, 0, 0, 0, custom, [0] * 8, [0] * 8, 0, 0, 0)
+
+
+#: MAV_DATA_STREAM id and parameter suffix of each stream, with the messages it carries.
+STREAM_IDS = {
+    2: "EXT_STAT",
+    6: "POSITION",
+    10: "EXTRA1",
+    11: "EXTRA2",
+    12: "EXTRA3",
+    1: "RAW_SENS",
+    3: "RC_CHAN",
+    4: "RAW_CTRL",
+}
+STREAMS: dict[str, tuple[int, ...]] = {
+    "EXT_STAT": (
+        dialect.MAVLINK_MSG_ID_SYS_STATUS,
+        dialect.MAVLINK_MSG_ID_POWER_STATUS,
+        dialect.MAVLINK_MSG_ID_MEMINFO,
+        dialect.MAVLINK_MSG_ID_MISSION_CURRENT,
+        dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+        dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
+        dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,
+    ),
+    "POSITION": (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED),
+    "EXTRA1": (dialect.MAVLINK_MSG_ID_ATTITUDE,),
+    "EXTRA2": (dialect.MAVLINK_MSG_ID_VFR_HUD,),
+    "EXTRA3": (
+        dialect.MAVLINK_MSG_ID_SYSTEM_TIME,
+        dialect.MAVLINK_MSG_ID_BATTERY_STATUS,
+        dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        dialect.MAVLINK_MSG_ID_VIBRATION,
+    ),
+}
+
+#: Every message that can be requested or given an interval.
+BUILDERS: dict[int, Callable[[Vehicle], Message | None]] = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
+    dialect.MAVLINK_MSG_ID_POWER_STATUS: power_status,
+    dialect.MAVLINK_MSG_ID_MEMINFO: meminfo,
+    dialect.MAVLINK_MSG_ID_MISSION_CURRENT: mission_current,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: gps_raw_int,
+    dialect.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT: nav_controller_output,
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: position_target_global_int,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_position_int,
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: local_position_ned,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: attitude,
+    dialect.MAVLINK_MSG_ID_VFR_HUD: vfr_hud,
+    dialect.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: battery_status,
+    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status_report,
+    dialect.MAVLINK_MSG_ID_VIBRATION: vibration,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
+    dialect.MAVLINK_MSG_ID_HOME_POSITION: home_position,
+    dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
+    dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
+}
+
+
+def altitude_frame(mav_frame: int) -> AltFrame | None:
+    """Which altitude a MAV_FRAME means; None for frames that carry no place. Terrain counts as home (flat ground)."""
+    if mav_frame in (3, 6, 10, 11):
+        return AltFrame.ABOVE_HOME
+    return AltFrame.ABSOLUTE if mav_frame in (0, 5) else None

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The vehicle as ArduPilot Lua scripts see it: the protocol that whoever simulates a vehicle implements."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+__all__ = ["VehicleHost"]
+
+
+class VehicleHost(Protocol):
+    """The vehicle behind the bindings. All times are the autopilot's own milliseconds since boot."""
+
+    def millis(self) -> int:
+        """Milliseconds since boot; wraps at 2^32 like the autopilot's."""
+
+    def is_armed(self) -> bool:
+        """Whether the motors are armed."""
+
+    def arm(self) -> bool:
+        """Arm with all checks (`arming:arm`); the host itself asks `LuaScripting.arming_refusal`."""
+
+    def disarm(self) -> bool:
+        """Stop the motors now. In ArduCopter a script's disarm works in the air as well: so must this."""
+
+    def get_mode(self) -> int:
+        """Number of the flight mode (RTL 6, LAND 9, AUTO 3, GUIDED 4, SMART_RTL 21, AUTO_RTL 27, ...)."""
+
+    def set_mode(self, mode: int, reason: int) -> bool:
+        """Change the mode. False when refused. Already there: true, and the reason is overwritten."""
+
+    def get_control_mode_reason(self) -> int:
+        """`ModeReason` of the last mode change: RC 1, GCS 2, battery 4, GCS failsafe 5, EKF 6, script 32."""
+
+    def likely_flying(self) -> bool:
+        """ArduCopter: not landed. False in the first moments of a take-off."""
+
+    def time_flying_ms(self) -> int:
+        """Milliseconds since the vehicle began to fly; 0 on the ground."""
+
+    def rc_valid(self) -> bool:
+        """Whether a radio control receiver delivers valid input."""
+
+    def param_get(self, name: str) -> float | None:
+        """Value of a parameter, None if there is no such parameter."""
+
+    def param_set(self, name: str, value: float, save: bool) -> bool:
+        """Set a parameter; `save` also stores it and sends PARAM_VALUE. False: no such parameter."""
+
+    def param_define(self, name: str, default: float) -> bool:
+        """A script adds a parameter: keep a stored or preset value, else take the default.
+
+        False: the name belongs to a parameter of the firmware.
+        """
+
+    def send_text(self, severity: int, text: str) -> None:
+        """STATUSTEXT on all channels."""
+
+    def send_message(self, channel: int, msgid: int, payload: bytes) -> bool:
+        """Send a message of the autopilot (its system id, component 1) on one channel.
+
+        The payload has the message's full length. False when there is no room or no such channel.
+        """
+
+    def gcs_last_seen_ms(self) -> int:
+        """When the last heartbeat of the GCS id arrived; not reset when the id changes. 0: never."""
+
+    def log_write(self, name: str, labels: str, fmt: str, values: tuple[object, ...]) -> None:
+        """One record for the dataflash log."""
+
+    def script_removed(self, path: str, error: str) -> None:
+        """A script was removed for an error; the autopilot goes on without it."""
+
+    def firmware(self) -> tuple[int, int, int]:
+        """Firmware version: major, minor, patch."""

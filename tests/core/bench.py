@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""An arbiter on the bench: a clock that the test turns, stations that live or fall silent, an aircraft that says what
+the test wants.
+
+Every half second the living stations' heartbeats come in, they answer CONNECT, and autopilot, guard and position
+report. Transfer messages are the test's own. The arbiter gets its ticks exactly at `next_deadline()`. `watch.Watch`
+checks the invariants of authority after every event, in every test.
+"""
+
+from __future__ import annotations
+
+from mavproxy_handover.core.arbiter import Arbiter, Identity
+from mavproxy_handover.core.events import (
+    Action,
+    AutopilotState,
+    Event,
+    Fly,
+    GuardSeen,
+    GuardState,
+    MissionLoaded,
+    PositionSeen,
+    Record,
+    Send,
+    StartFinished,
+    StartRequested,
+    StationHeard,
+    StationMessage,
+    Tick,
+    ViewChanged,
+)
+from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import (
+    Connect,
+    ConnectAck,
+    ConnectHandover,
+    DisconnectHandover,
+    DroneConnected,
+    HandoverRequest,
+    HandoverResult,
+    Message,
+    OkHandover,
+    OnHandover,
+    TransferKey,
+)
+from mavproxy_handover.core.model import Consent, Outcome, Phase, Reason, Station
+from tests.core.watch import Watch
+
+A, B, C, D = 251, 252, 253, 254
+NAMES = {A: "GCSA", B: "GCSB", C: "GCSC", D: "GCSD"}
+STATIONS = tuple(Station(sysid, name) for sysid, name in NAMES.items())
+DIGEST = bytes(range(32))
+STEP_S = 0.5
+
+#: Transfer 1, from GCSA in epoch 1 to GCSB: the first one of every test.
+KEY = TransferKey(A, B, 1, 1)
+
+__all__ = [
+    "A",
+    "B",
+    "C",
+    "D",
+    "DIGEST",
+    "KEY",
+    "NAMES",
+    "STATIONS",
+    "STEP_S",
+    "Bench",
+    "Connect",
+    "ConnectAck",
+    "ConnectHandover",
+    "Consent",
+    "DisconnectHandover",
+    "DroneConnected",
+    "HandoverRequest",
+    "HandoverResult",
+    "OkHandover",
+    "OnHandover",
+    "Outcome",
+    "Phase",
+    "Reason",
+    "TransferKey",
+    "far",
+    "inside",
+    "not_records",
+    "outside",
+]
+
+
+def inside(station: int, exit_s: float | None = None, margin_m: float = 100.0) -> ZoneFact:
+    """The station's zone holds the aircraft."""
+    return ZoneFact(station, margin_m, exit_s)
+
+
+def outside(station: int, margin_m: float = -100.0) -> ZoneFact:
+    """The station's zone does not hold the aircraft."""
+    return ZoneFact(station, margin_m, None)
+
+
+def far(*stations: int) -> tuple[ZoneFact, ...]:
+    """Outside all of these."""
+    return tuple(outside(station) for station in stations)
+
+
+def not_records(actions: list[Action]) -> list[Action]:
+    """What the edge must do, without what it only writes down, and without the questions to the stations."""
+    return [
+        action
+        for action in actions
+        if not isinstance(action, Record) and not (isinstance(action, Send) and isinstance(action.message, Connect))
+    ]
+
+
+class Bench:
+    """One arbiter and its surroundings. `alive` and the other attributes may be changed at any time."""
+
+    def __init__(self, limits: Limits | None = None, route: tuple[int, ...] = (A, B, A, B, A), nonce: int = 999) -> None:
+        self.limits = limits or Limits()
+        self.arbiter = Arbiter(Identity("drone", STATIONS, A, nonce), self.limits)
+        self.watch = Watch(self.arbiter, A, self.limits)
+        self.route = route
+        self.now = 100.0
+        self.alive = {A, B}
+        #: stations that hear nothing of the vehicle: they do not answer CONNECT
+        self.deaf: set[int] = set()
+        self.digests = dict.fromkeys(NAMES, DIGEST)
+        self.versions = dict.fromkeys(NAMES, 1)
+        self.armed = False
+        self.flying = False
+        self.autopilot = True
+        self.guard: GuardSeen | None = GuardSeen(GuardState.LIVE, ours=True)
+        self.facts: tuple[ZoneFact, ...] | None = (inside(A), outside(B), outside(C), outside(D))
+        #: everything the arbiter asked for, with its time
+        self.log: list[tuple[float, Action]] = []
+        self._surroundings_at = self.now
+
+    # ---- driving --------------------------------------------------------------------------------------------------
+
+    def give(self, event: Event) -> list[Action]:
+        """Hand over one event now; stations answer CONNECT at once."""
+        actions = self.arbiter.handle(event, self.now)
+        self.watch.saw(event, actions, self.now)
+        self.log += [(self.now, action) for action in actions]
+        for action in list(actions):
+            if not isinstance(action, Send) or not isinstance(action.message, Connect):
+                continue
+            if action.station in self.alive - self.deaf:
+                actions += self.give(StationMessage(action.station, self.ack(action.station, action.message)))
+        return actions
+
+    def ack(self, station: int, question: Connect) -> ConnectAck:
+        """The station's honest answer to CONNECT."""
+        return ConnectAck(
+            station,
+            self.versions[station],
+            question.nonce,
+            question.epoch,
+            question.commander,
+            NAMES[station],
+            self.digests[station],
+        )
+
+    def say(self, station: int, message: Message) -> list[Action]:
+        """A station's message arrives now."""
+        return self.give(StationMessage(station, message))
+
+    def position(self, *facts: ZoneFact) -> list[Action]:
+        """The aircraft is here from now on."""
+        self.facts = facts
+        return self.give(PositionSeen(facts))
+
+    def autopilot_says(self, *, armed: bool, flying: bool) -> list[Action]:
+        """The autopilot says this from now on."""
+        self.armed, self.flying = armed, flying
+        return self.give(AutopilotState(armed, flying))
+
+    def run(self, duration_s: float) -> list[tuple[float, Action]]:
+        """Let time pass; returns what the arbiter asked for meanwhile."""
+        mark, until = len(self.log), self.now + duration_s
+        while True:
+            deadline = self.arbiter.next_deadline()
+            self.now = max(self.now, min(until, self._surroundings_at, until if deadline is None else deadline))
+            if deadline is not None and deadline <= self.now:
+                self.give(Tick())
+            elif self._surroundings_at <= self.now:
+                self._surroundings_at += STEP_S
+                self._surroundings()
+            else:
+                return self.log[mark:]
+
+    def _surroundings(self) -> None:
+        for station in sorted(self.alive):
+            self.give(StationHeard(station))
+        if self.autopilot:
+            self.give(AutopilotState(self.armed, self.flying))
+        if self.guard is not None:
+            self.give(self.guard)
+        if self.facts is not None:
+            self.give(PositionSeen(self.facts))
+
+    # ---- where most tests begin -----------------------------------------------------------------------------------
+
+    def on_ground(self) -> Bench:
+        """GCSA commands, the mission is loaded, every need of START is met."""
+        self.run(1.0)
+        self.give(MissionLoaded(DIGEST, self.route))
+        self.run(1.0)
+        assert self.arbiter.view.commander == A
+        assert self.arbiter.view.phase is Phase.ON_LOAD
+        return self
+
+    def on_mission(self) -> Bench:
+        """Flying in GCSA's zone alone, after START; the dwell time is over."""
+        self.on_ground()
+        self.give(StartRequested(A))
+        self.autopilot_says(armed=True, flying=False)
+        self.give(StartFinished(ok=True))
+        self.autopilot_says(armed=True, flying=True)
+        self.run(10.0)
+        assert self.arbiter.view.commander == A
+        assert self.arbiter.view.epoch == 1
+        assert self.arbiter.view.phase is Phase.ON_MISSION
+        return self
+
+    def in_transfer(self) -> Bench:
+        """GCSB's zone has just been entered: transfer 1 has begun and HANDOVER_REQUEST is out."""
+        self.on_mission()
+        self.log.clear()
+        self.position(inside(A), inside(B), outside(C), outside(D))
+        assert self.arbiter.view.phase is Phase.ON_HANDOVER
+        return self
+
+    def up_to(self, step: str) -> Bench:
+        """In transfer 1, at the step `transfer.Step` of this name; nothing is out but what the step has sent."""
+        words: dict[str, list[tuple[int, Message]]] = {
+            "REQUEST": [],
+            "CONSENT": [(B, OnHandover(KEY))],
+            "CONNECT": [(B, OnHandover(KEY)), (A, OkHandover(KEY))],
+            "CONNECT_FREED": [(B, OnHandover(KEY)), (A, OkHandover(KEY)), (A, DisconnectHandover(KEY))],
+            "RELEASE": [(B, OnHandover(KEY)), (A, OkHandover(KEY)), (B, DroneConnected(KEY))],
+        }
+        self.in_transfer()
+        for station, word in words[step]:
+            self.say(station, word)
+        assert self.arbiter.view.phase is Phase.ON_HANDOVER
+        self.log.clear()
+        return self
+
+    def commit(self) -> Bench:
+        """Transfer 1 is committed: GCSB commands in epoch 2."""
+        self.up_to("RELEASE")
+        self.say(A, DisconnectHandover(KEY))
+        assert self.arbiter.view.commander == B
+        return self
+
+    # ---- looking --------------------------------------------------------------------------------------------------
+
+    def sent(self) -> list[tuple[float, int, Message, int]]:
+        """Transfer messages so far: time, station, message, attempt."""
+        return [
+            (at, action.station, action.message, action.attempt)
+            for at, action in self.log
+            if isinstance(action, Send) and not isinstance(action.message, (Connect, ConnectAck))
+        ]
+
+    def flights(self) -> list[Fly]:
+        """What the autopilot was commanded so far."""
+        return [action for _at, action in self.log if isinstance(action, Fly)]
+
+    def views(self) -> list[ViewChanged]:
+        """Changes of the view so far."""
+        return [action for _at, action in self.log if isinstance(action, ViewChanged)]
+
+    def records(self, event: str) -> list[Record]:
+        """Journal entries of this kind so far."""
+        return [action for _at, action in self.log if isinstance(action, Record) and action.event == event]
+
+    def dropped(self) -> dict[str, int]:
+        """What was dropped so far, by cause."""
+        return dict(self.arbiter.dropped)

@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A real arbiter and real station cores, connected by queues that lose, delay, double and reorder, in virtual time.
+
+The aircraft is a list of zone visits; links are functions that say what becomes of each message. After every event
+`watch.Watch` checks the vehicle, and the network checks what the stations believe.
+"""
+
+from __future__ import annotations
+
+import heapq
+import random
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import count
+from math import inf
+
+from gcs_module import core as gcs
+from mavproxy_handover.core.arbiter import Arbiter, Identity
+from mavproxy_handover.core.events import (
+    Action,
+    AutopilotState,
+    Event,
+    Fly,
+    GuardSeen,
+    GuardState,
+    MissionLoaded,
+    PositionSeen,
+    Record,
+    Send,
+    StationHeard,
+    StationMessage,
+    Tick,
+    ViewChanged,
+)
+from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import DisconnectHandover, Message, OkHandover
+from mavproxy_handover.core.model import Consent, Station
+from tests.core.watch import Watch
+
+__all__ = ["TAKE_OFF_S", "Link", "Network", "lossy", "perfect", "scripted"]
+
+PARENT = 251
+DIGEST = bytes(range(32))
+TAKE_OFF_S = 5.0
+POSITION_S = 0.1
+
+#: Says when the copies of one message arrive, in seconds from now; nothing means that it is lost.
+Link = Callable[[], Sequence[float]]
+
+
+def perfect(delay_s: float = 0.001) -> Link:
+    """Every message arrives once."""
+    return lambda: (delay_s,)
+
+
+def lossy(seed: int, loss: float, delay_s: float = 0.01, jitter_s: float = 0.0, double: float = 0.0) -> Link:
+    """Each message is lost, doubled and delayed by chance; the chance is the same for the same seed."""
+    chance = random.Random(seed)
+
+    def fate() -> list[float]:
+        copies = 0 if chance.random() < loss else 2 if chance.random() < double else 1
+        return [delay_s + chance.random() * jitter_s for _ in range(copies)]
+
+    return fate
+
+
+def scripted(fates: Sequence[Sequence[float]], then: Link) -> Link:
+    """One fate for each message as listed, and after the list the link `then`."""
+    listed: Iterator[Sequence[float]] = iter(fates)
+
+    def fate() -> Sequence[float]:
+        following = next(listed, None)
+        return then() if following is None else following
+
+    return fate
+
+
+@dataclass
+class Network:
+    """Run it with `run(until)`; everything else is looked at afterwards.
+
+    `visits`: for each station the times during which its zone holds the aircraft. Up to take-off every link is perfect.
+    """
+
+    visits: Mapping[int, Sequence[tuple[float, float]]]
+    route: tuple[int, ...]
+    air: Link = field(default_factory=perfect)
+    #: None: there is no ground link
+    ground: Link | None = field(default_factory=perfect)
+    limits: Limits = field(default_factory=Limits)
+    #: stations whose operator is asked -> his answer, and how long he thinks; None: he never answers
+    operators: Mapping[int, tuple[bool, float] | None] = field(default_factory=dict)
+    #: from when on a station is dead
+    dies: Mapping[int, float] = field(default_factory=dict)
+    #: from when on the ground link is dead
+    ground_dies: float = inf
+
+    def __post_init__(self) -> None:
+        self.now = 0.0
+        stations = [Station(sysid, f"GCS{chr(ord('A') + sysid - PARENT)}") for sysid in sorted(self.visits)]
+        self.arbiter = Arbiter(Identity("drone", tuple(stations), PARENT, nonce=7), self.limits)
+        self.watch = Watch(self.arbiter, PARENT, self.limits)
+        self.cores = {
+            station.sysid: gcs.StationCore(
+                station,
+                "drone",
+                tuple(other for other in stations if other is not station),
+                operator_consents=station.sysid in self.operators,
+            )
+            for station in stations
+        }
+        self.flights: list[tuple[float, Fly]] = []
+        self.records: list[tuple[float, Record]] = []
+        self.notices: dict[int, list[str]] = {sysid: [] for sysid in self.cores}
+        self.over_ground = 0
+        self._queue: list[tuple[float, int, Callable[[], None]]] = []
+        self._number = count()
+        self._consented: dict[int, set[object]] = {sysid: set() for sysid in self.cores}
+        self._questions: dict[int, set[object]] = {sysid: set() for sysid in self.cores}
+        for sysid, core in self.cores.items():
+            core.handle(gcs.MissionHeld(DIGEST), 0.0)
+            self._every(1.0, lambda sysid=sysid: self._beat(sysid), first=0.001 * (sysid - PARENT))
+        self._every(1.0, lambda: self._to_all(gcs.VehicleHeard()))
+        self._every(0.5, self._status)
+        self._every(0.5, lambda: self.give(GuardSeen(GuardState.LIVE, ours=True)))
+        self._every(1.0, lambda: self.give(AutopilotState(self.flying, self.flying)))
+        self._every(POSITION_S, lambda: self.give(PositionSeen(self._facts())))
+        self._at(2.0, lambda: self.give(MissionLoaded(DIGEST, self.route)))
+
+    # ---- time -----------------------------------------------------------------------------------------------------
+
+    @property
+    def flying(self) -> bool:
+        return self.now >= TAKE_OFF_S
+
+    def _at(self, when: float, job: Callable[[], None]) -> None:
+        heapq.heappush(self._queue, (when, next(self._number), job))
+
+    def _every(self, pause_s: float, job: Callable[[], None], first: float = 0.0) -> None:
+        def again(times: int) -> None:
+            job()
+            self._at(first + (times + 1) * pause_s, lambda: again(times + 1))
+
+        self._at(first, lambda: again(0))
+
+    def run(self, until: float) -> Network:
+        """Let time pass up to `until`."""
+        while True:
+            deadline = self.arbiter.next_deadline()
+            due = inf if deadline is None else max(deadline, self.now)
+            if self._queue and self._queue[0][0] <= min(due, until):
+                when, _number, job = heapq.heappop(self._queue)
+                self.now = max(self.now, when)
+                job()
+            elif due <= until:
+                self.now = due
+                self.give(Tick())
+            else:
+                self.now = until
+                return self
+
+    # ---- the vehicle ----------------------------------------------------------------------------------------------
+
+    def give(self, event: Event) -> None:
+        """One event for the arbiter, now."""
+        actions = self.arbiter.handle(event, self.now)
+        self.watch.saw(event, actions, self.now)
+        for action in actions:
+            self._carry_out(action)
+        self._check_beliefs()
+
+    def _carry_out(self, action: Action) -> None:
+        if isinstance(action, Send):
+            self._to_station(action.station, gcs.FromVehicle(action.message))
+        elif isinstance(action, ViewChanged):
+            self._status()
+        elif isinstance(action, Fly):
+            self.flights.append((self.now, action))
+        elif isinstance(action, Record):
+            self.records.append((self.now, action))
+
+    def _status(self) -> None:
+        view = self.arbiter.view
+        self._to_all(gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch))
+
+    def _facts(self) -> tuple[ZoneFact, ...]:
+        facts = []
+        for station, times in self.visits.items():
+            left = next((end for begin, end in times if begin <= self.now < end), None)
+            facts.append(ZoneFact(station, -50.0 if left is None else 50.0, None if left is None else left - self.now))
+        return tuple(facts)
+
+    # ---- the stations ---------------------------------------------------------------------------------------------
+
+    def alive(self, sysid: int) -> bool:
+        return self.now < self.dies.get(sysid, inf)
+
+    def _beat(self, sysid: int) -> None:
+        if not self.alive(sysid):
+            return
+        self._to_vehicle(StationHeard(sysid))
+        for other in self.cores:
+            if other != sysid:
+                self._over_ground(other, gcs.PeerHeard(sysid))
+        self._perform(sysid, self.cores[sysid].tick(self.now))
+
+    def _station(self, sysid: int, event: gcs.Event) -> None:
+        if not self.alive(sysid):
+            return
+        core = self.cores[sysid]
+        epoch = core.epoch
+        self._perform(sysid, core.handle(event, self.now))
+        assert core.epoch >= epoch
+        question = core.question
+        if question is not None and question not in self._questions[sysid]:
+            self._questions[sysid].add(question)
+            answer = self.operators[sysid]
+            if answer is not None:
+                yes, after_s = answer
+                self._at(self.now + after_s, lambda: self._answer(sysid, question, yes))
+        self._check_beliefs()
+
+    def _answer(self, sysid: int, question: object, yes: bool) -> None:
+        if self.cores[sysid].question == question:
+            self._station(sysid, gcs.Answer(yes))
+
+    def _perform(self, sysid: int, actions: list[gcs.Action]) -> None:
+        for action in actions:
+            if isinstance(action, gcs.ToVehicle):
+                self._check_word(sysid, action.message)
+                self._to_vehicle(StationMessage(sysid, action.message))
+            elif isinstance(action, gcs.ToPeer):
+                self.over_ground += 1
+                self._over_ground(action.peer, gcs.FromPeer(sysid, action.message))
+            else:
+                self.notices[sysid].append(action.text)
+
+    def _check_word(self, sysid: int, message: Message) -> None:
+        """A station releases only what it has consented to."""
+        if isinstance(message, OkHandover) and message.consent is Consent.GRANTED:
+            self._consented[sysid].add(message.key)
+        if isinstance(message, DisconnectHandover):
+            assert message.key in self._consented[sysid]
+
+    def _check_beliefs(self) -> None:
+        """Two stations never command in the same epoch, and no station is ahead of the vehicle."""
+        view = self.arbiter.view
+        for sysid, core in self.cores.items():
+            assert core.epoch <= view.epoch
+            if core.role is gcs.Role.COMMANDER and core.epoch == view.epoch:
+                assert view.commander in (sysid, None)
+
+    # ---- the links ------------------------------------------------------------------------------------------------
+
+    def _deliver(self, link: Link, job: Callable[[], None]) -> None:
+        for delay_s in link() if self.flying else (0.001,):
+            self._at(self.now + delay_s, job)
+
+    def _to_station(self, sysid: int, event: gcs.Event) -> None:
+        self._deliver(self.air, lambda: self._station(sysid, event))
+
+    def _to_all(self, event: gcs.Event) -> None:
+        for sysid in self.cores:
+            self._to_station(sysid, event)
+
+    def _to_vehicle(self, event: Event) -> None:
+        self._deliver(self.air, lambda: self.give(event))
+
+    def _over_ground(self, sysid: int, event: gcs.Event) -> None:
+        if self.ground is not None and self.now < self.ground_dies:
+            self._deliver(self.ground, lambda: self._station(sysid, event))
+
+    # ---- looking --------------------------------------------------------------------------------------------------
+
+    def commits(self) -> list[tuple[int, int, int]]:
+        """Changes from one station to another: from, to, new epoch."""
+        return [
+            (old, new, epoch) for _at, old, new, epoch in self.watch.moves if old is not None and new is not None
+        ]
+
+    def durations(self) -> list[float]:
+        """How long each committed transfer took, in seconds."""
+        return [r.duration_s or 0.0 for _at, r in self.records if r.event == "transfer_committed"]
+
+    def said(self, event: str) -> list[str]:
+        """Texts of the vehicle's journal entries of this kind."""
+        return [record.text for _at, record in self.records if record.event == event]
+
+    def agreed(self) -> bool:
+        """Whether all living stations believe what the vehicle says."""
+        view = self.arbiter.view
+        return all(
+            (core.commander, core.epoch, core.partner) == (view.commander, view.epoch, view.partner)
+            for sysid, core in self.cores.items()
+            if self.alive(sysid)
+        )

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`next_deadline` is never later than the next thing that happens.
+
+The same story is told to two arbiters. One gets its ticks at `next_deadline()` alone, the other as well every few
+milliseconds: both must do the same things at the same times. A deadline that comes too late, or that is missing,
+makes the second one earlier.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf, nextafter
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from mavproxy_handover.core.arbiter import Arbiter, Identity
+from mavproxy_handover.core.events import (
+    Action,
+    AutopilotState,
+    Cancel,
+    Event,
+    FlightAction,
+    MissionLoaded,
+    PositionSeen,
+    Record,
+    Send,
+    StationHeard,
+    StationMessage,
+    Tick,
+)
+from mavproxy_handover.core.limits import Limits
+from tests.core.bench import (
+    DIGEST,
+    STATIONS,
+    A,
+    B,
+    Bench,
+    C,
+    Connect,
+    ConnectAck,
+    Consent,
+    DisconnectHandover,
+    DroneConnected,
+    OkHandover,
+    OnHandover,
+    TransferKey,
+    inside,
+    outside,
+)
+
+#: numbers that no binary fraction hits, so that every rounding shows
+LIMITS = Limits(
+    heartbeat_lost_s=1.7,
+    connect_interval_s=2.3,
+    connect_lost_s=4.9,
+    step_timeout_s=1.3,
+    operator_timeout_s=3.1,
+    release_timeout_s=1.1,
+    retry_pause_s=0.7,
+    result_timeout_s=2.9,
+    dwell_s=0.9,
+    out_hold_s=0.7,
+    position_stale_s=1.9,
+    commander_lost=FlightAction.WARN,
+    out_of_coverage=FlightAction.LAND,
+)
+
+
+@dataclass(frozen=True)
+class Word:
+    """A station's word about the transfer that is under way then, whatever its number."""
+
+    station: int
+    kind: type
+    consent: Consent = Consent.GRANTED
+
+
+def told(story: list[tuple[float, Event | Word]], limits: Limits, every_s: float | None) -> list[tuple[float, Action]]:
+    """What an arbiter makes of a story (waiting time, event); stations answer CONNECT while they are heard."""
+    arbiter = Arbiter(Identity("drone", STATIONS, A), limits)
+    log: list[tuple[float, Action]] = []
+
+    def give(event: Event, now: float) -> None:
+        for action in arbiter.handle(event, now):
+            log.append((now, action))
+            if isinstance(action, Send) and isinstance(action.message, Connect):
+                heard = arbiter.heard_ago_s(action.station, now)
+                if heard is not None and heard < 0.5:
+                    question = action.message
+                    answer = ConnectAck(action.station, 1, question.nonce, question.epoch, None, "", DIGEST)
+                    give(StationMessage(action.station, answer), now)
+
+    def pass_time(now: float, until: float) -> None:
+        fine = inf if every_s is None else now
+        rounds = 0
+        while True:
+            deadline = arbiter.next_deadline()
+            assert deadline is not None
+            due = min(deadline, fine)
+            if due > until:
+                return
+            now = max(now, due)
+            give(Tick(), now)
+            if now >= fine:
+                fine = now + (every_s or inf)
+            after = arbiter.next_deadline()
+            assert after is not None
+            # a deadline that stays where it is would be a loop without an end
+            assert after > now
+            rounds += 1
+            assert rounds < 100_000
+
+    now = 0.1
+    give(AutopilotState(False, False), now)
+    for wait_s, event in story:
+        pass_time(now, now + wait_s)
+        now += wait_s
+        if isinstance(event, Word):
+            view = arbiter.view
+            key = TransferKey(view.commander or 0, view.partner or 0, view.handover_id, view.epoch)
+            message = (
+                event.kind(key, event.consent) if event.kind in (OnHandover, OkHandover) else event.kind(key)
+            )
+            give(StationMessage(event.station, message), now)
+        else:
+            give(event, now)
+    pass_time(now, now + 12.0)
+    return log
+
+
+stations = st.sampled_from([A, B, C])
+positions = st.builds(
+    lambda a, b, c: PositionSeen((a, b, c)),
+    st.sampled_from([inside(A), inside(A, exit_s=3.0), outside(A)]),
+    st.sampled_from([inside(B), inside(B, exit_s=40.0), outside(B)]),
+    st.sampled_from([inside(C), outside(C)]),
+)
+events = st.one_of(
+    st.builds(StationHeard, stations),
+    positions,
+    st.sampled_from([AutopilotState(True, True), AutopilotState(True, False), AutopilotState(False, False)]),
+    st.just(MissionLoaded(DIGEST, (A, B, A))),
+    st.builds(Cancel, stations),
+    st.builds(
+        Word,
+        stations,
+        st.sampled_from([OnHandover, OkHandover, DroneConnected, DisconnectHandover]),
+        st.sampled_from(Consent),
+    ),
+)
+waits = st.sampled_from([0.0, 0.0, 0.01, 0.13, 0.37, 0.71, 1.09, 2.03])
+stories = st.lists(st.tuples(waits, events), max_size=25)
+
+#: everybody there, on mission, inside A and B: a transfer is under way
+IN_TRANSFER: list[tuple[float, Event | Word]] = [
+    (0.0, StationHeard(A)),
+    (0.0, StationHeard(B)),
+    (0.0, MissionLoaded(DIGEST, (A, B, A))),
+    (0.0, PositionSeen((inside(A), outside(B)))),
+    (0.0, AutopilotState(True, True)),
+    (1.1, StationHeard(A)),
+    (0.0, StationHeard(B)),
+    (0.0, PositionSeen((inside(A), inside(B)))),
+]
+TO_RELEASE: list[tuple[float, Event | Word]] = [
+    *IN_TRANSFER,
+    (0.1, Word(B, OnHandover)),
+    (0.1, Word(A, OkHandover)),
+    (0.1, Word(B, DroneConnected)),
+]
+
+
+def test_the_stories_begin_where_they_say() -> None:
+    def words(story: list[tuple[float, Event | Word]]) -> list[str]:
+        return [a.event for _at, a in told(story, LIMITS, None) if isinstance(a, Record) and a.event != "connected"]
+
+    assert "transfer_begun" in words(IN_TRANSFER)
+    assert "transfer_committed" in words(TO_RELEASE)
+    assert "result_unacknowledged" in words([*TO_RELEASE, (0.1, Word(A, DisconnectHandover))])
+    assert "position_stale" in words(IN_TRANSFER)
+
+
+@settings(max_examples=120, deadline=None)
+@given(stories, st.sampled_from([0.05, 0.0937]))
+@example(IN_TRANSFER, 0.05)  # the partner is lost before the commander
+@example([*IN_TRANSFER, (0.4, StationHeard(A)), (1.0, StationHeard(A))], 0.05)
+@example([*TO_RELEASE, (0.1, Word(A, DisconnectHandover))], 0.05)  # result repeated and given up
+@example([*IN_TRANSFER, (0.1, PositionSeen((outside(A), outside(B))))], 0.05)  # out, then lost, policies differ
+def test_ticks_between_the_deadlines_change_nothing(story: list[tuple[float, Event | Word]], every_s: float) -> None:
+    assert told(story, LIMITS, every_s) == told(story, LIMITS, None)
+
+
+@settings(max_examples=60, deadline=None)
+@given(stories, st.sampled_from([0.05, 0.0937]))
+def test_the_same_from_the_middle_of_a_transfer(story: list[tuple[float, Event | Word]], every_s: float) -> None:
+    assert told(IN_TRANSFER + story, LIMITS, every_s) == told(IN_TRANSFER + story, LIMITS, None)
+
+
+def test_at_first_everybody_is_to_be_asked_at_once() -> None:
+    assert Arbiter(Identity("drone", STATIONS, A)).next_deadline() == -inf
+
+
+@pytest.mark.parametrize(
+    ("prepare", "event", "after_s"),
+    [
+        # a deadline for each thing that time brings about; CONNECT is out of the way
+        (lambda b: b.up_to("REQUEST"), "transfer_aborted", 4.0),
+        (lambda b: b.up_to("RELEASE"), "transfer_committed", 2.0),
+        (lambda b: b.on_mission().position(outside(A), outside(B)), "emergency", 1.0),
+    ],
+)
+def test_time_brings_it_about_to_the_very_tick(prepare: object, event: str, after_s: float) -> None:
+    limits = replace(Limits(), heartbeat_lost_s=60.0, connect_interval_s=10.0, connect_lost_s=60.0)
+    bench = Bench(limits)
+    prepare(bench)  # type: ignore[operator]
+    due = bench.now + after_s
+    bench.now = nextafter(due, 0.0)
+    assert not [a for a in bench.give(Tick()) if isinstance(a, Record) and a.event == event]
+    deadline = bench.arbiter.next_deadline()
+    assert deadline is not None
+    assert deadline <= due
+    bench.now = due
+    assert [a for a in bench.give(Tick()) if isinstance(a, Record) and a.event == event]

@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Out of coverage, warnings on the ground that follow the aircraft into the air, stale positions, the guard."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mavproxy_handover.core.events import (
+    FlightAction,
+    Fly,
+    GuardSeen,
+    GuardState,
+    StartFinished,
+    StartRequested,
+    ViewChanged,
+)
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import AuthorityView, LeaseState
+from tests.core.bench import (
+    A,
+    B,
+    Bench,
+    C,
+    ConnectHandover,
+    D,
+    DisconnectHandover,
+    DroneConnected,
+    HandoverRequest,
+    OkHandover,
+    OnHandover,
+    Phase,
+    Reason,
+    TransferKey,
+    far,
+    inside,
+    outside,
+)
+
+RETURN = Fly(FlightAction.RETURN, Reason.OUT_OF_COVERAGE)
+LOST = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
+
+
+class TestOutOfCoverage:
+    def test_out_for_one_second_returns_once(self) -> None:
+        bench = Bench().on_mission()
+        left_at = bench.now
+        bench.log.clear()
+        bench.position(*far(A, B, C, D))
+        bench.run(60.0)
+        assert [(at, action) for at, action in bench.log if isinstance(action, Fly)] == [(left_at + 1.0, RETURN)]
+        # the commander still commands: it may fly the aircraft elsewhere
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, A, None, 1, LeaseState.HELD, True, 0)
+
+    def test_back_within_the_hold_time_is_nothing(self) -> None:
+        bench = Bench().on_mission()
+        for _ in range(5):
+            bench.position(*far(A, B))
+            bench.run(0.75)
+            bench.position(inside(A), outside(B))
+            bench.run(3.0)
+        assert bench.flights() == []
+        assert bench.records("emergency") == []
+
+    def test_back_in_the_zone_the_emergency_is_over(self) -> None:
+        bench = Bench().on_mission()
+        bench.position(*far(A, B))
+        bench.run(5.0)
+        bench.log.clear()
+        bench.position(inside(A), outside(B))
+        assert bench.views() == [
+            ViewChanged(AuthorityView(Phase.ON_MISSION, A, None, 1, LeaseState.HELD, True, 0), Reason.NONE)
+        ]
+        assert bench.flights() == []
+        bench.position(*far(A, B))
+        bench.run(5.0)
+        assert bench.flights() == [RETURN]
+
+    def test_the_way_home_may_lead_through_another_zone(self) -> None:
+        bench = Bench().on_mission()
+        bench.position(*far(A, B))
+        bench.run(5.0)
+        bench.position(outside(A), inside(B))
+        bench.run(0.5)
+        assert bench.arbiter.view.partner == B
+
+    def test_on_the_ground_it_is_a_warning(self) -> None:
+        bench = Bench().on_ground()
+        bench.log.clear()
+        bench.position(*far(A, B))
+        bench.run(60.0)
+        assert bench.flights() == []
+        assert bench.arbiter.view.phase is Phase.ON_LOAD
+        assert [record.text for record in bench.records("emergency")] == ["out of coverage: warn"]
+
+    def test_it_ends_a_transfer(self) -> None:
+        # out of the commander's zone, and the partner's margin is in the band where it is not left yet
+        bench = Bench().in_transfer()
+        bench.position(outside(A), inside(B, margin_m=-4.0))
+        bench.run(0.5)
+        assert bench.arbiter.view.partner == B
+        bench.position(*far(A, B))
+        assert bench.arbiter.view.partner is None
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.LEFT_REGION]
+        bench.run(2.0)
+        assert bench.flights() == [RETURN]
+
+    def test_the_policy_may_be_to_land_or_to_warn(self) -> None:
+        for policy, flights in (
+            (FlightAction.LAND, [Fly(FlightAction.LAND, Reason.OUT_OF_COVERAGE)]),
+            (FlightAction.WARN, []),
+        ):
+            bench = Bench(replace(Limits(), out_of_coverage=policy)).on_mission()
+            bench.position(*far(A, B))
+            bench.run(20.0)
+            assert bench.flights() == flights
+            assert bench.arbiter.view.phase is (Phase.EMERGENCY if flights else Phase.ON_MISSION)
+
+    def test_without_any_zone_known_there_is_no_out(self) -> None:
+        bench = Bench().on_mission()
+        bench.position()
+        bench.run(20.0)
+        assert bench.flights() == []
+
+
+class TestWorse:
+    """A decision is carried out once for each emergency, and again where it turns worse."""
+
+    def test_a_warning_on_the_ground_takes_off(self) -> None:
+        # START was accepted, the vehicle is armed, then the commander dies: nobody commands the take-off
+        bench = Bench().on_ground()
+        bench.give(StartRequested(A))
+        bench.autopilot_says(armed=True, flying=False)
+        bench.alive = {B}
+        bench.run(6.0)
+        assert bench.flights() == []
+        assert [record.text for record in bench.records("emergency")] == ["commander lost: warn"]
+        bench.autopilot_says(armed=True, flying=True)
+        assert bench.flights() == [LOST]
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        bench.run(30.0)
+        assert bench.flights() == [LOST]
+
+    def test_taking_off_outside_every_zone(self) -> None:
+        bench = Bench().on_ground()
+        bench.position(*far(A, B))
+        bench.run(5.0)
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        assert bench.flights() == [RETURN]
+
+    def test_an_emergency_during_start_ends_the_start(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(StartRequested(A))
+        bench.autopilot_says(armed=True, flying=False)
+        bench.alive = {B}
+        bench.run(6.0)
+        bench.autopilot_says(armed=True, flying=True)
+        bench.give(StartFinished(ok=True))
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        # after the landing START is possible again
+        bench.autopilot_says(armed=False, flying=False)
+        bench.alive = {A, B}
+        bench.run(2.0)
+        assert bench.arbiter.start_needs(A, bench.now) == ()
+
+    def test_a_bump_on_landing_does_not_command_again(self) -> None:
+        bench = Bench().on_mission()
+        bench.alive = {B}
+        bench.run(10.0)
+        for flying in (False, True, False, True, False):
+            bench.autopilot_says(armed=True, flying=flying)
+        assert bench.flights() == [LOST]
+
+    def test_out_of_coverage_lands_after_the_loss_only_warned(self) -> None:
+        limits = replace(Limits(), commander_lost=FlightAction.WARN, out_of_coverage=FlightAction.LAND)
+        bench = Bench(limits).on_mission()
+        bench.alive = {B}
+        bench.run(10.0)
+        assert bench.flights() == []
+        left_at = bench.now
+        bench.position(*far(A, B))
+        bench.run(0.75)
+        assert bench.flights() == []
+        bench.run(5.0)
+        assert [(at, action) for at, action in bench.log if isinstance(action, Fly)] == [
+            (left_at + 1.0, Fly(FlightAction.LAND, Reason.OUT_OF_COVERAGE))
+        ]
+
+    def test_loss_of_the_commander_while_out_of_coverage_is_asked_for_too(self) -> None:
+        # the commander may have stopped the first return; now there is nobody to decide
+        bench = Bench().on_mission()
+        bench.position(*far(A, B))
+        bench.run(5.0)
+        bench.alive = {B}
+        bench.run(10.0)
+        assert bench.flights() == [RETURN, LOST]
+
+
+class TestPosition:
+    def test_stale_is_said_once(self) -> None:
+        bench = Bench().on_mission()
+        seen_at = bench.now
+        bench.facts = None
+        bench.log.clear()
+        bench.run(30.0)
+        assert [at for at, action in bench.log if getattr(action, "event", "") == "position_stale"] == [seen_at + 2.0]
+        bench.position(inside(A), outside(B))
+        bench.facts = None
+        bench.run(30.0)
+        assert len(bench.records("position_stale")) == 2
+
+    def test_on_the_ground_it_is_not_said(self) -> None:
+        bench = Bench().on_ground()
+        bench.facts = None
+        bench.run(30.0)
+        assert bench.records("position_stale") == []
+
+    def test_no_transfer_without_a_position(self) -> None:
+        # B's zone was entered while B was silent; B comes back when there is no position any more
+        bench = Bench().on_mission()
+        bench.alive = {A}
+        bench.run(10.0)
+        bench.position(inside(A), inside(B))
+        bench.facts = None
+        bench.alive = {A, B}
+        bench.run(30.0)
+        assert bench.arbiter.view.partner is None
+
+
+class TestRoute:
+    def test_of_two_zones_entered_at_once_the_route_decides_after_each_change(self) -> None:
+        bench = Bench(route=(A, C, B, C))
+        bench.alive = {A, B, C}
+        bench.on_mission()
+        bench.position(inside(A), inside(B), inside(C))
+        assert bench.arbiter.view.partner == C
+        key = TransferKey(A, C, 1, 1)
+        for station, message in (
+            (C, OnHandover(key)),
+            (A, OkHandover(key)),
+            (C, DroneConnected(key)),
+            (A, DisconnectHandover(key)),
+        ):
+            bench.say(station, message)
+        assert bench.arbiter.view.commander == C
+        bench.position(*far(A, B), inside(C))
+        bench.run(10.0)
+        # A and B are entered together; A has the lower number, B is next on the route
+        bench.position(inside(A), inside(B), inside(C))
+        assert bench.arbiter.view.partner == B
+
+    def test_the_route_starts_again_with_the_next_flight(self) -> None:
+        bench = Bench(route=(A, C, B))
+        bench.alive = {A, B, C}
+        bench.on_mission()
+        bench.autopilot_says(armed=False, flying=False)
+        bench.run(5.0)
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        bench.position(inside(A), inside(B), inside(C))
+        assert bench.arbiter.view.partner == C
+
+
+class TestZones:
+    def test_entries_on_the_ground_do_not_count(self) -> None:
+        bench = Bench().on_ground()
+        bench.position(inside(A), inside(B))
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(30.0)
+        assert bench.sent() == []
+
+    def test_but_the_end_of_the_commanders_zone_does(self) -> None:
+        bench = Bench().on_ground()
+        bench.position(inside(A), inside(B))
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        bench.position(inside(A, exit_s=7.0), inside(B))
+        assert [word[2] for word in bench.sent()] == [HandoverRequest(TransferKey(A, B, 1, 1), Reason.ZONE)]
+
+    def test_zones_of_a_mission_that_was_replaced_do_not_call(self) -> None:
+        # on the ground inside A and B; then a mission with A and C alone is loaded
+        bench = Bench().on_ground()
+        bench.position(inside(A), inside(B))
+        bench.position(inside(A), outside(C))
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        bench.position(inside(A, exit_s=3.0), outside(C))
+        bench.run(5.0)
+        assert bench.sent() == []
+        assert bench.arbiter.view.commander == A
+
+    def test_the_zone_shown_is_the_commanders_first(self) -> None:
+        bench = Bench().on_mission()
+        assert bench.arbiter.zone() == A
+        bench.position(inside(A), inside(B))
+        assert bench.arbiter.zone() == A
+        bench.position(outside(A), inside(B))
+        assert bench.arbiter.zone() == B
+        bench.position(*far(A, B))
+        assert bench.arbiter.zone() == 0
+
+
+class TestGuard:
+    def test_what_it_says_counts_for_two_seconds(self) -> None:
+        bench = Bench().on_ground()
+        bench.guard = None
+        bench.give(GuardSeen(GuardState.LIVE, ours=True))
+        heard_at = bench.now
+        assert bench.arbiter.guard(heard_at + 1.999) is GuardState.LIVE
+        assert bench.arbiter.guard(heard_at + 2.0) is GuardState.SILENT
+
+    @pytest.mark.parametrize("state", [GuardState.EXPIRED, GuardState.LOST, GuardState.WAITING, GuardState.DISABLED])
+    def test_its_changes_are_told_once(self, state: GuardState) -> None:
+        bench = Bench().on_ground()
+        bench.log.clear()
+        bench.guard = GuardSeen(state, ours=True)
+        bench.run(5.0)
+        assert [record.text for record in bench.records("guard")] == [f"guard: live -> {state.name.lower()}"]
+
+
+def test_a_message_for_connect_handover_of_a_station_means_nothing() -> None:
+    bench = Bench().in_transfer()
+    bench.log.clear()
+    bench.say(B, ConnectHandover(TransferKey(A, B, 1, 1)))
+    assert bench.sent() == []
+    assert bench.dropped() == {"not the sender's to say": 1}

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the vehicle may conclude about a station, and from what."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import ConnectAck
+from mavproxy_handover.core.model import Reason, Station
+from mavproxy_handover.core.presence import Presence
+
+DIGEST = bytes(range(32))
+ANSWER = ConnectAck(252, 1, 7, 3, 251, "GCSB", DIGEST, accepted=True)
+
+
+def presence(heard_at: float | None = None, answered_at: float | None = None, answer: ConnectAck = ANSWER) -> Presence:
+    station = Presence(Station(252, "GCSB"), Limits())
+    if heard_at is not None:
+        station.heard_at = heard_at
+    if answered_at is not None:
+        station.answered_at, station.answer = answered_at, answer
+    return station
+
+
+def test_a_station_never_heard_is_neither_alive_nor_connected() -> None:
+    station = presence()
+    assert not station.alive(0.0)
+    assert not station.connected(0.0)
+    assert station.unfit(DIGEST, 0.0) is Reason.PARTNER_SILENT
+
+
+def test_alive_for_five_seconds_after_a_heartbeat() -> None:
+    station = presence(heard_at=100.0)
+    assert station.lost_at() == 105.0
+    assert station.alive(104.999)
+    assert not station.alive(105.0)
+
+
+@pytest.mark.parametrize("heard_at", [0.1, 0.3, 3.2, 3.3, 1e6 + 0.7])
+def test_lost_exactly_at_the_moment_announced(heard_at: float) -> None:
+    station = presence(heard_at=heard_at)
+    assert not station.alive(station.lost_at())
+
+
+def test_a_heartbeat_alone_does_not_connect() -> None:
+    station = presence(heard_at=100.0)
+    assert not station.connected(100.0)
+    assert station.unfit(DIGEST, 100.0) is Reason.PARTNER_SILENT
+
+
+def test_an_answer_proves_both_ways_for_five_seconds() -> None:
+    station = presence(heard_at=104.0, answered_at=100.0)
+    assert station.connected(104.999)
+    assert not station.connected(105.0)
+    assert station.unfit(DIGEST, 104.999) is None
+    assert station.unfit(DIGEST, 105.0) is Reason.PARTNER_SILENT
+
+
+def test_an_answer_does_not_outlive_the_heartbeat() -> None:
+    station = presence(heard_at=100.0, answered_at=104.0)
+    assert station.connected(104.999)
+    assert not station.connected(105.0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "why"),
+    [
+        (ANSWER, None),
+        (replace(ANSWER, protocol_version=2), Reason.VERSION_DIFFERS),
+        (replace(ANSWER, protocol_version=0), Reason.VERSION_DIFFERS),
+        (replace(ANSWER, accepted=False), Reason.VERSION_DIFFERS),
+        (replace(ANSWER, mission_digest=b""), Reason.MISSION_DIFFERS),
+        (replace(ANSWER, mission_digest=bytes(32)), Reason.MISSION_DIFFERS),
+        (replace(ANSWER, protocol_version=2, mission_digest=b""), Reason.VERSION_DIFFERS),
+        # what it believes of authority is no matter: the vehicle decides
+        (replace(ANSWER, epoch=0xFFFFFFFF, commander=252, station=9, name=""), None),
+    ],
+)
+def test_what_makes_a_partner_unfit(answer: ConnectAck, why: Reason | None) -> None:
+    assert presence(heard_at=100.0, answered_at=100.0, answer=answer).unfit(DIGEST, 101.0) is why
+
+
+def test_no_question_is_answered_before_one_is_asked() -> None:
+    assert not presence().answers(0)
+
+
+def test_a_question_is_answered_once() -> None:
+    station = presence()
+    station.asked.append(11)
+    assert not station.answers(12)
+    assert station.answers(11)
+    assert not station.answers(11)
+
+
+def test_an_answer_may_come_after_the_next_question() -> None:
+    # one question a second, 1.5 s there and back
+    station = presence()
+    station.asked.extend([11, 12])
+    assert station.answers(11)
+    assert station.answers(12)
+
+
+def test_an_answer_closes_the_older_questions() -> None:
+    station = presence()
+    station.asked.extend([11, 12, 13])
+    assert station.answers(12)
+    assert not station.answers(11)
+    assert station.answers(13)
+
+
+def test_a_question_stays_open_as_long_as_its_answer_would_prove_something() -> None:
+    # connect_lost_s / connect_interval_s = 5 questions
+    station = presence()
+    station.asked.extend([1, 2, 3, 4, 5, 6])
+    assert not station.answers(1)
+    assert station.answers(2)

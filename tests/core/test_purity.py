@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The rules know no clock, no network, no chance, and nothing but the standard library."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import mavproxy_handover.core
+
+CORE = "mavproxy_handover.core"
+
+FORBIDDEN = {
+    "asyncio",
+    "concurrent",
+    "ctypes",
+    "datetime",
+    "importlib",
+    "multiprocessing",
+    "os",
+    "queue",
+    "random",
+    "sched",
+    "secrets",
+    "select",
+    "selectors",
+    "signal",
+    "socket",
+    "socketserver",
+    "ssl",
+    "subprocess",
+    "threading",
+    "time",
+    "timeit",
+    "uuid",
+}
+#: built-in functions that reach the outside or hide an import
+FORBIDDEN_CALLS = {"__import__", "compile", "eval", "exec", "input", "open", "print"}
+
+
+def sources() -> list[Path]:
+    core = sorted(Path(mavproxy_handover.core.__file__).parent.rglob("*.py"))
+    station = find_spec("gcs_module.core")
+    assert station is not None
+    assert station.origin is not None
+    return [*core, Path(station.origin)]
+
+
+def offences(source: str) -> list[str]:
+    """What this source text takes from outside the rules."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [node.module or ""] if node.level == 0 else []
+            if node.level > 1:
+                found.append("import from above the package")
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FORBIDDEN_CALLS:
+            found.append(f"{node.func.id}()")
+        for name in names:
+            top = name.split(".")[0]
+            if name == CORE or name.startswith(CORE + "."):
+                continue
+            if top in FORBIDDEN or top not in sys.stdlib_module_names:
+                found.append(name)
+    return found
+
+
+@pytest.mark.parametrize("path", sources(), ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_rules_import_nothing_impure(path: Path) -> None:
+    assert offences(path.read_text(encoding="utf-8")) == []
+
+
+def test_every_module_of_the_rules_is_looked_at() -> None:
+    names = {path.name for path in sources()}
+    assert names >= {
+        "__init__.py",
+        "arbiter.py",
+        "core.py",
+        "events.py",
+        "facts.py",
+        "limits.py",
+        "messages.py",
+        "model.py",
+        "phases.py",
+        "presence.py",
+        "safety.py",
+        "transfer.py",
+        "zones.py",
+    }
+
+
+@pytest.mark.parametrize(
+    ("source", "offence"),
+    [
+        ("import time", "time"),
+        ("from time import monotonic", "time"),
+        ("def f():\n    import socket", "socket"),
+        ("import shapely.geometry", "shapely.geometry"),
+        ("import random as r", "random"),
+        ("from pymavlink import mavutil", "pymavlink"),
+        ("from mavproxy_handover.wire import codec", "mavproxy_handover.wire"),
+        ("import mavproxy_handover.corelike", "mavproxy_handover.corelike"),
+        ("from datetime import datetime", "datetime"),
+        ("from ..wire import codec", "import from above the package"),
+        ("x = open('f')", "open()"),
+    ],
+)
+def test_the_walk_sees(source: str, offence: str) -> None:
+    assert offences(source) == [offence]

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Hysteresis, entries that count, dwell, and the choice of the next station."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import nan
+
+import pytest
+
+from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.zones import ZoneChange, ZoneTracker
+
+A, B, C = 251, 252, 253
+NOTHING = ZoneChange((), ())
+
+
+def tracker(**changes: float) -> ZoneTracker:
+    return ZoneTracker(replace(Limits(), **changes))
+
+
+def fact(station: int, margin_m: float, exit_s: float | None = None) -> ZoneFact:
+    return ZoneFact(station, margin_m, exit_s)
+
+
+class TestMembership:
+    @pytest.mark.parametrize(
+        ("margin_m", "entered"), [(-100.0, ()), (0.0, ()), (4.99, ()), (5.0, (A,)), (5.01, (A,)), (1e6, (A,))]
+    )
+    def test_a_zone_is_entered_five_metres_inside(self, margin_m: float, entered: tuple[int, ...]) -> None:
+        zones = tracker()
+        assert zones.update([fact(A, margin_m)], 0.0) == ZoneChange(entered, ())
+        assert zones.holds(A) is bool(entered)
+
+    @pytest.mark.parametrize(("margin_m", "left"), [(1.0, ()), (-4.99, ()), (-5.0, (A,)), (-1e6, (A,))])
+    def test_a_zone_is_left_five_metres_outside(self, margin_m: float, left: tuple[int, ...]) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50.0)], 0.0)
+        assert zones.update([fact(A, margin_m)], 1.0) == ZoneChange((), left)
+        assert zones.holds(A) is not bool(left)
+
+    def test_a_track_along_the_border_does_not_flicker(self) -> None:
+        zones = tracker()
+        changes = [zones.update([fact(A, margin)], 0.0) for margin in (4, -4, 4.9, 5, 4, -4.9, 0, 4.9, -4, -5, 0, 4.9)]
+        assert [change for change in changes if change != NOTHING] == [ZoneChange((A,), ()), ZoneChange((), (A,))]
+
+    def test_entered_and_left_in_the_order_of_the_facts(self) -> None:
+        zones = tracker()
+        assert zones.update([fact(C, 10), fact(A, 10), fact(B, -10)], 0.0) == ZoneChange((C, A), ())
+        assert zones.update([fact(C, -10), fact(A, -10), fact(B, 10)], 1.0) == ZoneChange((B,), (C, A))
+
+    def test_a_station_with_several_zones_is_covered_by_the_best(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, -900), fact(A, 20.0), fact(A, -30)], 0.0)
+        assert zones.holds(A)
+        assert zones.update([fact(A, 8.0), fact(A, -40)], 1.0) == NOTHING
+        # out of the first, into the second: never uncovered, no new entry
+        assert zones.update([fact(A, -40), fact(A, 8.0)], 2.0) == NOTHING
+        assert zones.update([fact(A, -40), fact(A, -8.0)], 3.0) == ZoneChange((), (A,))
+
+    def test_a_zone_that_is_no_longer_in_the_mission_is_left(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50), fact(B, 50)], 0.0)
+        assert zones.update([fact(A, 50)], 1.0) == ZoneChange((), (B,))
+        assert not zones.holds(B)
+        assert zones.next_commander(A, (B,), B, 100.0) is None
+
+    def test_margin_that_is_no_number_changes_nothing(self) -> None:
+        zones = tracker()
+        assert zones.update([fact(A, nan)], 0.0) == NOTHING
+        zones.update([fact(A, 50)], 1.0)
+        assert zones.update([fact(A, nan)], 2.0) == NOTHING
+        assert zones.holds(A)
+
+    def test_nobody_holds_nothing(self) -> None:
+        assert not tracker().holds(None)
+
+    def test_inside_names_the_first_one_first(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50), fact(B, 50), fact(C, 50)], 0.0)
+        assert zones.inside(B) == (B, A, C)
+        assert zones.inside(None) == (A, B, C)
+        assert zones.inside(99) == (A, B, C)
+
+
+class TestOutOfEveryZone:
+    def test_nothing_known_is_not_out(self) -> None:
+        zones = tracker()
+        assert zones.out_since is None
+        zones.update([], 1.0)
+        assert zones.out_since is None
+
+    def test_out_since_the_first_position_outside(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50), fact(B, -50)], 1.0)
+        assert zones.out_since is None
+        zones.update([fact(A, -4), fact(B, -50)], 2.0)
+        assert zones.out_since is None
+        zones.update([fact(A, -6), fact(B, -50)], 3.0)
+        assert zones.out_since == 3.0
+        zones.update([fact(A, -60), fact(B, -50)], 4.0)
+        assert zones.out_since == 3.0
+        zones.update([fact(A, -60), fact(B, 4)], 5.0)
+        assert zones.out_since == 3.0
+        zones.update([fact(A, -60), fact(B, 5)], 6.0)
+        assert zones.out_since is None
+
+    def test_started_outside(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, -1)], 7.0)
+        assert zones.out_since == 7.0
+
+
+class TestNextCommander:
+    def test_an_entry_calls_for_its_station(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, -50)], 0.0)
+        zones.moved(0.0)
+        assert zones.next_commander(A, (B,), B, 10.0) is None
+        zones.update([fact(A, 500), fact(B, 5)], 10.0)
+        assert zones.next_commander(A, (B,), B, 10.0) == B
+
+    def test_a_station_that_is_not_usable_is_not_chosen(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, 50)], 10.0)
+        assert zones.next_commander(A, (), B, 10.0) is None
+
+    def test_usable_is_not_enough_outside_its_zone(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, -50)], 10.0)
+        assert zones.next_commander(A, (A, B, C), B, 10.0) is None
+
+    def test_the_commander_is_not_its_own_successor(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500)], 10.0)
+        assert zones.next_commander(A, (A,), A, 10.0) is None
+
+    def test_an_entry_before_the_last_change_does_not_count(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, 500)], 0.0)
+        zones.moved(1.0)
+        assert zones.next_commander(B, (A,), A, 100.0) is None
+
+    def test_an_entry_on_the_ground_does_not_count(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, 500)], 0.0)
+        zones.forget_entries()
+        assert zones.next_commander(A, (B,), B, 100.0) is None
+
+    def test_an_entry_keeps_counting_until_the_zone_is_left(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, 500)], 0.0)
+        zones.update([fact(A, 500), fact(B, 700)], 1.0)
+        assert zones.next_commander(A, (B,), None, 1.0) == B
+        zones.update([fact(A, 500), fact(B, -700)], 2.0)
+        assert zones.next_commander(A, (B,), None, 2.0) is None
+
+    def test_nothing_moves_in_the_dwell_time(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, -50)], 0.0)
+        zones.moved(100.0)
+        zones.update([fact(A, 500), fact(B, 50)], 101.0)
+        assert zones.next_commander(A, (B,), B, 104.999) is None
+        assert zones.next_commander(A, (B,), B, 105.0) == B
+
+    def test_the_dwell_time_gives_way_when_the_commanders_zone_has_ended(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, -50)], 0.0)
+        zones.moved(100.0)
+        zones.update([fact(A, -50), fact(B, 50)], 101.0)
+        assert zones.next_commander(A, (B,), B, 101.0) == B
+
+    @pytest.mark.parametrize(
+        ("left_a_s", "left_b_s", "expected"),
+        [
+            (None, None, None),  # no end in sight
+            (8.001, 100.0, None),  # not yet
+            (8.0, 100.0, B),
+            (8.0, None, B),
+            (8.0, 8.0, None),  # it would win nothing
+            (3.0, 2.0, None),
+            (0.0, 0.1, B),
+        ],
+    )
+    def test_about_to_leave(self, left_a_s: float | None, left_b_s: float | None, expected: int | None) -> None:
+        # both entered before the last change of authority: only the end of the commander's zone can call
+        zones = tracker()
+        zones.update([fact(A, 50, left_a_s), fact(B, 50, left_b_s)], 0.0)
+        zones.moved(0.0)
+        assert zones.next_commander(A, (B,), B, 10.0) == expected
+
+    def test_out_of_the_commanders_zone_any_zone_will_do(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50), fact(B, 50, 1.0)], 0.0)
+        zones.moved(0.0)
+        zones.update([fact(A, -50), fact(B, 40, 0.5)], 1.0)
+        assert zones.next_commander(A, (B,), None, 1.0) == B
+
+    @pytest.mark.parametrize(
+        ("left_b_s", "left_c_s", "route_next", "expected"),
+        [
+            (10.0, 99.0, B, B),  # the route first
+            (10.0, 99.0, C, C),
+            (10.0, 99.0, None, C),  # then the longest
+            (99.0, 10.0, None, B),
+            (None, 99.0, None, B),  # no end in sight is the longest
+            (99.0, None, A, C),
+            (20.0, 20.0, None, B),  # and with nothing between them, always the same
+            (None, None, None, B),
+        ],
+    )
+    def test_of_three_zones(
+        self, left_b_s: float | None, left_c_s: float | None, route_next: int | None, expected: int
+    ) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50), fact(B, 50, left_b_s), fact(C, 50, left_c_s)], 0.0)
+        assert zones.next_commander(A, (B, C), route_next, 10.0) == expected
+        assert zones.next_commander(A, (C, B), route_next, 10.0) == expected
+
+    def test_the_route_does_not_call_a_station_that_nothing_else_calls(self) -> None:
+        # C is next on the route but was entered long ago; B is a fresh entry
+        zones = tracker()
+        zones.update([fact(A, 50), fact(C, 50)], 0.0)
+        zones.moved(0.0)
+        zones.update([fact(A, 50), fact(B, 50), fact(C, 50)], 10.0)
+        assert zones.next_commander(A, (B, C), C, 10.0) == B
+
+    def test_no_ping_pong_inside_one_region(self) -> None:
+        # both zones hold the aircraft for a minute; the fresh entry calls once, and nothing calls back
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, -50)], 0.0)
+        commander, changes = A, []
+        for second in range(1, 61):
+            now = float(second)
+            zones.update([fact(A, 500), fact(B, 500)], now)
+            other = A if commander == B else B
+            chosen = zones.next_commander(commander, (other,), other, now)
+            if chosen is not None:
+                commander = chosen
+                changes.append((second, chosen))
+                zones.moved(now)
+        assert changes == [(1, B)]

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The policy is complete, has no stale names, and every row says why."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.gate.policy import MISSION_START, Access, classify
+from mavproxy_handover.gate.tables import (
+    COMMAND_RULES,
+    FTP_OPCODES,
+    FTP_RULES,
+    MESSAGE_RULES,
+    MESSAGES_BY_PART,
+    Rule,
+)
+from mavproxy_handover.wire.frames import Frame
+
+DIALECT_MESSAGES = {cls.msgname for cls in mavlink.mavlink_map.values()}
+DIALECT_COMMANDS = {
+    entry.name.removeprefix("MAV_CMD_")
+    for entry in mavlink.enums["MAV_CMD"].values()
+    if entry.name != "MAV_CMD_ENUM_END"
+}
+
+#: Names of the policy that pymavlink 2.4.42, the oldest allowed, does not have yet.
+YOUNG_MESSAGES = {
+    "AIRSPEED",
+    "GLOBAL_POSITION_SENSOR",
+    "NAMED_VALUE_STRING",
+    "ONBOARD_COMPUTER_STATUS",
+    "ORBIT_EXECUTION_STATUS",
+    "PARAM_ERROR",
+}
+YOUNG_COMMANDS = {
+    "ACTUATOR_TEST",
+    "CONDITION_GATE",
+    "CONFIGURE_ACTUATOR",
+    "DO_FIGURE_EIGHT",
+    "DO_ILLUMINATOR_CONFIGURE",
+    "DO_ORBIT",
+    "DO_SET_ACTUATOR",
+    "DO_SET_STANDARD_MODE",
+    "ILLUMINATOR_ON_OFF",
+    "INJECT_FAILURE",
+    "NAV_ARC_WAYPOINT",
+    "REQUEST_CAMERA_IMAGE_CAPTURE",
+}
+
+
+def names(rules: tuple[Rule, ...]) -> list[str]:
+    return [name for rule in rules for name in rule.names]
+
+
+def test_every_message_of_the_dialect_is_classified_and_no_name_is_stale() -> None:
+    classified = names(MESSAGE_RULES) + list(MESSAGES_BY_PART)
+    assert DIALECT_MESSAGES - set(classified) == set()
+    assert set(classified) - DIALECT_MESSAGES <= YOUNG_MESSAGES
+    assert [name for name, count in Counter(classified).items() if count > 1] == []
+
+
+def test_every_command_of_the_dialect_is_classified_and_no_name_is_stale() -> None:
+    classified = names(COMMAND_RULES)
+    assert DIALECT_COMMANDS - set(classified) == set()
+    assert set(classified) - DIALECT_COMMANDS <= YOUNG_COMMANDS
+    assert [name for name, count in Counter(classified).items() if count > 1] == []
+
+
+def test_every_file_transfer_opcode_is_classified_once() -> None:
+    assert sorted(names(FTP_RULES)) == sorted(FTP_OPCODES.values())
+    assert sorted(FTP_OPCODES) == [*range(17), 128, 129]
+
+
+@pytest.mark.skipif("MAV_FTP_OPCODE" not in mavlink.enums, reason="this pymavlink has no MAV_FTP_OPCODE")
+def test_opcodes_have_the_numbers_of_the_dialect() -> None:
+    theirs = {
+        entry.name.removeprefix("MAV_FTP_OPCODE_"): number
+        for number, entry in mavlink.enums["MAV_FTP_OPCODE"].items()
+        if not entry.name.endswith("ENUM_END")
+    }
+    renamed = {"ResetSessions": "RESETSESSION", "CalcFileCRC32": "CALCFILECRC", "Nack": "NAK"}
+    ours = {renamed.get(name, name.upper()): number for number, name in FTP_OPCODES.items()}
+    ours.pop("LISTDIRECTORYWITHTIME")  # newer than the dialect
+    assert ours == theirs
+
+
+def test_every_row_gives_a_reason() -> None:
+    for rule in (*MESSAGE_RULES, *COMMAND_RULES, *FTP_RULES):
+        assert len(rule.why.split()) >= 1, rule
+        assert rule.names, rule
+
+
+def test_start_is_the_command_of_the_standard() -> None:
+    assert mavlink.MAV_CMD_MISSION_START == MISSION_START
+
+
+def test_all_of_our_own_messages_are_the_companions_or_nobodys() -> None:
+    """47100 to 47131 never reach the autopilot."""
+    allowed = {Access.TRANSFER, Access.NEVER}
+    ours = {cls.msgname for msgid, cls in mavlink.mavlink_map.items() if 47100 <= msgid <= 47131}
+    assert len(ours) == 14
+    for rule in MESSAGE_RULES:
+        if ours & set(rule.names):
+            assert rule.access in allowed, rule
+
+
+def test_the_part_that_decides_is_read_from_the_payload(make: Callable[..., Frame]) -> None:
+    assert classify(make("COMMAND_LONG", command=21)).what == "COMMAND_LONG/MAV_CMD_NAV_LAND"
+    assert classify(make("COMMAND_INT", command=21)).what == "COMMAND_INT/MAV_CMD_NAV_LAND"
+    assert classify(make("COMMAND_ACK", command=32100)).what == "COMMAND_ACK/MAV_CMD_REQUEST_OPERATOR_CONTROL"
+    opcode = [9, 9, 9, 11, *[9] * 247]
+    assert classify(make("FILE_TRANSFER_PROTOCOL", payload=opcode)).what == "FILE_TRANSFER_PROTOCOL/OpenFileWO"
+    assert classify(make("TUNNEL", payload_type=47116)).what == "TUNNEL/47116"
+    assert classify(make("COMMAND_LONG", command=40001)).what == "COMMAND_LONG/40001"
+    assert classify(make("HEARTBEAT")).what == "HEARTBEAT"

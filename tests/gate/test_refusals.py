@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Refusals as the asker's own parser reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate import refusals
+from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity, judge
+from mavproxy_handover.gate.refusals import SILENT, RefusalLimiter, refusal
+from mavproxy_handover.wire.frames import Frame, parse_one
+
+VEHICLE = 1
+OBSERVER = StationIdentity(252)
+COMMANDER = StationIdentity(251)
+VIEW = AuthorityView(Phase.ON_MISSION, 251, None, 1, LeaseState.HELD)
+
+Make = Callable[..., Frame]
+
+
+@pytest.fixture
+def own() -> mavlink.MAVLink:
+    return mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=191)
+
+
+def answer(frame: Frame, own: mavlink.MAVLink, station: StationIdentity = OBSERVER) -> Any:
+    """What the station reads when the gate has refused `frame`; None if it hears nothing."""
+    verdict = judge(frame, station, VIEW, VEHICLE)
+    assert verdict.action is Action.REFUSE
+    packed = refusal(frame, verdict, own)
+    return None if packed is None else mavlink.MAVLink(None).decode(bytearray(packed))
+
+
+def origin(message: Any) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+@pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
+@pytest.mark.parametrize(("aimed_at", "answers"), [(1, 1), (0, 1), (154, 154)])
+def test_a_command_is_answered_by_the_component_it_was_addressed_to(
+    make: Make, own: mavlink.MAVLink, name: str, aimed_at: int, answers: int
+) -> None:
+    frame = make(name, sysid=252, compid=190, command=21, target_component=aimed_at)
+    message = answer(frame, own)
+    assert message.get_type() == "COMMAND_ACK"
+    assert origin(message) == (VEHICLE, answers)
+    assert (message.command, message.result) == (21, 10)
+    assert (message.target_system, message.target_component) == (252, 190)
+
+
+def test_the_result_says_why(make: Make, own: mavlink.MAVLink) -> None:
+    def result(command: int, station: StationIdentity, component: int = 1) -> int:
+        frame = make("COMMAND_LONG", sysid=station.sysid, command=command, target_component=component)
+        return int(answer(frame, own, station).result)
+
+    not_in_control, denied, unsupported = 10, 2, 3
+    assert result(400, OBSERVER) == not_in_control
+    assert result(511, OBSERVER) == not_in_control
+    assert result(42700, OBSERVER) == denied
+    assert result(42700, COMMANDER) == denied
+    assert result(40001, COMMANDER) == unsupported
+    assert result(512, COMMANDER, 191) == unsupported
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "mission_type"),
+    [
+        ("MISSION_COUNT", {"mission_type": 1}, 1),
+        ("MISSION_ITEM", {"mission_type": 2}, 2),
+        ("MISSION_ITEM_INT", {"mission_type": 0}, 0),
+        ("MISSION_WRITE_PARTIAL_LIST", {"mission_type": 1}, 1),
+        ("MISSION_CLEAR_ALL", {"mission_type": 255}, 255),
+        ("MISSION_SET_CURRENT", {"seq": 3}, 0),
+    ],
+)
+def test_mission_writes_are_denied_with_their_mission_type(
+    make: Make, own: mavlink.MAVLink, name: str, fields: dict[str, int], mission_type: int
+) -> None:
+    message = answer(make(name, sysid=252, compid=5, **fields), own)
+    assert message.get_type() == "MISSION_ACK"
+    assert origin(message) == (VEHICLE, 1)
+    assert (message.target_system, message.target_component) == (252, 5)
+    assert (message.type, message.mission_type) == (14, mission_type)
+
+
+HAS_PARAM_ERROR = hasattr(mavlink, "MAVLink_param_error_message")
+
+
+@pytest.mark.skipif(not HAS_PARAM_ERROR, reason="this pymavlink has no PARAM_ERROR")
+@pytest.mark.parametrize("param_id", [b"FS_GCS_ENABLE", b"SIXTEEN_LETTERS_"])
+def test_setting_a_parameter_is_denied_by_its_name(make: Make, own: mavlink.MAVLink, param_id: bytes) -> None:
+    frame = make("PARAM_SET", sysid=252, param_id=param_id, param_value=0.0, param_type=9)
+    message = answer(frame, own)
+    assert message.get_type() == "PARAM_ERROR"
+    assert origin(message) == (VEHICLE, 1)
+    assert (message.target_system, message.target_component) == (252, 190)
+    assert (message.param_id, message.param_index, message.error) == (param_id.decode(), -1, 3)
+
+
+def test_setting_a_parameter_is_denied_in_words_where_there_is_no_param_error(
+    make: Make, own: mavlink.MAVLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delattr(mavlink, "MAVLink_param_error_message", raising=False)
+    monkeypatch.setattr(refusals, "_BUILDERS", refusals._builders())
+    message = answer(make("PARAM_SET", sysid=252), own)
+    assert message.text == "Handover: PARAM_SET: not in control"
+
+
+def test_setting_an_extended_parameter_fails_by_its_name(make: Make, own: mavlink.MAVLink) -> None:
+    frame = make(
+        "PARAM_EXT_SET",
+        sysid=252,
+        target_component=100,
+        param_id=b"CAM_MODE",
+        param_value=b"\x07",
+        param_type=1,
+    )
+    message = answer(frame, own)
+    assert message.get_type() == "PARAM_EXT_ACK"
+    assert origin(message) == (VEHICLE, 100)
+    assert (message.param_id, message.param_value) == ("CAM_MODE", "\x07")
+    assert (message.param_type, message.param_result) == (1, 2)
+
+
+@pytest.mark.parametrize(("sequence", "next_sequence"), [(513, 514), (65535, 0)])
+def test_a_file_write_gets_a_nak_with_the_sequence_and_session_of_the_request(
+    make: Make, own: mavlink.MAVLink, sequence: int, next_sequence: int
+) -> None:
+    #            seq                                 session  op  size req burst pad offset
+    request = [*sequence.to_bytes(2, "little"), 7, 11, 5, 0, 0, 0, 1, 2, 3, 4, *b"@PARM", *[0] * 234]
+    message = answer(make("FILE_TRANSFER_PROTOCOL", sysid=252, payload=request), own)
+    assert message.get_type() == "FILE_TRANSFER_PROTOCOL"
+    assert origin(message) == (VEHICLE, 1)
+    assert (message.target_network, message.target_system, message.target_component) == (0, 252, 190)
+    head = [*next_sequence.to_bytes(2, "little"), 7, 129, 1, 11, 0, 0, 1, 2, 3, 4]
+    assert message.payload == [*head, 9, *[0] * 238]
+
+
+def test_an_unknown_file_transfer_opcode_gets_the_nak_for_unknown_commands(make: Make, own: mavlink.MAVLink) -> None:
+    request = [0, 0, 0, 77, *[0] * 247]
+    message = answer(make("FILE_TRANSFER_PROTOCOL", payload=request), own, COMMANDER)
+    assert message.payload[12] == 7
+
+
+def test_where_a_protocol_has_no_answer_a_line_of_text_is_sent(make: Make, own: mavlink.MAVLink) -> None:
+    message = answer(make("SET_MODE", sysid=252), own)
+    assert message.get_type() == "STATUSTEXT"
+    assert origin(message) == (VEHICLE, 1)
+    assert (message.severity, message.text) == (4, "Handover: SET_MODE: not in control")
+    message = answer(make("SETUP_SIGNING"), own, COMMANDER)
+    assert message.text == "Handover: SETUP_SIGNING: maintenance only"
+
+
+def test_the_line_of_text_fits_and_ends_with_the_reason(make: Make, own: mavlink.MAVLink) -> None:
+    message = answer(make("UAVIONIX_ADSB_OUT_CFG_REGISTRATION", sysid=252), own)
+    assert message.text == "Handover: UAVIONIX_ADSB_OUT_CFG_RE: not in control"
+    assert len(message.text) == 50
+
+
+def test_what_programs_repeat_on_their_own_is_refused_in_silence(make: Make, own: mavlink.MAVLink) -> None:
+    assert answer(make("REQUEST_DATA_STREAM", sysid=252), own) is None
+    assert answer(make("TUNNEL", sysid=252, payload_type=1), own) is None
+    assert answer(make("HIL_SENSOR", sysid=252), own) is None
+    assert answer(make("PARAM_REQUEST_LIST", sysid=252, target_component=191), own) is None
+
+
+def test_silent_names_are_names_of_the_dialect() -> None:
+    assert {cls.msgname for cls in mavlink.mavlink_map.values()} >= SILENT
+
+
+def test_every_refusal_of_the_dialect_has_an_answer_or_is_silent_on_purpose(make: Make, own: mavlink.MAVLink) -> None:
+    answered = set()
+    for cls in mavlink.mavlink_map.values():
+        frame = make(cls.msgname, sysid=252)
+        verdict = judge(frame, OBSERVER, VIEW, VEHICLE)
+        packed = refusal(frame, verdict, own)
+        if verdict.action is not Action.REFUSE or cls.msgname in SILENT:
+            assert packed is None, cls.msgname
+        else:
+            assert packed is not None, cls.msgname
+            parsed = parse_one(packed)
+            assert parsed is not None
+            answered.add(mavlink.mavlink_map[parsed.msgid].msgname)
+    young = {"PARAM_ERROR"} if HAS_PARAM_ERROR else set()
+    assert answered == {"COMMAND_ACK", "MISSION_ACK", "PARAM_EXT_ACK", "STATUSTEXT"} | young
+
+
+def test_only_refusals_are_answered(make: Make, own: mavlink.MAVLink) -> None:
+    frame = make("COMMAND_LONG", command=400)
+    verdict = judge(frame, COMMANDER, VIEW, VEHICLE)
+    assert verdict.reason is GateReason.ALLOWED
+    assert refusal(frame, verdict, own) is None
+
+
+def test_the_packer_is_left_as_it_was_but_for_its_sequence_number(make: Make, own: mavlink.MAVLink) -> None:
+    own.seq = 255
+    first = answer(make("COMMAND_LONG", sysid=252, command=21), own)
+    second = answer(make("COMMAND_LONG", sysid=252, command=21), own)
+    assert (first.get_seq(), second.get_seq(), own.seq) == (255, 0, 1)
+    assert (own.srcSystem, own.srcComponent) == (1, 191)
+
+
+def test_at_most_n_answers_of_a_kind_go_to_a_station_in_any_second() -> None:
+    limiter = RefusalLimiter(per_second=2)
+    times = [0.0, 0.6, 0.9, 1.0, 1.1, 1.6, 1.7]
+    assert [limiter.allow(252, 76, t) for t in times] == [True, True, False, True, False, True, False]
+    assert limiter.kept_back == 3
+
+
+def test_stations_and_kinds_are_limited_apart() -> None:
+    limiter = RefusalLimiter(per_second=1)
+    assert limiter.allow(252, 76, 5.0)
+    assert limiter.allow(253, 76, 5.0)
+    assert limiter.allow(252, 23, 5.0)
+    assert not limiter.allow(252, 76, 5.0)
+    with pytest.raises(ValueError, match="per_second = 0"):
+        RefusalLimiter(per_second=0)

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A vehicle of switches for the guard's tests: every fact the guard asks for is an attribute, every act is recorded.
+
+The bindings themselves are `sitl.vehicles.lua_bindings`, the same that the embedded vehicle flies with. `Bench` puts
+guard, vehicle and a companion that sends leases on one clock that only the test moves.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pymavlink.dialects.v20 import all as dialect
+
+from sitl.vehicles.lua_bindings import LuaScripting
+
+GUARD = Path(__file__).parents[2] / "ardupilot_lua" / "handover_guard.lua"
+
+STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE, SMART_RTL, AUTO_RTL = 0, 3, 4, 5, 6, 9, 17, 21, 27
+BY_RC, BY_GCS, BY_BATTERY, BY_EKF, BY_FENCE, BY_AVOIDANCE_END, BY_SCRIPT = 1, 2, 4, 6, 10, 15, 32
+
+HELD, TRANSFER, LOST, RECOVERING = 1, 2, 3, 4
+LEASE_TYPE, STATUS_TYPE = 47116, 47117
+LEASE_LAYOUT, STATUS_LAYOUT = "<BBBBIIIHH", "<BBBBIIIHBB"
+COMPANION_CHANNEL = 1
+
+
+class FakeVehicle:
+    """Implements `VehicleHost`."""
+
+    def __init__(self) -> None:
+        self.now_ms = 10_000
+        self.armed = False
+        self.flying = False
+        self.mode = STABILIZE
+        self.reason = BY_RC
+        self.rc = False
+        self.refused_modes: set[int] = set()
+        self.disarm_works = True
+        self.parameters: dict[str, float] = {"SCR_ENABLE": 1.0, "MAV_SYSID": 1.0, "MAV_GCS_SYSID": 255.0}
+        self.saved: list[str] = []
+        self.link_open = True
+        self.firmware_version = (4, 7, 0)
+        self.texts: list[tuple[int, str]] = []
+        self.mode_requests: list[int] = []
+        self.disarms = 0
+        self.messages: list[tuple[int, int, bytes]] = []
+        self.records: list[tuple[str, dict[str, object]]] = []
+        self.removed: list[str] = []
+        self.breaks: set[str] = set()
+
+    def _fail(self, name: str) -> None:
+        if name in self.breaks:
+            raise OSError(f"{name} is broken")
+
+    def millis(self) -> int:
+        return self.now_ms & 0xFFFFFFFF
+
+    def is_armed(self) -> bool:
+        return self.armed
+
+    def arm(self) -> bool:
+        raise AssertionError("the guard never arms")
+
+    def disarm(self) -> bool:
+        self.disarms += 1
+        if self.disarm_works:
+            self.armed = self.flying = False
+        return self.disarm_works
+
+    def get_mode(self) -> int:
+        return self.mode
+
+    def set_mode(self, mode: int, reason: int) -> bool:
+        self.mode_requests.append(mode)
+        if mode in self.refused_modes:
+            return False
+        self.mode, self.reason = mode, reason
+        return True
+
+    def get_control_mode_reason(self) -> int:
+        return self.reason
+
+    def likely_flying(self) -> bool:
+        return self.flying
+
+    def time_flying_ms(self) -> int:
+        return 0
+
+    def rc_valid(self) -> bool:
+        return self.rc
+
+    def param_get(self, name: str) -> float | None:
+        return self.parameters.get(name)
+
+    def param_set(self, name: str, value: float, save: bool) -> bool:
+        if name not in self.parameters:
+            return False
+        self.parameters[name] = value
+        if save:
+            self.saved.append(name)
+        return True
+
+    def param_define(self, name: str, default: float) -> bool:
+        self.parameters.setdefault(name, default)
+        return True
+
+    def send_text(self, severity: int, text: str) -> None:
+        self.texts.append((severity, text))
+
+    def send_message(self, channel: int, msgid: int, payload: bytes) -> bool:
+        if self.link_open:
+            self.messages.append((channel, msgid, payload))
+        return self.link_open
+
+    def gcs_last_seen_ms(self) -> int:
+        return 0
+
+    def log_write(self, name: str, labels: str, fmt: str, values: tuple[object, ...]) -> None:
+        self.records.append((name, dict(zip(labels.split(","), values, strict=True))))
+
+    def script_removed(self, path: str, error: str) -> None:
+        self.removed.append(f"{path}: {error}")
+
+    def firmware(self) -> tuple[int, int, int]:
+        return self.firmware_version
+
+
+@dataclass(frozen=True)
+class Status:
+    """The guard's answer, payload 47117."""
+
+    version: int
+    state: int
+    action: int
+    flags: int
+    nonce: int
+    sequence: int
+    epoch: int
+    rejected: int
+    fw_major: int
+    fw_minor: int
+
+
+@dataclass
+class Companion:
+    """Builds leases as the companion sends them; every field can be bent by a test."""
+
+    system: int = 1
+    component: int = 191
+    nonce: int = 0xC0FFEE01
+    sequence: int = 0
+    epoch: int = 7
+    state: int = HELD
+    commander: int = 251
+    ttl_ms: int = 5000
+    version: int = 1
+    packer: dialect.MAVLink = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.packer = dialect.MAVLink(None, srcSystem=self.system, srcComponent=self.component)
+
+    def lease(self, **changes: int) -> bytes:
+        """A frame with the next sequence number; `changes` bend fields of it for this frame alone."""
+        self.sequence = (self.sequence + 1) & 0xFFFFFFFF
+        return self.frame(**changes)
+
+    def frame(self, **changes: int) -> bytes:
+        """A frame with the present sequence number."""
+        value = {
+            name: changes.pop(name, getattr(self, name))
+            for name in ("version", "state", "commander", "nonce", "sequence", "epoch", "ttl_ms")
+        }
+        payload = struct.pack(
+            LEASE_LAYOUT,
+            value["version"],
+            value["state"],
+            value["commander"],
+            0,
+            value["nonce"],
+            value["sequence"],
+            value["epoch"],
+            value["ttl_ms"],
+            0,
+        )
+        return self.tunnel(payload, **changes)
+
+    def tunnel(
+        self,
+        payload: bytes,
+        kind: int = LEASE_TYPE,
+        length: int | None = None,
+        target_system: int = 1,
+        target_component: int = 1,
+    ) -> bytes:
+        """Any TUNNEL frame of this sender."""
+        message = dialect.MAVLink_tunnel_message(
+            target_system,
+            target_component,
+            kind,
+            len(payload) if length is None else length,
+            list(payload.ljust(128, b"\0")),
+        )
+        self.packer.srcSystem, self.packer.srcComponent = self.system, self.component
+        return bytes(message.pack(self.packer))
+
+
+class Bench:
+    """Guard, vehicle and companion on one clock. `run` lets time pass; leases go out at 5 Hz while `sending`."""
+
+    def __init__(
+        self,
+        *,
+        absent: Iterable[str] = (),
+        parameters: dict[str, float] | None = None,
+        boot_ms: int = 10_000,
+        earlier_script: str = "",
+        count_instructions: bool = False,
+    ) -> None:
+        self.vehicle = FakeVehicle()
+        self.vehicle.now_ms = boot_ms
+        self.vehicle.parameters.update(parameters or {})
+        self.companion = Companion()
+        self.sending = False
+        self.scripting = LuaScripting(self.vehicle, absent=absent, count_instructions=count_instructions)
+        if earlier_script:
+            self.scripting.load_text(earlier_script, "a_neighbour.lua")
+        self.scripting.load(GUARD)
+        self.most_instructions = 0
+        self._lease_due_ms = self.vehicle.now_ms
+        self.run(0)
+
+    def run(self, duration_ms: int, step_ms: int = 10) -> None:
+        """Let time pass in small steps."""
+        end_ms = self.vehicle.now_ms + duration_ms
+        while True:
+            if self.sending and self.vehicle.now_ms >= self._lease_due_ms:
+                self.receive(self.companion.lease())
+                self._lease_due_ms = self.vehicle.now_ms + 200
+            self.scripting.run_due(self.vehicle.now_ms)
+            self.most_instructions = max(self.most_instructions, self.scripting.instructions)
+            if self.vehicle.now_ms >= end_ms:
+                return
+            self.vehicle.now_ms += step_ms
+
+    def receive(self, frame: bytes, channel: int = COMPANION_CHANNEL) -> bool:
+        return self.scripting.deliver(frame, channel)
+
+    def with_lease(self) -> Bench:
+        """The companion is up and its lease is live."""
+        self.sending = True
+        self.run(300)
+        return self
+
+    def fly(self, mode: int = AUTO, reason: int = BY_GCS) -> Bench:
+        """In the air for a while, with a live lease."""
+        self.with_lease()
+        self.vehicle.armed = self.vehicle.flying = True
+        self.vehicle.mode, self.vehicle.reason = mode, reason
+        self.run(1000)
+        self.vehicle.texts.clear()
+        return self
+
+    def lose_lease(self) -> int:
+        """The companion falls silent. Returns the time of its last lease."""
+        self.sending = False
+        return self._lease_due_ms - 200
+
+    def until(self, condition: Callable[[], bool], limit_ms: int = 10_000) -> int:
+        """Let time pass until the condition holds; returns the time then."""
+        end_ms = self.vehicle.now_ms + limit_ms
+        while not condition():
+            assert self.vehicle.now_ms < end_ms, "never happened"
+            self.run(10)
+        return self.vehicle.now_ms
+
+    @property
+    def may_arm(self) -> bool:
+        return self.scripting.arming_refusal() is None
+
+    @property
+    def refusal(self) -> str | None:
+        return self.scripting.arming_refusal()
+
+    @property
+    def texts(self) -> list[str]:
+        return [text for _, text in self.vehicle.texts]
+
+    def statuses(self, channel: int = COMPANION_CHANNEL) -> list[Status]:
+        """The guard's answers so far."""
+        found = []
+        for chan, msgid, payload in self.vehicle.messages:
+            kind, system, component, length = struct.unpack_from("<HBBB", payload)
+            if chan == channel and msgid == dialect.MAVLINK_MSG_ID_TUNNEL and kind == STATUS_TYPE:
+                assert (system, component, length) == (1, 191, 20)
+                found.append(Status(*struct.unpack_from(STATUS_LAYOUT, payload, 5)))
+        return found
+
+    @property
+    def status(self) -> Status:
+        return self.statuses()[-1]

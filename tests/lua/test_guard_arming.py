@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Guard rule 2: no live lease, no arming; armed on the ground without one: disarm."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.lua.stub import HELD, LOST, RECOVERING, TRANSFER, Bench
+
+DISARM = 4
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_arming_waits_before_the_guard_has_run() -> None:
+    assert Bench().refusal == "Waiting for auxiliary authorisation"
+
+
+def test_no_lease_since_boot_no_arming(bench: Bench) -> None:
+    bench.run(100)
+    assert bench.refusal == "HNDO: no lease from companion"
+
+
+def test_live_lease_allows_arming(bench: Bench) -> None:
+    bench.with_lease()
+    assert bench.may_arm
+
+
+def test_dead_lease_forbids_arming(bench: Bench) -> None:
+    bench.with_lease()
+    bench.sending = False
+    bench.run(3100)
+    assert bench.refusal == "HNDO: lease lost"
+
+
+@pytest.mark.parametrize(
+    ("state", "commander", "refusal"),
+    [
+        (HELD, 251, None),
+        (TRANSFER, 251, None),
+        (LOST, 0, "HNDO: no station has authority"),
+        (HELD, 0, "HNDO: no station has authority"),
+        (RECOVERING, 251, "HNDO: authority is being recovered"),
+    ],
+)
+def test_arming_needs_a_commander_in_office(bench: Bench, state: int, commander: int, refusal: str | None) -> None:
+    bench.companion.state, bench.companion.commander = state, commander
+    bench.with_lease()
+    assert bench.refusal == refusal
+
+
+def test_refusals_fit_the_arming_message(bench: Bench) -> None:
+    bench.companion.component = 255
+    bench.vehicle.parameters["HNDO_CHAN"] = 15.0
+    bench.receive(bench.companion.lease(), channel=14)
+    bench.run(100)
+    assert bench.refusal == "HNDO: lease refused, channel 14 not 15"
+
+
+def test_authorisation_is_taken_back_once_armed(bench: Bench) -> None:
+    """The firmware keeps the last answer of a dead script: killed in flight, it must leave "no"."""
+    bench.with_lease()
+    assert bench.may_arm
+    bench.vehicle.armed = True
+    bench.run(100)
+    bench.scripting.stop()
+    bench.vehicle.armed = False
+    assert bench.refusal == "HNDO: guard stopped while armed"
+
+
+def test_authorisation_returns_after_landing(bench: Bench) -> None:
+    bench.with_lease()
+    bench.vehicle.armed = True
+    bench.run(100)
+    bench.vehicle.armed = False
+    bench.run(100)
+    assert bench.may_arm
+
+
+def test_armed_by_force_without_lease_is_disarmed(bench: Bench) -> None:
+    bench.run(5000)
+    bench.vehicle.armed = True
+    bench.run(100)
+    assert not bench.vehicle.armed
+    assert bench.texts[-1] == "HNDO: no lease, disarmed"
+    assert bench.status.action == DISARM
+
+
+def test_every_forced_arming_is_answered_at_once(bench: Bench) -> None:
+    bench.run(5000)
+    for count in (1, 2, 3):
+        bench.vehicle.armed = True
+        bench.run(100)
+        assert (bench.vehicle.armed, bench.vehicle.disarms) == (False, count)
+
+
+def test_lease_lost_while_armed_on_the_ground_is_disarmed(bench: Bench) -> None:
+    bench.with_lease()
+    bench.vehicle.armed = True
+    bench.sending = False
+    bench.run(2700)
+    assert bench.vehicle.armed
+    bench.run(500)
+    assert not bench.vehicle.armed
+    assert bench.texts[-1] == "HNDO: lease lost, disarmed"
+
+
+def test_nobody_commands_while_armed_on_the_ground(bench: Bench) -> None:
+    bench.with_lease()
+    bench.vehicle.armed = True
+    bench.companion.state, bench.companion.commander = LOST, 0
+    bench.run(1000)
+    assert bench.vehicle.armed
+    bench.run(400)
+    assert not bench.vehicle.armed
+
+
+def test_recovering_companion_does_not_disarm(bench: Bench) -> None:
+    bench.with_lease()
+    bench.vehicle.armed = True
+    bench.companion.state = RECOVERING
+    bench.run(5000)
+    assert bench.vehicle.armed
+
+
+def test_refused_disarm_is_repeated_once_a_second(bench: Bench) -> None:
+    bench.vehicle.disarm_works = False
+    bench.run(5000)
+    bench.vehicle.armed = True
+    bench.run(3050)
+    assert bench.vehicle.disarms == 4
+
+
+def test_no_disarm_at_a_touch_of_the_ground(bench: Bench) -> None:
+    """A script's disarm stops the motors in the air as well, and landed is an estimate."""
+    bench.fly()
+    bench.vehicle.mode = 6
+    bench.sending = False
+    bench.run(4000)
+    for _ in range(5):
+        bench.vehicle.flying = False
+        bench.run(2800)
+        bench.vehicle.flying = True
+        bench.run(100)
+    assert bench.vehicle.disarms == 0
+    bench.vehicle.flying = False
+    bench.run(3200)
+    assert bench.vehicle.disarms == 1
+
+
+def test_forced_arming_right_after_a_landing(bench: Bench) -> None:
+    bench.fly()
+    bench.vehicle.mode = 6
+    bench.lose_lease()
+    bench.run(5000)
+    bench.vehicle.armed = bench.vehicle.flying = False
+    bench.run(500)
+    bench.vehicle.armed = True
+    bench.run(100)
+    assert bench.vehicle.disarms == 1
+
+
+def test_disabled_guard_allows_arming(bench: Bench) -> None:
+    bench.vehicle.parameters["HNDO_ENABLE"] = 0.0
+    bench.run(5000)
+    assert bench.may_arm
+    bench.vehicle.armed = True
+    bench.run(5000)
+    assert bench.vehicle.armed
+    assert bench.status.state == 0
+
+
+def test_enabling_gives_the_companion_time(bench: Bench) -> None:
+    bench.vehicle.parameters["HNDO_ENABLE"] = 0.0
+    bench.run(5000)
+    bench.vehicle.armed = True
+    bench.vehicle.parameters["HNDO_ENABLE"] = 1.0
+    bench.run(2900)
+    assert bench.vehicle.armed
+    bench.run(300)
+    assert not bench.vehicle.armed
+
+
+def test_too_many_authorisers_is_said_and_keeps_the_vehicle_down() -> None:
+    greedy = "for _ = 1, 3 do arming:set_aux_auth_passed(arming:get_aux_auth_id()) end"
+    bench = Bench(earlier_script=greedy).with_lease()
+    assert "HNDO: no arming authorisation to be had" in bench.texts
+    assert bench.refusal == "Too many auxiliary authorisers"

@@ -1,0 +1,451 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Guard rules 3 and 4: authority lost in flight brings the aircraft home; authority back leaves it in RTL."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.lua.stub import (
+    AUTO,
+    AUTO_RTL,
+    BRAKE,
+    BY_AVOIDANCE_END,
+    BY_BATTERY,
+    BY_EKF,
+    BY_FENCE,
+    BY_GCS,
+    BY_RC,
+    BY_SCRIPT,
+    GUIDED,
+    LAND,
+    LOITER,
+    LOST,
+    RECOVERING,
+    RTL,
+    SMART_RTL,
+    STABILIZE,
+    Bench,
+)
+
+EXPIRED_STATE, LOST_STATE, LIVE_STATE = 3, 4, 2
+ENFORCING, ARMED, FLYING = 1, 2, 4
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def in_rtl(bench: Bench) -> bool:
+    return bench.vehicle.mode == RTL
+
+
+def lost_in_flight(bench: Bench, mode: int = AUTO) -> Bench:
+    """Flying, lease lost, the guard has set RTL."""
+    bench.fly(mode)
+    bench.lose_lease()
+    bench.run(4000)
+    assert bench.vehicle.mode == RTL
+    bench.vehicle.mode_requests.clear()
+    bench.vehicle.texts.clear()
+    return bench
+
+
+@pytest.mark.parametrize("mode", [AUTO, GUIDED, LOITER, STABILIZE, BRAKE])
+def test_lease_lost_in_flight_is_rtl_within_the_timeout(bench: Bench, mode: int) -> None:
+    bench.fly(mode)
+    last_lease_ms = bench.lose_lease()
+    acted_ms = bench.until(lambda: in_rtl(bench))
+    assert 3000 <= acted_ms - last_lease_ms <= 3200
+    assert bench.vehicle.reason == BY_SCRIPT
+    assert bench.texts == ["HNDO: lease lost, RTL"]
+    bench.run(100)
+    status = bench.status
+    assert (status.state, status.action, status.flags) == (EXPIRED_STATE, 1, ENFORCING | ARMED | FLYING)
+
+
+def test_rtl_is_set_once(bench: Bench) -> None:
+    bench.fly()
+    bench.lose_lease()
+    bench.run(60_000)
+    assert bench.vehicle.mode_requests == [RTL]
+    assert bench.texts == ["HNDO: lease lost, RTL"]
+
+
+def test_lost_state_is_tolerated_for_a_while(bench: Bench) -> None:
+    bench.fly()
+    bench.companion.state, bench.companion.commander = LOST, 0
+    started_ms = bench.until(lambda: bench.status.state == LOST_STATE)
+    acted_ms = bench.until(lambda: in_rtl(bench))
+    assert 950 <= acted_ms - started_ms <= 1100
+    assert bench.texts == ["HNDO: no authority, RTL"]
+
+
+def test_short_lost_state_passes(bench: Bench) -> None:
+    bench.fly()
+    for _ in range(5):
+        bench.companion.state, bench.companion.commander = LOST, 0
+        bench.run(800)
+        bench.companion.state, bench.companion.commander = 1, 252
+        bench.run(400)
+    assert bench.vehicle.mode == AUTO
+    assert bench.vehicle.mode_requests == []
+
+
+def test_lost_time_follows_the_parameter(bench: Bench) -> None:
+    bench.vehicle.parameters["HNDO_LOST_T"] = 20.0
+    bench.fly()
+    bench.companion.state = LOST
+    bench.run(19_500)
+    assert bench.vehicle.mode == AUTO
+    bench.run(1000)
+    assert bench.vehicle.mode == RTL
+
+
+def test_recovering_companion_is_not_a_loss(bench: Bench) -> None:
+    bench.fly()
+    bench.companion.state = RECOVERING
+    bench.run(10_000)
+    assert bench.vehicle.mode == AUTO
+
+
+@pytest.mark.parametrize(("parameter", "mode", "action"), [(1.0, RTL, 1), (2.0, SMART_RTL, 2), (3.0, LAND, 3)])
+def test_action_parameter(bench: Bench, parameter: float, mode: int, action: int) -> None:
+    bench.vehicle.parameters["HNDO_ACTION"] = parameter
+    bench.fly()
+    bench.lose_lease()
+    bench.run(4000)
+    assert bench.vehicle.mode == mode
+    assert bench.status.action == action
+
+
+@pytest.mark.parametrize("nonsense", [0.0, -3.0, 17.0, 1.5, float("nan")])
+def test_nonsense_action_still_acts(bench: Bench, nonsense: float) -> None:
+    bench.vehicle.parameters["HNDO_ACTION"] = nonsense
+    bench.fly()
+    bench.lose_lease()
+    bench.run(4000)
+    assert bench.vehicle.mode in (RTL, LAND)
+
+
+@pytest.mark.parametrize("nonsense", [0.0, -1.0, float("nan"), 1e9])
+def test_nonsense_timeout_is_bounded(bench: Bench, nonsense: float) -> None:
+    bench.vehicle.parameters["HNDO_TIMEOUT"] = nonsense
+    bench.companion.ttl_ms = 65535
+    bench.fly()
+    bench.lose_lease()
+    bench.run(61_000)
+    assert bench.vehicle.mode == RTL
+
+
+class TestRefusedMode:
+    def test_rtl_refused_is_retried_with_growing_pauses_then_land(self, bench: Bench) -> None:
+        bench.vehicle.refused_modes = {RTL}
+        bench.fly()
+        bench.lose_lease()
+        requests: list[tuple[int, int]] = []
+        for _ in range(800):
+            bench.run(10)
+            if len(bench.vehicle.mode_requests) > len(requests):
+                requests.append((bench.vehicle.now_ms, bench.vehicle.mode_requests[-1]))
+        first_ms = requests[0][0]
+        assert [mode for _, mode in requests] == [RTL, RTL, RTL, LAND]
+        assert [round((at - first_ms) / 100) * 100 for at, _ in requests] == [0, 1000, 3000, 3000]
+        assert bench.vehicle.mode == LAND
+        assert bench.texts[-1] == "HNDO: lease lost, LAND"
+        assert "HNDO: lease lost, RTL refused" in bench.texts
+
+    def test_rtl_possible_again_between_the_tries(self, bench: Bench) -> None:
+        bench.vehicle.refused_modes = {RTL}
+        bench.fly()
+        bench.lose_lease()
+        bench.until(lambda: len(bench.vehicle.mode_requests) == 1)
+        bench.vehicle.refused_modes = set()
+        bench.run(1200)
+        assert bench.vehicle.mode_requests == [RTL, RTL]
+        assert bench.vehicle.mode == RTL
+
+    def test_smart_rtl_without_a_path_is_rtl_at_once(self, bench: Bench) -> None:
+        bench.vehicle.parameters["HNDO_ACTION"] = 2.0
+        bench.vehicle.refused_modes = {SMART_RTL}
+        bench.fly()
+        bench.lose_lease()
+        bench.until(lambda: bool(bench.vehicle.mode_requests))
+        bench.run(200)
+        assert bench.vehicle.mode_requests == [SMART_RTL, RTL]
+        assert bench.status.action == 1
+
+    def test_everything_refused_goes_on_trying_land_every_two_seconds(self, bench: Bench) -> None:
+        bench.vehicle.refused_modes = {RTL, LAND}
+        bench.fly()
+        bench.lose_lease()
+        bench.run(6200)
+        bench.vehicle.mode_requests.clear()
+        bench.run(10_000)
+        assert bench.vehicle.mode_requests == [LAND] * 5
+
+    def test_pilot_who_takes_over_between_the_tries_is_not_fought(self, bench: Bench) -> None:
+        bench.vehicle.refused_modes = {RTL, LAND}
+        bench.fly()
+        bench.lose_lease()
+        bench.until(lambda: bool(bench.vehicle.mode_requests))
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.vehicle.mode_requests.clear()
+        bench.run(10_000)
+        assert bench.vehicle.mode_requests == []
+
+
+class TestNothingToDo:
+    @pytest.mark.parametrize("mode", [RTL, SMART_RTL, AUTO_RTL, LAND])
+    def test_already_on_the_way_home_or_landing(self, bench: Bench, mode: int) -> None:
+        bench.fly(mode)
+        bench.lose_lease()
+        bench.run(20_000)
+        assert bench.vehicle.mode_requests == []
+        assert bench.status.action == 0
+
+    @pytest.mark.parametrize("reason", [BY_BATTERY, BY_EKF, BY_FENCE])
+    def test_a_failsafe_that_acted_before_wins(self, bench: Bench, reason: int) -> None:
+        bench.fly(BRAKE, reason)
+        bench.lose_lease()
+        bench.run(20_000)
+        assert bench.vehicle.mode_requests == []
+
+    @pytest.mark.parametrize("reason", [BY_BATTERY, BY_EKF, BY_FENCE])
+    def test_a_failsafe_that_acts_afterwards_wins(self, bench: Bench, reason: int) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = LAND, reason
+        bench.run(20_000)
+        assert bench.vehicle.mode_requests == []
+
+    def test_the_end_of_an_avoidance_is_not_a_failsafe(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_AVOIDANCE_END
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
+
+class TestPilot:
+    def test_pilot_takes_over_after_rtl_and_keeps_it(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.run(60_000)
+        assert bench.vehicle.mode_requests == []
+        assert bench.texts == ["HNDO: lease lost, pilot flies"]
+        assert bench.status.flags == ARMED | FLYING
+
+    def test_pilot_may_choose_an_automatic_mode_after_rtl(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_RC
+        bench.run(10_000)
+        assert bench.vehicle.mode == AUTO
+
+    def test_a_station_may_not_take_it_from_the_pilot(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.run(1000)
+        bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
+    def test_the_next_flight_is_another_matter(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.run(1000)
+        bench.vehicle.armed = bench.vehicle.flying = False
+        bench.run(1000)
+        bench.vehicle.armed = bench.vehicle.flying = True
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
+    def test_pilot_who_steers_by_hand_when_authority_is_lost_keeps_it(self, bench: Bench) -> None:
+        bench.vehicle.rc = True
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(10_000)
+        assert bench.vehicle.mode_requests == []
+        assert bench.texts == ["HNDO: lease lost, pilot flies"]
+
+    def test_manual_mode_without_a_radio_is_no_pilot(self, bench: Bench) -> None:
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+
+    def test_mission_started_by_switch_is_no_pilot_at_the_sticks(self, bench: Bench) -> None:
+        bench.vehicle.rc = True
+        bench.fly(AUTO, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+
+
+class TestStationDuringTheLoss:
+    @pytest.mark.parametrize("mode", [AUTO, GUIDED, LOITER, STABILIZE, BRAKE])
+    def test_command_that_leaves_rtl_is_undone(self, bench: Bench, mode: int) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = mode, BY_GCS
+        bench.run(60)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts == ["HNDO: no authority, mode change undone"]
+
+    def test_it_is_undone_as_often_as_it_is_sent(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        for _ in range(20):
+            bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
+            bench.run(100)
+            assert bench.vehicle.mode == RTL
+        assert len(bench.texts) <= 2
+
+    def test_another_script_is_undone_too(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_SCRIPT
+        bench.run(60)
+        assert bench.vehicle.mode == RTL
+
+    def test_land_by_command_is_undone_without_a_companion(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = LAND, BY_GCS
+        bench.run(60)
+        assert bench.vehicle.mode == RTL
+
+    def test_the_companion_that_says_lost_may_land(self, bench: Bench) -> None:
+        """Return or land is the companion's decision while it lives; its commands look like a station's."""
+        bench.fly()
+        bench.companion.state, bench.companion.commander = LOST, 0
+        bench.run(2000)
+        assert bench.vehicle.mode == RTL
+        bench.vehicle.mode, bench.vehicle.reason = LAND, BY_GCS
+        bench.run(10_000)
+        assert bench.vehicle.mode == LAND
+
+    def test_rtl_commanded_again_is_left_alone(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.reason = BY_GCS
+        bench.run(1000)
+        bench.vehicle.mode = SMART_RTL
+        bench.run(1000)
+        assert bench.vehicle.mode_requests == []
+
+
+class TestAuthorityBack:
+    def test_stays_in_rtl_and_says_so(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.sending = True
+        bench.run(5000)
+        assert bench.vehicle.mode == RTL
+        assert bench.vehicle.mode_requests == []
+        assert "HNDO: authority back, staying in RTL" in bench.texts
+        assert (bench.status.state, bench.status.action, bench.status.flags) == (LIVE_STATE, 0, ARMED | FLYING)
+
+    def test_then_the_commander_may_continue(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.sending = True
+        bench.run(500)
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_GCS
+        bench.run(10_000)
+        assert bench.vehicle.mode == AUTO
+
+    def test_a_second_loss_is_acted_on_again(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.sending = True
+        bench.run(500)
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_GCS
+        bench.run(3000)
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+
+    def test_a_lease_that_says_lost_does_not_end_the_loss(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.companion.state, bench.companion.commander = LOST, 0
+        bench.sending = True
+        bench.run(500)
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_GCS
+        bench.run(60)
+        assert bench.vehicle.mode == RTL
+
+
+class TestRestartInFlight:
+    """Scripting was restarted, or the guard enabled, with the aircraft in the air."""
+
+    def test_the_companion_has_the_timeout_to_appear(self, bench: Bench) -> None:
+        bench.fly()
+        bench.vehicle.parameters["SCR_ENABLE"] = 1.0
+        bench.scripting.restart()
+        bench.run(3000)
+        assert bench.vehicle.mode == AUTO
+        assert bench.status.state == LIVE_STATE
+
+    def test_without_companion_it_goes_home(self, bench: Bench) -> None:
+        bench.fly()
+        bench.lose_lease()
+        bench.scripting.restart()
+        bench.run(2800)
+        assert bench.vehicle.mode == AUTO
+        bench.run(400)
+        assert bench.vehicle.mode == RTL
+        assert "HNDO: no lease, RTL" in bench.texts
+
+
+def test_disabled_guard_does_nothing_in_flight(bench: Bench) -> None:
+    bench.fly()
+    bench.vehicle.parameters["HNDO_ENABLE"] = 0.0
+    bench.lose_lease()
+    bench.run(20_000)
+    assert bench.vehicle.mode == AUTO
+    assert "HNDO: guard disabled" in bench.texts
+
+
+def test_landed_but_armed_is_not_sent_anywhere(bench: Bench) -> None:
+    bench.fly()
+    bench.vehicle.flying = False
+    bench.vehicle.disarm_works = False
+    bench.lose_lease()
+    bench.run(10_000)
+    assert bench.vehicle.mode_requests == []
+
+
+class TestOlderFirmware:
+    """Bindings that a firmware does not have are not assumed."""
+
+    def test_without_mode_reason_it_returns_but_does_not_fight(self) -> None:
+        bench = Bench(absent=["vehicle.get_control_mode_reason"])
+        bench.fly()
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+        bench.vehicle.mode = LOITER
+        bench.run(5000)
+        assert bench.vehicle.mode == LOITER
+
+    def test_without_flying_estimate_it_still_returns(self) -> None:
+        bench = Bench(absent=["vehicle.get_likely_flying"])
+        bench.with_lease()
+        bench.vehicle.armed = True
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_GCS
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+        assert any(text.startswith("HNDO: fault") for text in bench.texts)
+        bench.sending = True
+        bench.run(1000)
+        bench.vehicle.mode = AUTO
+        bench.run(2000)
+        assert bench.vehicle.mode == AUTO
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+        bench.vehicle.mode = LOITER
+        bench.run(4000)
+        assert bench.vehicle.mode == LOITER
+
+    @pytest.mark.parametrize("name", ["FWVersion", "logger", "logger.write", "mavlink.block_command", "rc"])
+    def test_it_works_without(self, name: str) -> None:
+        bench = Bench(absent=[name])
+        bench.fly()
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+        assert bench.vehicle.removed == []

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover check`: each finding by its words, the table, the exit codes, and the map."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from matplotlib.figure import Figure
+
+from mavproxy_handover.mission import load
+from mavproxy_handover.mission.check import Severity, check, main, report_text
+from mavproxy_handover.mission.picture import MapSheet, draw
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def findings(small, severity, **options):
+    report = check(load(small.write()), **options)
+    return [finding.text for finding in report.findings if finding.severity is severity]
+
+
+def errors(small, **options):
+    return findings(small, Severity.ERROR, **options)
+
+
+def warnings(small, **options):
+    return findings(small, Severity.WARNING, **options)
+
+
+def move_zones(small, *bounds):
+    for feature, (west, east) in zip(small.zones["features"], bounds, strict=True):
+        feature["geometry"]["coordinates"] = [small.box(west, east)]
+
+
+# --- findings ---
+
+
+def test_sound_mission_has_nothing_worse_than_infos(small):
+    report = check(load(small.write()))
+    assert report.exit_code == 0
+    assert [(f.severity, f.text) for f in report.findings] == [
+        (Severity.INFO, "home or a rally point is never farther than 167 m (on the way to 2)")
+    ]
+
+
+def test_gap_in_coverage_is_an_error_with_place_and_length(small):
+    move_zones(small, (10.0, 10.002), (10.003, 10.006))
+    assert errors(small) == [
+        "no coverage for 111 m (22 s) from 0.00000 N 10.00200 E at 30 m, 111 m along the route, on the way to 2",
+        "handover 1 A -> B: the zones do not overlap on the route, 0.00000 N 10.00300 E, 223 m along the route",
+        "the zone of A overlaps no other zone",
+        "the zone of B overlaps no other zone",
+    ]
+
+
+def test_gap_is_a_warning_when_the_mission_means_to_fly_it(small):
+    move_zones(small, (10.0, 10.002), (10.003, 10.006))
+    small.toml += '[policy]\non_out_of_coverage = "warn"\n'
+    assert warnings(small) == [
+        "no coverage for 111 m (22 s) from 0.00000 N 10.00200 E at 30 m, 111 m along the route, on the way to 2"
+    ]
+
+
+def test_too_little_time_for_a_transfer_is_an_error(small):
+    move_zones(small, (10.0, 10.0021), (10.002, 10.006))
+    # 11.1 m at 5 m/s
+    assert errors(small) == ["handover 1 A -> B: 2.2 s inside both zones, a transfer needs 3 s"]
+    assert errors(small, transfer_s=2.0) == []
+
+
+def test_time_for_one_try_only_is_a_warning(small):
+    move_zones(small, (10.0, 10.00221), (10.002, 10.006))
+    # 23.4 m at 5 m/s
+    assert warnings(small) == ["handover 1 A -> B: 4.7 s inside both zones leave no time for a second try"]
+
+
+def test_another_number_of_handovers_than_stated_is_an_error(small):
+    small.toml = small.toml.replace("expected_handovers = 1", "expected_handovers = 3")
+    assert errors(small) == ["the route makes 1 handovers, mission.toml expects 3"]
+
+
+def test_takeoff_outside_the_parents_zone_is_an_error(small):
+    move_zones(small, (10.002, 10.004), (10.0, 10.006))
+    assert errors(small)[0] == "take-off is outside the zone of the parent station A"
+
+
+def test_station_that_never_commands_is_a_warning(small):
+    move_zones(small, (10.0, 10.006), (9.998, 10.0005))
+    small.toml = small.toml.replace("expected_handovers = 1", "expected_handovers = 0")
+    assert warnings(small) == ["station B never commands on this route"]
+    assert errors(small) == []
+
+
+def test_rally_point_in_no_zone_is_a_warning(small):
+    small.plan["rallyPoints"]["points"].append([0.002, 10.003, 30])
+    assert warnings(small) == [
+        "rally point 2 at 0.00200 N 10.00300 E is in no zone: nobody would command the aircraft there"
+    ]
+
+
+def test_rally_point_out_of_reach_is_a_warning(small):
+    small.plan["rallyPoints"]["points"].append([0.0009, 10.003, 30])
+    assert warnings(small, reach_m=99.0) == [
+        "rally point 2 at 0.00090 N 10.00300 E is out of reach: 100 m off the route (99 m)"
+    ]
+    assert warnings(small, reach_m=100.0) == []
+
+
+def test_route_that_leaves_the_geofence_is_an_error(small):
+    fence = [[0.01, 9.9], [0.01, 10.004], [-0.01, 10.004], [-0.01, 9.9]]
+    small.plan["geoFence"]["polygons"] = [{"inclusion": True, "polygon": fence, "version": 1}]
+    (text,) = errors(small)
+    assert text.startswith("the route leaves the geofence of the plan at 0.00000 N 10.0040")
+
+
+def test_route_that_enters_a_forbidden_circle_is_an_error(small):
+    small.plan["geoFence"]["circles"] = [{"inclusion": False, "circle": {"center": [0.0, 10.003], "radius": 20}}]
+    (text,) = errors(small)
+    assert text.startswith("the route leaves the geofence of the plan at 0.00000 N 10.0028")
+
+
+def test_route_inside_its_geofence_passes(small):
+    fence = [[0.01, 9.9], [0.01, 10.1], [-0.01, 10.1], [-0.01, 9.9]]
+    small.plan["geoFence"]["polygons"] = [{"inclusion": True, "polygon": fence, "version": 1}]
+    assert errors(small) == []
+
+
+def test_oddities_of_the_plan_are_warnings(small):
+    small.plan["rallyPoints"]["points"] = []
+    assert warnings(small) == ["no rally point: the aircraft can only return to home"]
+
+
+def test_worst_findings_come_first(small):
+    small.plan["rallyPoints"]["points"] = []
+    small.toml = small.toml.replace("expected_handovers = 1", "expected_handovers = 2")
+    report = check(load(small.write()))
+    assert [f.severity for f in report.findings] == [Severity.ERROR, Severity.WARNING, Severity.INFO]
+    assert report.exit_code == 1
+
+
+@pytest.mark.parametrize("name", ["delivery", "linear", "corridor"])
+def test_shipped_missions_pass_without_a_warning(missions, name):
+    report = check(load(missions / name))
+    assert [f.text for f in report.findings if f.severity is not Severity.INFO] == []
+
+
+# --- table ---
+
+
+def test_table_of_the_delivery_lists_its_four_handovers(missions):
+    lines = report_text(check(load(missions / "delivery"))).splitlines()
+    assert lines[0].startswith("mission     delivery  (mission.toml, delivery.plan, zones.geojson; digest ")
+    assert lines[4] == "commanders  GCSA -> GCSB -> GCSA -> GCSB -> GCSA"
+    rows = [line.split() for line in lines[7:11]]
+    assert [row[:3] for row in rows] == [
+        ["1", "GCSA", "GCSB"],
+        ["2", "GCSB", "GCSA"],
+        ["3", "GCSA", "GCSB"],
+        ["4", "GCSB", "GCSA"],
+    ]
+    assert lines[-1] == "check passed: 0 errors, 0 warnings"
+
+
+# --- command ---
+
+
+def test_command_passes_a_sound_mission(small, capsys):
+    assert main([str(small.write())]) == 0
+    out, err = capsys.readouterr()
+    assert out.splitlines()[-1] == "check passed: 0 errors, 0 warnings"
+    assert err == ""
+
+
+def test_command_takes_the_mission_file_for_its_folder(small, capsys):
+    assert main([str(small.write() / "mission.toml")]) == 0
+    assert "check passed" in capsys.readouterr().out
+
+
+def test_command_fails_a_mission_with_errors(small, capsys):
+    move_zones(small, (10.0, 10.002), (10.003, 10.006))
+    assert main([str(small.write())]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "check failed: 4 errors, 0 warnings"
+
+
+def test_command_says_in_one_line_what_cannot_be_read(small, capsys):
+    small.toml = small.toml.replace("252", "251")
+    assert main([str(small.write())]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == "handover check: mission.toml: station 2: sysid 251 is taken by station 'A'\n"
+
+
+def test_command_takes_the_time_a_transfer_needs(small, capsys):
+    assert main([str(small.write()), "--transfer", "50"]) == 1
+    assert "44.5 s inside both zones, a transfer needs 50 s" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "soon"])
+def test_command_refuses_times_that_are_none(small, capsys, value):
+    assert main([str(small.write()), "--transfer", value]) == 2
+    assert "--transfer" in capsys.readouterr().err
+
+
+def test_command_without_a_mission_is_bad_input_and_help_is_not(capsys):
+    assert main([]) == 2
+    assert main(["--help"]) == 0
+    assert "handover check" in capsys.readouterr().out
+
+
+# --- map ---
+
+
+@pytest.mark.parametrize("name", ["delivery", "linear", "corridor"])
+def test_map_of_each_shipped_mission_is_drawn(missions, tmp_path, name):
+    target = tmp_path / "map.png"
+    draw(load(missions / name), target)
+    data = target.read_bytes()
+    assert data.startswith(PNG)
+    width, height = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    assert width > 1000
+    assert height > 400
+
+
+def test_map_names_stations_waypoints_handovers_and_delivery(missions):
+    axes = Figure().add_subplot()
+    MapSheet(load(missions / "delivery")).paint(axes)
+    written = [text.get_text() for text in axes.texts]
+    handovers = ["1: GCSA → GCSB\n13.5 s", "2: GCSB → GCSA\n15.4 s", "3: GCSA → GCSB\n14.9 s", "4: GCSB → GCSA\n15.5 s"]
+    for words in ("GCSA", "GCSB", "1, 11", "8", "delivery, 15 m", "R1", "R2", "200 m", "N", *handovers):
+        assert words in written
+    legend = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert legend == [
+        "handover region",
+        "geofence",
+        "route, GCSA commands",
+        "route, GCSB commands",
+        "rally point",
+        "handover starts (time inside both zones)",
+    ]
+    assert axes.get_aspect() == 1.0
+
+
+def test_map_of_a_mission_with_gaps_holes_and_fences_is_drawn(small, tmp_path):
+    small.zones["features"][0]["geometry"]["coordinates"].append(small.box(10.0015, 10.0018, -0.0005, 0.0005))
+    move_zones_b = small.zones["features"][1]
+    move_zones_b["geometry"] = {
+        "type": "MultiPolygon",
+        "coordinates": [[small.box(10.003, 10.0035)], [small.box(10.004, 10.0045)]],
+    }
+    move_zones_b["properties"].update(min_alt_m=10, max_alt_m=100)
+    small.plan["geoFence"]["circles"] = [{"inclusion": False, "circle": {"center": [0.0, 10.01], "radius": 20}}]
+    target = tmp_path / "map.png"
+    draw(load(small.write()), target)
+    assert target.read_bytes().startswith(PNG)
+
+
+def test_command_draws_the_map(small, tmp_path, capsys):
+    target = tmp_path / "map.png"
+    assert main([str(small.write()), "--map", str(target)]) == 0
+    assert target.read_bytes().startswith(PNG)
+    assert "check passed" in capsys.readouterr().out
+
+
+def test_map_that_cannot_be_written_is_bad_input(small, tmp_path, capsys):
+    assert main([str(small.write()), "--map", str(tmp_path / "none" / "map.png")]) == 2
+    assert capsys.readouterr().err == (
+        f"handover check: {tmp_path}/none/map.png: cannot write the map: No such file or directory\n"
+    )
+    assert main([str(small.write()), "--map", str(tmp_path / "map.bmp")]) == 2
+    assert "map.bmp: cannot write the map: Format 'bmp' is not supported" in capsys.readouterr().err
+
+
+def test_map_without_matplotlib_says_which_extra_brings_it(small, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert main([str(small.write()), "--map", str(tmp_path / "map.png")]) == 2
+    assert capsys.readouterr().err == (
+        f"handover check: {tmp_path}/map.png: a map needs matplotlib (install the extra 'sim')\n"
+    )

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A bench for the companion's module: MAVProxy, autopilot and two stations around it, in time that the test moves."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gcs_module import module as gcs_module
+from mavproxy_handover import commands as vehicle_commands
+from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.wire.package_transfer import PackageSender
+from tests.module.proxy import MPState
+from tests.module.vehicle import Autopilot, Station
+
+MISSIONS = Path(__file__).resolve().parents[2] / "missions"
+STEP_S = 0.05
+
+
+class Clock:
+    """Stands in for the module `time` where a module of ours asks for the time."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    strftime = staticmethod(time.strftime)
+
+
+class Bench:
+    """The vehicle's module and everything around it."""
+
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self.clock = clock
+        self.folder = folder
+        self.mpstate = MPState()
+        self.autopilot = Autopilot()
+        self.a, self.b = Station("GCSA", 251), Station("GCSB", 252)
+        self.config = folder / "handover.toml"
+        self.configure()
+        self.module: Any = None
+
+    def configure(self, guard: bool = True, more: str = "") -> None:
+        """Write the configuration; `more` goes into [vehicle]."""
+        self.config.write_text(
+            f"""
+            [vehicle]
+            name = "drone-1"
+            sysid = 1
+            parent = "GCSA"
+            journal = "companion.jsonl"
+            guard = {str(guard).lower()}
+            {more}
+            [[station]]
+            name = "GCSA"
+            sysid = 251
+            sysids = [241]
+            links = ["udpout:127.0.0.1:{self.a.port}"]
+            [[station]]
+            name = "GCSB"
+            sysid = 252
+            links = ["udpout:127.0.0.1:{self.b.port}"]
+            """
+        )
+
+    def load(self, **kwargs: Any) -> Any:
+        self.module = self.mpstate.load("handover", vehicle_module, config=str(self.config), **kwargs)
+        return self.module
+
+    @property
+    def companion(self) -> Any:
+        return self.module.companion
+
+    def loop(self) -> None:
+        """One round of MAVProxy's main loop, and what the others make of it."""
+        self.mpstate.loop()
+        written: list[bytes] = []
+        for master in self.mpstate.mav_master:
+            written += master.written
+            master.written.clear()
+        for message in self.autopilot.step(written, self.clock.now):
+            self.mpstate.deliver(message)
+        for station in (self.a, self.b):
+            station.step(self.clock.now)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / STEP_S)):
+            self.clock.now += STEP_S
+            self.loop()
+
+    def until(self, condition: Callable[[], Any], limit_s: float = 20.0) -> None:
+        for _ in range(round(limit_s / STEP_S)):
+            if condition():
+                return
+            self.run(STEP_S)
+        raise AssertionError("it never came to that; " + "; ".join(self.mpstate.console.lines[-5:]))
+
+    def connect(self) -> None:
+        """Load, and wait until the parent commands and every need of START but the mission is met."""
+        if self.module is None:
+            assert self.load() is not None, self.mpstate.console.lines
+        self.until(lambda: self.companion.view.commander == 251)
+        self.run(1.5)
+
+    def share(self, package: MissionPackage, station: Station | None = None) -> PackageSender:
+        """Send a package from a station (GCSA) until the vehicle has said its last word of it."""
+        station = station or self.a
+        sender = PackageSender(package.to_bytes(), package.digest, package.name, (1, 191), until_loaded=True)
+        seen = len(station.received)
+
+        def done() -> bool:
+            nonlocal seen
+            for message in sender.tick(self.clock.now):
+                station.send(message)
+            while seen < len(station.received):
+                message = station.received[seen]
+                seen += 1
+                if message.get_type() == "MISSION_PACKAGE_ACK":
+                    for answer in sender.on_ack(message, self.clock.now):
+                        station.send(answer)
+            return sender.finished
+
+        self.until(done)
+        for holder in (self.a, self.b):
+            holder.digest = package.digest
+        return sender
+
+    def journal(self, event: str | None = None) -> list[dict[str, Any]]:
+        """Entries of the journal, of one event or all."""
+        lines = (self.folder / "companion.jsonl").read_text().splitlines()
+        entries = [json.loads(line) for line in lines]
+        return [entry for entry in entries if event in (None, entry["event"])]
+
+    def close(self) -> None:
+        if any(module.name == "handover" for module, _package in self.mpstate.modules):
+            self.mpstate.unload("handover")
+        self.a.close()
+        self.b.close()
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(vehicle_module, "time", clock)
+    monkeypatch.setattr(vehicle_commands, "time", clock)
+    return clock
+
+
+@pytest.fixture(autouse=True)
+def first_load(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Every test is the first in its process, and nothing outside it is found."""
+    monkeypatch.setattr(vehicle_module, "_last_config", [])
+    monkeypatch.setattr(gcs_module, "_last_config", [])
+    monkeypatch.delenv("HANDOVER_CONFIG", raising=False)
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def bench(clock: Clock, tmp_path: Path) -> Iterator[Bench]:
+    """Not loaded yet. At the end nothing may have escaped from a callback."""
+    bench = Bench(tmp_path, clock)
+    yield bench
+    bench.close()
+    assert bench.mpstate.escaped == []
+
+
+@pytest.fixture(scope="session")
+def delivery() -> MissionPackage:
+    return mission_package.load(MISSIONS / "delivery")

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""When something of ours breaks: nothing reaches MAVProxy, a healthy arbiter's leases go on, a broken one's end.
+
+The leases are the measure: while they flow the guard lets the aircraft fly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import Bench
+from tests.module.vehicle import RTL as RTL_MODE
+
+START, MODE, RTL = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH
+NOT_IN_CONTROL = 10
+
+
+def broken(*_arguments: Any, **_values: Any) -> Any:
+    raise RuntimeError("a bug")
+
+
+def leases_in(bench: Bench, seconds: float) -> int:
+    before = len(bench.autopilot.leases())
+    bench.run(seconds)
+    return len(bench.autopilot.leases()) - before
+
+
+@pytest.fixture
+def flight(bench: Bench) -> Bench:
+    bench.connect()
+    return bench
+
+
+HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
+    "reading a link": lambda b, patch: patch.setattr(b.companion.ports[252], "read", broken),
+    "reading every link": lambda b, patch: [patch.setattr(port, "read", broken) for port in b.companion.ports.values()],
+    "judging a frame": lambda b, patch: patch.setattr(b.companion, "_on_frame", broken),
+    "sending to a station": lambda b, patch: patch.setattr(b.companion.ports[251], "write", broken),
+    "the console": lambda b, patch: patch.setattr(b.mpstate.console, "writeln", broken),
+    "the side doors": lambda b, patch: patch.setattr(b.module, "_close_side_doors", broken),
+    "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.aircraft, "take", broken),
+    "the downlink": lambda b, patch: patch.setattr(b.companion._downlink, "wanted", broken),
+    "the telemetry": lambda b, patch: patch.setattr(b.companion.aircraft, "telemetry", broken),
+    "the zone finder": lambda b, patch: patch.setattr(b.companion, "zone_facts", broken),
+    "a conversation": lambda b, patch: patch.setattr(b.companion, "_dialogues", {"load": (BrokenDialogue(), broken)}),
+}
+
+
+class BrokenDialogue:
+    """A conversation with a bug in it."""
+
+    finished = False
+    failure: str | None = None
+
+    def tick(self, now: float) -> None:
+        broken()
+
+    def on_message(self, message: Any, now: float) -> None:
+        broken()
+
+    def break_off(self, why: str) -> None:
+        self.finished, self.failure = True, why
+
+
+@pytest.mark.parametrize("part", list(HEALTHY))
+def test_a_broken_part_does_not_stop_the_leases(flight: Bench, part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        HEALTHY[part](flight, patch)
+        assert 14 <= leases_in(flight, 3.0) <= 16
+        assert not flight.companion.failed
+        assert part == "the console" or flight.companion.faults, "what breaks is counted"
+    assert flight.mpstate.escaped == []
+    flight.run(6.0)
+    assert flight.companion.view.commander == 251, "and it is over when the cause is gone"
+
+
+def test_what_breaks_is_journalled_ten_times_and_counted_for_ever(
+    flight: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(flight.companion.ports[252], "read", broken)
+        flight.run(2.0)
+    entries = flight.journal("fault")
+    assert len(entries) == 10
+    assert entries[0]["text"].startswith("link: ")
+    assert "RuntimeError: a bug" in entries[0]["text"]
+    assert flight.companion.faults["link"] >= 40
+    lines = flight.mpstate.type("handover status")
+    assert any(line.startswith("faults    link ") for line in lines)
+
+
+def test_an_action_that_breaks_does_not_take_those_behind_it_along(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sending on a change of view breaks: who commands, and what is journalled of it, must not depend on that."""
+    bench.load()
+    monkeypatch.setattr(bench.companion, "_send_authority_status", broken)
+    bench.until(lambda: bench.companion.view.commander == 251)
+    assert bench.companion.faults["action ViewChanged"] == 1
+    bench.run(2.0)
+    assert bench.companion.arbiter.connected(252, bench.clock.now)
+    monkeypatch.undo()
+
+
+def test_the_way_home_is_commanded_although_the_console_is_gone(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.0)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.run(0.5)
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.mpstate.console, "writeln", broken)
+        bench.a.alive = bench.b.alive = False
+        bench.until(lambda: bench.journal("fly"))
+    assert bench.autopilot.mode == RTL_MODE
+    assert bench.journal("fly")[-1]["obeyed"] is True
+
+
+# ---- the arbiter itself -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("entry_point", ["handle", "next_deadline"])
+def test_a_broken_arbiter_fails_closed(flight: Bench, entry_point: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(flight.companion.arbiter, entry_point, broken)
+        flight.run(1.5)
+    assert flight.companion.failed
+    assert flight.companion.view.commander is None
+    assert leases_in(flight, 5.0) == 0, "and it stays so, although the cause is gone"
+    flight.autopilot.received.clear()
+    flight.a.command(RTL)
+    flight.run(3.0)
+    assert {m.get_srcSystem() for m in flight.autopilot.received} == {1}, "neither command nor heartbeat passes"
+    assert flight.a.acks(RTL) == [NOT_IN_CONTROL]
+    assert flight.mpstate.console.said("INTERNAL FAULT, authority ends here: RuntimeError: a bug")
+    (entry,) = flight.journal("failed_closed")
+    assert entry["reason"] == "fault"
+    assert "RuntimeError: a bug" in entry["text"]
+    assert [m.commander for m in flight.b.got("AUTHORITY_STATUS")][-1] == 0
+    assert flight.mpstate.type("handover status")[0] == "phase     ON_LOAD  (INTERNAL FAULT: nobody commands)"
+
+
+def test_a_start_that_is_under_way_ends_with_the_arbiter(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise a vehicle without a guard would take off with nobody in command."""
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.0)
+    bench.autopilot.script[MODE] = None
+    bench.a.command(START)
+    bench.run(0.3)
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.companion.arbiter, "handle", broken)
+        bench.run(0.3)
+    del bench.autopilot.script[MODE]
+    bench.run(5.0)
+    assert not bench.autopilot.armed
+    assert mavlink.MAV_CMD_COMPONENT_ARM_DISARM not in bench.autopilot.commands()
+    assert bench.a.acks(START)[-1] == mavlink.MAV_RESULT_FAILED
+    assert "START failed: internal fault" in bench.a.texts()
+
+
+# ---- odd things from MAVProxy -------------------------------------------------------------------------------------
+
+
+class OddMessage:
+    """A message as no MAVLink library makes it."""
+
+    def __init__(self, raw: bytes) -> None:
+        self._raw = raw
+
+    def get_msgbuf(self) -> bytes:
+        return self._raw
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        OddMessage(b""),
+        OddMessage(b"\xfd"),
+        OddMessage(bytes(280)),
+        OddMessage(bytes.fromhex("fd09000007010100000000000000000608c00403") + b"\0\0"),
+        object(),
+        None,
+    ],
+)
+def test_no_message_of_the_vehicles_side_makes_anything_escape(flight: Bench, message: Any) -> None:
+    flight.mpstate.deliver(message)
+    assert flight.mpstate.escaped == []
+    assert leases_in(flight, 1.0) >= 4
+
+
+def test_the_master_may_come_and_go(flight: Bench) -> None:
+    master = flight.mpstate.mav_master.pop()
+    flight.run(1.0)
+    flight.mpstate.mav_master.append(master)
+    assert leases_in(flight, 1.0) >= 4
+    assert flight.companion.faults == {}
+
+
+def test_a_master_that_cannot_write_costs_frames_and_nothing_else(flight: Bench) -> None:
+    master = flight.mpstate.mav_master[0]
+    master.broken = OSError("device gone")
+    flight.run(2.0)
+    assert flight.companion.view.commander == 251
+    master.broken = None
+    assert leases_in(flight, 1.0) >= 4
+
+
+def test_a_handler_keeps_its_socket_whatever_happens(flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MAVProxy takes the socket of a handler that raises off its list without a word."""
+    with monkeypatch.context() as patch:
+        patch.setattr(flight.companion, "on_station", broken)
+        flight.b.command(RTL)
+        for descriptor, (function, argument) in list(flight.mpstate.select_extra.items()):
+            flight.mpstate._call(function, argument)
+            assert descriptor in flight.mpstate.select_extra
+    assert len(flight.mpstate.select_extra) == 2
+
+
+def test_unload_gives_the_settings_back_although_closing_breaks(flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(flight.companion, "close", broken)
+        assert flight.mpstate.unload("handover")
+    assert flight.mpstate.settings.mavfwd
+    assert flight.mpstate.select_extra == {}
+    flight.companion.close()
+
+
+def test_rounds_of_the_main_loop_after_unload_do_no_harm(flight: Bench) -> None:
+    """At the end of MAVProxy the main loop may come round once more."""
+    module = flight.module
+    flight.mpstate.unload("handover")
+    module.idle_task()
+    module.mavlink_packet(None)
+    assert flight.mpstate.escaped == []

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What of a station's frames reaches the autopilot through the module, and what of the vehicle's reaches a station."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover import module as vehicle_module
+from tests.module.conftest import Bench
+
+RTL = mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH
+NOT_IN_CONTROL = 10
+
+
+@pytest.fixture
+def flight(bench: Bench) -> Bench:
+    """GCSA commands, GCSB is an observer; what came before is forgotten."""
+    bench.connect()
+    bench.autopilot.received.clear()
+    bench.a.received.clear()
+    bench.b.received.clear()
+    return bench
+
+
+def foreign(bench: Bench) -> list[Any]:
+    """What reached the autopilot and is not the companion's own."""
+    return [m for m in bench.autopilot.received if (m.get_srcSystem(), m.get_srcComponent()) != (1, 191)]
+
+
+def test_the_commanders_command_is_passed_on_byte_for_byte(flight: Bench) -> None:
+    message = mavlink.MAVLink_command_long_message(1, 1, RTL, 0, 1, 2, 3, 4, 5, 6, 7)
+    raw = message.pack(flight.a.own)
+    flight.a.alive = False
+    flight.a.send_bytes(raw)
+    flight.mpstate.loop()
+    assert bytes(raw) in flight.mpstate.mav_master[0].written
+    assert [entry["what"] for entry in flight.journal("accepted")] == ["COMMAND_LONG/MAV_CMD_NAV_RETURN_TO_LAUNCH"]
+
+
+def test_an_observers_command_is_refused_and_does_not_reach_the_autopilot(flight: Bench) -> None:
+    flight.b.command(RTL)
+    flight.run(0.3)
+    assert [m for m in foreign(flight) if m.get_type() != "HEARTBEAT"] == []
+    (answer,) = flight.b.got("COMMAND_ACK")
+    assert (answer.command, answer.result, answer.get_srcSystem(), answer.get_srcComponent()) == (
+        RTL,
+        NOT_IN_CONTROL,
+        1,
+        1,
+    )
+    (entry,) = flight.journal("refused")
+    assert (entry["station"], entry["what"], entry["reason"]) == (
+        "GCSB",
+        "COMMAND_LONG/MAV_CMD_NAV_RETURN_TO_LAUNCH",
+        "not in control",
+    )
+
+
+def test_the_commanders_heartbeat_alone_reaches_the_autopilot(flight: Bench) -> None:
+    flight.run(5.0)
+    beats = [m.get_srcSystem() for m in flight.autopilot.got("HEARTBEAT")]
+    assert beats.count(251) == 5
+    assert beats.count(252) == 0
+    assert beats.count(1) == 5, "the companion's own, from component 191"
+    assert {m.type for m in flight.autopilot.got("HEARTBEAT", 1)} == {18}
+
+
+def test_when_the_commander_falls_silent_no_heartbeat_reaches_the_autopilot(flight: Bench) -> None:
+    flight.a.alive = False
+    flight.run(6.0)
+    assert flight.companion.view.commander is None
+    flight.autopilot.received.clear()
+    flight.run(3.0)
+    assert foreign(flight) == []
+
+
+@pytest.mark.parametrize("claimed", [1, 251, 77])
+def test_a_frame_from_b_that_claims_to_be_somebody_else_is_dropped(flight: Bench, claimed: int) -> None:
+    flight.b.alive = False
+    command = mavlink.MAVLink_command_long_message(1, 1, RTL, 0, 0, 0, 0, 0, 0, 0, 0)
+    flight.b.send(command, sysid=claimed)
+    flight.b.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), sysid=claimed)
+    flight.mpstate.loop()
+    written = b"".join(flight.mpstate.mav_master[0].written)
+    assert RTL.to_bytes(2, "little") not in written
+    assert flight.companion.ports[252].verdicts[f"spoofed {'vehicle' if claimed == 1 else 'station'}"] == 2
+
+
+def test_garbage_from_a_station_costs_nothing(flight: Bench) -> None:
+    rng = random.Random(7)
+    for size in (1, 10, 263, 280, 1400):
+        for _ in range(20):
+            flight.b.send_bytes(bytes([0xFD]) + rng.randbytes(size))
+    flight.run(1.0)
+    assert [m for m in foreign(flight) if m.get_srcSystem() != 251] == []
+    assert flight.companion.faults == {}
+    assert flight.companion.view.commander == 251
+
+
+def test_transfer_messages_with_values_outside_every_enum_are_dropped(flight: Bench) -> None:
+    flight.b.send(mavlink.MAVLink_on_handover_message(1, 191, 1, 251, 252, 1, 1, 99, 0, 0))
+    flight.b.send(mavlink.MAVLink_ok_handover_message(1, 191, 7, 251, 252, 1, 1, 0, 0))
+    flight.run(0.2)
+    assert [entry["text"] for entry in flight.journal("dropped")] == [
+        "ON_HANDOVER of GCSB makes no sense",
+        "OK_HANDOVER of GCSB makes no sense",
+    ]
+    assert flight.companion.faults == {}
+
+
+def test_a_flood_of_refused_frames_is_journalled_once_a_second_with_their_number(flight: Bench) -> None:
+    for _ in range(30):
+        flight.b.command(RTL)
+    flight.run(0.5)
+    flight.run(0.6)
+    flight.b.command(RTL)
+    flight.run(0.2)
+    first, second = flight.journal("refused")
+    assert "also" not in first
+    assert second["also"] == 29
+    assert 1 <= len(flight.b.got("COMMAND_ACK")) <= 7
+
+
+def test_an_observer_sees_position_and_authority_and_not_the_attitude(flight: Bench) -> None:
+    flight.autopilot.say(mavlink.MAVLink_attitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    for message in flight.autopilot._out:
+        flight.mpstate.deliver(message)
+    flight.run(1.0)
+    assert len(flight.a.got("ATTITUDE")) == 1
+    assert flight.b.got("ATTITUDE") == []
+    for kind in ("HEARTBEAT", "GLOBAL_POSITION_INT", "AUTHORITY_STATUS", "CONTROL_STATUS"):
+        assert flight.b.got(kind), kind
+    assert flight.b.got("TUNNEL") == flight.a.got("TUNNEL") == [], "lease and guard status stay aboard"
+
+
+def test_authority_status_comes_twice_a_second_and_leases_five_times(flight: Bench) -> None:
+    flight.run(10.0)
+    assert 19 <= len(flight.b.got("AUTHORITY_STATUS")) <= 21
+    assert 9 <= len(flight.b.got("CONTROL_STATUS")) <= 11
+    leases = flight.autopilot.leases()
+    assert 49 <= len(leases) <= 51
+    first = leases[0]
+    assert first[:4] == (1, 1, 251, 0)
+    assert first[6:] == (1, 3000, 0)
+    assert first[4] != 0
+    assert [lease[5] for lease in leases] == list(range(first[5], first[5] + len(leases)))
+
+
+def test_frames_of_the_companion_are_numbered_in_order(flight: Bench) -> None:
+    """A gap counts as loss in every ground station program, and signing needs it no less."""
+    flight.a.received.clear()
+    flight.run(2.0)
+    numbers = [m.get_seq() for m in flight.a.received if m.get_srcComponent() == 191]
+    assert len(set(numbers)) > 5
+
+
+def test_a_strangers_frame_does_not_draw_the_vehicles_messages_away(bench: Bench) -> None:
+    """The link waits for the station; somebody else's program is pointed at it by mistake."""
+    bench.a.close()
+    bench.a = type(bench.a)("GCSA", 251)
+    text = bench.config.read_text()
+    start = text.index("udpout:")
+    free = type(bench.a)("free", 9)
+    port = free.port
+    free.close()
+    bench.config.write_text(text[:start] + f"udpin:127.0.0.1:{port}" + text[text.index('"', start) :])
+    bench.load()
+    bench.a.vehicle = ("127.0.0.1", port)
+    bench.run(2.0)
+    assert bench.companion.view.commander == 251
+    stranger = type(bench.a)("stranger", 77)
+    stranger.vehicle = ("127.0.0.1", port)
+    stranger.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+    bench.a.alive = False
+    bench.a.received.clear()
+    bench.run(0.5)
+    stranger.alive = False
+    stranger.step(0.0)
+    assert stranger.received == []
+    assert bench.a.got("AUTHORITY_STATUS")
+    stranger.close()
+
+
+def test_a_position_of_zero_is_no_position(flight: Bench) -> None:
+    """An autopilot without a fix goes on sending; the last good position must grow stale."""
+    flight.autopilot.position = (0.0, 0.0)
+    flight.run(3.0)
+    needs = flight.companion.arbiter.start_needs(251, flight.clock.now)
+    assert "no position" in needs
+
+
+def rates(bench: Bench) -> list[tuple[float, float]]:
+    """Message ids and intervals (us) that the autopilot has been asked for."""
+    return [(m.param1, m.param2) for m in bench.autopilot.got("COMMAND_LONG", 1) if m.command == 511]
+
+
+def test_rates_are_asked_for_once_although_positions_come_anyway(bench: Bench) -> None:
+    """An autopilot that streams positions on its own may still not say whether it has landed."""
+    bench.connect()
+    bench.run(20.0)
+    asked = rates(bench)
+    assert (33.0, 50000.0) in asked, "GLOBAL_POSITION_INT at 20 Hz"
+    assert (245.0, 500000.0) in asked, "EXTENDED_SYS_STATE at 2 Hz"
+    assert len(asked) == len(set(asked)) == 10
+
+
+def test_rates_are_asked_for_again_while_no_position_comes(bench: Bench) -> None:
+    bench.autopilot.position = None
+    bench.connect()
+    bench.run(12.0)
+    assert len(rates(bench)) == 30
+
+
+def test_positions_that_a_station_has_slowed_down_are_asked_for_again(bench: Bench) -> None:
+    bench.connect()
+    bench.autopilot.received.clear()
+    bench.autopilot.slow_s = 0.25
+    bench.run(14.0)
+    asked = rates(bench)
+    assert len(asked) in (2, 3)
+    assert set(asked) == {(33.0, 50000.0)}, "the other rates are the station's business"
+
+
+def test_sockets_are_read_although_mavproxy_does_not_select_without_a_master(bench: Bench) -> None:
+    master = bench.mpstate.mav_master.pop()
+    assert bench.load() is not None
+    bench.run(3.0)
+    assert bench.companion.arbiter.connected(251, bench.clock.now)
+    bench.mpstate.mav_master.append(master)
+    bench.until(lambda: bench.companion.view.commander == 251)
+    assert bench.companion.faults == {}
+
+
+def test_the_autopilot_of_another_vehicle_is_not_ours(bench: Bench) -> None:
+    bench.autopilot._own.srcSystem = 2
+    assert bench.mpstate.load("handover", vehicle_module, config=str(bench.config)) is not None
+    bench.module = bench.mpstate.modules[-1][0]
+    bench.run(3.0)
+    assert bench.companion.view.commander is None, "no autopilot, no authority"
+    assert "no autopilot" in bench.companion.arbiter.start_needs(251, bench.clock.now)

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A mission package on its way into the autopilot: written, read back, compared; and what stands in its way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.wire.package_transfer import PackageSender
+from tests.module.conftest import MISSIONS, Bench
+
+LOADED, REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED, mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
+START = mavlink.MAV_CMD_MISSION_START
+
+
+def places(items: list[Any]) -> list[tuple[int, int, int, float]]:
+    return [(item.command, item.x, item.y, item.z) for item in items]
+
+
+def test_the_autopilot_holds_mission_and_rally_points_of_the_package(bench: Bench, delivery: MissionPackage) -> None:
+    bench.connect()
+    assert bench.share(delivery).result == LOADED
+    mission = places(bench.autopilot.items[0])
+    assert len(mission) == 12
+    assert mission[0] == (16, 526790000, 59240000, 0.0), "item 0 is home"
+    assert mission[1] == (22, 526790000, 59240000, 30.0)
+    assert mission[2] == (16, 526781460, 59250350, 40.0)
+    assert places(bench.autopilot.items[2]) == [(5100, 526796290, 59223740, 30.0), (5100, 526791800, 59319840, 30.0)]
+    assert bench.companion.arbiter.mission_digest == delivery.digest
+    assert [entry["event"] for entry in bench.journal() if "mission" in entry["event"]] == [
+        "mission_written",
+        "mission_loaded",
+    ]
+    (loaded,) = bench.journal("mission_loaded")
+    assert loaded["text"] == "mission loaded, commanders along the route: GCSA GCSB GCSA GCSB GCSA"
+
+
+def test_an_item_that_comes_back_changed_refuses_the_mission(bench: Bench, delivery: MissionPackage) -> None:
+    def spoil(item: Any) -> Any:
+        if item.mission_type == 0 and item.seq == 5:
+            item.x += 1000
+        return item
+
+    bench.connect()
+    bench.autopilot.spoil = spoil
+    sender = bench.share(delivery)
+    assert sender.result == REFUSED
+    assert sender.text.startswith("item 5: latitude 52.67")
+    assert " came back as " in sender.text
+    assert bench.companion.arbiter.mission_digest == b""
+    assert [entry["event"] for entry in bench.journal() if entry["event"].startswith("mission_")] == ["mission_failed"]
+    assert bench.mpstate.console.said("mission not loaded: item 5: latitude")
+
+
+def test_a_rally_point_that_comes_back_elsewhere_refuses_the_mission(bench: Bench, delivery: MissionPackage) -> None:
+    def spoil(item: Any) -> Any:
+        if item.mission_type == 2 and item.seq == 1:
+            item.y = 59319900
+        return item
+
+    bench.connect()
+    bench.autopilot.spoil = spoil
+    sender = bench.share(delivery)
+    assert (sender.result, sender.text) == (REFUSED, "rally point 1 came back at 52.6791800 5.9319900")
+
+
+def test_a_mission_that_the_autopilot_refuses_is_refused_to_the_station(bench: Bench, delivery: MissionPackage) -> None:
+    bench.connect()
+    bench.autopilot.mission_result = mavlink.MAV_MISSION_NO_SPACE
+    sender = bench.share(delivery)
+    assert sender.result == REFUSED
+    assert sender.text == "the autopilot refused the mission: MAV_MISSION_NO_"[:50]
+
+
+def test_an_autopilot_that_falls_silent_ends_the_upload_and_it_can_be_tried_again(
+    bench: Bench, delivery: MissionPackage
+) -> None:
+    bench.connect()
+    bench.autopilot._take = lambda message: None  # type: ignore[method-assign]
+    sender = bench.share(delivery)
+    assert (sender.result, sender.text) == (REFUSED, "no answer to MISSION_COUNT")
+    del bench.autopilot._take
+    bench.run(2.0)
+    assert bench.share(delivery).result == LOADED
+
+
+def test_while_a_second_mission_is_written_the_first_is_no_longer_there(bench: Bench, delivery: MissionPackage) -> None:
+    """From its first item on, the autopilot holds neither: a START in between would fly nobody's mission."""
+    bench.connect()
+    bench.share(delivery)
+    bench.autopilot.spoil = lambda item: setattr(item, "command", 17) or item if item.seq == 3 else item
+    assert bench.share(mission_package.load(MISSIONS / "linear")).result == REFUSED
+    assert bench.companion.arbiter.mission_digest == b""
+    bench.a.command(START)
+    bench.run(0.5)
+    assert bench.a.acks(START) == [mavlink.MAV_RESULT_TEMPORARILY_REJECTED]
+    assert bench.autopilot.commands() == []
+    assert "no mission loaded" in bench.a.texts()
+
+
+def test_only_the_commander_may_load_a_mission(bench: Bench, delivery: MissionPackage) -> None:
+    bench.connect()
+    sender = bench.share(delivery, bench.b)
+    assert (sender.result, sender.text) == (REFUSED, "only the commander's, on the ground, disarmed")
+    assert bench.autopilot.got("MISSION_COUNT") == []
+
+
+def test_an_armed_aircraft_takes_no_mission(bench: Bench, delivery: MissionPackage) -> None:
+    bench.connect()
+    bench.autopilot.armed = True
+    bench.run(1.5)
+    assert bench.share(delivery).result == REFUSED
+    assert bench.autopilot.got("MISSION_COUNT") == []
+
+
+def test_a_package_with_strange_stations_is_refused(bench: Bench, delivery: MissionPackage) -> None:
+    bench.config.write_text(bench.config.read_text().replace('"GCSB"', '"OTHER"'))
+    bench.connect()
+    sender = bench.share(delivery)
+    assert (sender.result, sender.text) == (REFUSED, "station GCSB (252) is not one of this vehicle's")
+
+
+def test_a_package_under_a_false_digest_is_refused(bench: Bench, delivery: MissionPackage) -> None:
+    bench.connect()
+    sender = bench.share(replace(delivery, digest=bytes(range(32))))
+    assert sender.result == REFUSED
+    assert sender.text == "the contents do not have the digest that was promi"
+
+
+def test_a_package_of_garbage_is_refused_and_costs_no_lease(bench: Bench, delivery: MissionPackage) -> None:
+    class Garbage:
+        digest, name = bytes(range(32)), "garbage"
+
+        @staticmethod
+        def to_bytes() -> bytes:
+            return bytes(range(256)) * 3
+
+    bench.connect()
+    before = len(bench.autopilot.leases())
+    assert bench.share(Garbage()).result == REFUSED  # type: ignore[arg-type]
+    assert bench.companion.faults == {}
+    bench.run(1.0)
+    assert len(bench.autopilot.leases()) >= before + 4
+
+
+def test_the_last_word_of_a_loaded_mission_is_said_again_even_in_flight(bench: Bench, delivery: MissionPackage) -> None:
+    """A station that missed LOADED asks again; by then the aircraft may have been started."""
+    bench.connect()
+    bench.share(delivery)
+    bench.autopilot.armed = bench.autopilot.airborne = True
+    bench.run(1.5)
+    assert bench.share(delivery).result == LOADED
+
+
+def test_answers_that_the_autopilot_gives_to_others_do_not_disturb_the_upload(
+    bench: Bench, delivery: MissionPackage
+) -> None:
+    bench.connect()
+    sender = PackageSender(delivery.to_bytes(), delivery.digest, delivery.name, (1, 191), until_loaded=True)
+    original = bench.autopilot._take
+
+    def take(message: Any) -> None:
+        if message.get_type().startswith("MISSION_"):
+            stranger = (252, 190)
+            bench.autopilot.say(mavlink.MAVLink_mission_ack_message(*stranger, mavlink.MAV_MISSION_DENIED, 0))
+            bench.autopilot.say(mavlink.MAVLink_mission_count_message(*stranger, 3, 0))
+        original(message)
+
+    bench.autopilot._take = take  # type: ignore[method-assign]
+    assert bench.share(delivery).result == LOADED
+    assert sender.result is None

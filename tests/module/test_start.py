@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""START: arm in GUIDED, fly in AUTO, and an answer to the station whatever happens on the way."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import Bench
+from tests.module.vehicle import AUTO, GUIDED
+
+START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
+REJECTED, IN_PROGRESS = mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_IN_PROGRESS
+NOT_IN_CONTROL = 10
+
+
+@pytest.fixture
+def ready(bench: Bench, delivery: MissionPackage) -> Bench:
+    """The parent commands, the mission is loaded, the guard answers."""
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.0)
+    return bench
+
+
+def test_start_arms_in_guided_and_flies_in_auto(ready: Bench) -> None:
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(0.5)
+    sent = [(m.command, m.param1, m.param2) for m in ready.autopilot.got("COMMAND_LONG") if m.command != 511]
+    assert sent == [(MODE, 1.0, GUIDED), (ARM, 1.0, 0.0), (START, 0.0, 0.0)]
+    assert (ready.autopilot.mode, ready.autopilot.armed) == (AUTO, True)
+    assert ready.a.acks(START) == [IN_PROGRESS, ACCEPTED]
+    assert [entry["event"] for entry in ready.journal() if entry["event"].startswith("start")] == [
+        "start",
+        "start_sequence",
+        "started",
+    ]
+
+
+def test_start_without_a_mission_says_what_is_missing_and_touches_nothing(bench: Bench) -> None:
+    bench.connect()
+    bench.a.command(START)
+    bench.run(0.5)
+    assert bench.a.acks(START) == [REJECTED]
+    assert bench.a.texts() == "START refused: no mission loaded, outside the zone of GCSA"
+    assert bench.autopilot.commands() == []
+
+
+@pytest.mark.parametrize(("state", "answers"), [(None, "silent"), (0, "disabled"), (1, "waiting"), (3, "expired")])
+def test_start_needs_a_live_guard(ready: Bench, state: int | None, answers: str) -> None:
+    ready.autopilot.guard_state = state
+    ready.run(3.0)
+    ready.a.command(START)
+    ready.run(0.5)
+    assert ready.a.acks(START) == [REJECTED], answers
+    assert ready.a.texts() == "START refused: the guard does not answer the lease"
+    assert ready.autopilot.commands() == []
+
+
+def test_a_vehicle_without_a_guard_can_be_configured(bench: Bench, delivery: MissionPackage) -> None:
+    bench.configure(guard=False)
+    bench.autopilot.guard_state = None
+    bench.connect()
+    bench.share(delivery)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+
+
+def test_a_guard_that_echoes_another_companions_lease_is_not_ours(ready: Bench) -> None:
+    ready.autopilot._lease = (12345, 1, 1)
+    ready.autopilot._take = lambda message: None  # type: ignore[method-assign]
+    ready.run(1.0)
+    ready.a.command(START)
+    ready.run(0.5)
+    assert ready.a.texts() == "START refused: the guard does not answer the lease"
+
+
+def test_a_partner_may_not_start(ready: Bench) -> None:
+    ready.b.command(START)
+    ready.run(0.5)
+    assert ready.b.acks(START) == [NOT_IN_CONTROL]
+    assert ready.autopilot.commands() == []
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        (MODE, "START failed: mode GUIDED refused (MAV_RESULT_DENIED): PreArm: bad compass"),
+        (ARM, "START failed: arming refused (MAV_RESULT_DENIED): PreArm: bad compass"),
+        (START, "START failed: MISSION_START refused (MAV_RESULT_DENIED): PreArm: bad compass"),
+    ],
+)
+def test_a_refusal_of_the_autopilot_reaches_the_station_with_its_reason(ready: Bench, command: int, text: str) -> None:
+    ready.autopilot.script[command] = DENIED
+    ready.autopilot.reason = "PreArm: bad compass"
+    ready.a.command(START)
+    ready.until(lambda: FAILED in ready.a.acks(START))
+    ready.run(0.2)
+    assert ready.a.acks(START) == [IN_PROGRESS, FAILED]
+    assert text in ready.a.texts()
+    assert ready.companion.view.phase is Phase.ON_LOAD
+    (entry,) = ready.journal("start_failed")
+    assert entry["text"] == text
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        (MODE, "START failed: no answer to mode GUIDED"),
+        (ARM, "START failed: no answer to arming"),
+        (START, "START failed: no answer to MISSION_START"),
+    ],
+)
+def test_a_command_is_asked_five_times_and_then_given_up(ready: Bench, command: int, text: str) -> None:
+    ready.autopilot.script[command] = None
+    ready.a.command(START)
+    ready.until(lambda: FAILED in ready.a.acks(START))
+    ready.run(0.2)
+    assert ready.autopilot.commands().count(command) == 5
+    assert text in ready.a.texts()
+
+
+@pytest.mark.parametrize(
+    ("command", "text"),
+    [
+        (MODE, "START failed: no answer to mode GUIDED to show"),
+        (ARM, "START failed: no answer to arming to show"),
+        (START, "START failed: no answer to mode AUTO to show"),
+    ],
+)
+def test_what_the_autopilot_acknowledges_and_does_not_do_is_not_believed(ready: Bench, command: int, text: str) -> None:
+    ready.autopilot.forgets.add(command)
+    ready.a.command(START)
+    ready.until(lambda: FAILED in ready.a.acks(START))
+    ready.run(0.2)
+    assert text in ready.a.texts()
+    assert ready.companion.view.phase is Phase.ON_LOAD
+
+
+def test_start_can_be_tried_again_after_it_failed(ready: Bench) -> None:
+    ready.autopilot.script[ARM] = DENIED
+    ready.a.command(START)
+    ready.until(lambda: FAILED in ready.a.acks(START))
+    del ready.autopilot.script[ARM]
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(0.2)
+    assert ready.a.acks(START) == [IN_PROGRESS, FAILED, IN_PROGRESS, ACCEPTED]
+
+
+def test_start_asked_again_while_it_is_on_its_way_changes_nothing(ready: Bench) -> None:
+    ready.autopilot.script[MODE] = None
+    ready.a.command(START)
+    ready.run(0.5)
+    ready.a.command(START)
+    ready.run(0.3)
+    assert ready.a.acks(START) == [IN_PROGRESS, IN_PROGRESS]
+    del ready.autopilot.script[MODE]
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(0.2)
+    assert ready.a.acks(START) == [IN_PROGRESS, IN_PROGRESS, ACCEPTED]
+    assert ready.autopilot.commands().count(ARM) == 1
+
+
+def test_a_second_program_of_the_commander_does_not_take_the_answer_away(ready: Bench) -> None:
+    ready.autopilot.script[MODE] = None
+    ready.a.command(START)
+    ready.run(0.5)
+    other = mavlink.MAVLink(None, srcSystem=251, srcComponent=195)
+    ready.a.send_bytes(mavlink.MAVLink_command_long_message(1, 1, START, 0, 0, 0, 0, 0, 0, 0, 0).pack(other))
+    ready.run(0.3)
+    del ready.autopilot.script[MODE]
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(0.2)
+    answers = [(m.target_component, m.result) for m in ready.a.got("COMMAND_ACK") if m.command == START]
+    assert answers == [(190, IN_PROGRESS), (195, REJECTED), (190, ACCEPTED)]
+
+
+def test_no_mission_is_taken_while_the_aircraft_is_being_started(ready: Bench, delivery: MissionPackage) -> None:
+    ready.autopilot.script[MODE] = None
+    ready.a.command(START)
+    ready.run(0.3)
+    offer = mavlink.MAVLink_mission_package_message(1, 191, 100, list(range(32)), b"other")
+    ready.a.send(offer)
+    ready.run(0.3)
+    (answer,) = [m for m in ready.a.got("MISSION_PACKAGE_ACK") if m.package_id == 0x03020100]
+    assert (answer.result, answer.text) == (3, "only the commander's, on the ground, disarmed")
+
+
+def test_an_acknowledgement_meant_for_a_station_is_not_taken_for_ours(ready: Bench) -> None:
+    """The commander's own mode change is refused while START waits for the answer to its own."""
+    ready.autopilot.script[MODE] = None
+    ready.a.command(START)
+    ready.run(0.3)
+    ready.autopilot.say(mavlink.MAVLink_command_ack_message(MODE, DENIED, 0, 0, 251, 190))
+    for message in ready.autopilot._out:
+        ready.mpstate.deliver(message)
+    del ready.autopilot.script[MODE]
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+
+
+def test_in_flight_the_commanders_mission_start_is_the_autopilots_business(ready: Bench) -> None:
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    before = len(ready.autopilot.received)
+    ready.a.command(START)
+    ready.run(0.3)
+    (passed,) = [m for m in ready.autopilot.received[before:] if m.get_type() == "COMMAND_LONG" and m.command == START]
+    assert (passed.get_srcSystem(), passed.get_srcComponent()) == (251, 190)

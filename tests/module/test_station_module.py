@@ -1,0 +1,552 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`module load handover_gcs`: load and unload, the operator's words, packages, and faults that stay inside."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from MAVProxy.modules.lib.mp_module import MPModule
+from pymavlink.dialects.v20 import ardupilotmega as stock
+from pymavlink.dialects.v20 import handover as mavlink
+
+from gcs_module import commands as station_commands
+from gcs_module import module as gcs_module
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.version import VERSION
+from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender
+from tests.module.conftest import MISSIONS, Clock
+from tests.module.proxy import MPState
+from tests.module.vehicle import frames
+
+START, PAUSE = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_PAUSE_CONTINUE
+IN_PROGRESS, ACCEPTED = mavlink.MAV_RESULT_IN_PROGRESS, mavlink.MAV_RESULT_ACCEPTED
+
+
+class Peer:
+    """Another station's end of the ground link."""
+
+    def __init__(self) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.setblocking(False)
+        self.port: int = self.socket.getsockname()[1]
+        self.own = mavlink.MAVLink(None, srcSystem=252, srcComponent=190)
+
+    def received(self) -> list[Any]:
+        found = []
+        while True:
+            try:
+                found += frames(self.socket.recv(65536))
+            except BlockingIOError:
+                return found
+
+
+class StationBench:
+    """GCSA's module, the vehicle it listens to, and GCSB at the other end of the ground link."""
+
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self.clock, self.folder = clock, folder
+        self.mpstate = MPState()
+        self.peer = Peer()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            self.listens: int = free.getsockname()[1]
+        self.config = folder / "station.toml"
+        self.configure()
+        self.module: Any = None
+        self._companion = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+        self._autopilot = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def configure(self, mission: Path | None = MISSIONS / "delivery", consent: str = "automatic") -> None:
+        self.config.write_text(
+            f"""
+            [station]
+            name = "GCSA"
+            sysid = 251
+            vehicle = 1
+            consent = "{consent}"
+            {"" if mission is None else f'mission = "{mission}"'}
+            journal = "GCSA.jsonl"
+            [ground]
+            listen = "udpin:127.0.0.1:{self.listens}"
+            [[peer]]
+            name = "GCSB"
+            sysid = 252
+            link = "udpout:127.0.0.1:{self.peer.port}"
+            """
+        )
+
+    def load(self, **kwargs: Any) -> Any:
+        self.module = self.mpstate.load("handover_gcs", gcs_module, config=str(self.config), **kwargs)
+        return self.module
+
+    def hear(self, message: Any, *, autopilot: bool = False) -> None:
+        """A message of the companion (or the autopilot), as a MAVProxy without our dialect hands it over."""
+        raw = message.pack(self._autopilot if autopilot else self._companion)
+        self.mpstate.deliver(stock.MAVLink(None).decode(bytearray(raw)))
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.05)):
+            self.clock.now += 0.05
+            self.mpstate.loop()
+
+    def sent(self) -> list[Any]:
+        """What has been sent to the vehicle since this was last asked."""
+        written = self.mpstate.mav_master[0].written
+        found = [message for data in written for message in frames(data)]
+        written.clear()
+        return found
+
+    def commands(self) -> list[tuple[int, float]]:
+        return [(m.command, m.param1) for m in self.sent() if m.get_type() == "COMMAND_LONG"]
+
+    def journal(self, event: str) -> list[dict[str, Any]]:
+        lines = (self.folder / "GCSA.jsonl").read_text().splitlines()
+        return [entry for entry in map(json.loads, lines) if entry["event"] == event]
+
+    def close(self) -> None:
+        if self.mpstate.modules:
+            self.mpstate.unload("handover_gcs")
+        self.peer.socket.close()
+
+
+@pytest.fixture
+def station(monkeypatch: pytest.MonkeyPatch, clock: Clock, tmp_path: Path) -> Iterator[StationBench]:
+    monkeypatch.setattr(gcs_module, "time", clock)
+    monkeypatch.setattr(station_commands, "time", clock)
+    bench = StationBench(tmp_path, clock)
+    yield bench
+    bench.close()
+    assert bench.mpstate.escaped == []
+
+
+def connect_message(nonce: int = 7, epoch: int = 1, commander: int = 251) -> Any:
+    return mavlink.MAVLink_connect_message(251, 190, 1, 251, 1, nonce, epoch, commander, b"drone-1", [0] * 32)
+
+
+def key(handover_id: int = 3, epoch: int = 1) -> tuple[int, ...]:
+    """target system and component, vehicle, from GCSA to GCSB"""
+    return (251, 190, 1, 251, 252, handover_id, epoch)
+
+
+# ---- loading ------------------------------------------------------------------------------------------------------
+
+
+def test_load_and_unload_give_everything_back(station: StationBench) -> None:
+    state = station.mpstate
+    before = (dict(state.completions), dict(state.command_map), dict(state.completion_functions))
+    module = station.load()
+    assert module.name == "handover_gcs"
+    assert f"handover_gcs {VERSION}: GCSA, vehicle 1, configuration {station.config}" in state.console.lines
+    assert state.settings.source_system == 251
+    links = module._links()
+    assert len(links) == 2
+    assert len(state.select_extra) == 1
+    state.unload("handover_gcs")
+    assert state.settings.source_system == 255
+    assert (state.completions, state.command_map, state.completion_functions) == before
+    assert (state.select_extra, state.public_modules) == ({}, {})
+    assert [link.fileno() for link in links] == [-1, -1]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
+        again.bind(("127.0.0.1", station.listens))
+
+
+def test_reload_needs_no_argument(station: StationBench) -> None:
+    station.load()
+    station.mpstate.unload("handover_gcs")
+    assert station.mpstate.load("handover_gcs", gcs_module) is not None
+
+
+def test_without_a_configuration_one_line_says_where_it_looked(station: StationBench) -> None:
+    station.config.unlink()
+    assert station.mpstate.load("handover_gcs", gcs_module) is None
+    assert station.mpstate.console.lines == [
+        'handover_gcs is not loaded: no configuration: looked for module load handover_gcs:{"config":"FILE"} (no '
+        "spaces in it), ./station.toml; the shell's 'handover init station' writes one"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        ({"config": "/nowhere/x.toml"}, "/nowhere/x.toml: no such file"),
+        ({"config": 5}, "argument config: 5 must be the path of a configuration file"),
+        ({"config": "~nobody-of-that-name/x"}, "~nobody-of-that-name/x: Could not determine home directory."),
+        ({"x": 1}, "unknown argument x; allowed is: config"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_one_line(
+    station: StationBench, arguments: dict[str, object], line: str
+) -> None:
+    assert station.mpstate.load("handover_gcs", gcs_module, **arguments) is None
+    assert station.mpstate.console.lines == [f"handover_gcs is not loaded: {line}"]
+
+
+def test_a_ground_port_in_use_is_one_line(station: StationBench) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", station.listens))
+        assert station.load() is None
+    assert station.mpstate.console.lines == [
+        f"handover_gcs is not loaded: link udpin:127.0.0.1:{station.listens} cannot be opened: Address already in use"
+    ]
+    assert station.mpstate.command_map == {}
+
+
+def test_a_mission_folder_that_is_not_there_is_one_line_and_frees_the_port(station: StationBench) -> None:
+    station.configure(mission=station.folder / "nothing")
+    assert station.load() is None
+    (line,) = station.mpstate.console.lines
+    assert line.startswith(f"handover_gcs is not loaded: {station.folder / 'nothing' / 'mission.toml'}: ")
+    station.configure()
+    assert station.load() is not None
+
+
+def test_a_journal_that_cannot_be_written_is_one_line(station: StationBench) -> None:
+    (station.folder / "GCSA.jsonl").mkdir()
+    assert station.load() is None
+    assert station.mpstate.console.lines == [
+        f"handover_gcs is not loaded: {station.folder / 'GCSA.jsonl'}: Is a directory"
+    ]
+
+
+# ---- the vehicle --------------------------------------------------------------------------------------------------
+
+
+def test_connect_is_answered_although_mavproxy_does_not_know_the_message(station: StationBench) -> None:
+    station.load()
+    station.hear(connect_message())
+    (answer,) = [m for m in station.sent() if m.get_type() == "CONNECT_ACK"]
+    assert (answer.nonce, answer.station, answer.commander, answer.epoch, answer.name) == (7, 251, 251, 1, "GCSA")
+    assert bytes(answer.mission_digest).hex().startswith("d4707aecc8c21c5f")
+    assert station.mpstate.console.said("GCSA is the commander now, epoch 1.")
+
+
+def test_another_vehicle_is_not_answered(station: StationBench) -> None:
+    station.load()
+    station._companion.srcSystem = 2
+    station.hear(connect_message())
+    assert station.sent() == []
+
+
+def test_a_handover_is_consented_to_once_and_answered_as_often_as_asked(station: StationBench) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.sent()
+    for _ in range(3):
+        station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, 0, 0))
+    assert [(m.get_type(), m.consent) for m in station.sent()] == [("OK_HANDOVER", 0)] * 3
+    assert [line for line in station.mpstate.console.lines if line.endswith("Handover Authorized.")] != []
+
+
+def test_the_operator_is_asked_where_the_configuration_says_so(station: StationBench) -> None:
+    station.configure(consent="operator")
+    station.load()
+    station.hear(connect_message())
+    station.sent()
+    station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, 0, 0))
+    assert [m.consent for m in station.sent()] == [2]
+    assert "question  handover 3: 'handover accept' or 'handover deny'" in station.mpstate.type("handover status")
+    station.mpstate.type("handover accept")
+    assert [(m.get_type(), m.consent) for m in station.sent()] == [("OK_HANDOVER", 0)]
+
+
+@pytest.mark.parametrize("fails", ["writeln", "set_status"])
+def test_a_console_that_breaks_does_not_keep_an_answer_back(
+    station: StationBench, fails: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_arguments: Any, **_values: Any) -> None:
+        raise BrokenPipeError
+
+    station.load()
+    station.hear(connect_message())
+    station.sent()
+    with monkeypatch.context() as patch:
+        patch.setattr(station.mpstate.console, fails, broken)
+        station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, 0, 0))
+        station.run(2.0)
+    assert "OK_HANDOVER" in [m.get_type() for m in station.sent()]
+    assert [m.get_type() for m in station.peer.received()].count("HEARTBEAT") >= 2
+
+
+def test_urgent_lines_are_spoken_only_where_mavproxy_can_speak(station: StationBench) -> None:
+    station.load()
+    station.hear(connect_message())
+    assert station.mpstate.spoken == []
+    station.mpstate.modules.append((MPModule(station.mpstate, "speech"), gcs_module))
+    station.hear(connect_message(epoch=2, commander=252))
+    station.mpstate.modules.pop()
+    assert station.mpstate.spoken == ["GCSB commands now, epoch 2."]
+
+
+def test_the_vehicle_falling_silent_is_told(station: StationBench) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.run(7.0)
+    assert station.mpstate.console.said("vehicle 1 is not heard any more.")
+
+
+# ---- the ground link ----------------------------------------------------------------------------------------------
+
+
+def test_heartbeats_go_to_the_peer_and_strangers_are_counted(station: StationBench) -> None:
+    station.load()
+    station.run(3.2)
+    beats = [m for m in station.peer.received() if m.get_type() == "HEARTBEAT"]
+    assert 3 <= len(beats) <= 4
+    assert {m.get_srcSystem() for m in beats} == {251}
+    stranger = mavlink.MAVLink(None, srcSystem=99, srcComponent=1)
+    beat = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
+    station.peer.socket.sendto(beat.pack(stranger), ("127.0.0.1", station.listens))
+    station.peer.socket.sendto(beat.pack(station.peer.own), ("127.0.0.1", station.listens))
+    station.run(0.2)
+    assert station.module.faults == {"ground frame of a stranger": 1}
+    assert "ground    GCSB: up" in station.mpstate.type("handover status")
+
+
+def test_drone_connected_over_the_ground_link_releases_the_vehicle(station: StationBench) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, 0, 0))
+    station.sent()
+    word = mavlink.MAVLink_drone_connected_message(*key(), 0)
+    station.peer.socket.sendto(word.pack(station.peer.own), ("127.0.0.1", station.listens))
+    station.run(0.1)
+    assert [m.get_type() for m in station.sent()] == ["DISCONNECT_HANDOVER"]
+    (entry,) = [entry for entry in station.journal("message") if entry["name"] == "DRONE_CONNECTED"]
+    assert (entry["direction"], entry["via"], entry["station"]) == ("in", "ground", "GCSB")
+
+
+# ---- the operator -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("words", ["", " help"])
+def test_no_word_shows_the_usage(station: StationBench, words: str) -> None:
+    station.load()
+    lines = station.mpstate.type(f"handover{words}")
+    assert lines[0] == "usage: handover <status|share|start|stop|continue|accept|deny|set>"
+    assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0"
+    assert len(lines) == 9
+
+
+@pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
+def test_unknown_words_are_named_and_the_usage_shown(station: StationBench, words: str) -> None:
+    station.load()
+    lines = station.mpstate.type(f"handover {words}")
+    assert lines[0] == f"handover: unknown command {' '.join(words.split())!r}"
+    assert lines[1].startswith("usage: handover <")
+    assert station.commands() == []
+
+
+def test_completion_offers_words_and_settings(station: StationBench) -> None:
+    station.load()
+    assert station.mpstate.completions["handover"] == [
+        "<status|share|start|stop|continue|accept|deny>",
+        "set (HANDOVERSETTING)",
+    ]
+    assert station.mpstate.completion_functions["(HANDOVERSETTING)"]("") == ["telemetry"]
+
+
+@pytest.mark.parametrize(
+    "words", ["set", "set telemetry", "set telemetry x", "set telemetry -1", "set nothing 1", "set telemetry 5 6"]
+)
+def test_settings_take_odd_values_without_harm(station: StationBench, words: str) -> None:
+    station.load()
+    station.mpstate.type(f"handover {words}")
+    assert station.module.commands.settings.telemetry in (10.0, 5.0)
+    assert station.module.faults == {}
+
+
+@pytest.mark.parametrize(
+    ("word", "command", "parameter"), [("start", START, 0.0), ("stop", PAUSE, 0.0), ("continue", PAUSE, 1.0)]
+)
+def test_a_command_is_sent_until_it_is_answered_and_the_answer_shown(
+    station: StationBench, word: str, command: int, parameter: float
+) -> None:
+    station.load()
+    station.mpstate.type(f"handover {word}")
+    assert station.commands() == [(command, parameter)]
+    station.run(1.6)
+    assert station.commands() == [(command, parameter)], "asked again"
+    station.hear(mavlink.MAVLink_command_ack_message(command, ACCEPTED, 0, 0, 251, 190), autopilot=True)
+    station.run(5.0)
+    assert station.commands() == []
+    assert station.mpstate.console.said(f"{word.upper()} accepted.")
+    assert station.journal("command")[-1]["result"] == "accepted"
+
+
+def test_a_refusal_is_shown_in_words(station: StationBench) -> None:
+    station.load()
+    station.mpstate.type("handover start")
+    station.hear(mavlink.MAVLink_command_ack_message(START, 10, 0, 0, 251, 190), autopilot=True)
+    station.run(0.1)
+    assert station.mpstate.console.said("START refused: not in control.")
+
+
+def test_start_waits_for_its_end(station: StationBench) -> None:
+    station.load()
+    station.mpstate.type("handover start")
+    station.hear(mavlink.MAVLink_command_ack_message(START, IN_PROGRESS, 0, 0, 251, 190), autopilot=True)
+    station.run(10.0)
+    assert station.commands() == [(START, 0.0)], "not asked again while it is on its way"
+    station.hear(mavlink.MAVLink_command_ack_message(START, ACCEPTED, 0, 0, 251, 190), autopilot=True)
+    station.run(0.1)
+    assert station.mpstate.console.said("START accepted.")
+
+
+def test_no_answer_is_an_answer(station: StationBench) -> None:
+    station.load()
+    station.mpstate.type("handover stop")
+    station.run(6.0)
+    assert station.commands() == [(PAUSE, 0.0)] * 3
+    assert station.mpstate.console.said("STOP: no answer of the vehicle.")
+
+
+def test_a_command_without_any_link_is_told_and_does_not_escape(station: StationBench) -> None:
+    station.load()
+    station.mpstate.mav_master.clear()
+    station.mpstate.type("handover start")
+    station.run(6.0)
+    assert station.mpstate.console.said("START: no answer of the vehicle.")
+
+
+def test_an_answer_to_no_question_says_so(station: StationBench) -> None:
+    station.load()
+    assert station.mpstate.type("handover accept")[-1].endswith("There is no question to answer.")
+
+
+def test_status_in_every_state(station: StationBench) -> None:
+    station.load()
+    assert station.mpstate.type("handover status")[:3] == [
+        "vehicle   not heard, ON_LOAD",
+        "commander nobody, epoch 0; this station is observer",
+        "mission   'delivery' d4707aec, the vehicle has not",
+    ]
+    station.hear(connect_message())
+    assert station.mpstate.type("handover status")[:2] == [
+        "vehicle   connected, ON_LOAD",
+        "commander GCSA, epoch 1; this station is commander",
+    ]
+
+
+# ---- the mission package ------------------------------------------------------------------------------------------
+
+
+def test_share_sends_the_package_to_the_vehicle_and_to_the_peer(
+    station: StationBench, delivery: MissionPackage
+) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.sent()
+    assert station.mpstate.type("handover share")[-1].endswith("Sharing mission 'delivery'.")
+    vehicle, other = PackageReceiver(), PackageReceiver()
+    got: dict[str, bytes] = {}
+    for _ in range(60):
+        station.run(0.05)
+        for message in station.sent():
+            for answer in receive(vehicle, message, "vehicle", got):
+                station.hear(answer)
+        for message in station.peer.received():
+            for answer in receive(other, message, "peer", got):
+                station.peer.socket.sendto(answer.pack(station.peer.own), ("127.0.0.1", station.listens))
+    assert got == {"vehicle": delivery.to_bytes(), "peer": delivery.to_bytes()}
+    assert station.mpstate.console.said("vehicle: Mission received.")
+    assert station.mpstate.console.said("GCSB: Mission received.")
+    assert station.mpstate.console.said("vehicle: Mission loaded: written to the autopilot, read back, equal.")
+
+
+def receive(receiver: PackageReceiver, message: Any, who: str, got: dict[str, bytes]) -> list[Any]:
+    """The receiver's answers; the vehicle loads a package in no time and says so when it is next offered."""
+    if message.get_type() == "MISSION_PACKAGE":
+        if who == "vehicle" and who in got:
+            return [
+                receiver.conclude(bytes(message.mission_digest), mavlink.HANDOVER_PACKAGE_RESULT_LOADED, "", (251, 190))
+            ]
+        return receiver.on_offer(message, (251, 190))
+    if message.get_type() != "MISSION_CHUNK":
+        return []
+    answers, whole = receiver.on_chunk(message, (251, 190))
+    if whole is not None:
+        got[who] = whole[1]
+        answers.append(receiver.conclude(whole[0], mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED, "", (251, 190)))
+    return answers
+
+
+def test_without_a_mission_there_is_nothing_to_share(station: StationBench) -> None:
+    station.configure(mission=None)
+    station.load()
+    assert station.mpstate.type("handover share")[-1].endswith(
+        "There is no mission to share: set mission in [station]."
+    )
+    station.run(1.0)
+    assert [m for m in station.sent() if m.get_type() == "MISSION_PACKAGE"] == []
+
+
+def test_a_package_of_another_station_is_taken_in_and_shown_to_the_vehicle(
+    station: StationBench, delivery: MissionPackage
+) -> None:
+
+    station.configure(mission=None)
+    station.load()
+    sender = PackageSender(delivery.to_bytes(), delivery.digest, delivery.name, (251, 0))
+    for _ in range(60):
+        messages = sender.tick(station.clock.now)
+        for message in station.peer.received():
+            if message.get_type() == "MISSION_PACKAGE_ACK":
+                messages += sender.on_ack(message, station.clock.now)
+        for message in messages:
+            station.peer.socket.sendto(message.pack(station.peer.own), ("127.0.0.1", station.listens))
+        station.run(0.05)
+    assert sender.result == mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
+    assert station.mpstate.console.said("GCSB: Mission 'delivery' received, d4707aec.")
+    station.hear(connect_message())
+    (answer,) = [m for m in station.sent() if m.get_type() == "CONNECT_ACK"]
+    assert bytes(answer.mission_digest) == delivery.digest
+
+
+# ---- faults -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", ["_read_ground", "_send_package", "_beat"])
+def test_what_breaks_is_counted_and_stops_nothing_else(
+    station: StationBench, part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_arguments: Any) -> None:
+        raise RuntimeError("a bug")
+
+    station.load()
+    with monkeypatch.context() as patch:
+        patch.setattr(station.module, part, broken)
+        station.mpstate.type("handover stop")
+        station.run(6.0)
+        station.hear(connect_message())
+    assert station.mpstate.console.said("STOP: no answer of the vehicle.")
+    assert "CONNECT_ACK" in [m.get_type() for m in station.sent()]
+    assert station.module.faults
+    assert station.journal("fault")[0]["text"].count("RuntimeError: a bug") == 1
+    assert any(line.startswith("faults    ") for line in station.mpstate.type("handover status"))
+
+
+def test_a_fault_in_a_command_is_told_to_the_operator(station: StationBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_arguments: Any) -> None:
+        raise RuntimeError("a bug")
+
+    station.load()
+    with monkeypatch.context() as patch:
+        patch.setattr(station.module.core, "vehicle_alive", broken)
+        lines = station.mpstate.type("handover status")
+    assert lines[-1] == "handover: internal fault, see the journal"
+
+
+def test_rounds_of_the_main_loop_after_unload_do_no_harm(station: StationBench) -> None:
+    module = station.load()
+    station.mpstate.unload("handover_gcs")
+    module.idle_task()
+    module.mavlink_packet(None)
+    station.clock.now += 5
+    module.idle_task()

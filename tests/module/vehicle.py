@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The two ends that the companion's module stands between: an autopilot that follows a script, and stations."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as stock
+from pymavlink.dialects.v20 import handover as mavlink
+
+#: home of the delivery mission, inside zone A
+HOME = (52.679, 5.924)
+GUIDED, AUTO, RTL, LAND = 4, 3, 6, 9
+
+
+def frames(data: bytes) -> list[Any]:
+    """The messages in some bytes, decoded with our dialect."""
+    return [m for m in mavlink.MAVLink(None).parse_buffer(data) or [] if m.get_type() != "BAD_DATA"]
+
+
+class Autopilot:
+    """An ArduCopter as far as the companion talks with it; what a test scripts makes it refuse, forget or lie."""
+
+    def __init__(self) -> None:
+        self.mode = 0
+        self.armed = False
+        self.airborne = False
+        self.position: tuple[float, float] | None = HOME
+        #: least time between two positions
+        self.slow_s = 0.0
+        self._position_at = 0.0
+        #: everything that was written to the autopilot, with its sender
+        self.received: list[Any] = []
+        #: command -> result to answer with (None: no answer at all); it is then not carried out
+        self.script: dict[int, int | None] = {}
+        #: commands that are acknowledged and not carried out
+        self.forgets: set[int] = set()
+        #: a STATUSTEXT that comes before the answer to a refused command
+        self.reason = ""
+        #: mission_type -> items as MISSION_ITEM_INT messages
+        self.items: dict[int, list[Any]] = {0: [], 2: []}
+        #: what the autopilot answers to a whole mission
+        self.mission_result = 0
+        #: changes an item on its way back
+        self.spoil: Callable[[Any], Any] = lambda item: item
+        #: the guard's status is sent with this state, echoing the last lease; None: there is no guard
+        self.guard_state: int | None = 2
+        self._expected: dict[int, int] = {}
+        self._lease: tuple[int, int, int] = (0, 0, 0)
+        self._own = stock.MAVLink(None, srcSystem=1, srcComponent=1)
+        self._out: list[Any] = []
+        self._beat_at = 0.0
+        self._guard_at = 0.0
+        self.silent = False
+
+    def say(self, message: Any) -> None:
+        """Send a message, as MAVProxy would hand it to modules: packed, and decoded without our dialect."""
+        raw = message.pack(self._own)
+        self._own.seq = (self._own.seq + 1) % 256
+        self._out.append(stock.MAVLink(None).decode(bytearray(raw)))
+
+    def step(self, written: list[bytes], now: float) -> list[Any]:
+        """Take in what was written; returns what is said."""
+        self._out = []
+        for data in written:
+            for message in frames(data):
+                self.received.append(message)
+                if not self.silent:
+                    self._take(message)
+        if self.silent:
+            return []
+        if now >= self._beat_at:
+            self._beat_at = now + 1.0
+            self.beat()
+        if self.guard_state is not None and now >= self._guard_at:
+            self._guard_at = now + 0.5
+            self.say_guard(self.guard_state)
+        if self.position is not None and now >= self._position_at:
+            self._position_at = now + self.slow_s
+            self.say_position(*self.position)
+        return self._out
+
+    def beat(self) -> None:
+        base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (128 if self.armed else 0)
+        self.say(stock.MAVLink_heartbeat_message(2, 3, base, self.mode, 4 if self.airborne else 3, 3))
+        self.say(stock.MAVLink_extended_sys_state_message(0, 2 if self.airborne else 1))
+
+    def say_position(self, lat: float, lon: float) -> None:
+        self.say(stock.MAVLink_global_position_int_message(1000, round(lat * 1e7), round(lon * 1e7), 0, 0, 0, 0, 0, 0))
+
+    def say_guard(self, state: int) -> None:
+        nonce, sequence, epoch = self._lease
+        body = struct.pack("<BBBBIIIHBB", 1, state, 0, 0, nonce, sequence, epoch, 0, 4, 6)
+        self.say(stock.MAVLink_tunnel_message(1, 191, 47117, 20, list(body.ljust(128, b"\0"))))
+
+    # ---- what arrived -------------------------------------------------------------------------------------------
+
+    def got(self, kind: str, sysid: int | None = None) -> list[Any]:
+        """The messages of one kind that have arrived, of one sender or of all."""
+        return [m for m in self.received if m.get_type() == kind and sysid in (None, m.get_srcSystem())]
+
+    def commands(self) -> list[int]:
+        """The commands that have arrived, in order, without requests for message rates."""
+        return [m.command for m in self.got("COMMAND_LONG") if m.command != 511]
+
+    def leases(self) -> list[tuple[int, ...]]:
+        """The leases that have arrived: version, state, commander, flags, nonce, sequence, epoch, ttl, reserved."""
+        return [
+            struct.unpack("<BBBBIIIHH", bytes(m.payload[:20]))
+            for m in self.got("TUNNEL", 1)
+            if m.payload_type == 47116 and m.payload_length == 20
+        ]
+
+    def _take(self, m: Any) -> None:
+        kind = m.get_type()
+        if kind == "COMMAND_LONG":
+            self._command(m)
+        elif kind == "MISSION_COUNT":
+            self.items[m.mission_type] = []
+            self._expected[m.mission_type] = m.count
+            self._ask_item(m)
+        elif kind == "MISSION_ITEM_INT":
+            if m.seq == len(self.items[m.mission_type]):
+                self.items[m.mission_type].append(m)
+            self._ask_item(m)
+        elif kind == "MISSION_CLEAR_ALL":
+            self.items[m.mission_type] = []
+            self.say(stock.MAVLink_mission_ack_message(m.get_srcSystem(), m.get_srcComponent(), 0, m.mission_type))
+        elif kind == "MISSION_REQUEST_LIST":
+            asker = (m.get_srcSystem(), m.get_srcComponent())
+            self.say(stock.MAVLink_mission_count_message(*asker, len(self.items[m.mission_type]), m.mission_type))
+        elif kind == "MISSION_REQUEST_INT":
+            self._give_item(m)
+        elif kind == "TUNNEL" and m.payload_type == 47116:
+            fields = struct.unpack("<BBBBIIIHH", bytes(m.payload[:20]))
+            self._lease = (fields[4], fields[5], fields[6])
+
+    def _ask_item(self, m: Any) -> None:
+        asker, kind = (m.get_srcSystem(), m.get_srcComponent()), m.mission_type
+        have = len(self.items[kind])
+        if have < self._expected.get(kind, 0):
+            self.say(stock.MAVLink_mission_request_int_message(*asker, have, kind))
+        else:
+            self.say(stock.MAVLink_mission_ack_message(*asker, self.mission_result, kind))
+
+    def _give_item(self, m: Any) -> None:
+        item = self.spoil(self.items[m.mission_type][m.seq])
+        values = [getattr(item, name) for name in item.fieldnames[2:]]
+        self.say(stock.MAVLink_mission_item_int_message(m.get_srcSystem(), m.get_srcComponent(), *values))
+
+    def _command(self, m: Any) -> None:
+        asker = (m.get_srcSystem(), m.get_srcComponent())
+        result = self.script.get(m.command, 0)
+        if result is None:
+            return
+        if result != 0 and self.reason:
+            self.say(stock.MAVLink_statustext_message(4, self.reason.encode()))
+        self.say(stock.MAVLink_command_ack_message(m.command, result, 0, 0, *asker))
+        if result != 0 or m.command in self.forgets:
+            return
+        if m.command == mavlink.MAV_CMD_DO_SET_MODE:
+            self.mode = int(m.param2)
+        elif m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            self.armed = bool(m.param1)
+        elif m.command == mavlink.MAV_CMD_MISSION_START:
+            self.mode, self.airborne = AUTO, True
+
+
+class Station:
+    """A ground station at its own UDP socket: it beats, answers CONNECT, and keeps what it hears."""
+
+    def __init__(self, name: str, sysid: int) -> None:
+        self.name = name
+        self.sysid = sysid
+        self.alive = True
+        self.digest = bytes(32)
+        self.received: list[Any] = []
+        self.own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=190)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self.port: int = self._socket.getsockname()[1]
+        self.vehicle: tuple[str, int] | None = None
+        self._beat_at = 0.0
+
+    def step(self, now: float) -> None:
+        while True:
+            try:
+                data, self.vehicle = self._socket.recvfrom(65536)
+            except BlockingIOError:
+                break
+            for message in frames(data):
+                self.received.append(message)
+                if self.alive and message.get_type() == "CONNECT":
+                    self._answer(message)
+        if self.alive and now >= self._beat_at:
+            self._beat_at = now + 1.0
+            self.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+
+    def _answer(self, m: Any) -> None:
+        name = self.name.encode()
+        values = (m.get_srcSystem(), 191, 1, self.sysid, 1, m.nonce, m.epoch, m.commander, name, list(self.digest))
+        self.send(mavlink.MAVLink_connect_ack_message(*values, 0))
+
+    def send(self, message: Any, sysid: int | None = None) -> None:
+        """Send a message; `sysid` pretends to be somebody else."""
+        own = self.own if sysid is None else mavlink.MAVLink(None, srcSystem=sysid, srcComponent=190)
+        self.send_bytes(message.pack(own))
+
+    def send_bytes(self, data: bytes) -> None:
+        if self.vehicle is not None:
+            self._socket.sendto(data, self.vehicle)
+
+    def command(self, command: int, *parameters: float, component: int = 1) -> None:
+        values = (*parameters, *([0.0] * (7 - len(parameters))))
+        self.send(mavlink.MAVLink_command_long_message(1, component, command, 0, *values))
+
+    def got(self, kind: str) -> list[Any]:
+        return [m for m in self.received if m.get_type() == kind]
+
+    def acks(self, command: int) -> list[int]:
+        """Results of a command, in the order in which they came."""
+        return [m.result for m in self.got("COMMAND_ACK") if m.command == command]
+
+    def texts(self) -> str:
+        return "".join(m.text for m in self.got("STATUSTEXT"))
+
+    def close(self) -> None:
+        self._socket.close()

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The report of a run made by hand: what stands in it, and that it needs nothing but itself."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from html import unescape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from sitl.record import RecordError, load_run
+from sitl.report import main_report, write_report
+from tests.sitl.synthetic import write_folder
+
+
+class Reader(HTMLParser):
+    """Collects tables, images and links, and checks that every element is closed."""
+
+    VOID = frozenset({"meta", "img", "br"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.rows: list[list[str]] = []
+        self.images: list[str] = []
+        self.links: list[str] = []
+        self.outside: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        if tag not in self.VOID:
+            self.open.append(tag)
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag == "img":
+            self.images.append(str(values.get("src")))
+        if tag == "a":
+            self.links.append(str(values.get("href")))
+        self.outside += [
+            value for key, value in attrs if key in ("src", "href") and value and re.match("[a-z]*:?//", value)
+        ]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = write_folder(tmp_path_factory.mktemp("run"))
+    write_report(load_run(made))
+    return made
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Reader:
+    reader = Reader()
+    reader.feed((folder / "report.html").read_text(encoding="utf-8"))
+    assert reader.open == []
+    return reader
+
+
+def test_the_report_needs_nothing_from_elsewhere(page: Reader) -> None:
+    assert page.outside == []
+    assert len(page.images) == 6
+    for image in page.images:
+        assert base64.b64decode(image.removeprefix("data:image/png;base64,")).startswith(b"\x89PNG")
+
+
+def test_every_handover_has_its_row_with_its_duration(page: Reader) -> None:
+    rows = [row for row in page.rows if len(row) == 9 and row[0].isdigit()]
+    assert [row[1] for row in rows] == ["GCSA → GCSB", "GCSB → GCSA", "GCSA → GCSB", "GCSB → GCSA"]
+    assert [row[3] for row in rows] == ["12.4 ms", "221.8 ms", "15.1 ms", "9.8 ms"]
+    assert [row[6] for row in rows] == ["0", "1", "0", "0"]
+    assert [row[8] for row in rows] == ["first try", "2 tries", "first try", "first try"]
+
+
+def test_every_handover_has_its_picture(folder: Path) -> None:
+    names = {path.name for path in folder.glob("*.png")}
+    assert names == {"map.png", "timeline.png", "handover-1.png", "handover-2.png", "handover-3.png", "handover-4.png"}
+
+
+def test_refusals_are_listed_with_their_reason(page: Reader) -> None:
+    assert ["60.0 s", "GCSB", "COMMAND_LONG/MAV_CMD_DO_SET_MODE", "not in control", ""] in page.rows
+
+
+def test_accepted_commands_are_counted(page: Reader) -> None:
+    assert ["GCSA", "COMMAND_LONG/MAV_CMD_MISSION_START", "1"] in page.rows
+
+
+def test_every_link_leads_to_a_file_beside_the_report(page: Reader, folder: Path) -> None:
+    assert {"companion/companion.jsonl", "vehicle.jsonl", "GCSA/GCSA.jsonl"} <= set(page.links)
+    for link in page.links:
+        assert (folder / link).is_file()
+
+
+def test_a_failed_expectation_is_in_the_verdict(tmp_path: Path) -> None:
+    verdicts = [
+        {"held": True, "wanted": "a", "seen": "a"},
+        {"held": False, "wanted": "landed <at> home", "seen": "never"},
+    ]
+    text = write_report(load_run(write_folder(tmp_path / "run", verdicts=verdicts))).read_text(encoding="utf-8")
+    assert "1 of 2 expectations failed" in text
+    assert "landed &lt;at&gt; home" in text
+    assert "Every expectation held" not in text
+
+
+def test_the_report_is_the_same_when_it_is_made_again(folder: Path) -> None:
+    before = (folder / "report.html").read_bytes()
+    assert main_report([str(folder)]) == 0
+    assert (folder / "report.html").read_bytes() == before
+
+
+def test_a_flight_without_a_verdict_has_pictures_too(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "run")
+    (folder / "run.json").unlink()
+    text = write_report(load_run(folder)).read_text(encoding="utf-8")
+    assert "Expectations" not in text
+    assert "flight of delivery" in text
+    assert text.count("data:image/png") == 6
+
+
+def test_a_flight_whose_aircraft_was_not_watched_has_a_report(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "run")
+    (folder / "vehicle.jsonl").unlink()
+    assert "Handovers" in write_report(load_run(folder)).read_text(encoding="utf-8")
+
+
+def test_journals_cut_anywhere_still_make_a_report(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "run")
+    journal = folder / "companion" / "companion.jsonl"
+    data = journal.read_bytes()
+    for part in (3, 7, 40):
+        journal.write_bytes(data[: len(data) // part])
+        write_report(load_run(folder))
+
+
+def test_a_folder_without_journals_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="no journals"):
+        load_run(tmp_path)
+
+
+def test_a_folder_without_a_mission_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.jsonl").write_text("")
+    with pytest.raises(RecordError, match="no mission package"):
+        load_run(tmp_path)
+
+
+def test_a_record_that_is_no_record_is_refused(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "run")
+    (folder / "run.json").write_text(json.dumps([1]))
+    with pytest.raises(RecordError, match=r"run\.json"):
+        load_run(folder)
+
+
+def test_what_journals_say_is_text_and_not_markup(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "run")
+    journal = folder / "companion" / "companion.jsonl"
+    entry = {"t": 1020.0, "who": "drone-1", "event": "fault", "text": "<script>alert(1)</script>"}
+    with journal.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(entry) + "\n")
+    text = write_report(load_run(folder)).read_text(encoding="utf-8")
+    assert "<script" not in text
+    assert "<script>alert(1)</script>" in unescape(re.sub(r"<[^>]*>", "", text))

@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Processes of a run: fed, noticed when they end, and never left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from sitl.ports import PortPicker
+from sitl.processes import Processes, ProcessGone, ending
+
+pytestmark = pytest.mark.process
+
+ECHO = [sys.executable, "-c", "import sys\nfor line in sys.stdin: print('got', line.strip(), flush=True)"]
+SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
+STUBBORN = [
+    sys.executable,
+    "-c",
+    "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(600)",
+]
+
+
+def gone(pid: int, within_s: float = 5.0) -> bool:
+    """Whether the process ends in time; a zombie has ended."""
+    until = time.monotonic() + within_s
+    while time.monotonic() < until:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        if state == "Z":
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def wait_for(path: Path, text: str) -> None:
+    until = time.monotonic() + 10.0
+    while text not in path.read_text():
+        assert time.monotonic() < until, f"no {text!r} in {path}"
+        time.sleep(0.02)
+
+
+def test_a_typed_line_arrives_and_its_answer_is_in_the_log(tmp_path: Path) -> None:
+    with Processes() as processes:
+        child = processes.start("GCSA", ECHO, tmp_path / "GCSA")
+        child.type("handover start")
+        wait_for(child.log_path, "got handover start")
+
+
+def test_each_process_has_a_home_of_its_own(tmp_path: Path) -> None:
+    script = [sys.executable, "-c", "import os; print(os.environ['HOME'], os.getcwd(), flush=True)"]
+    with Processes() as processes:
+        child = processes.start("GCSA", script, tmp_path / "GCSA")
+        wait_for(child.log_path, f"{tmp_path / 'GCSA'} {tmp_path / 'GCSA'}")
+
+
+def test_leaving_the_block_ends_every_process(tmp_path: Path) -> None:
+    with Processes() as processes:
+        pids = [processes.start(name, SLEEP, tmp_path / name).pid for name in ("a", "b")]
+    assert all(gone(pid, 0.0) or gone(pid) for pid in pids)
+
+
+def test_an_error_ends_every_process(tmp_path: Path) -> None:
+    pids = []
+
+    def fail() -> None:
+        with Processes() as processes:
+            pids.append(processes.start("a", SLEEP, tmp_path / "a").pid)
+            raise KeyError("x")
+
+    with pytest.raises(KeyError):
+        fail()
+    assert gone(pids[0])
+
+
+def test_one_that_does_not_listen_is_killed(tmp_path: Path) -> None:
+    with Processes() as processes:
+        child = processes.start("a", STUBBORN, tmp_path / "a")
+        wait_for(child.log_path, "up")
+        child.stop(timeout_s=0.2)
+        assert child.returncode == -signal.SIGKILL
+
+
+def test_an_end_nobody_asked_for_is_noticed_and_a_kill_is_not_one(tmp_path: Path) -> None:
+    with Processes() as processes:
+        dying = processes.start("dying", [sys.executable, "-c", "raise SystemExit(3)"], tmp_path / "dying")
+        killed = processes.start("killed", SLEEP, tmp_path / "killed")
+        killed.kill()
+        assert gone(dying.pid)
+        assert [(child.name, child.returncode) for child in processes.dead()] == [("dying", 3)]
+        assert killed.returncode == -signal.SIGKILL
+
+
+def test_typing_at_a_dead_process_says_so(tmp_path: Path) -> None:
+    with Processes() as processes:
+        child = processes.start("GCSA", SLEEP, tmp_path)
+        child.kill()
+        with pytest.raises(ProcessGone, match="GCSA has ended"):
+            child.type("handover start")
+
+
+def test_processes_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    code = (
+        "import sys, time\nfrom pathlib import Path\nfrom sitl.processes import Processes\n"
+        f"processes = Processes()\nchild = processes.start('a', {SLEEP!r}, Path({str(tmp_path)!r}))\n"
+        "print(child.pid, flush=True)\ntime.sleep(600)\n"
+    )
+    root = str(Path(__file__).resolve().parents[2])
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": root}
+    )
+    assert parent.stdout is not None
+    with parent.stdout:
+        pid = int(parent.stdout.readline())
+        parent.kill()
+        parent.wait()
+    assert gone(pid)
+
+
+def test_a_name_is_used_once(tmp_path: Path) -> None:
+    with Processes() as processes:
+        processes.start("a", SLEEP, tmp_path)
+        with pytest.raises(ValueError, match="started already"):
+            processes.start("a", SLEEP, tmp_path)
+
+
+def test_endings_are_told_in_words() -> None:
+    assert ending(-9) == "killed by SIGKILL"
+    assert ending(3) == "ended with 3"
+
+
+def test_no_port_is_handed_out_twice() -> None:
+    picker = PortPicker()
+    ports = [picker.udp() for _ in range(40)] + [picker.tcp() for _ in range(40)]
+    assert len(set(ports)) == 80

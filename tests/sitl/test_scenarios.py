@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Scenario files: what is read, and that whatever nobody would read is refused with file and key."""
+
+from __future__ import annotations
+
+import pytest
+
+from mavproxy_handover.mission import package as packages
+from sitl.places import mission_folder
+from sitl.scenario import ScenarioError, known_scenarios, load_scenario, parse_scenario
+from sitl.steps import Pause, Type, Wait
+
+HEAD = """
+name = "x"
+description = "d"
+mission = "delivery"
+"""
+STEP = """
+[[step]]
+wait_landed = true
+"""
+EXPECT = """
+[[expect]]
+emergencies = []
+"""
+
+
+def refusal(text: str) -> str:
+    with pytest.raises(ScenarioError) as caught:
+        parse_scenario(text, "x.toml")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith("x.toml: ")
+    return message
+
+
+@pytest.mark.parametrize("name", sorted(known_scenarios()))
+def test_every_scenario_that_ships_can_be_used(name: str) -> None:
+    scenario = load_scenario(known_scenarios()[name])
+    package = packages.load(mission_folder(scenario.mission))
+    stations = {station.name for station in package.stations}
+    assert scenario.name == name
+    named = {process for step in scenario.steps for process in step.action.processes()}
+    assert named <= stations | {"companion"}
+
+
+def test_the_four_scenarios_of_the_first_release_are_there() -> None:
+    assert {"nominal", "authority", "out-of-coverage", "companion-killed"} <= set(known_scenarios())
+
+
+def test_a_step_is_read_with_what_stands_beside_it() -> None:
+    step = """
+[[step]]
+type = {station = "GCSA", line = "handover start"}
+label = "go"
+say = "Now."
+timeout_wall_s = 7
+"""
+    read = parse_scenario(HEAD + step + EXPECT, "x.toml").steps[0]
+    assert read.action == Type("GCSA", "handover start")
+    assert (read.label, read.say, read.timeout_s, read.timeout_wall_s) == ("go", "Now.", None, 7.0)
+
+
+def test_a_wait_takes_any_value_of_an_entry() -> None:
+    step = '[[step]]\nwait = {who = "drone-1", event = "refused", station = "GCSB", answered = true}\n'
+    action = parse_scenario(HEAD + step + EXPECT, "x.toml").steps[0].action
+    assert isinstance(action, Wait)
+    assert (action.who, action.event, action.since) == ("drone-1", "refused", "typed")
+    assert dict(action.match.values) == {"station": "GCSB", "answered": True}
+
+
+def test_a_long_pause_has_time_to_end() -> None:
+    read = parse_scenario(HEAD + "[[step]]\npause_s = 600\n" + EXPECT, "x.toml").steps[0]
+    assert read.action == Pause(600.0)
+    assert read.timeout_s is not None
+    assert read.timeout_s > 600.0
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("speed = 3\n" + STEP, ["speed:", "unknown key", "'speedup'"]),
+        ("[limit]\n" + STEP, ["limit:", "unknown key"]),
+        ("speedup = 40\n" + STEP, ["speedup:", "40 must be 0.1 to 12"]),
+        ('[consent]\nGCSA = "never"\n' + STEP, ["[consent] GCSA:", "automatic, operator"]),
+        ("[limits]\nretry_max_s = true\n" + STEP, ["[limits] retry_max_s:", "a number"]),
+        ("[places]\naway = {north = 3, east_m = 4}\n" + STEP, ["[places.away] north:", "north_m"]),
+        ("[places]\naway = {north_m = 3}\n" + STEP, ["[places.away] east_m:", "missing"]),
+        ('[[step]]\nwait_moed = "AUTO"\n', ["[step 1] wait_moed:", "'wait_mode'"]),
+        ('[[step]]\nwait_mode = "AUTO"\npause_s = 2\n', ["[step 1]", "exactly one", "wait_mode and pause_s"]),
+        ('[[step]]\nlabel = "a"\n', ["[step 1]", "exactly one", "it has none"]),
+        ("[[step]]\nwait_mode = 3\n", ["[step 1, wait_mode] value:", "a text"]),
+        ('[[step]]\ntype = {station = "GCSA"}\n', ["[step 1, type] line:", "missing"]),
+        ('[[step]]\ntype = {station = "GCSA", line = "x", to = 1}\n', ["[step 1, type] to:", "unknown key"]),
+        ('[[step]]\ntype = {station = "GCSA", line = "guided {far} 30"}\n', ["[step 1] type:", "'far'", "[places]"]),
+        ('[[step]]\nwait = {event = "x", since = "ever"}\n', ["[step 1, wait]", "'ever'", "typed, last, begin"]),
+        ("[[step]]\npause_s = 1\ntimeout_s = 9\ntimeout_wall_s = 9\n", ["[step 1] timeout_wall_s:", "timeout_s"]),
+        ("[[step]]\npause_s = 1\ntimeout_s = 0\n", ["[step 1] timeout_s:", "above 0"]),
+        ('[[step]]\npause_s = 1\nlabel = "Loud!"\n', ["[step 1] label:", "lower-case"]),
+        ('[[step]]\npause_s = 1\nlabel = "a"\n[[step]]\npause_s = 1\nlabel = "a"\n', ["[step 2] label:", "twice"]),
+        ("[step]\npause_s = 1\n", ["step:", "[[step]]"]),
+        ("x = [\n", ["not valid TOML"]),
+    ],
+)
+def test_what_nobody_would_read_is_refused_with_its_key(text: str, parts: list[str]) -> None:
+    message = refusal(HEAD + text + EXPECT)
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("handover = 4", ["[expect 1] handover:", "'handovers'"]),
+        ("handovers = {commited = 4}", ["[expect 1, handovers] commited:", "'committed'"]),
+        ("handovers = 4", ["[expect 1, handovers]", "committed"]),
+        ('items_reached = "some"', ["[expect 1, items_reached]", "'some'", "'all'"]),
+        ('count = {event = "x"}', ["[expect 1, count]", "count, at_least, at_most"]),
+        ('commands = {what = "x", GCSA = 2}', ["[expect 1, commands]", "GCSA", "[accepted, refused]"]),
+        ('landed = {within_m = 2, near = ["sea"]}', ["[expect 1, landed]", "'sea'"]),
+        ('mode_within = {mode = "RTL", after = "x", within_s = 2}', ["[expect 1] after:", "'x'"]),
+    ],
+)
+def test_an_expectation_that_cannot_be_judged_is_refused(text: str, parts: list[str]) -> None:
+    message = refusal(HEAD + STEP + f"[[expect]]\n{text}\n")
+    for part in parts:
+        assert part in message
+
+
+def test_a_scenario_that_expects_nothing_is_none() -> None:
+    assert "at least one" in refusal(HEAD + STEP)
+
+
+def test_the_name_is_that_of_the_file(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / "other.toml"
+    path.write_text(HEAD + STEP + EXPECT, encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"other\.toml: name: 'x' must be the file's name, 'other'"):
+        load_scenario(path)

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Expectations against journals made by hand: each holds on the flight as planned and fails on one that went wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from sitl.expect import (
+    ALWAYS,
+    Commanders,
+    Commands,
+    Count,
+    Emergencies,
+    Expectation,
+    Handovers,
+    ItemsReached,
+    Landed,
+    Modes,
+    ModeWithin,
+    NobodyDied,
+    NoFault,
+    OneCommander,
+    Said,
+)
+from sitl.journal_reader import Entry
+from sitl.tables import Match
+from tests.sitl.synthetic import VEHICLE_NAME, evidence, nominal, wall
+
+FIVE = ("GCSA", "GCSB", "GCSA", "GCSB", "GCSA")
+
+
+def without(event: str, which: Callable[[Entry], bool] = lambda entry: True) -> list[Entry]:
+    return [entry for entry in nominal() if not (entry.event == event and which(entry))]
+
+
+def with_entry(t: float, who: str, event: str, text: str = "", **fields: object) -> list[Entry]:
+    return sorted([*nominal(), Entry(t, who, event, text, fields)], key=lambda entry: entry.t)
+
+
+@pytest.mark.parametrize(
+    "expectation",
+    [
+        Commanders(FIVE),
+        Handovers(4),
+        ItemsReached("all"),
+        Landed(1.0, ("home",)),
+        Emergencies(()),
+        Count("transfer_begun", VEHICLE_NAME, count=4),
+        *ALWAYS,
+    ],
+    ids=lambda expectation: type(expectation).__name__,
+)
+def test_the_flight_as_planned_meets_every_expectation(expectation: Expectation) -> None:
+    verdict = expectation.judge(evidence())
+    assert verdict.held, verdict
+
+
+def test_commanders_in_another_order_fail() -> None:
+    verdict = Commanders(("GCSA", "GCSB")).judge(evidence())
+    assert not verdict.held
+    assert verdict.seen == "GCSA → GCSB → GCSA → GCSB → GCSA"
+
+
+def test_authority_lost_in_between_is_seen() -> None:
+    lost = with_entry(wall(100), VEHICLE_NAME, "view", phase="on_mission", epoch=2, lease="lost")
+    verdict = Commanders(FIVE).judge(evidence(lost))
+    assert not verdict.held
+    assert verdict.seen.startswith("GCSA → GCSB → nobody → GCSB → GCSA")
+
+
+def test_a_handover_that_is_missing_fails() -> None:
+    entries = without("transfer_committed", lambda entry: entry.get("handover_id") == 3)
+    verdict = Handovers(4).judge(evidence(entries))
+    assert not verdict.held
+    assert verdict.seen == "3 committed (12 ms, 222 ms, 10 ms), 0 aborted"
+
+
+def test_a_handover_without_its_duration_fails() -> None:
+    entries = [
+        replace(entry, fields={key: value for key, value in entry.fields.items() if key != "duration_s"})
+        if entry.event == "transfer_committed" and entry.get("handover_id") == 2
+        else entry
+        for entry in nominal()
+    ]
+    verdict = Handovers(4).judge(evidence(entries))
+    assert not verdict.held
+    assert "no time" in verdict.seen
+
+
+def test_an_aborted_attempt_fails_unless_it_is_expected() -> None:
+    entries = with_entry(wall(90), VEHICLE_NAME, "transfer_aborted", handover_id=9, reason="partner_silent")
+    assert not Handovers(4).judge(evidence(entries)).held
+    assert Handovers(4, aborted=1).judge(evidence(entries)).held
+
+
+def test_an_item_that_was_not_reached_is_named() -> None:
+    verdict = ItemsReached("all").judge(evidence(without("reached", lambda entry: entry.get("number") == 8)))
+    assert not verdict.held
+    assert verdict.seen == "not reached: 8"
+
+
+def test_the_landing_that_ends_the_mission_is_no_item_to_reach() -> None:
+    assert "11" not in ItemsReached("all").judge(evidence()).wanted
+
+
+def test_landing_elsewhere_fails_and_says_how_far() -> None:
+    entries = [
+        replace(entry, fields={"lat_deg": 52.68, "lon_deg": 5.924}) if entry.event == "landed" else entry
+        for entry in nominal()
+    ]
+    verdict = Landed(3.0, ("home",)).judge(evidence(entries))
+    assert not verdict.held
+    # a thousandth of a degree of latitude is 111.3 m here
+    assert verdict.seen == "111.3 m from home"
+
+
+def test_landing_at_a_rally_point_counts_where_it_may() -> None:
+    entries = [
+        replace(entry, fields={"lat_deg": 52.679629, "lon_deg": 5.922374}) if entry.event == "landed" else entry
+        for entry in nominal()
+    ]
+    assert Landed(3.0).judge(evidence(entries)).seen.endswith("m from rally point 1")
+    assert Landed(3.0).judge(evidence(entries)).held
+    assert not Landed(3.0, ("home",)).judge(evidence(entries)).held
+
+
+def test_a_vehicle_still_armed_has_not_landed() -> None:
+    assert Landed(3.0).judge(evidence(without("disarmed"))).seen == "still armed at the end"
+
+
+def test_a_flight_without_landing_has_not_landed() -> None:
+    entries = [entry for entry in nominal() if not (entry.event == "landed" and entry.who == "vehicle")]
+    assert Landed(3.0).judge(evidence(entries)).seen == "never landed"
+
+
+def test_modes_are_those_in_the_air() -> None:
+    entries = [
+        Entry(1.0, "vehicle", "mode", "", {"mode": "GUIDED"}),
+        Entry(2.0, "vehicle", "mode", "", {"mode": "AUTO"}),
+        Entry(3.0, "vehicle", "airborne"),
+        Entry(4.0, "vehicle", "mode", "", {"mode": "RTL"}),
+        Entry(5.0, "vehicle", "landed"),
+        Entry(6.0, "vehicle", "mode", "", {"mode": "STABILIZE"}),
+    ]
+    assert Modes(("AUTO", "RTL")).judge(evidence(entries)).held
+    assert not Modes(("AUTO",)).judge(evidence(entries)).held
+
+
+def test_a_mode_in_time_holds_and_a_late_one_fails() -> None:
+    entries = with_entry(wall(104), "vehicle", "mode", mode="RTL")
+    marks = {"killed": wall(100)}
+    verdict = ModeWithin("RTL", "killed", 4.5).judge(evidence(entries, marks=marks))
+    assert verdict.held
+    assert verdict.seen == "after 4.0 s"
+    assert not ModeWithin("RTL", "killed", 3.5).judge(evidence(entries, marks=marks)).held
+
+
+def test_a_mode_shown_before_the_moment_does_not_count() -> None:
+    entries = with_entry(wall(90), "vehicle", "mode", mode="RTL")
+    verdict = ModeWithin("RTL", "killed", 60).judge(evidence(entries, marks={"killed": wall(100)}))
+    assert not verdict.held
+
+
+def test_a_mode_after_a_moment_that_never_came_fails() -> None:
+    assert ModeWithin("RTL", "killed", 60).judge(evidence()).seen == "'killed' never came"
+
+
+def test_commands_are_counted_exactly_by_station() -> None:
+    what = "COMMAND_LONG/MAV_CMD_DO_SET_MODE"
+    right = Commands((("*SET_MODE",)), Match((("GCSB", [0, 1]),)))
+    assert right.judge(evidence()).held
+    extra = with_entry(wall(70), VEHICLE_NAME, "accepted", station="GCSB", what=what)
+    verdict = right.judge(evidence(extra))
+    assert not verdict.held
+    assert verdict.seen == "GCSB 1 accepted, 1 refused"
+
+
+def test_a_station_that_is_not_named_must_have_commanded_nothing() -> None:
+    entries = with_entry(wall(70), VEHICLE_NAME, "accepted", station="GCSA", what="SET_MODE")
+    assert not Commands(("*SET_MODE",), Match((("GCSB", [0, 1]),))).judge(evidence(entries)).held
+
+
+def test_counts_hold_within_their_limits_only() -> None:
+    of_b = Match((("station", "GCSB"),))
+    assert Count("transfer_begun", match=of_b, count=2).judge(evidence()).held
+    assert not Count("transfer_begun", match=of_b, count=4).judge(evidence()).held
+    assert not Count("transfer_begun", match=of_b, at_least=3).judge(evidence()).held
+    assert not Count("transfer_begun", match=of_b, at_most=1).judge(evidence()).held
+
+
+def test_an_emergency_that_nobody_expected_fails() -> None:
+    entries = with_entry(wall(90), VEHICLE_NAME, "emergency", "out of coverage: return", reason="out_of_coverage")
+    assert not Emergencies(()).judge(evidence(entries)).held
+    assert Emergencies(("out_of_coverage",)).judge(evidence(entries)).held
+
+
+def test_what_the_autopilot_said_is_found_by_its_words() -> None:
+    entries = with_entry(wall(90), "vehicle", "said", "HNDO: lease lost, RTL", severity=2)
+    assert Said("*lease lost*").judge(evidence(entries)).held
+    assert not Said("*lease lost*").judge(evidence()).held
+
+
+def test_a_dead_program_fails_every_run() -> None:
+    verdict = NobodyDied().judge(evidence(deaths={"GCSB": "killed by SIGSEGV"}))
+    assert not verdict.held
+    assert verdict.seen == "GCSB killed by SIGSEGV"
+
+
+def test_a_fault_fails_every_run_and_is_told_in_one_line() -> None:
+    fault = "idle: Traceback (most recent call last):\n  File x\nKeyError: 'speech'\n"
+    verdict = NoFault().judge(evidence(with_entry(wall(90), "GCSA", "fault", fault)))
+    assert not verdict.held
+    assert verdict.seen == "GCSA: idle: KeyError: 'speech'"
+
+
+def test_a_commander_under_an_old_epoch_fails_every_run() -> None:
+    entries = with_entry(wall(100), VEHICLE_NAME, "view", phase="on_mission", commander="GCSA", epoch=1, lease="held")
+    assert not OneCommander().judge(evidence(entries)).held
+
+
+def test_a_run_without_any_commander_fails() -> None:
+    assert not OneCommander().judge(evidence(without("view"))).held
+
+
+def test_what_comes_after_the_end_of_the_timeline_is_not_judged() -> None:
+    entries = with_entry(wall(400), VEHICLE_NAME, "view", phase="on_load", epoch=5, lease="lost")
+    assert not Commanders(FIVE).judge(evidence(entries)).held
+    assert Commanders(FIVE).judge(evidence(entries, ended_t=wall(390))).held

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Lease and guard status, byte by byte: the Lua script at the other end reads the same layout by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.wire.lease import (
+    GUARD_STATUS_TYPE,
+    LEASE_TYPE,
+    GuardStatus,
+    Lease,
+    pack_lease,
+    unpack_guard_status,
+    unpack_lease,
+)
+
+LEASE = Lease(LeaseState.TRANSFER, 251, 0x01020304, 0x05060708, 0x090A0B0C, 3000)
+#: version 1, state 2, commander 251, flags 0, nonce, sequence, epoch, ttl, reserved; little-endian
+LEASE_BYTES = bytes.fromhex("01 02 fb 00 04030201 08070605 0c0b0a09 b80b 0000")
+
+STATUS = GuardStatus(
+    GuardState.EXPIRED,
+    action=1,
+    enforcing=True,
+    armed=True,
+    flying=False,
+    tampered=True,
+    nonce=0x01020304,
+    sequence=0x05060708,
+    epoch=0x090A0B0C,
+    rejected=0x0D0E,
+    firmware=(4, 6),
+)
+#: version 1, state 3, action 1, flags enforcing + armed + tampered, nonce, sequence, epoch, rejected, firmware 4.6
+STATUS_BYTES = bytes.fromhex("01 03 01 0b 04030201 08070605 0c0b0a09 0e0d 04 06")
+
+
+def test_a_lease_is_these_twenty_bytes_and_zeros_behind_them() -> None:
+    message = pack_lease(LEASE, 1)
+    assert (message.target_system, message.target_component) == (1, 1)
+    assert (message.payload_type, LEASE_TYPE, message.payload_length) == (47116, 47116, 20)
+    assert bytes(message.payload) == LEASE_BYTES + bytes(108)
+
+
+def test_the_frame_of_a_lease_byte_by_byte() -> None:
+    """Payload order of TUNNEL: payload_type, target system, target component, payload_length, payload."""
+    raw = bytes(pack_lease(LEASE, 7).pack(mavlink.MAVLink(None, srcSystem=7, srcComponent=191)))
+    payload = bytes.fromhex("0cb8 07 01 14") + LEASE_BYTES.rstrip(b"\0")
+    assert raw[:10] == bytes([0xFD, len(payload), 0, 0, 0, 7, 191, 0x81, 0x01, 0x00])
+    assert raw[10:-2] == payload
+
+
+def test_a_lease_comes_back_as_it_went() -> None:
+    assert unpack_lease(LEASE_BYTES) == LEASE
+
+
+def test_nobody_is_commander_0() -> None:
+    message = pack_lease(Lease(LeaseState.LOST, 0, 1, 1, 0, 3000), 1)
+    assert bytes(message.payload[:4]) == bytes([1, 3, 0, 0])
+
+
+def test_the_sequence_wraps() -> None:
+    assert bytes(pack_lease(replace(LEASE, sequence=0x1_0000_0000), 1).payload[8:12]) == bytes(4)
+
+
+@given(
+    st.builds(
+        Lease,
+        st.sampled_from(LeaseState),
+        st.integers(0, 255),
+        st.integers(1, 0xFFFFFFFF),
+        st.integers(0, 0xFFFFFFFF),
+        st.integers(0, 0xFFFFFFFF),
+        st.integers(0, 0xFFFF),
+    )
+)
+def test_any_lease_comes_back_as_it_went(lease: Lease) -> None:
+    message = pack_lease(lease, 1)
+    assert unpack_lease(bytes(message.payload[: message.payload_length])) == lease
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        LEASE_BYTES[:-1],
+        LEASE_BYTES + b"\0",
+        b"\x00" + LEASE_BYTES[1:],
+        b"\x02" + LEASE_BYTES[1:],
+        b"\x01\x00" + LEASE_BYTES[2:],
+        b"\x01\x05" + LEASE_BYTES[2:],
+    ],
+    ids=["empty", "short", "long", "version 0", "version 2", "state 0", "state 5"],
+)
+def test_what_is_no_lease_is_none(payload: bytes) -> None:
+    assert unpack_lease(payload) is None
+
+
+def test_a_guard_status_is_these_twenty_bytes() -> None:
+    assert GUARD_STATUS_TYPE == 47117
+    assert unpack_guard_status(STATUS_BYTES) == STATUS
+
+
+@pytest.mark.parametrize(
+    ("flags", "enforcing", "armed", "flying", "tampered"),
+    [
+        (0, False, False, False, False),
+        (1, True, False, False, False),
+        (2, False, True, False, False),
+        (4, False, False, True, False),
+        (8, False, False, False, True),
+        (0xF0, False, False, False, False),
+    ],
+)
+def test_each_flag_is_its_bit(flags: int, enforcing: bool, armed: bool, flying: bool, tampered: bool) -> None:
+    status = unpack_guard_status(STATUS_BYTES[:3] + bytes([flags]) + STATUS_BYTES[4:])
+    assert status is not None
+    assert (status.enforcing, status.armed, status.flying, status.tampered) == (enforcing, armed, flying, tampered)
+
+
+@pytest.mark.parametrize(
+    ("number", "state"),
+    [
+        (0, GuardState.DISABLED),
+        (1, GuardState.WAITING),
+        (2, GuardState.LIVE),
+        (3, GuardState.EXPIRED),
+        (4, GuardState.LOST),
+    ],
+)
+def test_each_state_is_its_number(number: int, state: GuardState) -> None:
+    status = unpack_guard_status(bytes([1, number]) + STATUS_BYTES[2:])
+    assert status is not None
+    assert status.state is state
+
+
+@pytest.mark.parametrize("number", [5, 100, 255])
+def test_a_state_that_a_guard_cannot_have_is_no_status(number: int) -> None:
+    """255 is what the companion calls a guard that it does not hear; no guard can say that of itself."""
+    assert unpack_guard_status(bytes([1, number]) + STATUS_BYTES[2:]) is None
+
+
+@given(st.binary(max_size=40))
+def test_any_bytes_are_a_status_or_none(payload: bytes) -> None:
+    status = unpack_guard_status(payload)
+    assert status is None or (len(payload) == 20 and payload[0] == 1 and payload[1] <= 4)
+    lease = unpack_lease(payload)
+    assert lease is None or (len(payload) == 20 and payload[0] == 1 and 1 <= payload[1] <= 4)
