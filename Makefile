@@ -1,18 +1,25 @@
 # Two commands do everything: `make demo` and `make test`. They need Python 3.10+ and a package registry.
 
 PYTHON ?= python3
+# tests of one file stay together: several of them start processes
+PYTEST_ARGS ?= -n 2 --dist loadfile
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua -type f -not -path '*/__pycache__/*') \
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean
+.PHONY: help demo test check format clean bench fuzz explore mutants scenarios
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
 	@echo "make test    set up, run the tests"
 	@echo "make check   set up, formatting, lint, types, Lua lint, tests"
+	@echo "make bench   speed against stock MAVProxy, transfer durations under loss and delay"
+	@echo "make explore every reachable state of the real core, deep"
+	@echo "make fuzz    coverage-guided fuzzing of the gate (needs atheris)"
+	@echo "make mutants plant faults in gate and core, see the tests find them"
+	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make format  format the Python files"
 	@echo "make clean   remove everything that make made"
 
@@ -46,6 +53,22 @@ check: $(VENV)/installed
 	@if command -v luacheck > /dev/null; then luacheck --config ardupilot_lua/.luacheckrc ardupilot_lua; \
 	  else echo "luacheck is not installed (Debian: lua-check): the Lua lint was SKIPPED"; fi
 	$(BIN)/pytest $(PYTEST_ARGS)
+
+bench: $(VENV)/installed
+	$(BIN)/python -m sitl.bench $(ARGS)
+
+fuzz: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet atheris
+	$(BIN)/python tests/fuzz/fuzz_gate.py $(ARGS)
+
+explore: $(VENV)/installed
+	$(BIN)/python tests/model/explore.py $(ARGS)
+
+mutants: $(VENV)/installed
+	$(BIN)/python tests/mutation/run.py $(ARGS)
+
+scenarios: $(VENV)/installed
+	$(BIN)/python -m sitl.scenarios_table $(ARGS)
 
 format: $(VENV)/installed
 	$(BIN)/ruff format .

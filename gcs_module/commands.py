@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from MAVProxy.modules.lib import mp_settings
 from pymavlink.dialects.v20 import handover as mavlink
 
-from gcs_module.core import Answer
+from gcs_module.core import Answer, Wish
 from gcs_module.view import telemetry_line
 from mavproxy_handover.dialogue import Ask, Conversation, Dialogue
 from mavproxy_handover.gate.tables import COMPANION_COMPID
@@ -23,6 +23,7 @@ __all__ = ["StationCommands"]
 
 _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 _START = mavlink.MAV_CMD_MISSION_START
+_CONTROL = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 
 
 class StationCommands:
@@ -34,16 +35,21 @@ class StationCommands:
             [
                 mp_settings.MPSetting(
                     "telemetry", float, 10.0, "seconds between telemetry lines, 0 = none", range=(0, 3600)
-                )
+                ),
+                mp_settings.MPSetting(
+                    "request_timeout", float, 30.0, "seconds the commander has to answer a request", range=(3, 60)
+                ),
             ]
         )
         self._dialogues: dict[str, Dialogue] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
             "status": ("who commands, this station's part, telemetry, links", self._status),
             "share": ("send the mission package to the vehicle and to the other stations", self._share),
-            "start": ("START: arm and fly the mission", lambda: self._command("START", _START, 0)),
+            "start": ("START: arm and fly the mission", lambda: self._command("START", _START)),
             "stop": ("STOP: hold where the aircraft is", lambda: self._command("STOP", _PAUSE, 0)),
             "continue": ("CONTINUE the mission", lambda: self._command("CONTINUE", _PAUSE, 1)),
+            "request": ("ask for control of the aircraft", self._request),
+            "release": ("give control up; in flight only to a station that can take it", self._release),
             "accept": ("answer the question of a handover: yes", lambda: module.operator(Answer(True))),
             "deny": ("answer the question of a handover: no", lambda: module.operator(Answer(False))),
         }
@@ -51,7 +57,8 @@ class StationCommands:
 
     def completions(self) -> list[str]:
         """For MAVProxy's tab completion."""
-        return ["<" + "|".join(self._table) + ">", "set (HANDOVERSETTING)"]
+        peers = "|".join(peer.station.name for peer in self._module.config.peers)
+        return ["<" + "|".join(self._table) + ">", f"give <{peers}>", "set (HANDOVERSETTING)"]
 
     def run(self, args: list[str]) -> None:
         """Run one command line; anything unknown shows the usage."""
@@ -61,12 +68,16 @@ class StationCommands:
         if len(args) == 1 and args[0] in self._table:
             self._table[args[0]][1]()
             return
+        if len(args) == 2 and args[0] == "give":
+            self._give(args[1])
+            return
         show = self._module.console.writeln
         if args and args[0] != "help":
             show(f"handover: unknown command {' '.join(args)!r}")
-        show("usage: handover <" + "|".join(self._table) + "|set>")
+        show("usage: handover <" + "|".join(self._table) + "|give|set>")
         for name, (text, _run) in self._table.items():
             show(f"  {name:9} {text}")
+        show("  give      STATION: hand the aircraft to it now")
         show(
             "  set       NAME VALUE: "
             + ", ".join(f"{name} = {self.settings.get(name)}" for name in self.settings.list())
@@ -74,18 +85,38 @@ class StationCommands:
 
     # ---- commands to the aircraft ---------------------------------------------------------------------------------
 
-    def _command(self, word: str, command: int, parameter: float) -> None:
+    def _command(self, word: str, command: int, *parameters: float) -> None:
         now = time.monotonic()
-        self._dialogues[word] = Dialogue(self._conversation(command, parameter), self._module.to_vehicle, now)
+        self._dialogues[word] = Dialogue(self._conversation(command, parameters), self._module.to_vehicle, now)
         self._module.journal.write("command", f"{word} sent", what=word)
 
-    def _conversation(self, command: int, parameter: float) -> Conversation:
-        target = (self._module.config.vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        message = mavlink.MAVLink_command_long_message(*target, command, 0, parameter, 0, 0, 0, 0, 0, 0)
+    def _conversation(self, command: int, parameters: tuple[float, ...]) -> Conversation:
+        component = COMPANION_COMPID if command == _CONTROL else mavlink.MAV_COMP_ID_AUTOPILOT1
+        values = (*parameters, *([0.0] * (7 - len(parameters))))
+        message = mavlink.MAVLink_command_long_message(self._module.config.vehicle, component, command, 0, *values)
         result = yield Ask("the command", (message,), _ack(command), timeout_s=1.5, tries=3)
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
             result = yield Ask("the end of the command", (), _ack(command, final=True), timeout_s=60.0, tries=1)
         return result
+
+    def _request(self) -> None:
+        """Whoever commands is asked; the answer of the vehicle says that, AUTHORITY_STATUS who commands."""
+        own = self._module.config.station.sysid
+        self._module.operator(Wish(own))
+        self._command("REQUEST", _CONTROL, 1, 0, self.settings.request_timeout, own)
+
+    def _release(self) -> None:
+        own = self._module.config.station.sysid
+        self._command("RELEASE", _CONTROL, 0, 0, 0, own)
+
+    def _give(self, name: str) -> None:
+        for peer in self._module.config.peers:
+            if peer.station.name == name:
+                self._module.operator(Wish(peer.station.sysid))
+                self._command("GIVE", _CONTROL, 1, 0, self.settings.request_timeout, peer.station.sysid)
+                return
+        known = ", ".join(peer.station.name for peer in self._module.config.peers) or "none"
+        self._module.console.writeln(f"handover give: no station {name!r}; known are {known}")
 
     def on_message(self, message: Any, now: float) -> None:
         """A COMMAND_ACK or heartbeat of the autopilot."""
@@ -105,6 +136,8 @@ class StationCommands:
                 outcome = _result_name(dialogue.result)
                 accepted = dialogue.result == mavlink.MAV_RESULT_ACCEPTED
                 text = f"{word} accepted." if accepted else f"{word} refused: {outcome.replace('_', ' ')}."
+                if word in ("REQUEST", "GIVE") and dialogue.result == mavlink.MAV_RESULT_FAILED:
+                    outcome, text = "pending", f"{word}: the commander is being asked."
             self._module.journal.write("command", text, what=word, result=outcome)
             self._module.view.line(text, urgent=True)
 

@@ -5,7 +5,8 @@
 Rules that live here
 --------------------
 * The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else. Within an epoch
-  one thing alone is news: that nobody commands any more.
+  there is one order of news: nobody commands yet (the vehicle has restarted and waits for its commander), somebody
+  commands, nobody commands any more.
 * A station only answers. It never retransmits: the vehicle asks again, and the same question gets the same answer.
   What comes late from a transfer before the vehicle's latest is no question any more.
 * As partner it answers HANDOVER_REQUEST with ON_HANDOVER, to the commander over the ground link and to the vehicle;
@@ -22,7 +23,7 @@ Steps and messages: DESIGN.md section 5; names and console lines follow the thes
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntEnum
 from math import inf
 
 from mavproxy_handover.core.messages import (
@@ -53,6 +54,7 @@ __all__ = [
     "ToPeer",
     "ToVehicle",
     "VehicleHeard",
+    "Wish",
 ]
 
 
@@ -94,6 +96,8 @@ class AuthorityHeard:
     commander: int | None
     partner: int | None
     epoch: int
+    #: nobody commands yet, and one may, in this very epoch
+    recovering: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +114,14 @@ class Answer:
     yes: bool
 
 
-Event = FromVehicle | FromPeer | PeerHeard | VehicleHeard | AuthorityHeard | MissionHeld | Answer
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """The operator asked that this station shall command: a transfer to it needs no further question here."""
+
+    station: int
+
+
+Event = FromVehicle | FromPeer | PeerHeard | VehicleHeard | AuthorityHeard | MissionHeld | Answer | Wish
 
 
 # ---- actions ------------------------------------------------------------------------------------------------------
@@ -151,6 +162,14 @@ class Role(Enum):
     OBSERVER = "observer"
 
 
+class _Stage(IntEnum):
+    """How far authority has come within an epoch."""
+
+    NOBODY_YET = 0
+    COMMANDED = 1
+    NOBODY_ANY_MORE = 2
+
+
 @dataclass(slots=True)
 class _Part:
     """This station's part in the present transfer."""
@@ -167,6 +186,8 @@ class StationCore:
 
     PEER_LOST_S = 3.0
     VEHICLE_LOST_S = 5.0
+    #: how long what the operator asked for stands
+    WISH_S = 60.0
 
     def __init__(
         self, station: Station, vehicle_name: str, peers: tuple[Station, ...], *, operator_consents: bool
@@ -179,10 +200,13 @@ class StationCore:
         self._vehicle_heard = -inf
         self._vehicle_lost = True
         self._part: _Part | None = None
+        #: station that shall command by the operator's word -> until when
+        self._wishes: dict[int, float] = {}
         self._latest: TransferKey | None = None
         self.digest = b""
         self.vehicle_digest = b""
         self.epoch = 0
+        self._stage = _Stage.NOBODY_YET
         self.commander: int | None = None
         self.partner: int | None = None
         self.phase = Phase.ON_LOAD
@@ -226,7 +250,7 @@ class StationCore:
             return self._heard_vehicle(now)
         if isinstance(event, FromPeer):
             self._peers_heard[event.peer] = now
-            return self._on_peer(event.peer, event.message)
+            return self._on_peer(event.peer, event.message, now)
         if isinstance(event, PeerHeard):
             was_alive = self.peer_alive(event.peer, now)
             self._peers_heard[event.peer] = now
@@ -235,6 +259,9 @@ class StationCore:
             return self._on_authority(event)
         if isinstance(event, MissionHeld):
             self.digest = event.digest
+            return []
+        if isinstance(event, Wish):
+            self._wishes[event.station] = now + self.WISH_S
             return []
         return self._on_answer(event.yes, now)
 
@@ -256,7 +283,8 @@ class StationCore:
     def _on_vehicle(self, message: Message, now: float) -> list[Action]:
         if isinstance(message, Connect):
             self.vehicle_digest = message.mission_digest
-            notices = self._believe(message.commander, message.epoch)
+            # of nobody it does not say whether that is before or after somebody: AUTHORITY_STATUS does
+            notices = self._believe(message.commander, message.epoch, over=False)
             return [*notices, ToVehicle(self._state(message.nonce))]
         if isinstance(message, HandoverResult):
             return self._on_result(message)
@@ -265,7 +293,7 @@ class StationCore:
         if isinstance(message, ConnectHandover):
             return self._on_connect_handover(message, now)
         if isinstance(message, (OnHandover, DroneConnected)):
-            return self._as_commander(message, of_vehicle=True)
+            return self._as_commander(message, now, of_vehicle=True)
         return []
 
     def _state(self, nonce: int) -> ConnectAck:
@@ -273,12 +301,18 @@ class StationCore:
             self._station.sysid, PROTOCOL_VERSION, nonce, self.epoch, self.commander, self._station.name, self.digest
         )
 
-    def _believe(self, commander: int | None, epoch: int) -> list[Action]:
+    def _believe(self, commander: int | None, epoch: int, *, over: bool) -> list[Action]:
         """Take over what the vehicle says of commander and epoch, unless it is stale."""
-        same_epoch_news = commander is None and self.commander is not None
-        if epoch < self.epoch or (epoch == self.epoch and not same_epoch_news):
+        nobody = _Stage.NOBODY_ANY_MORE if over else _Stage.NOBODY_YET
+        stage = nobody if commander is None else _Stage.COMMANDED
+        if (epoch, stage) <= (self.epoch, self._stage):
             return []
-        before, self.commander, self.epoch = self.role, commander, epoch
+        known = (commander, epoch) == (self.commander, self.epoch)
+        before, self.commander, self.epoch, self._stage = self.role, commander, epoch, stage
+        if known:
+            return []
+        if self._part is not None and self._part.key.epoch < epoch:
+            self._part = None  # over, whatever became of it: no question of it is open any more
         if self.role is before:
             return [Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")]
         if self.role is Role.COMMANDER:
@@ -291,7 +325,7 @@ class StationCore:
             self.phase = event.phase
             notices.append(Notice("phase", f"{self._vehicle_name} is {event.phase.name.replace('_', ' ').lower()}."))
         self.partner = event.partner
-        return [*notices, *self._believe(event.commander, event.epoch)]
+        return [*notices, *self._believe(event.commander, event.epoch, over=not event.recovering)]
 
     def _on_result(self, message: HandoverResult) -> list[Action]:
         key = message.key
@@ -302,7 +336,7 @@ class StationCore:
                 why = message.reason.name.lower().replace("_", " ")
                 notices.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}.", urgent=True))
         self.partner = None
-        notices += self._believe(message.commander, key.epoch)
+        notices += self._believe(message.commander, key.epoch, over=True)
         return [*notices, ToVehicle(self._state(0))]
 
     def _stale(self, key: TransferKey, *, of_vehicle: bool) -> bool:
@@ -318,12 +352,13 @@ class StationCore:
 
     # ---- as partner -----------------------------------------------------------------------------------------------
 
-    def _consent(self, key: TransferKey, *, as_partner: bool) -> tuple[Consent, bool]:
+    def _consent(self, key: TransferKey, now: float, *, as_partner: bool) -> tuple[Consent, bool]:
         """This station's answer for a transfer, and whether the transfer is new to it."""
         part = self._part
         if part is not None and part.key == key and part.as_partner is as_partner:
             return part.consent, False
-        consent = Consent.WAITING if self._operator_consents else Consent.GRANTED
+        wished = now < self._wishes.pop(key.to_station, -inf)
+        consent = Consent.WAITING if self._operator_consents and not wished else Consent.GRANTED
         self._part = _Part(key, as_partner, consent)
         return consent, True
 
@@ -331,7 +366,7 @@ class StationCore:
         key = message.key
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return []
-        consent, new = self._consent(key, as_partner=True)
+        consent, new = self._consent(key, now, as_partner=True)
         notices: list[Action] = []
         if new:
             text = f"Handover requested: {self.name(key.from_station)} -> {self._station.name}."
@@ -355,7 +390,7 @@ class StationCore:
         key = message.key
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return []
-        consent, _new = self._consent(key, as_partner=True)
+        consent, _new = self._consent(key, now, as_partner=True)
         if consent is not Consent.GRANTED:
             return self._say_ready(key, consent, now)
         ground = self.peer_alive(key.from_station, now)
@@ -371,14 +406,14 @@ class StationCore:
 
     # ---- as commander ---------------------------------------------------------------------------------------------
 
-    def _on_peer(self, peer: int, message: Message) -> list[Action]:
+    def _on_peer(self, peer: int, message: Message, now: float) -> list[Action]:
         if not isinstance(message, (OnHandover, DroneConnected)) or message.key.to_station != peer:
             return []
         if self.role is not Role.COMMANDER or message.key.epoch != self.epoch:
             return []
-        return self._as_commander(message, of_vehicle=False)
+        return self._as_commander(message, now, of_vehicle=False)
 
-    def _as_commander(self, message: OnHandover | DroneConnected, *, of_vehicle: bool) -> list[Action]:
+    def _as_commander(self, message: OnHandover | DroneConnected, now: float, *, of_vehicle: bool) -> list[Action]:
         key = message.key
         if key.from_station != self._station.sysid or self._stale(key, of_vehicle=of_vehicle):
             return []
@@ -391,7 +426,7 @@ class StationCore:
                 return [release]
             part.connected = True
             return [release, Notice("released", f"{self.name(key.to_station)} has the drone: Disconnect.")]
-        consent, new = self._consent(key, as_partner=False)
+        consent, new = self._consent(key, now, as_partner=False)
         answer = ToVehicle(self._ok(key, consent))
         if not new:
             return [answer]

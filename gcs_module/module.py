@@ -39,15 +39,19 @@ from gcs_module.package_desk import PackageDesk
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.config import ConfigError, StationConfig, config_argument, find_station_config, load_station
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.model import LeaseState, Phase
 from mavproxy_handover.gate.tables import COMPANION_COMPID
 from mavproxy_handover.journal import Journal
-from mavproxy_handover.links import LinkError, UdpLink
+from mavproxy_handover.keys import KeysError, load_key
+from mavproxy_handover.link.devices import Device, LinkError, open_device
+from mavproxy_handover.link.timesync import PROBE_COMPID, probe_answer
+from mavproxy_handover.link.uplink import UplinkChoice
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
 __all__ = ["HandoverGcsModule", "init"]
 
@@ -63,8 +67,8 @@ class HandoverGcsModule(mp_module.MPModule):
         mpstate: Any,
         config: StationConfig,
         held: mission_package.MissionPackage | None,
-        ground: UdpLink | None,
-        peers: dict[int, UdpLink],
+        ground: Device | None,
+        peers: dict[int, Device],
         journal: Journal,
     ) -> None:
         super().__init__(
@@ -82,6 +86,9 @@ class HandoverGcsModule(mp_module.MPModule):
         self._ground = ground
         self._peers = peers
         self._own = mavlink.MAVLink(None, srcSystem=config.station.sysid, srcComponent=self.settings.source_component)
+        self._uplink = UplinkChoice()
+        self._key = None if config.key is None else load_key(config.key)
+        self._vehicle_peer = None if self._key is None else SignedPeer(self._key)
         self._each_second_at = 0.0
         self._telemetry_shown_at = 0.0
         self.commands = StationCommands(self)
@@ -100,6 +107,7 @@ class HandoverGcsModule(mp_module.MPModule):
         if self.settings.source_system != config.station.sysid:
             self.view.line(f"source_system is {self.settings.source_system}: set to {config.station.sysid}.")
             self.settings.source_system = config.station.sysid
+        self._sign_links()
         if held is not None:
             self._handle(MissionHeld(held.digest))
 
@@ -120,7 +128,10 @@ class HandoverGcsModule(mp_module.MPModule):
         self._guarded("command", lambda: self.commands.run(args), "handover: internal fault, see the journal")
 
     def unload(self) -> None:
-        """Give everything back: sockets, command, setting."""
+        """Give everything back: sockets, command, setting, signing."""
+        for master in self.mpstate.mav_master:
+            if self._key is not None and master.mav.signing.secret_key == self._key:
+                master.disable_signing()
         if self._ground is not None:
             self.mpstate.select_extra.pop(self._ground.fileno(), None)
         for link in self._links():
@@ -133,7 +144,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.journal.write("unloaded")
         self.journal.close()
 
-    def _links(self) -> list[UdpLink]:
+    def _links(self) -> list[Device]:
         return [link for link in (self._ground, *self._peers.values()) if link is not None]
 
     def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
@@ -156,10 +167,41 @@ class HandoverGcsModule(mp_module.MPModule):
         if frame.compid == COMPANION_COMPID:
             if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._handle(VehicleHeard())
-            elif frame.msgid in _OURS:
+            elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:  # it manages control itself
+                self.commands.on_message(m, time.monotonic())
+            elif frame.msgid in _OURS and self._proven(frame):
                 self._on_ours(frame)
+            elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:  # of a request for control
+                self.commands.on_message(m, time.monotonic())
+        elif frame.compid == PROBE_COMPID:
+            self._answer_probe(frame)
         elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_ACK, mavlink.MAVLINK_MSG_ID_HEARTBEAT):
             self.commands.on_message(m, time.monotonic())
+
+    def _proven(self, frame: Frame) -> bool:
+        """Whether one of our messages is the vehicle's: MAVProxy checks no signature of what it takes for unknown."""
+        if self._vehicle_peer is None:
+            return True
+        verdict = self._vehicle_peer.check(frame, time.time(), time.monotonic())
+        if verdict is SignatureVerdict.OK:
+            return True
+        self.faults[f"message of the vehicle: signature {verdict.value}"] += 1
+        return False
+
+    def _sign_links(self) -> None:
+        """MAVProxy signs and checks every link to the vehicle with this station's key; links may come later."""
+        if self._key is None:
+            return
+        for master in self.mpstate.mav_master:
+            if master.mav.signing.secret_key != self._key:
+                master.setup_signing(self._key, sign_outgoing=True, allow_unsigned_callback=_radio_only)
+
+    def _answer_probe(self, frame: Frame) -> None:
+        """On every link: MAVProxy does not say by which one a message came, and the vehicle takes the right one."""
+        answer = probe_answer(frame, int(time.monotonic() * 1e9))
+        if answer is not None:
+            for master in self.mpstate.mav_master:
+                master.mav.send(answer)
 
     def _on_ours(self, frame: Frame) -> None:
         message = codec.decode_bytes(frame.raw)
@@ -170,7 +212,10 @@ class HandoverGcsModule(mp_module.MPModule):
             self._on_package(frame, message)
         elif kind == "AUTHORITY_STATUS":
             phase = Phase(message.phase) if message.phase in list(Phase) else Phase.EMERGENCY
-            self._handle(AuthorityHeard(phase, message.commander or None, message.partner or None, message.epoch))
+            recovering = message.lease == LeaseState.RECOVERING
+            self._handle(
+                AuthorityHeard(phase, message.commander or None, message.partner or None, message.epoch, recovering)
+            )
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)
         else:
@@ -230,13 +275,29 @@ class HandoverGcsModule(mp_module.MPModule):
     def _idle(self) -> None:
         now = time.monotonic()
         self._guarded("ground link", self._read_ground)
+        self._guarded("choice of link", lambda: self._choose_link(now))
         self._guarded("command", lambda: self.commands.tick(now))
         self._guarded("mission package", lambda: self._send_package(now))
         if now >= self._each_second_at:
             self._each_second_at = now + 1.0
+            self._sign_links()
             self._perform(self.core.tick(now))
             self._beat()
             self.view.status()
+
+    def _choose_link(self, now: float) -> None:
+        """MAVProxy's own fail-over takes five seconds."""
+        masters = self.mpstate.mav_master
+        if len(masters) < 2:
+            return
+        chosen = self._uplink.choose(
+            [master.mav.total_packets_received for master in masters], self.settings.link - 1, now
+        )
+        if chosen != self.settings.link - 1:
+            self.settings.link = chosen + 1
+            text = f"link to the vehicle is {masters[chosen].address} now"
+            self.journal.write("link", text, link=masters[chosen].address, change="switched")
+            self.view.line(f"{text[:1].upper()}{text[1:]}.")
 
     def _send_package(self, now: float) -> None:
         for receiver, message in self.desk.tick(now):
@@ -277,12 +338,12 @@ class HandoverGcsModule(mp_module.MPModule):
         self._put(receiver, codec.encode(message, (receiver, component), self.config.vehicle))
 
     def _put(self, receiver: int, message: Any) -> None:
-        data = codec.pack(message, self._own)
         if receiver == self.config.vehicle:
+            # packed by MAVProxy: numbers of a second sequence on its link would look like lost frames over there
             if self.master is not None:  # None after `link remove`
-                self.master.write(data)
+                self.master.mav.send(message)
         elif receiver in self._peers:
-            self._peers[receiver].write(data)
+            self._peers[receiver].write(codec.pack(message, self._own))
 
     def _speak(self, text: str) -> None:
         if any(module.name == "speech" for module, _package in self.mpstate.modules):
@@ -314,7 +375,7 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule 
 
     `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`).
     """
-    opened: list[UdpLink] = []
+    opened: list[Device] = []
     try:
         if unknown:
             raise ConfigError(f"unknown argument {', '.join(unknown)}; allowed is: config")
@@ -325,11 +386,11 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule 
         held = None if settings.mission is None else mission_package.load(settings.mission)
         ground = None
         if settings.ground is not None:
-            ground = UdpLink(settings.ground)
+            ground = open_device(settings.ground)
             opened.append(ground)
         peers = {}
         for peer in settings.peers:
-            peers[peer.station.sysid] = UdpLink(peer.link)
+            peers[peer.station.sysid] = open_device(peer.link)
             opened.append(peers[peer.station.sysid])
         journal = Journal(settings.journal, settings.station.name)
         module = HandoverGcsModule(mpstate, settings, held, ground, peers, journal)
@@ -345,8 +406,13 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule 
     return module
 
 
+def _radio_only(_mav: Any, msgid: int) -> bool:
+    """Unsigned frames that are let in all the same: those that a telemetry radio puts into the stream itself."""
+    return msgid in (mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STATUS)
+
+
 def _why(error: Exception) -> str:
-    if isinstance(error, (ConfigError, LinkError, MissionError)):
+    if isinstance(error, (ConfigError, KeysError, LinkError, MissionError)):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}"

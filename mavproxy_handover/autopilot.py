@@ -10,6 +10,7 @@ loaded when it was read back equal, a mode when a heartbeat shows it. Sources: m
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,11 +51,18 @@ STREAMS: dict[int, float] = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
 }
 
+_OUT_OF_TURN = mavlink.MAV_MISSION_INVALID_SEQUENCE
+#: tries at a mission that the autopilot has no room for, two seconds apart
+_PATIENCE = 5
 _MISSION, _RALLY = mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_RALLY
 
 
 class AutopilotError(NoAnswer):
     """The autopilot answered, and the answer is no; the text says what and why."""
+
+
+class NoRoomError(AutopilotError):
+    """The autopilot has no room for a mission of that length, or none yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +129,21 @@ class Copter:
     def load(self, items: Sequence[MissionItem], rally: Sequence[RallyPoint]) -> Conversation:
         """Write mission and rally points, read both back and compare. `items` begins with home, item 0."""
         rally_items = [rally_item(number, point) for number, point in enumerate(rally)]
-        yield from self._write(_MISSION, items)
+        yield from self._write_when_ready(items)
         yield from self._write(_RALLY, rally_items)
         yield from self._compare(_MISSION, items)
         yield from self._compare(_RALLY, rally_items)
+
+    def _write_when_ready(self, items: Sequence[MissionItem]) -> Conversation:
+        """In its first seconds the autopilot has no room for missions and says so: it is asked again a little later."""
+        for _ in range(_PATIENCE):
+            try:
+                yield from self._write(_MISSION, items)
+                return
+            except NoRoomError:
+                with suppress(NoAnswer):
+                    yield Ask("time to pass", (), lambda _message: None, timeout_s=2.0, tries=1)
+        yield from self._write(_MISSION, items)
 
     def _write(self, kind: int, items: Sequence[MissionItem]) -> Conversation:
         if not items:
@@ -220,7 +239,14 @@ def _of_kind(types: tuple[str, ...], kind: int, seq: int | None = None) -> Calla
 
 
 def _upload_answer(kind: int) -> Callable[[Any], Any]:
-    return _of_kind(("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"), kind)
+    any_answer = _of_kind(("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"), kind)
+
+    def answer(m: Any) -> Any:
+        found = any_answer(m)
+        doubled = found is not None and m.get_type() == "MISSION_ACK" and m.type == _OUT_OF_TURN
+        return None if doubled else found  # an item that came twice: the upload goes on
+
+    return answer
 
 
 def _accepted(ack: Any, kind: int) -> None:
@@ -228,7 +254,8 @@ def _accepted(ack: Any, kind: int) -> None:
         names = mavlink.enums["MAV_MISSION_RESULT"]
         name = names[ack.type].name if ack.type in names else str(ack.type)
         what = "rally points" if kind == _RALLY else "mission"
-        raise AutopilotError(f"the autopilot refused the {what}: {name}")
+        error = NoRoomError if ack.type == mavlink.MAV_MISSION_NO_SPACE else AutopilotError
+        raise error(f"the autopilot refused the {what}: {name}")
 
 
 def _ack_of(command: int) -> Callable[[Any], Any]:

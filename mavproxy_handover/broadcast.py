@@ -56,6 +56,8 @@ def authority_status(view: AuthorityView, zone: int, guard: GuardState, reason: 
 
 
 def control_status(view: AuthorityView) -> Any:
-    """CONTROL_STATUS of the MAVLink standard: the companion speaks for the whole system; takeover is asked for."""
+    """CONTROL_STATUS of the MAVLink standard: the companion speaks for the whole system."""
     flags = mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER
+    if view.takeover_allowed:
+        flags |= mavlink.GCS_CONTROL_STATUS_FLAGS_TAKEOVER_ALLOWED
     return mavlink.MAVLink_control_status_message(flags, view.commander or 0, [0] * 10)

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from mavproxy_handover.companion import Companion
 from mavproxy_handover.core import events
 from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.link.devices import Device
+from mavproxy_handover.stations import StationPort
 
 __all__ = ["VehicleCommands"]
 
@@ -62,6 +64,11 @@ class VehicleCommands:
         if not view.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
             self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")
+        findings = companion.preflight.findings
+        if findings == ():
+            self._show("preflight guard, parameters and firmware fit")
+        for finding in findings or ():
+            self._show(f"preflight WARNING: {finding.text}")
         if companion.faults:
             faults = ", ".join(f"{where} {count}" for where, count in companion.faults.items())
             self._show(f"faults    {faults} (see {companion.journal.path})")
@@ -76,8 +83,10 @@ class VehicleCommands:
             state = "connected" if companion.arbiter.connected(port.sysid, now) else "not connected"
             self._show(f"{port.name} ({port.sysid}): {seen}, {state}")
             for link in port.links:
+                counted = link.counters
                 self._show(
-                    f"  {link.device}: {link.frames_in} frames in, {link.frames_out} out, {link.bad_crc} damaged"
+                    f"  {link.device}: {_measured(port, link, now)}, "
+                    f"{counted.frames_in} frames in, {counted.frames_out} out, {counted.bad_crc} damaged"
                 )
             verdicts = ", ".join(f"{reason} {count}" for reason, count in port.verdicts.most_common())
             self._show(f"  gate: {verdicts or 'nothing yet'}")
@@ -97,7 +106,26 @@ class VehicleCommands:
 
     def _cancel(self) -> None:
         companion = self._companion
-        if companion.view.partner is None or companion.view.commander is None:
+        if companion.view.partner is None:
             self._show("no transfer is under way")
             return
-        companion.handle(events.Cancel(companion.view.commander), time.monotonic())
+        companion.handle(events.Cancel(companion.view.partner), time.monotonic())
+
+
+def _measured(port: StationPort, link: Device, now: float) -> str:
+    """A link in words: its trouble if it has one, and what was measured in the last seconds."""
+    quality = port.quality(link, now)
+    words = [link.trouble] if link.trouble else []
+    if len(port.links) > 1:
+        words.append("in use" if port.carries(link) else "in reserve")
+    words.append("never heard" if quality.heard_ago_s is None else f"heard {quality.heard_ago_s:.1f} s ago")
+    if quality.loss is not None:
+        words.append(f"{quality.loss:.0%} lost")
+    if quality.round_trip_s is not None and quality.jitter_s is not None:
+        words.append(f"round trip {quality.round_trip_s * 1000:.0f} ms (jitter {quality.jitter_s * 1000:.0f} ms)")
+    counted = {
+        "out of order": quality.reordered,
+        "twice": quality.duplicates,
+        "badly signed": quality.bad_signatures,
+    }
+    return ", ".join([*words, *(f"{number} {what}" for what, number in counted.items() if number)])

@@ -12,10 +12,13 @@ there, and the time.
 
 from __future__ import annotations
 
+import math
 import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
+from enum import Enum
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -24,18 +27,25 @@ from mavproxy_handover import broadcast
 from mavproxy_handover.aircraft import Aircraft
 from mavproxy_handover.autopilot import COPTER_MODES, Copter
 from mavproxy_handover.config import VehicleConfig
+from mavproxy_handover.conversations import Conversations
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.messages import Connect, ConnectAck
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Reason
-from mavproxy_handover.dialogue import Conversation, Dialogue
+from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.dialogue import Dialogue
 from mavproxy_handover.gate.downlink import DownlinkPolicy
-from mavproxy_handover.gate.judge import Action, GateReason, Verdict, judge
+from mavproxy_handover.gate.flush import Closing, FlushTracker
+from mavproxy_handover.gate.judge import Action, Verdict, judge
 from mavproxy_handover.gate.refusals import RefusalLimiter, refusal
 from mavproxy_handover.gate.tables import COMPANION_COMPID, Access
 from mavproxy_handover.journal import Journal
 from mavproxy_handover.loading import MissionLoader
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.operator_control import notification, read_request
+from mavproxy_handover.preflight import Finding, Preflight
+from mavproxy_handover.state_store import StateStore, recall
 from mavproxy_handover.stations import StationPort
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -47,9 +57,16 @@ _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 #: the autopilot is asked for 20 positions a second; they come unevenly, so less than 50 ms is no reason to skip one
 _ZONE_CHECK_S = 0.03
 _STREAM_CHECK_S = 5.0
+_CLOCK_STEP_S = 1.0
+#: a heartbeat this old still says that its station lives
+_HEARTBEAT_FRESH_S = 2.0
+_ON_BOARD_RETRY_S = 10.0
 #: fewer than this: a ground station has asked for slower ones
 _POSITIONS_A_SECOND = 10
 _START = mavlink.MAV_CMD_MISSION_START
+_CONTROL = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
+#: what changes the mission at the autopilot behind the companion's back
+_MISSION_WRITES = ("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_WRITE_PARTIAL_LIST", "FILE_TRANSFER_PROTOCOL/")
 _DISPLAY_MODE = {phase: phase.name.replace("_", "") for phase in Phase}
 
 
@@ -64,7 +81,11 @@ class Companion:
         write_autopilot: Callable[[bytes], None],
         nonce: int,
         show: Callable[[str], None],
+        store: StateStore | None = None,
+        on_board: MissionPackage | None = None,
     ) -> None:
+        """`store`: where authority is kept over a restart; without one a restart in flight means nobody commands.
+        `on_board`: a mission package that need not come from the parent."""
         self.config = config
         self.ports = ports
         self.journal = journal
@@ -72,8 +93,12 @@ class Companion:
         self.faults: Counter[str] = Counter()
         self.guard_status: Any | None = None
         stations = tuple(entry.station for entry in config.stations)
-        self.arbiter = Arbiter(Identity(config.name, stations, config.parent, nonce), config.limits)
+        self._store = store
+        restored, trouble = recall(store)
+        self.arbiter = Arbiter(Identity(config.name, stations, config.parent, nonce), config.limits, restored)
         self.view = self.arbiter.view
+        #: what the state file says; None if it is not known to say anything
+        self._saved: Snapshot | None = restored or self.arbiter.snapshot()
         self.failed = False
         self._show = show
         self._write_autopilot = write_autopilot
@@ -81,27 +106,80 @@ class Companion:
         self._as_autopilot = mavlink.MAVLink(None, srcSystem=config.sysid, srcComponent=_AUTOPILOT)
         self._copter = Copter(config.sysid, lambda: self.aircraft.status_text)
         self._downlink = DownlinkPolicy(port.identity for port in ports.values())
+        self._flusher = FlushTracker(config.sysid)
         self._limiter = RefusalLimiter()
+        self._rate_answers = RefusalLimiter(per_second=20)
         self._lease = broadcast.LeaseSequence(nonce)
         self._reason = Reason.NONE
-        self._dialogues: dict[str, tuple[Dialogue, Callable[[Dialogue, float], None]]] = {}
+        self._conversations = Conversations(self._to_autopilot, self.fault)
+        self.preflight = Preflight(config.sysid, config.limits, self._conversations, self._on_preflight)
         self._loader = MissionLoader(config)
+        self._on_board = on_board
+        self._on_board_at = 0.0
         self._start_asker: tuple[int, int, int] | None = None
+        #: system, component that asked for control last, and the component that was asked
+        self._control_asker = (0, 0, 0)
+        #: (station, transfer) of the question that the owner was asked last, and of the one that it has acknowledged
+        self._question: tuple[int, int] | None = None
+        self._acknowledged: tuple[int, int] | None = None
+        self._second_manager_told = False
+        self._clock_offset_s: float | None = None
         self._zones_at = 0.0
         self._streams_at = 0.0
         self._streams_asked = False
         self._positions = 0
-        self._refusals_journalled: dict[tuple[int, int, GateReason], tuple[float, int]] = {}
+        self._refusals_journalled: dict[tuple[int, int, Enum], tuple[float, int]] = {}
         self._due = {
             self._send_lease: (broadcast.LEASE_INTERVAL_S, 0.0),
             self._send_authority_status: (0.5, 0.0),
             self._each_second: (1.0, 0.0),
         }
+        self._resume(restored, trouble)
+
+    def _resume(self, restored: Snapshot | None, trouble: str) -> None:
+        """Go on where the run before this one ended, or say that this cannot be done."""
+        if trouble:
+            self.journal.write("state_lost", trouble, reason="fault")
+            self._tell(f"State file: {trouble}: nobody commands.")
+        if restored is None or self._store is None:
+            return
+        self._save()  # the epoch has risen: if this run ends soon, the next one must begin above it
+        if restored.phase is Phase.ON_LOAD:
+            return
+        name = self.arbiter.name(restored.owner)
+        self.journal.write("restarted", f"restarted in flight; {name} had authority", epoch=self.view.epoch)
+        self._tell(f"Restarted in flight, epoch {self.view.epoch}: waiting for {name}.")
+        package = self._store.load_package(restored.digest) if restored.digest else None
+        if package is not None:
+            self._loader.adopt(package)
+        elif restored.digest:
+            self.journal.write("state_lost", "the mission package of the run before is gone: no zones", reason="fault")
+
+    def _save(self) -> None:
+        """Before anybody hears of it: what is told must outlive a crash. If it cannot be written, the old file must go:
+        after a restart it would give authority to whoever had it then. It is tried again each second."""
+        snapshot = self.arbiter.snapshot()
+        if self._store is None or snapshot == self._saved:
+            return
+        try:
+            self._store.save(snapshot)
+            self._saved = snapshot
+        except OSError as error:
+            self._saved = None
+            self.fault("state file", str(error))
+            with suppress(OSError):
+                self._store.clear()
 
     # ---- from the stations ----------------------------------------------------------------------------------------
 
     def on_station(self, port: StationPort, frames: list[Frame], now: float) -> None:
-        """Frames that came in on a link of `port`."""
+        """Frames that came in on a link of `port`; those that were rejected there are journalled."""
+        while port.rejected:
+            frame, signature = port.rejected.popleft()
+            what = mavlink.mavlink_map[frame.msgid].msgname if frame.known else f"message {frame.msgid}"
+            self._journal_refusal(port, (port.sysid, frame.msgid, signature), what, signature.value, False, now)
+        if self._arbiter_is_due(now):  # after a stall: nothing is judged by authority that has run out
+            self.handle(events.Tick(), now)
         for frame in frames:
             try:
                 self._on_frame(port, frame, now)
@@ -113,13 +191,15 @@ class Companion:
         own_voice = frame.sysid == port.sysid
         if verdict.access is Access.LIVENESS and verdict.action is not Action.DROP and own_voice:
             port.component = frame.compid
+            port.heartbeat, port.heartbeat_at = frame.raw, now
             self.handle(events.StationHeard(port.sysid), now)
             verdict = judge(frame, port.identity, self.view, self.config.sysid)
         port.verdicts[verdict.reason.value] += 1
+        self._downlink.rates.heard(port.sysid, now)
         if verdict.action is Action.FORWARD:
             self._forward(port, frame, verdict, now)
         elif verdict.action is Action.CONSUME:
-            if own_voice or verdict.access is Access.COMMAND:
+            if own_voice or verdict.access in (Access.COMMAND, Access.ANSWERED):
                 self._consume(port, frame, verdict, now)
         else:
             self._refuse(port, frame, verdict, now)
@@ -127,13 +207,18 @@ class Companion:
     def _forward(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         self._write_autopilot(frame.raw)
         self._downlink.asked(frame, port.sysid, now)
-        if verdict.access is Access.COMMAND:
+        self._flusher.saw(frame, verdict, port.sysid)
+        if verdict.access in (Access.COMMAND, Access.SAFEGUARD):
             self.journal.write("accepted", station=port.name, what=verdict.what)
-        elif verdict.access is Access.STREAM and verdict.what in ("RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"):
-            port.steered = True
+            rewrites = verdict.what.startswith(_MISSION_WRITES)
+            if rewrites and self.view.phase is Phase.ON_LOAD and self.arbiter.mission_digest:
+                self.handle(events.MissionLoaded(b"", ()), now)
 
     def _consume(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         if verdict.access is Access.LIVENESS:
+            return
+        if verdict.access is Access.ANSWERED:
+            self._on_rates(port, frame, now)
             return
         message = codec.decode_bytes(frame.raw)
         if message is None:
@@ -141,10 +226,9 @@ class Companion:
         if verdict.access is Access.TRANSFER:
             self._on_transfer(port, frame, message, now)
         elif verdict.access is Access.CONTROL:
-            if message.get_type() != "COMMAND_ACK":
-                self._answer(port, frame, message.command, mavlink.MAV_RESULT_UNSUPPORTED)
+            self._on_control(port, frame, message, now)
         elif message.command == _START:
-            if "start" in self._dialogues:  # asked again: it is on its way
+            if "start" in self._conversations:  # asked again: it is on its way
                 mine = self._start_asker == (port.sysid, frame.sysid, frame.compid)
                 result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
                 self._answer(port, frame, _START, result)
@@ -152,6 +236,46 @@ class Companion:
             self.journal.write("accepted", station=port.name, what=verdict.what)
             self._start_asker = (port.sysid, frame.sysid, frame.compid)
             self.handle(events.StartRequested(port.sysid), now)
+
+    def _on_control(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
+        if message.get_type() == "COMMAND_ACK":  # the owner has heard that somebody asks
+            if self._question == (port.sysid, self.view.handover_id):
+                self._acknowledged = self._question
+            return
+        port.component = port.component or frame.compid
+        request = read_request(message, port.sysid)
+        self._control_asker = (frame.sysid, frame.compid, message.target_component)
+        if isinstance(request, str):
+            self.journal.write("control", f"request of {port.name} not understood: {request}", station=port.name)
+            self._answer_control(port, mavlink.MAV_RESULT_DENIED, request)
+            return
+        self.handle(request, now)
+
+    def _answer_control(self, port: StationPort, result: int, text: str) -> None:
+        """COMMAND_ACK of the component that was asked; the companion where nobody was named."""
+        sysid, compid, component = self._control_asker
+        ack = mavlink.MAVLink_command_ack_message(_CONTROL, result, 0, 0, sysid, compid)
+        port.write(codec.pack(ack, self._as_autopilot if component == _AUTOPILOT else self._own))
+        if text:
+            self._say_to(port, f"Control denied: {text}")
+
+    def _notify_owner(self, action: events.NotifyOwner) -> None:
+        question = (action.station, self.view.handover_id)
+        if question == self._acknowledged:
+            return
+        again, self._question = question == self._question, question
+        port = self.ports[action.station]
+        name = self.arbiter.name(action.requester)
+        port.send(notification(port.target, action.requester, action.timeout_s), everywhere=True)
+        if not again:
+            self.journal.write("notified", f"{port.name} is asked: may {name} have control?", station=port.name)
+
+    def _on_rates(self, port: StationPort, frame: Frame, now: float) -> None:
+        """What an observer wants to hear is the companion's to give: the autopilot is not asked for more."""
+        answers = self._downlink.rates.asked(frame, port.sysid, now)
+        if answers and self._rate_answers.allow(port.sysid, "rates", now):
+            for answer in answers:
+                port.write(codec.pack(answer, self._as_autopilot))
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
         port.component = frame.compid
@@ -169,24 +293,24 @@ class Companion:
 
     def _refuse(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         key = (port.sysid, frame.msgid, verdict.reason)
-        since, kept_back = self._refusals_journalled.get(key, (-1.0, 0))
-        if now - since >= 1.0:
-            self.journal.write(
-                "refused",
-                f"{verdict.what} of {port.name} refused: {verdict.reason.value}",
-                station=port.name,
-                what=verdict.what,
-                reason=verdict.reason.value,
-                answered=verdict.action is Action.REFUSE,
-                also=kept_back or None,
-            )
-            self._refusals_journalled[key] = (now, 0)
-        else:
-            self._refusals_journalled[key] = (since, kept_back + 1)
+        answered = verdict.action is Action.REFUSE
+        self._journal_refusal(port, key, verdict.what, verdict.reason.value, answered, now)
         if verdict.action is Action.REFUSE and self._limiter.allow(port.sysid, frame.msgid, now):
-            answer = refusal(frame, verdict, self._own)
-            if answer is not None:
+            for answer in refusal(frame, verdict, self._own):
                 port.write(answer)
+
+    def _journal_refusal(
+        self, port: StationPort, key: tuple[int, int, Enum], what: str, reason: str, answered: bool, now: float
+    ) -> None:
+        """One entry a second for each station, message and reason; the next one says how many were left out."""
+        since, kept_back = self._refusals_journalled.get(key, (-1.0, 0))
+        if now - since < 1.0:
+            self._refusals_journalled[key] = (since, kept_back + 1)
+            return
+        self._refusals_journalled[key] = (now, 0)
+        text = f"{what} of {port.name} refused: {reason}"
+        also = kept_back or None
+        self.journal.write("refused", text, station=port.name, what=what, reason=reason, answered=answered, also=also)
 
     def _answer(self, port: StationPort, frame: Frame, command: int, result: int, text: str = "") -> None:
         """COMMAND_ACK in the autopilot's name, and the reason as text."""
@@ -199,34 +323,61 @@ class Companion:
         raw = text.encode("utf-8")
         for start in range(0, len(raw), 50):
             line = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_WARNING, raw[start : start + 50])
-            port.write(codec.pack(line, self._own))
+            port.send(line)
 
     # ---- the mission package --------------------------------------------------------------------------------------
 
     def _on_package(self, port: StationPort, kind: str, message: Any, now: float) -> None:
-        grounded = self.view.phase is Phase.ON_LOAD and not self.view.armed and "start" not in self._dialogues
+        grounded = self.view.phase is Phase.ON_LOAD and not self.view.armed and "start" not in self._conversations
         welcome = self.view.commander == port.sysid and grounded
         answers, package = self._loader.on_message(kind, message, port.target, welcome)
         for answer in answers:
-            port.write(codec.pack(answer, self._own))
+            port.send(answer)
         if package is None:
             return
         self.journal.write("package_received", f"mission {package.name!r} from {port.name}", station=port.name)
+        self._load(package, port, now)
+
+    def _load(self, package: MissionPackage, port: StationPort | None, now: float) -> None:
+        """Write a package to the autopilot and read it back; `port`: who sent it, None for the one on board."""
         if self.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
             self.handle(events.MissionLoaded(b"", ()), now)
-        conversation = self._copter.load(package.route.upload_items(), package.route.rally)
+        source = "on board" if port is None else port.name
 
         def done(dialogue: Dialogue, now: float) -> None:
-            answer = self._loader.concluded(package, dialogue.failure, port.target)
-            port.write(codec.pack(answer, self._own))
+            if port is not None:
+                answer = self._loader.concluded(package, dialogue.failure, port.target)
+                port.send(answer)
+            elif dialogue.failure is None:
+                self._loader.adopt(package)
             if dialogue.failure is not None:
-                self.journal.write("mission_failed", dialogue.failure, station=port.name)
+                self.journal.write("mission_failed", dialogue.failure, station=source)
                 self._tell(f"mission not loaded: {dialogue.failure}")
                 return
             self.journal.write("mission_written", "mission and rally points written, read back, equal")
-            self.handle(events.MissionLoaded(package.digest, self._loader.commanders), now)
+            self._keep(package)
+            loader = self._loader
+            self.handle(events.MissionLoaded(package.digest, loader.commanders, loader.out_of_coverage), now)
 
-        self._talk("load", conversation, done, now)
+        conversation = self._copter.load(package.route.upload_items(), package.route.rally)
+        self._conversations.begin("load", conversation, done, now)
+
+    def _load_on_board(self, now: float) -> None:
+        """The package on board, once the autopilot is there and on the ground; again after a while if that failed."""
+        package = self._on_board
+        wanted = package is not None and not self.arbiter.mission_digest and "load" not in self._conversations
+        grounded = self.view.phase is Phase.ON_LOAD and not self.view.armed and self.aircraft.position is not None
+        if package is not None and wanted and grounded and now >= self._on_board_at:
+            self._on_board_at = now + _ON_BOARD_RETRY_S
+            self._load(package, None, now)
+
+    def _keep(self, package: MissionPackage) -> None:
+        if self._store is None:
+            return
+        try:
+            self._store.save_package(package)
+        except OSError as error:
+            self.fault("state file", str(error))
 
     # ---- from the autopilot ---------------------------------------------------------------------------------------
 
@@ -236,11 +387,24 @@ class Companion:
         frame = parse_one(raw)
         if frame is None:
             return
+        if frame.sysid == self.config.sysid and frame.known and frame.msgid == mavlink.MAVLINK_MSG_ID_CONTROL_STATUS:
+            self._on_second_manager(frame)
+            return
         if frame.sysid == self.config.sysid and frame.compid == _AUTOPILOT and frame.known:
+            self._flusher.heard(frame)
             self._take(message, now)
         for port in self.ports.values():
             if self._downlink.wanted(frame, port.sysid, self.view, now):
                 port.write(raw)
+
+    def _on_second_manager(self, frame: Frame) -> None:
+        """Somebody else on board says who is in control. The stations must hear one voice: it goes no further."""
+        manager = bool(frame.payload[0] & mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER)
+        if manager and not self._second_manager_told:
+            self._second_manager_told = True
+            text = f"component {frame.compid} claims to be the system manager too: switch its operator control off"
+            self.journal.write("second_manager", text)
+            self._tell(text[:1].upper() + text[1:] + ".")
 
     def _take(self, message: Any, now: float) -> None:
         kind = message.get_type()
@@ -249,19 +413,22 @@ class Companion:
         if getattr(message, "target_system", 0) in (0, self.config.sysid) and (
             getattr(message, "target_component", 0) in (0, COMPANION_COMPID)
         ):
-            self._with_dialogues(lambda dialogue: dialogue.on_message(message, now))
+            self._conversations.on_message(message, now)
         if kind == "HEARTBEAT":
             if self.aircraft.custom_mode != mode:
                 self.journal.write(
                     "mode", f"mode {_mode_name(self.aircraft.custom_mode)}", mode=_mode_name(self.aircraft.custom_mode)
                 )
             self.handle(events.AutopilotState(self.aircraft.armed, self.aircraft.flying), now)
-        elif kind == "EXTENDED_SYS_STATE":
+        elif kind == "EXTENDED_SYS_STATE" and self.aircraft.heartbeat_at > -math.inf:
+            # before the first heartbeat nothing is known of arming: in flight it would read as disarmed
             self.handle(events.AutopilotState(self.aircraft.armed, self.aircraft.flying), now)
         elif kind == "GLOBAL_POSITION_INT":
             self._check_zones(now)
         elif kind == "TUNNEL" and message.payload_type == GUARD_STATUS_TYPE:
             self._on_guard(message, now)
+        elif kind == "STATUSTEXT":
+            self.preflight.text(message.text)
         elif kind == "MISSION_ITEM_REACHED":
             self._on_reached(message.seq)
         elif kind == "MISSION_CURRENT" and message.seq != waypoint:
@@ -300,8 +467,7 @@ class Companion:
 
     def tick(self, now: float) -> None:
         """To be called often (MAVProxy: at least 50 times a second). What fails in here stops nothing else in here."""
-        self._with_dialogues(lambda dialogue: dialogue.tick(now))
-        self._finish_dialogues(now)
+        self._conversations.tick(now)
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)
         for job, (interval_s, due_at) in self._due.items():
@@ -338,6 +504,24 @@ class Companion:
         self._to_stations(broadcast.control_status(self.view))
         self._send_telemetry(now)
         self._ask_for_streams(now)
+        self._watch_the_clock(now)
+        self._load_on_board(now)
+        self._save()
+        grounded = self.view.phase is Phase.ON_LOAD and not self.aircraft.armed and "start" not in self._conversations
+        firmware = None if self.guard_status is None else self.guard_status.firmware
+        self.preflight.each_second(self.aircraft.heartbeat_at, grounded, self.arbiter.guard(now), firmware, now)
+
+    def _on_preflight(self, finding: Finding, fits: bool) -> None:
+        self.journal.write("preflight", finding.text, parameter=finding.parameter or None, fits=fits)
+        self._tell(f"Preflight: {finding.text}." if fits else f"Preflight WARNING: {finding.text}.")
+
+    def _watch_the_clock(self, now: float) -> None:
+        """Nothing here goes by the wall clock; who reads the journal must know that it was set."""
+        offset_s = time.time() - now
+        if self._clock_offset_s is not None and abs(offset_s - self._clock_offset_s) > _CLOCK_STEP_S:
+            step_s = offset_s - self._clock_offset_s
+            self.journal.write("clock_step", f"the clock was set by {step_s:+.1f} s", step_s=round(step_s, 3))
+        self._clock_offset_s = offset_s
 
     def _ask_for_streams(self, now: float) -> None:
         """Once, when the autopilot falls silent, and for positions alone when somebody has slowed them down."""
@@ -368,7 +552,7 @@ class Companion:
             port = self.ports.get(station or 0)
             if port is not None:
                 message = self.aircraft.telemetry(port.target, int(time.time() * 1e6), zone)
-                port.write(codec.pack(message, self._own))
+                port.send(message)
 
     # ---- the arbiter ----------------------------------------------------------------------------------------------
 
@@ -393,6 +577,8 @@ class Companion:
         self.view = AuthorityView(self.view.phase, None, None, self.view.epoch, LeaseState.LOST, self.view.armed)
         self.journal.write("failed_closed", text, reason="fault")
         self._give_start_up("internal fault")
+        if self.aircraft.flying:
+            self._bring_home(events.Fly(events.FlightAction.RETURN, Reason.FAULT), time.monotonic())
         self._tell(f"INTERNAL FAULT, authority ends here: {text.strip().splitlines()[-1]}")
 
     def fault(self, where: str, text: str) -> None:
@@ -409,11 +595,15 @@ class Companion:
         elif isinstance(action, events.Record):
             self._record(action)
         elif isinstance(action, events.Flush):
-            self._flush(action.station)
+            pass  # done before the view went out
         elif isinstance(action, events.Fly):
             self._bring_home(action, now)
         elif isinstance(action, events.BeginStart):
             self._begin_start(action, now)
+        elif isinstance(action, events.ControlAnswer):
+            self._answer_control(self.ports[action.station], action.result, action.text)
+        elif isinstance(action, events.NotifyOwner):
+            self._notify_owner(action)
         else:
             self._conclude_start(mavlink.MAV_RESULT_TEMPORARILY_REJECTED, "START refused: " + ", ".join(action.needs))
 
@@ -422,13 +612,20 @@ class Companion:
         if not isinstance(action.message, (Connect, ConnectAck)):
             self._journal_message("out", port, action.message, action.attempt)
         message = codec.encode(action.message, port.target, self.config.sysid, self.aircraft.state())
-        port.write_all(codec.pack(message, self._own))
+        port.send(message, everywhere=True)
 
     def _on_view(self, action: events.ViewChanged, now: float) -> None:
+        self._save()
         before, view = self.view, action.view
         self.view, self._reason = view, action.reason
-        if view.commander != before.commander and view.commander in self.ports:
-            self.ports[view.commander].steered = False
+        # Before the lease: the autopilot takes sticks from nobody but its commander, whom the lease names.
+        if before.commander is not None and view.commander != before.commander:
+            self._flush(before.commander, self._flusher.flush(before.commander))
+        successor = None if view.commander == before.commander else self.ports.get(view.commander or 0)
+        if successor is not None and now - successor.heartbeat_at < _HEARTBEAT_FRESH_S:
+            self._write_autopilot(successor.heartbeat)  # the autopilot watches this station from now on
+        if view.armed and not before.armed and view.commander is not None:
+            self._flush(view.commander, self._flusher.parameters())
         self.journal.write(
             "view",
             phase=view.phase.name.lower(),
@@ -455,40 +652,15 @@ class Companion:
         if action.event != "step":
             self._tell(action.text[:1].upper() + action.text[1:] + ".")
 
-    def _flush(self, station: int) -> None:
-        """RC override of the former commander is released in its own name: the autopilot takes it from nobody else."""
-        port = self.ports[station]
-        if not port.steered:
-            return
-        port.steered = False
-        as_station = mavlink.MAVLink(None, srcSystem=station, srcComponent=port.component)
-        release = [0] * 8 + [0xFFFE] * 10  # 0 releases channels 1 to 8, UINT16_MAX - 1 the others
-        message = mavlink.MAVLink_rc_channels_override_message(self.config.sysid, _AUTOPILOT, *release)
-        self._write_autopilot(codec.pack(message, as_station))
-        self.journal.write("flush", f"RC override of {port.name} released", station=port.name)
+    def _flush(self, station: int, closings: list[Closing]) -> None:
+        """What `station` has open at the autopilot is closed, in its own name."""
+        for closing in closings:
+            for raw in closing.frames:
+                self._write_autopilot(raw)
+            name = self.arbiter.name(station)
+            self.journal.write("flush", f"{closing.what} ({name})", station=name, incomplete=closing.incomplete or None)
 
     # ---- conversations with the autopilot -------------------------------------------------------------------------
-
-    def _talk(self, name: str, conversation: Conversation, done: Callable[[Dialogue, float], None], now: float) -> None:
-        """Start a conversation; one of the same name that is still going on is dropped."""
-        self._dialogues[name] = (Dialogue(conversation, self._to_autopilot, now), done)
-
-    def _with_dialogues(self, step: Callable[[Dialogue], None]) -> None:
-        for name, (dialogue, _done) in list(self._dialogues.items()):
-            try:
-                step(dialogue)
-            except Exception as error:
-                self.fault(f"conversation {name}", traceback.format_exc(limit=-3))
-                dialogue.break_off(f"internal fault: {error}")
-
-    def _finish_dialogues(self, now: float) -> None:
-        for name, (dialogue, done) in list(self._dialogues.items()):
-            if dialogue.finished and name in self._dialogues and self._dialogues[name][0] is dialogue:
-                del self._dialogues[name]
-                try:
-                    done(dialogue, now)
-                except Exception:
-                    self.fault(f"end of conversation {name}", traceback.format_exc(limit=-3))
 
     def _begin_start(self, action: events.BeginStart, now: float) -> None:
         port = self.ports[action.station]
@@ -501,7 +673,7 @@ class Companion:
             self._conclude_start(result, f"START failed: {text}" if text else "")
 
         self.journal.write("start_sequence", "GUIDED, arm, AUTO", station=port.name)
-        self._talk("start", self._copter.start(), done, now)
+        self._conversations.begin("start", self._copter.start(), done, now)
 
     def _conclude_start(self, result: int, text: str = "") -> None:
         if self._start_asker is None:
@@ -516,7 +688,7 @@ class Companion:
             self._start_asker = None
 
     def _give_start_up(self, why: str) -> None:
-        if self._dialogues.pop("start", None) is not None:
+        if self._conversations.drop("start"):
             self._conclude_start(mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
 
     def _bring_home(self, action: events.Fly, now: float) -> None:
@@ -527,7 +699,7 @@ class Companion:
             self.journal.write("fly", text, action=action.action.name.lower(), obeyed=dialogue.failure is None)
             self._tell(text[:1].upper() + text[1:] + ".")
 
-        self._talk("home", self._copter.bring_home(action.action), done, now)
+        self._conversations.begin("home", self._copter.bring_home(action.action), done, now)
 
     # ---- out ------------------------------------------------------------------------------------------------------
 
@@ -535,9 +707,8 @@ class Companion:
         self._write_autopilot(codec.pack(message, self._own))
 
     def _to_stations(self, message: Any) -> None:
-        data = codec.pack(message, self._own)
         for port in self.ports.values():
-            port.write(data)
+            port.send(message)
 
     def _journal_message(self, direction: str, port: StationPort, message: Any, attempt: int | None = None) -> None:
         key = message.key

@@ -24,6 +24,7 @@ except ModuleNotFoundError:  # Python 3.10
 from mavproxy_handover.core.events import FlightAction
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Station
+from mavproxy_handover.link.forms import LinkError, parse_device
 
 __all__ = [
     "ConfigError",
@@ -40,7 +41,6 @@ __all__ = [
 
 VEHICLE_PLACES = ("./handover.toml", "/etc/handover/vehicle.toml")
 STATION_PLACES = ("./station.toml",)
-LINK_KINDS = ("udpin", "udpout")
 
 
 class ConfigError(Exception):
@@ -57,6 +57,8 @@ class StationLinks:
     station: Station
     links: tuple[str, ...]
     sysids: frozenset[int]
+    #: file of the key that it signs with; None: its frames are taken unsigned
+    key: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,12 @@ class VehicleConfig:
     stations: tuple[StationLinks, ...]
     limits: Limits
     listen_only_outputs: bool = False
+    #: folder of the state file; None: nothing outlives a restart
+    state: Path | None = None
+    #: folder of a mission package that is on board already; None: the parent sends it
+    mission: Path | None = None
+    #: file of the key that the autopilot was set up with; None: its link is not signed
+    autopilot_key: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +101,8 @@ class StationConfig:
     journal: Path
     ground: str | None
     peers: tuple[PeerConfig, ...] = field(default=())
+    #: file of the key that this station signs with; None: it signs nothing
+    key: Path | None = None
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------
@@ -181,13 +191,10 @@ def _list_of_tables(data: Mapping[str, Any], key: str, path: Path) -> list[_Tabl
 
 def _link(table: _Table, key: str, value: Any) -> str:
     """A link in pymavlink's device form."""
-    form = f"must be one of {', '.join(kind + ':HOST:PORT' for kind in LINK_KINDS)}"
-    parts = value.split(":") if isinstance(value, str) else []
-    if len(parts) != 3 or parts[0] not in LINK_KINDS or not parts[1] or not value.isprintable():
-        raise table.error(key, f"{value!r} {form}")
-    if not parts[2].isdecimal() or len(parts[2]) > 5 or not 1 <= int(parts[2]) <= 65535:
-        raise table.error(key, f"{value!r}: port must be 1 to 65535")
-    return str(value)
+    try:
+        return parse_device(value).text
+    except LinkError as error:
+        raise table.error(key, str(error).removeprefix("link ")) from None
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -203,6 +210,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "step_timeout_s": (0.5, 60),
     "operator_timeout_s": (3, 300),
     "release_timeout_s": (0.5, 30),
+    "forced_timeout_s": (0.2, 10),
     "retry_pause_s": (0.1, 60),
     "denied_pause_s": (0.1, 600),
     "result_timeout_s": (1, 120),
@@ -298,20 +306,35 @@ def load_vehicle(path: Path) -> VehicleConfig:
     journal = vehicle.get("journal", str, "handover.jsonl")
     guard = vehicle.get("guard", bool, True)
     listen_only = vehicle.get("listen_only_outputs", bool, False)
+    state = vehicle.get("state", str, "state")
+    mission = vehicle.get("mission", str)
+    unsigned = vehicle.get("allow_unsigned", bool, False)
+    autopilot_key = vehicle.get("autopilot_key", str)
     vehicle.done()
-    stations = tuple(_station_links(table) for table in _list_of_tables(data, "station", path))
+    stations = tuple(_station_links(table, path.parent, unsigned) for table in _list_of_tables(data, "station", path))
     _unique(path, "station", stations, sysid)
     parents = [entry.station.sysid for entry in stations if entry.station.name == parent_name]
     if not parents:
         known = ", ".join(entry.station.name for entry in stations)
         raise vehicle.error("parent", f"{parent_name!r} must be one of the stations: {known}")
     return VehicleConfig(
-        path, name, sysid, parents[0], path.parent / journal, stations, _limits(data, path, guard), listen_only
+        path=path,
+        name=name,
+        sysid=sysid,
+        parent=parents[0],
+        journal=path.parent / journal,
+        stations=stations,
+        limits=_limits(data, path, guard),
+        listen_only_outputs=listen_only,
+        state=path.parent / state,
+        mission=None if mission is None else path.parent / mission,
+        autopilot_key=None if autopilot_key is None else path.parent / autopilot_key,
     )
 
 
-def _station_links(table: _Table) -> StationLinks:
-    station = Station(table.sysid("sysid"), table.name("name"))
+def _station_links(table: _Table, folder: Path, unsigned: bool) -> StationLinks:
+    standard = not table.get("module", bool, True)
+    station = Station(table.sysid("sysid"), table.name("name"), standard)
     links = table.get("links", list, required=True)
     if not links:
         raise table.error("links", "must name at least one link")
@@ -320,8 +343,13 @@ def _station_links(table: _Table) -> StationLinks:
     for sysid in extra:
         if not isinstance(sysid, int) or isinstance(sysid, bool) or not 1 <= sysid <= 255:
             raise table.error("sysids", f"{sysid!r} must be a MAVLink system id, 1 to 255")
+    key = table.get("key", str)
     table.done()
-    return StationLinks(station, checked, frozenset([station.sysid, *extra]))
+    if key is None and not unsigned:
+        hint = f"'handover keys make {station.name}' makes one; allow_unsigned = true in [vehicle] does without"
+        raise table.error("key", f"is missing: anybody could speak as {station.name}; {hint}")
+    key_path = None if key is None else folder / key
+    return StationLinks(station, checked, frozenset([station.sysid, *extra]), key_path)
 
 
 def _unique(path: Path, what: str, stations: tuple[StationLinks, ...], vehicle: int) -> None:
@@ -358,6 +386,7 @@ def load_station(path: Path) -> StationConfig:
     if consent not in ("automatic", "operator"):
         raise table.error("consent", f"{consent!r} must be one of automatic, operator")
     mission = table.get("mission", str)
+    key = table.get("key", str)
     journal = table.get("journal", str, f"{station.name}.jsonl")
     table.done()
     if vehicle == station.sysid:
@@ -378,14 +407,15 @@ def load_station(path: Path) -> StationConfig:
             raise ConfigError(f"{path}: [[peer]] sysid {sysid} is given twice")
     folder = path.parent
     return StationConfig(
-        path,
-        station,
-        vehicle,
-        consent == "operator",
-        None if mission is None else (folder / mission).resolve(),
-        folder / journal,
-        ground,
-        peers,
+        path=path,
+        station=station,
+        vehicle=vehicle,
+        operator_consents=consent == "operator",
+        mission=None if mission is None else (folder / mission).resolve(),
+        journal=folder / journal,
+        ground=ground,
+        peers=peers,
+        key=None if key is None else folder / key,
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config import VehicleConfig
+from mavproxy_handover.core.events import FlightAction
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.zones import ZoneFinder
@@ -33,6 +34,8 @@ class MissionLoader:
         self.delivery: int | None = None
         #: commanders in the order in which the route needs them
         self.commanders: tuple[int, ...] = ()
+        #: the mission's own policy, None if it has none
+        self.out_of_coverage: FlightAction | None = None
 
     def on_message(
         self, kind: str, message: Any, target: tuple[int, int], welcome: bool
@@ -74,8 +77,14 @@ class MissionLoader:
         """The autopilot holds the package's mission, or `failure` says why not. Returns the answer to the sender."""
         if failure is not None:
             return self._receiver.conclude(package.digest, _REFUSED, failure, target)
+        self.adopt(package)
+        return self._receiver.conclude(package.digest, _LOADED, "", target)
+
+    def adopt(self, package: MissionPackage) -> None:
+        """This is the mission that the autopilot holds."""
         self.package = package
         self.finder = package.zone_finder()
         self.delivery = package.delivery_waypoint
         self.commanders = tuple(package.walk().commanders)
-        return self._receiver.conclude(package.digest, _LOADED, "", target)
+        word = package.policies.get("on_out_of_coverage")
+        self.out_of_coverage = None if word is None else FlightAction[word.upper()]

@@ -20,6 +20,7 @@ import secrets
 import time
 import traceback
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from MAVProxy.modules.lib import mp_module, mp_util
@@ -28,14 +29,23 @@ from mavproxy_handover.commands import VehicleCommands
 from mavproxy_handover.companion import Companion
 from mavproxy_handover.config import ConfigError, VehicleConfig, config_argument, find_vehicle_config, load_vehicle
 from mavproxy_handover.journal import Journal
-from mavproxy_handover.links import LinkError, UdpLink
+from mavproxy_handover.keys import KeysError, load_key
+from mavproxy_handover.link.devices import Device, LinkError
+from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.replay import ReplayStore
+from mavproxy_handover.state_store import StateStore
 from mavproxy_handover.stations import StationPort, open_ports
 from mavproxy_handover.version import VERSION
+from mavproxy_handover.wire.signing import SignedPeer
 
 __all__ = ["HandoverModule", "init"]
 
 #: MAVProxy settings that would let others past the gate -> the value that does not
 _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
+#: MAVProxy's own signed messages use link id 0
+_AUTOPILOT_LINK_ID = 1
 #: the configuration of the last load, for `module reload handover`
 _last_config: list[str] = []
 
@@ -43,16 +53,25 @@ _last_config: list[str] = []
 class HandoverModule(mp_module.MPModule):
     """The vehicle's side of authority handover."""
 
-    def __init__(self, mpstate: Any, config: VehicleConfig, ports: dict[int, StationPort], journal: Journal) -> None:
+    def __init__(
+        self,
+        mpstate: Any,
+        config: VehicleConfig,
+        ports: dict[int, StationPort],
+        journal: Journal,
+        on_board: MissionPackage | None = None,
+    ) -> None:
         super().__init__(mpstate, "handover", "authority handover (companion)", public=True, multi_vehicle=True)
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
+        self._autopilot = None if config.autopilot_key is None else SignedPeer(load_key(config.autopilot_key))
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
-        self.companion = Companion(config, ports, journal, self._write_autopilot, nonce, self._show)
+        store = None if config.state is None else StateStore(config.state, config.name)
+        self.companion = Companion(config, ports, journal, self._write_autopilot, nonce, self._show, store, on_board)
         self._commands = VehicleCommands(self.companion, self._show)
         self._links = [(port, link) for port in ports.values() for link in port.links]
+        self._watched: dict[Device, tuple[int, list[int]]] = {}
         for port, link in self._links:
-            mpstate.select_extra[link.fileno()] = (self._readable, (port, link))
-            mp_util.child_fd_list_add(link.fileno())  # or a map's process would keep the port after `unload`
+            self._watch(port, link)
         self.add_command(
             "handover",
             self._command,
@@ -63,6 +82,24 @@ class HandoverModule(mp_module.MPModule):
         self._close_side_doors(tell=False)
         stations = ", ".join(port.name for port in ports.values())
         self._show(f"handover {VERSION}: {config.name}, stations {stations}, configuration {config.path}")
+        self._replay: ReplayStore | None = None
+        if any(port.peer is not None for port in ports.values()):
+            self._guard_against_replay(config, ports)
+        open_doors = ", ".join(port.name for port in ports.values() if port.peer is None)
+        if open_doors:
+            journal.write("unsigned_allowed", f"frames of {open_doors} are taken unsigned")
+            self._show(f"handover: WARNING: {open_doors} without a key: whoever reaches the link is the station")
+
+    def _guard_against_replay(self, config: VehicleConfig, ports: dict[int, StationPort]) -> None:
+        folder = config.state or config.journal.parent
+        replay = self._replay = ReplayStore(folder / f"{config.name}.replay.json")
+        note = replay.load(time.time())
+        for port in ports.values():
+            if port.peer is not None:
+                replay.attach(port.name, port.peer)
+        if note:
+            self.companion.journal.write("replay_state", note)
+            self._show(f"handover: {note}")
 
     # ---- MAVProxy's callbacks, all wrapped ------------------------------------------------------------------------
 
@@ -74,21 +111,26 @@ class HandoverModule(mp_module.MPModule):
         """A message from the vehicle's side."""
         self._guarded("message of the autopilot", lambda: self.companion.on_autopilot(m, time.monotonic()))
 
-    def _readable(self, where: tuple[StationPort, UdpLink]) -> None:
+    def _readable(self, where: tuple[StationPort, Device]) -> None:
         self._guarded("link", lambda: self._read(*where))
+        self._guarded("link", lambda: self._watch(*where))
 
     def _command(self, args: list[str]) -> None:
         self._guarded("command", lambda: self._commands.run(args), "handover: internal fault, see the journal")
 
     def unload(self) -> None:
         """Give everything back: sockets, command, settings."""
-        for _port, link in self._links:
-            self.mpstate.select_extra.pop(link.fileno(), None)
-            mp_util.child_fd_list_remove(link.fileno())
+        for fileno, held in self._watched.values():
+            self.mpstate.select_extra.pop(fileno, None)
+            for descriptor in held:
+                mp_util.child_fd_list_remove(descriptor)
+        self._links.clear()
         self.remove_command("handover")
         self.mpstate.public_modules.pop("handover", None)
         for name, value in self._kept.items():
             setattr(self.settings, name, value)
+        if self._replay is not None:
+            self._guarded("replay state", self._replay.close)
         self._guarded("unload", self.companion.close)
 
     # ---- behind them ----------------------------------------------------------------------------------------------
@@ -106,12 +148,47 @@ class HandoverModule(mp_module.MPModule):
         for where in self._links:
             self._readable(where)
         self._guarded("side doors", self._close_side_doors)
-        self.companion.tick(time.monotonic())
+        now = time.monotonic()
+        self.companion.tick(now)
+        if self._replay is not None:
+            self._guarded("replay state", partial(self._replay.tick, now))
+        for port in self.companion.ports.values():
+            self._guarded("measuring links", partial(self._measure, port, now))
 
-    def _read(self, port: StationPort, link: UdpLink) -> None:
-        frames = port.read(link)
-        if frames:
-            self.companion.on_station(port, frames, time.monotonic())
+    def _read(self, port: StationPort, link: Device) -> None:
+        now = time.monotonic()
+        frames = port.read(link, now)
+        if frames or port.rejected:
+            self.companion.on_station(port, frames, now)
+
+    def _measure(self, port: StationPort, now: float) -> None:
+        for event in port.tick(now):
+            self.companion.journal.write(
+                "link",
+                event.text,
+                station=port.name,
+                link=event.device,
+                change=event.kind.value,
+                measure=None if event.measure is None else event.measure.value,
+                value=None if event.value is None else round(event.value, 3),
+            )
+
+    def _watch(self, port: StationPort, link: Device) -> None:
+        """Have MAVProxy wait for the descriptor that the link has now: a new connection has a new one."""
+        before, held = self._watched.get(link, (-1, []))
+        fileno, holds = link.fileno(), link.descriptors()
+        if (before, held) == (fileno, holds):
+            return
+        handler = (self._readable, (port, link))
+        if self.mpstate.select_extra.get(before) == handler:  # its number may be another link's by now
+            del self.mpstate.select_extra[before]
+        if fileno >= 0:
+            self.mpstate.select_extra[fileno] = handler
+        for descriptor in held:
+            mp_util.child_fd_list_remove(descriptor)
+        for descriptor in holds:  # or a map's process would keep the port after `unload`
+            mp_util.child_fd_list_add(descriptor)
+        self._watched[link] = (fileno, holds)
 
     def _close_side_doors(self, *, tell: bool = True) -> None:
         for name, value in _SETTINGS.items():
@@ -124,6 +201,8 @@ class HandoverModule(mp_module.MPModule):
             self._show(f"handover: output {output.address} is closed: stations belong in the configuration")
 
     def _write_autopilot(self, data: bytes) -> None:
+        if self._autopilot is not None:  # signed once, here: ids and payload stay the sender's
+            data = self._autopilot.sign(data, _AUTOPILOT_LINK_ID, time.time(), time.monotonic()) or data
         if self.master is not None:  # None after `link remove`
             self.master.write(data)
 
@@ -168,8 +247,9 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
                 f"MAVProxy has outputs ({outputs}): whoever is behind them could pass the gate. Start without --out, "
                 "or set listen_only_outputs = true in [vehicle]",
             )
-        ports = open_ports(settings.stations)
-        module = HandoverModule(mpstate, settings, ports, Journal(settings.journal, settings.name))
+        ports = open_ports(settings.stations, settings.sysid)
+        on_board = None if settings.mission is None else mission_package.load(settings.mission)
+        module = HandoverModule(mpstate, settings, ports, Journal(settings.journal, settings.name), on_board)
     except Exception as error:  # whatever: MAVProxy would not live through it when it loads its default modules
         for port in ports.values():
             for link in port.links:
@@ -183,7 +263,7 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
 
 
 def _why(error: Exception) -> str:
-    if isinstance(error, (ConfigError, LinkError)):
+    if isinstance(error, (ConfigError, KeysError, LinkError, MissionError)):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}"

@@ -4,71 +4,151 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import secrets
+import time
+from collections import Counter, deque
+from math import inf
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config import StationLinks
 from mavproxy_handover.gate.judge import StationIdentity
-from mavproxy_handover.links import LinkError, UdpLink
+from mavproxy_handover.gate.tables import COMPANION_COMPID
+from mavproxy_handover.keys import KeysError, StationKeys, load_station_keys
+from mavproxy_handover.link.bundle import LinkBundle
+from mavproxy_handover.link.devices import Device, LinkError, open_device
+from mavproxy_handover.link.quality import LinkEvent, LinkQuality
+from mavproxy_handover.link.timesync import PROBE_COMPID, probe_message
+from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
 __all__ = ["StationPort", "open_ports"]
+
+#: rejected frames that wait to be journalled; under a flood the newest are enough
+_REJECTED = 32
 
 
 class StationPort:
     """One station: its identity, its links, its counters."""
 
-    def __init__(self, config: StationLinks, links: tuple[UdpLink, ...]) -> None:
+    def __init__(
+        self, config: StationLinks, links: tuple[Device, ...], vehicle_sysid: int, keys: StationKeys | None = None
+    ) -> None:
+        """`keys`: what the station signs with, and is answered in; None: nothing is signed or asked for."""
         self.sysid = config.station.sysid
         self.name = config.station.name
         self.identity = StationIdentity(config.station.sysid, config.sysids)
         self.links = links
         #: component that the station's own messages come from
         self.component = 0
+        #: the station's last heartbeat, and when it came (monotonic s)
+        self.heartbeat = b""
+        self.heartbeat_at = -inf
         #: verdicts by reason, for `handover stations`
         self.verdicts: Counter[str] = Counter()
-        #: the station sent RC override or manual control since it last became commander
-        self.steered = False
-        self._best = 0
+        #: the station's key and what was heard under it; None where there is no key
+        self.peer = None if keys is None else SignedPeer(keys.current, keys.previous)
+        #: frames whose signature did not hold, with the verdict, newest last
+        self.rejected: deque[tuple[Frame, SignatureVerdict]] = deque(maxlen=_REJECTED)
+        self._encoder = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=COMPANION_COMPID)
+        self._probers = [mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID) for _ in links]
+        self._bundle = LinkBundle(links, self._probe, secrets.randbits)
 
     @property
     def target(self) -> tuple[int, int]:
         """System and component to address."""
         return self.sysid, self.component
 
-    def read(self, link: UdpLink) -> list[Frame]:
-        """Frames that arrived on `link`; the link that speaks is the one that is answered on."""
-        frames = link.read()
-        if any(link.owned(frame) for frame in frames):
-            self._best = self.links.index(link)
-        return frames
+    def read(self, link: Device, now: float) -> list[Frame]:
+        """Frames that arrived on `link`: no copies of what came by another link, no answers to probes.
+
+        Frames that name somebody else as their sender are among them: the gate drops and counts those. They do nothing
+        for the link, neither to its measurements nor to the address that it answers.
+        """
+        kept = []
+        for frame in self._bundle.read(link, now):
+            if not self.owned(frame) or (self._signed(link, frame, now) and self._bundle.accept(link, frame, now)):
+                kept.append(frame)
+        return kept
+
+    def _signed(self, link: Device, frame: Frame, now: float) -> bool:
+        """Whether the frame is proven to be the station's, or nothing is asked for."""
+        if self.peer is None:
+            return True
+        verdict = self.peer.check(frame, time.time(), now)
+        if verdict is SignatureVerdict.OK:
+            return True
+        self._bundle.bad_signature(link, now)
+        self.verdicts[f"signature: {verdict.name.lower()}"] += 1
+        self.rejected.append((frame, verdict))
+        return False
+
+    def _sealed(self, data: bytes) -> bytes | None:
+        """As the station gets it: signed with its key. None: it cannot be signed (MAVLink 1)."""
+        if self.peer is None:
+            return data
+        return self.peer.sign(data, 0, time.time(), time.monotonic())
+
+    def send(self, message: Any, *, everywhere: bool = False) -> None:
+        """Send a message of the companion's own: on the best link, or on every one."""
+        data = codec.pack(message, self._encoder)
+        if everywhere:
+            self.write_all(data)
+        else:
+            self.write(data)
+
+    def owned(self, frame: Frame) -> bool:
+        """Whether a frame names the station, or what is behind it, as its sender."""
+        return frame.sysid in self.identity.sysids
 
     def write(self, data: bytes) -> None:
-        """Send on the link that was heard last."""
-        self.links[self._best].write(data)
+        """Send a frame on the best link."""
+        sealed = self._sealed(data)
+        if sealed is not None:
+            self._bundle.write(sealed)
 
     def write_all(self, data: bytes) -> None:
-        """Send on every link: transfer messages must get through."""
-        for link in self.links:
-            link.write(data)
+        """Send a frame on every link: transfer messages must get through."""
+        sealed = self._sealed(data)
+        if sealed is not None:
+            self._bundle.write_all(sealed)
+
+    def tick(self, now: float) -> list[LinkEvent]:
+        """Probe the links and look at what was measured; to be called often. What changed."""
+        return self._bundle.tick(now)
+
+    def quality(self, link: Device, now: float) -> LinkQuality:
+        """What was measured on one link."""
+        return self._bundle.quality(link, now)
+
+    def carries(self, link: Device) -> bool:
+        """Whether what is sent on the best link goes out on this one."""
+        return self._bundle.carries(link)
 
     def close(self) -> None:
         """Close all links."""
-        for link in self.links:
-            link.close()
+        self._bundle.close()
+
+    def _probe(self, number: int, stamp: int) -> bytes:
+        data = codec.pack(probe_message(stamp), self._probers[number])
+        return self._sealed(data) or data
 
 
-def open_ports(configs: tuple[StationLinks, ...]) -> dict[int, StationPort]:
-    """Open every link of every station, or none. Raises LinkError."""
+def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int) -> dict[int, StationPort]:
+    """Open every link of every station, or none. Raises LinkError, KeysError."""
     ports: dict[int, StationPort] = {}
-    opened: list[UdpLink] = []
+    opened: list[Device] = []
     try:
         for config in configs:
             links = []
             for device in config.links:
-                links.append(UdpLink(device, config.sysids))
+                links.append(open_device(device))
                 opened.append(links[-1])
-            ports[config.station.sysid] = StationPort(config, tuple(links))
-    except LinkError:
+            keys = None if config.key is None else load_station_keys(config.key)
+            ports[config.station.sysid] = StationPort(config, tuple(links), vehicle_sysid, keys)
+    except (LinkError, KeysError):
         for link in opened:
             link.close()
         raise

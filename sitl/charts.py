@@ -210,7 +210,7 @@ def _bars(evidence: Evidence, entries: Sequence[Entry], last: float, word: Any, 
         changes = [*(change for change in changes if change[0] < silent_s), (silent_s, _SILENT)]
     for index, (start, text) in enumerate(changes):
         end = changes[index + 1][0] if index + 1 < len(changes) else last
-        fallback = NOBODY_COLOUR if text in (NOBODY, _SILENT) else _PLAIN[index % 2]
+        fallback = {NOBODY: NOBODY_COLOUR, _SILENT: "#C4C4C4"}.get(text, _PLAIN[index % 2])
         bars.append(_Bar(start, end, text.replace("_", " "), palette.get(text, fallback)))
     return bars
 

@@ -12,10 +12,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from math import inf
 
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH
-from sitl.evidence import Evidence
+from sitl.evidence import NOBODY, Evidence
 from sitl.matching import describe, last_line, matches
 from sitl.tables import Match
 from sitl.watch import VEHICLE
@@ -47,7 +48,7 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class Commanders(Expectation):
-    """These stations commanded, in this order; nobody else did, and authority was never lost in between."""
+    """These stations commanded, in this order, and nobody else; where authority was lost stands "nobody"."""
 
     value: tuple[str, ...]
 
@@ -58,20 +59,23 @@ class Commanders(Expectation):
 
 @dataclass(frozen=True, slots=True)
 class Handovers(Expectation):
-    """So many transfers were committed, each with its duration, and so many aborted."""
+    """So many transfers were committed, each with its duration (none longer than `within_s`), and so many aborted."""
 
     committed: int
     aborted: int = 0
+    within_s: float | None = None
 
     def judge(self, evidence: Evidence) -> Verdict:
         done = evidence.of(event="transfer_committed")
         aborted = evidence.of(event="transfer_aborted")
         times = [entry.get("duration_s") for entry in done]
-        timed = all(isinstance(time, (int, float)) and time >= 0 for time in times)
+        most_s = inf if self.within_s is None else self.within_s
+        timed = all(isinstance(time, (int, float)) and 0 <= time <= most_s for time in times)
         shown = ", ".join(f"{time * 1000:.0f} ms" if isinstance(time, (int, float)) else "no time" for time in times)
         seen = f"{len(done)} committed" + (f" ({shown})" if shown else "") + f", {len(aborted)} aborted"
         held = len(done) == self.committed and len(aborted) == self.aborted and timed
-        return Verdict(held, f"handovers: {self.committed} committed, {self.aborted} aborted", seen)
+        limit = "" if self.within_s is None else f" within {self.within_s:g} s"
+        return Verdict(held, f"handovers: {self.committed} committed{limit}, {self.aborted} aborted", seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +102,55 @@ class Count(Expectation):
         parts += [f"at least {self.at_least}"] if self.at_least is not None else []
         parts += [f"at most {self.at_most}"] if self.at_most is not None else []
         return Verdict(held, f"{' and '.join(parts)}: {describe(self.who, self.event, self.match)}", str(number))
+
+
+@dataclass(frozen=True, slots=True)
+class Number(Expectation):
+    """A number in every entry with this source, this event and these values, of which there is at least one."""
+
+    event: str
+    key: str
+    who: str = ""
+    above: float | None = None
+    below: float | None = None
+    match: Match = field(default_factory=Match)
+
+    def __post_init__(self) -> None:
+        if self.above is None and self.below is None:
+            raise ValueError("needs above or below")
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        low, high = (-inf if self.above is None else self.above), (inf if self.below is None else self.below)
+        found = [entry.get(self.key) for entry in evidence.entries if matches(entry, self.who, self.event, self.match)]
+        held = bool(found) and all(isinstance(value, (int, float)) and low < value < high for value in found)
+        limits = [f"above {low:g}"] * (self.above is not None) + [f"below {high:g}"] * (self.below is not None)
+        wanted = f"{self.key} {' and '.join(limits)}: {describe(self.who, self.event, self.match)}"
+        return Verdict(held, wanted, ", ".join(map(str, found)) or "no such entry")
+
+
+@dataclass(frozen=True, slots=True)
+class Memory(Expectation):
+    """The companion's memory grows by less than so much from one moment to another, both named by labels of steps."""
+
+    after: str
+    until: str
+    grows_below_mb: float
+
+    def labels(self) -> tuple[str, ...]:
+        return (self.after, self.until)
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = f"memory grows by less than {self.grows_below_mb:g} MB from '{self.after}' to '{self.until}'"
+        begin, end = evidence.marks.get(self.after), evidence.marks.get(self.until)
+        if begin is None or end is None:
+            return Verdict(False, wanted, "one of the two never came")
+        sizes = [entry.get("resident_kb") for entry in evidence.of(event="memory") if begin <= entry.t <= end]
+        if len(sizes) < 2:
+            return Verdict(False, wanted, "it was not measured")
+        grown = (max(sizes) - sizes[0]) / 1024
+        return Verdict(
+            grown < self.grows_below_mb, wanted, f"{sizes[0] / 1024:.1f} MB, grown by {grown:.1f} MB at most"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,7 +327,8 @@ class OneCommander(Expectation):
     def judge(self, evidence: Evidence) -> Verdict:
         wanted = "one commander at a time, each under a higher epoch"
         changes = evidence.commanders()
-        epochs = [change.epoch for change in changes]
+        # who loses authority loses it under the epoch that it had
+        epochs = [change.epoch for change in changes if change.commander != NOBODY]
         held = bool(epochs) and all(a < b for a, b in pairwise(epochs))
         seen = ", ".join(f"{change.commander} {change.epoch}" for change in changes) or "nobody ever commanded"
         return Verdict(held, wanted, seen)
@@ -306,6 +360,8 @@ EXPECTATIONS: Mapping[str, type[Expectation]] = {
     "commanders": Commanders,
     "handovers": Handovers,
     "count": Count,
+    "number": Number,
+    "memory": Memory,
     "commands": Commands,
     "modes": Modes,
     "mode_within": ModeWithin,

@@ -22,14 +22,16 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
 from sitl.places import SetupError, mission_folder
 from sitl.runner import Order, Result, run
-from sitl.scenario import Scenario, ScenarioError, known_scenarios, load_scenario
+from sitl.scenario import Scenario, ScenarioError, known_scenarios, load_scenario, with_opening
 from sitl.story import Story
 from sitl.vehicles import KINDS, LaunchError, find_arducopter
 
 __all__ = ["main"]
 
-DEFAULT_SPEEDUP = 5.0
-MAX_SPEEDUP = 12.0
+DEFAULT_SPEEDUP = 4.0
+#: A station's heartbeat comes every second of the wall clock, so at a handover up to two seconds pass between the last
+#: one of the old commander and the first one of the new; the autopilot's FS_GCS_TIMEOUT is 10 s of its own time.
+MAX_SPEEDUP = 5.0
 #: what MAVProxy's command line splits or eats
 UNUSABLE = " ;'\"\\"
 _BAD_USAGE = 2
@@ -112,7 +114,7 @@ def _list() -> None:
             text = load_scenario(path).description
         except ScenarioError as error:
             text = f"cannot be used: {error}"
-        print(f"{name:<18} {text}")
+        print(f"{name:<22} {text}")
 
 
 def _order(arguments: argparse.Namespace) -> Order:
@@ -123,9 +125,9 @@ def _order(arguments: argparse.Namespace) -> Order:
     speedup = arguments.speedup if arguments.speedup is not None else scenario.speedup or DEFAULT_SPEEDUP
     if speedup > MAX_SPEEDUP:
         raise SetupError(
-            f"--speedup {speedup:g} is above {MAX_SPEEDUP:g}: the companion sends the lease every 0.2 s of the wall "
-            f"clock, the guard waits HNDO_TIMEOUT 3 s of simulated time for it, so {speedup:g} would leave it "
-            f"{3 / 0.2 / speedup:.1f} leases"
+            f"--speedup {speedup:g} is above {MAX_SPEEDUP:g}: heartbeats (up to 2 s apart at a handover) and leases "
+            f"(0.2 s) follow the wall clock, FS_GCS_TIMEOUT (10 s) and HNDO_TIMEOUT (3 s) simulated time, "
+            f"in which they would be {2 * speedup:g} s and {0.2 * speedup:.3g} s apart"
         )
     if not speedup >= 0.5:
         raise SetupError(f"--speedup {speedup:g} is below 0.5")
@@ -139,6 +141,7 @@ def _order(arguments: argparse.Namespace) -> Order:
     mission = mission_folder(scenario.mission)
     package = packages.load(mission)
     _check_names(scenario, package)
+    scenario = with_opening(scenario, package)
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = (arguments.out or Path("runs") / f"{stamp}-{scenario.name}-{vehicle}").resolve()
     if any(character in str(folder) for character in UNUSABLE):
@@ -149,10 +152,10 @@ def _order(arguments: argparse.Namespace) -> Order:
 def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
     """Stations that the scenario names must be in the mission."""
     names = [station.name for station in package.stations]
-    used = set(scenario.consent)
+    used = {*scenario.consent, *scenario.standard, *scenario.links, *scenario.rogue}
     for step in scenario.steps:
         used.update(step.action.processes())
-    for name in sorted(used - {*names, "companion"}):
+    for name in sorted(used - {*names, "companion", *(["rogue"] if scenario.rogue else [])}):
         raise ScenarioError(
             f"{scenario.name}.toml: {name!r} is no station of mission {package.name!r}: {', '.join(names)}"
         )

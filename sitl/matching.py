@@ -35,9 +35,9 @@ def _equal(value: Any, wanted: Any) -> bool:
 
 def describe(who: str, event: str, match: Match) -> str:
     """The same in words."""
-    parts = [part for part in (who, event) if part]
+    parts = [event.replace("_", " ")] if event else []
     parts += [f"{key} {wanted}" for key, wanted in match.values]
-    return ", ".join(parts) or "anything"
+    return (", ".join(parts) or "anything") + (f" ({who})" if who else "")
 
 
 def last_line(text: str) -> str:

@@ -54,10 +54,11 @@ class Child:
     def __init__(self, name: str, argv: Sequence[str], folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.name = name
+        self.argv, self.folder = tuple(argv), folder
         self.log_path = folder / f"{name}.console.txt"
         self.killed = False
         self.ended_at: float | None = None
-        with self.log_path.open("wb") as log:
+        with self.log_path.open("ab") as log:  # one that is started again goes on where it was
             self._process = subprocess.Popen(
                 list(argv),
                 cwd=folder,
@@ -139,6 +140,15 @@ class Child:
         except (ProcessLookupError, PermissionError):
             pass
 
+    def resident_kb(self) -> int | None:
+        """Memory that it holds (resident set, KiB); None where the system does not tell."""
+        try:
+            status = Path(f"/proc/{self.pid}/status").read_text(encoding="ascii", errors="replace")
+        except OSError:
+            return None
+        sizes = [line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:")]
+        return int(sizes[0]) if sizes else None
+
     def console(self) -> list[str]:
         """The lines of its console so far."""
         return self.log_path.read_text(encoding="utf-8", errors="replace").rstrip().splitlines()
@@ -164,15 +174,20 @@ class Processes:
     def __contains__(self, name: str) -> bool:
         return name in self._children
 
-    def __iter__(self) -> object:
-        return iter(self._children.values())
-
     def start(self, name: str, argv: Sequence[str], folder: Path) -> Child:
         """Start a process under a name that is not in use. Raises OSError when it cannot be started."""
         if name in self._children:
             raise ValueError(f"process {name!r} was started already")
         child = Child(name, argv, folder)
         self._children[name] = child
+        return child
+
+    def restart(self, name: str) -> Child:
+        """Start a process again that was killed. Raises ValueError if it still runs, OSError."""
+        before = self._children[name]
+        if before.alive():
+            raise ValueError(f"process {name!r} still runs")
+        self._children[name] = child = Child(name, before.argv, before.folder)
         return child
 
     def dead(self) -> list[Child]:

@@ -14,14 +14,14 @@ import json
 import select
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from mavproxy_handover.config import ConfigError
-from mavproxy_handover.launch import companion_argv, station_argv
+from mavproxy_handover.keys import KeysError
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.evidence import Evidence
@@ -30,13 +30,14 @@ from sitl.journal_reader import Entry, JournalReader
 from sitl.observer import Observer
 from sitl.places import SetupError, guard_files
 from sitl.processes import Processes, ProcessGone, ending
+from sitl.proxy import give_orders
 from sitl.record import RUN_FILE
 from sitl.scenario import Scenario, Step
 from sitl.steps import Running, Steady, StepFailed
 from sitl.story import Story
 from sitl.vehicles import LaunchError, RunningVehicle, VehicleSpec, launch
 from sitl.watch import Watch
-from sitl.wiring import COMPANION, SYSID, Wiring, lay_out
+from sitl.wiring import COMPANION, IMPAIRMENT, SYSID, Program, Wiring, lay_out
 
 __all__ = ["Order", "Result", "run"]
 
@@ -124,6 +125,9 @@ class _Flight:
         self.vehicle: RunningVehicle | None = None
         self._observer: Observer | None = None
         self._told = 0
+        self._impaired: tuple[str, ...] = ()
+        self._memory_at = 0.0
+        self._memory = (order.folder / "memory.jsonl").open("w", encoding="utf-8", buffering=1)
 
     # ---- what steps see -------------------------------------------------------------------------------------------
 
@@ -142,19 +146,36 @@ class _Flight:
         place, home = self.order.scenario.places[name], self.order.package.route.home
         return offset(home.lat_deg, home.lon_deg, place.east_m, place.north_m)
 
-    def type(self, process: str, line: str) -> None:
+    def _begin_anew(self) -> None:
+        """What a `wait` looks at begins here."""
         self._pump(0.0)
         self.since["typed"] = self.since["last"] = len(self.reader.entries)
+
+    def type(self, process: str, line: str) -> None:
+        self._begin_anew()
         try:
             self.processes[process].type(line)
         except ProcessGone as error:
             raise StepFailed(str(error)) from None
 
     def kill(self, process: str) -> None:
-        self._pump(0.0)
-        self.since["typed"] = self.since["last"] = len(self.reader.entries)
+        self._begin_anew()
         self.processes[process].kill()
         self.kills[process] = time.monotonic()
+
+    def restart(self, process: str) -> None:
+        self._begin_anew()
+        try:
+            self.processes.restart(process)
+        except (ValueError, OSError) as error:
+            raise StepFailed(str(error)) from None
+        del self.kills[process]
+
+    def impair(self, orders: Sequence[str]) -> Callable[[], bool]:
+        self._begin_anew()
+        if IMPAIRMENT not in self.processes:
+            raise StepFailed("no link goes through the proxy: say so by [impair]")
+        return give_orders(self.processes[IMPAIRMENT], self._impaired, orders)
 
     # ---- the three parts of a run ---------------------------------------------------------------------------------
 
@@ -166,9 +187,8 @@ class _Flight:
             self._start_vehicle()
             assert self.vehicle is not None
             self._start_programs(wiring, self.vehicle.companion_master)
-        except (ConfigError, OSError) as error:
+        except (ConfigError, KeysError, OSError) as error:
             raise SetupError(" ".join(str(error).split())) from None
-        self._await_loaded({COMPANION: wiring.companion_journal, **{s.name: s.journal for s in wiring.stations}})
 
     def _start_vehicle(self) -> None:
         order, home = self.order, self.order.package.route.home
@@ -185,31 +205,46 @@ class _Flight:
         try:
             self.vehicle = launch(order.vehicle, spec, order.folder / "vehicle")
         except LaunchError as error:
-            raise SetupError(str(error)) from None
+            # its first line says what, the last one of the vehicle's log why
+            first, *rest = str(error).strip().splitlines()
+            raise SetupError(f"{first} {rest[-1].strip()}" if rest else first) from None
         self._observer = Observer(self.vehicle.monitor, SYSID, order.speedup, order.folder / "vehicle.jsonl")
 
     def _start_programs(self, wiring: Wiring, master: str) -> None:
-        self.reader.follow(wiring.companion_journal)
-        argv = companion_argv(wiring.companion_config, master, wiring.companion_tlog)
-        self.processes.start(COMPANION, argv, wiring.companion_config.parent)
-        for station in wiring.stations:
-            self.reader.follow(station.journal)
-            argv = station_argv(station.config, station.master, station.tlog)
-            self.processes.start(station.name, argv, station.config.parent)
+        self._impaired = wiring.impaired
+        for program in wiring.between:
+            self._start(program)
+        self._await_up(wiring.between)
+        programs = (wiring.companion(master), *(station.program() for station in wiring.stations))
+        for program in programs:
+            self._start(program)
+        self._await_up(programs)
 
-    def _await_loaded(self, journals: Mapping[str, Path]) -> None:
-        """A program that is up has begun its journal. Raises SetupError with what its console said."""
+    def _start(self, program: Program) -> None:
+        if program.journal is not None:
+            self.reader.follow(program.journal)
+        self.processes.start(program.name, program.argv, program.folder)
+
+    def _await_up(self, programs: Sequence[Program]) -> None:
+        """A program that is up has begun its journal, or said that it is ready. Raises SetupError with what its console
+        said."""
         until = time.monotonic() + _LOAD_TIMEOUT_S
-        missing = dict(journals)
+        missing = list(programs)
         while missing:
             self._pump(_POLL_S)
-            missing = {name: path for name, path in missing.items() if not path.exists()}
-            for name in missing:
-                child = self.processes[name]
+            missing = [program for program in missing if not self._is_up(program)]
+            for program in missing:
+                child = self.processes[program.name]
                 trouble = _trouble(child.console())
                 if trouble or not child.alive() or time.monotonic() > until:
                     how = "does not come up" if child.alive() else "ended while starting"
-                    raise SetupError(f"{name} {how}: {trouble or 'it does not say why'} (see {child.log_path})")
+                    text = f"{program.name} {how}: {trouble or 'it does not say why'} (see {child.log_path})"
+                    raise SetupError(text)
+
+    def _is_up(self, program: Program) -> bool:
+        if program.journal is not None:
+            return program.journal.exists()
+        return "ready" in self.processes[program.name].console()
 
     def play(self) -> None:
         """Go through the timeline."""
@@ -218,8 +253,8 @@ class _Flight:
                 self.story.line(step.say, sim_s=self.sim_s())
             trouble = self._do(step)
             if trouble:
-                self.story.line(f"step {step.number} failed: {trouble}", sim_s=self.sim_s())
-                wanted = f"step {step.number}: {step.action.describe()}"
+                self.story.line(f"{step.title} failed: {trouble}", sim_s=self.sim_s())
+                wanted = f"{step.title}: {step.action.describe()}"
                 self.step_verdicts.append(Verdict(False, wanted, trouble))
                 break
         else:
@@ -258,6 +293,7 @@ class _Flight:
         """End everything that was started, whatever has happened."""
         if self._observer is not None:
             self._observer.close()
+        self._memory.close()
         try:
             self.processes.stop_all()
         finally:
@@ -275,6 +311,7 @@ class _Flight:
         else:
             time.sleep(timeout_s)
         self.reader.poll()
+        self._weigh()
         while self._told < len(self.reader.entries):
             entry = self.reader.entries[self._told]
             self._told += 1
@@ -284,6 +321,18 @@ class _Flight:
                 self.deaths[child.name] = ending(child.returncode)
         if self.vehicle is not None and not self.vehicle.alive() and "vehicle" not in self.deaths:
             self.deaths["vehicle"] = "ended"
+
+    def _weigh(self) -> None:
+        """Once a second: the memory of the companion."""
+        now = time.monotonic()
+        if now < self._memory_at or COMPANION not in self.processes:
+            return
+        self._memory_at = now + 1.0
+        size_kb = self.processes[COMPANION].resident_kb()
+        if size_kb is not None:
+            entry = Entry(now, "runner", "memory", "", {"process": COMPANION, "resident_kb": size_kb})
+            self.reader.add([entry])
+            self._memory.write(entry.to_line() + "\n")
 
     def judge(self) -> Result:
         """Judge what was seen."""

@@ -2,12 +2,23 @@
 
 """Scenarios: what is typed, broken and waited for in a simulation, and what must have come of it. Data, not code.
 
-A scenario is a TOML file of `scenarios/`. Its words are the steps of `steps.py` and the expectations of `expect.py`;
-each `[[step]]` and each `[[expect]]` has exactly one of them, plus what any step may have:
+A scenario is a TOML file of `scenarios/`. Its words are the steps of `steps.py` and `fault_steps.py` and the
+expectations of `expect.py`; each `[[step]]` and each `[[expect]]` has exactly one of them, plus what any step may have:
 
     label = "stopped"     a name for the moment at which the step was done (for `mode_within` and the like)
     say = "sentence"      told in the story before the step begins
     timeout_s = 60        simulated seconds the step may take; timeout_wall_s: the same in seconds of the wall clock
+
+Before the steps stands what the flight is made of, where that differs from the plain one:
+
+    begin = "start"                common opening, so far: "connected", "loaded" or "start"
+    consent = {GCSA = "operator"}  its operator is asked
+    standard = ["GCSA"]            speaks the MAVLink standard only
+    on_board = true                the mission package is there before the flight
+    signed = true                  a key for each station
+    links = {GCSA = ["wifi", "lte"]}   several links to the vehicle
+    impair = {links = ["air", "ground"], seed = 7, loss = 0.2}   through the proxy; any value of Weather
+    rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
 
 Places are metres north and east of home, so that a scenario goes with more than one mission; `{name}` in a typed line
 stands for a place's latitude and longitude. Unknown keys, stations and places are refused with file and key.
@@ -18,30 +29,54 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.mission.package import MissionPackage
 from sitl.expect import EXPECTATIONS, Expectation
+from sitl.fault_steps import FAULT_STEPS
+from sitl.impairment import Weather
+from sitl.opening import BEGINNINGS, opening
 from sitl.places import SCENARIOS
 from sitl.steps import STEPS, Action
-from sitl.tables import Reader, ScenarioError
+from sitl.tables import Match, Reader, ScenarioError
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
-__all__ = ["Place", "Scenario", "ScenarioError", "Step", "known_scenarios", "load_scenario", "parse_scenario"]
+__all__ = [
+    "Impairments",
+    "Place",
+    "Scenario",
+    "ScenarioError",
+    "Step",
+    "known_scenarios",
+    "load_scenario",
+    "parse_scenario",
+    "with_opening",
+]
 
 DEFAULT_TIMEOUT_S = 120.0
 CONSENTS = ("automatic", "operator")
+WORDS: Mapping[str, type[Action]] = {**STEPS, **FAULT_STEPS}
+#: what goes through the proxy: links of the vehicle, links between stations
+IMPAIRED = ("air", "ground")
 _KEYS = (
     "name",
     "description",
     "mission",
     "speedup",
+    "begin",
     "consent",
+    "standard",
+    "on_board",
+    "signed",
+    "links",
+    "impair",
+    "rogue",
     "limits",
     "policy",
     "parameters",
@@ -62,7 +97,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of the timeline. Exactly one of the two time limits is set."""
+    """One step of the timeline. At most one of the two time limits is set. Number 0: of the common opening."""
 
     number: int
     action: Action
@@ -70,6 +105,26 @@ class Step:
     say: str = ""
     timeout_s: float | None = DEFAULT_TIMEOUT_S
     timeout_wall_s: float | None = None
+
+    @property
+    def title(self) -> str:
+        """How to name it to people."""
+        return f"step {self.number}" if self.number else "opening"
+
+
+@dataclass(frozen=True, slots=True)
+class Impairments:
+    """Which kinds of link go through the proxy, and what they are like from the beginning, both ways."""
+
+    links: tuple[str, ...]
+    seed: int = 1
+    match: Match = field(default_factory=Match)
+
+    def __post_init__(self) -> None:
+        for kind in self.links:
+            if kind not in IMPAIRED:
+                raise ValueError(f"links: {kind!r} must be one of {', '.join(IMPAIRED)}")
+        Weather().changed(**dict(self.match.values))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +147,19 @@ class Scenario:
     places: Mapping[str, Place]
     #: what the scenario wants, if it wants one
     speedup: float | None = None
+    #: how far the common opening goes (`sitl.opening`); empty: the scenario does that itself
+    begin: str = ""
+    #: stations that speak the MAVLink standard only
+    standard: tuple[str, ...] = ()
+    #: vehicle and stations have the mission package before they start
+    on_board: bool = False
+    #: every station has a key, and its links are signed
+    signed: bool = False
+    #: station -> names of its links to the vehicle; those not named have one
+    links: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    impair: Impairments | None = None
+    #: stations in whose links to the vehicle the rogue sits
+    rogue: tuple[str, ...] = ()
 
 
 def known_scenarios(folder: Path = SCENARIOS) -> dict[str, Path]:
@@ -124,8 +192,8 @@ def parse_scenario(text: str, file: str) -> Scenario:
         for name, table in reader.table(data, "places", {}).items()
     }
     speedup = reader.value(data, "speedup", float, None)
-    if speedup is not None and not 0.1 <= speedup <= 12:
-        raise reader.error("speedup", f"{speedup:g} must be 0.1 to 12")
+    if speedup is not None and not 0.5 <= speedup <= 5:
+        raise reader.error("speedup", f"{speedup:g} must be 0.5 to 5")
     steps = tuple(
         _step(reader.at(f"step {number}"), number, table, places)
         for number, table in enumerate(reader.tables(data, "step"), 1)
@@ -149,7 +217,30 @@ def parse_scenario(text: str, file: str) -> Scenario:
         parameters=reader.at("parameters").numbers(reader.table(data, "parameters", {})),
         places=places,
         speedup=speedup,
+        begin=_begin(reader, data),
+        standard=reader.value(data, "standard", tuple[str, ...], ()),
+        on_board=reader.value(data, "on_board", bool, False),
+        signed=reader.value(data, "signed", bool, False),
+        links=reader.at("links").lists(reader.table(data, "links", {})),
+        impair=reader.at("impair").build(Impairments, data["impair"]) if "impair" in data else None,
+        rogue=reader.value(data, "rogue", tuple[str, ...], ()),
     )
+
+
+def _begin(reader: Reader, data: Mapping[str, Any]) -> str:
+    word: str = reader.value(data, "begin", str, "")
+    if word and word not in BEGINNINGS:
+        raise reader.error("begin", f"{word!r} must be one of {', '.join(BEGINNINGS)}")
+    return word
+
+
+def with_opening(scenario: Scenario, package: MissionPackage) -> Scenario:
+    """The scenario with the steps of its opening, whose number is 0."""
+    if not scenario.begin:
+        return scenario
+    opened = opening(scenario.begin, package, scenario.standard, on_board=scenario.on_board)
+    steps = (Step(0, action, "", say, simulated, wall) for action, simulated, wall, say in opened)
+    return replace(scenario, steps=(*steps, *scenario.steps))
 
 
 def _consent(reader: Reader, data: Mapping[str, Any]) -> dict[str, str]:
@@ -162,8 +253,8 @@ def _consent(reader: Reader, data: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _step(reader: Reader, number: int, table: Mapping[str, Any], places: Mapping[str, Place]) -> Step:
-    verb, value = reader.one_of(table, STEPS, _STEP_KEYS)
-    action = reader.at(verb).build(STEPS[verb], value)
+    verb, value = reader.one_of(table, WORDS, _STEP_KEYS)
+    action = reader.at(verb).build(WORDS[verb], value)
     for name in action.places():
         if name not in places:
             raise reader.error(verb, f"place {name!r} is not among [places]: {', '.join(places) or 'there are none'}")

@@ -2,6 +2,8 @@
 
 """The words of a scenario's timeline: what is done, and what is waited for. A small fixed vocabulary.
 
+What breaks processes and links is in `fault_steps.py`.
+
 `begin` does what the step does and returns a `Running`, which the runner asks again and again until it is done or the
 step's time is over. A `wait` looks at what the journals got since a line was last typed or a process killed; with
 `since = "last"` since the entry that the wait before it found, with `since = "begin"` at the whole run. An entry
@@ -14,7 +16,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -24,7 +26,7 @@ from sitl.matching import describe, matches
 from sitl.tables import Match
 from sitl.watch import Watch
 
-__all__ = ["STEPS", "Action", "Running", "Stage", "StepFailed"]
+__all__ = ["STEPS", "Action", "Running", "Stage", "StepFailed", "done_at_once"]
 
 #: from where a `wait` may look
 SINCE = ("typed", "last", "begin")
@@ -63,6 +65,12 @@ class Stage(Protocol):
     def kill(self, process: str) -> None:
         """Kill a process. Raises StepFailed."""
 
+    def restart(self, process: str) -> None:
+        """Start a process again that was killed. Raises StepFailed."""
+
+    def impair(self, orders: Sequence[str]) -> Callable[[], bool]:
+        """Give the proxies orders; the function tells whether all are carried out. Both raise StepFailed."""
+
 
 @dataclass(slots=True)
 class Running:
@@ -74,7 +82,8 @@ class Running:
     at: float | None = None
 
 
-def _now() -> bool:
+def done_at_once() -> bool:
+    """For steps that take no time."""
     return True
 
 
@@ -140,7 +149,7 @@ class Wait(Action):
 
 @dataclass(frozen=True, slots=True)
 class Type(Action):
-    """A line typed at a station's console; {place} stands for its latitude and longitude."""
+    """A line typed at the console of a station or of the rogue; {place} stands for its latitude and longitude."""
 
     station: str
     line: str
@@ -159,24 +168,7 @@ class Type(Action):
             return "{:.7f} {:.7f}".format(*stage.place(found.group(1)))
 
         stage.type(self.station, _PLACE.sub(coordinates, self.line))
-        return Running(_now)
-
-
-@dataclass(frozen=True, slots=True)
-class Kill(Action):
-    """A process killed with SIGKILL: "companion" or a station's name."""
-
-    value: str
-
-    def processes(self) -> tuple[str, ...]:
-        return (self.value,)
-
-    def describe(self) -> str:
-        return f"{self.value} is killed"
-
-    def begin(self, stage: Stage) -> Running:
-        stage.kill(self.value)
-        return Running(_now)
+        return Running(done_at_once)
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,7 +375,6 @@ def _flight(watch: Watch) -> str:
 STEPS: Mapping[str, type[Action]] = {
     "wait": Wait,
     "type": Type,
-    "kill": Kill,
     "pause_s": Pause,
     "steady": Steady,
     "wait_ready": WaitReady,

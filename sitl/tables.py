@@ -95,6 +95,10 @@ class Reader:
         """A table of texts."""
         return {key: self._convert(key, value, str) for key, value in table.items()}
 
+    def lists(self, table: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
+        """A table of lists of texts."""
+        return {key: self._convert(key, value, tuple[str, ...]) for key, value in table.items()}
+
     def one_of(self, table: Mapping[str, Any], words: Iterable[str], beside: Iterable[str]) -> tuple[str, Any]:
         """The one key of `words` that the table has, and its value; keys of `beside` may stand next to it."""
         words, beside = list(words), list(beside)

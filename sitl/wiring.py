@@ -2,59 +2,194 @@
 
 """Who is connected to whom in a simulation: ports, configuration files, command lines.
 
-    vehicle  <- TCP ->  companion  - UDP ->  each station's own port (the station listens, the companion speaks first)
+    vehicle  <- TCP ->  companion  - UDP ->  each station's own ports (the station listens, the companion speaks first)
     station  - UDP ->  every other station's ground port
 
-The files are the ones a real vehicle and a real station have, and the command lines are those of `handover companion`
-and `handover station`: what flies here is what flies there.
+Where the scenario asks for it the proxy stands in these links, or the rogue in the vehicle's: both listen where the one
+end sends and pass on to where the other one listens. The files are the ones a real vehicle and a real station have, and
+the command lines are those of `handover companion` and `handover station`: what flies here is what flies there.
 """
 
 from __future__ import annotations
 
 import json
+import secrets
+import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.keys import key_path, write_key
+from mavproxy_handover.launch import companion_argv, station_argv
+from mavproxy_handover.mission.package import MissionPackage, StationEntry
+from sitl.impairment import Weather
 from sitl.ports import LOOPBACK, PortPicker
 from sitl.scenario import Scenario
 
-__all__ = ["COMPANION", "COMPANION_NAME", "StationWires", "Wiring", "lay_out"]
+__all__ = ["COMPANION", "COMPANION_NAME", "IMPAIRMENT", "ROGUE", "Program", "StationWires", "Wiring", "lay_out"]
 
 #: name of the companion's process, and its name in journals
 COMPANION, COMPANION_NAME = "companion", "drone-1"
+#: names of the processes that stand in links
+IMPAIRMENT, ROGUE = "impairment", "rogue"
 SYSID = 1
 
 
 @dataclass(frozen=True, slots=True)
-class StationWires:
-    """A station's files and addresses. `master` is where its MAVProxy listens."""
+class Program:
+    """A process to start: `journal` is None for one that keeps none and says "ready" on its console instead."""
 
     name: str
+    argv: tuple[str, ...]
+    folder: Path
+    journal: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class StationWires:
+    """A station's files and addresses. `masters` is where it listens for the vehicle, one for each link."""
+
+    name: str
+    sysid: int
+    folder: Path
     config: Path
-    master: str
-    journal: Path
-    tlog: Path
+    masters: tuple[int, ...]
+    standard: bool
+    key: Path | None = None
+
+    @property
+    def journal(self) -> Path:
+        """Its journal."""
+        return self.folder / f"{self.name}.jsonl"
+
+    def program(self) -> Program:
+        """What runs there."""
+        if self.standard:
+            argv = [sys.executable, "-m", "sitl.standard_gcs", "--name", self.name, "--sysid", str(self.sysid)]
+            argv += ["--vehicle", str(SYSID), "--listen", str(self.masters[0]), "--journal", str(self.journal)]
+            argv += [] if self.key is None else ["--key", str(self.key)]
+        else:
+            first, *others = (f"udpin:{LOOPBACK}:{port}" for port in self.masters)
+            argv = station_argv(self.config, first, self.folder / f"{self.name}.tlog")
+            argv += [f"--master={other}" for other in others]
+        return Program(self.name, tuple(argv), self.folder, self.journal)
 
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
     """All files and addresses of a run."""
 
+    folder: Path
     companion_config: Path
-    companion_journal: Path
-    companion_tlog: Path
     stations: tuple[StationWires, ...]
+    #: in the order in which they are to be started, before companion and stations
+    between: tuple[Program, ...] = ()
+    #: links that go through the proxy
+    impaired: tuple[str, ...] = ()
+
+    def companion(self, master: str) -> Program:
+        """The companion, with the autopilot at `master`."""
+        home = self.companion_config.parent
+        argv = companion_argv(self.companion_config, master, home / f"{COMPANION}.tlog")
+        return Program(COMPANION, tuple(argv), home, home / f"{COMPANION}.jsonl")
+
+
+class _Between:
+    """Puts proxies and the rogue in links while those are laid."""
+
+    def __init__(self, ports: PortPicker, scenario: Scenario) -> None:
+        self._ports = ports
+        self._scenario = scenario
+        self.proxies: list[dict[str, Any]] = []
+        self.taps: list[dict[str, Any]] = []
+
+    def _impaired(self, kind: str) -> bool:
+        return self._scenario.impair is not None and kind in self._scenario.impair.links
+
+    def air(self, station: str, name: str, target: int) -> int:
+        """Where the companion sends for a link that ends at `target`."""
+        if self._impaired("air"):
+            self.proxies.append({"name": name, "listen": self._ports.udp(), "target": target})
+            target = self.proxies[-1]["listen"]
+        if station in self._scenario.rogue:
+            self.taps.append({"name": station, "listen": self._ports.udp(), "target": target})
+            target = self.taps[-1]["listen"]
+        return target
+
+    def ground(self, name: str, target: int) -> int:
+        """Where one station sends to reach another one at `target`."""
+        if not self._impaired("ground"):
+            return target
+        self.proxies.append({"name": name, "listen": self._ports.udp(), "target": target})
+        listen: int = self.proxies[-1]["listen"]
+        return listen
+
+    def programs(self, folder: Path) -> tuple[Program, ...]:
+        """Proxy and rogue with their configuration files. Raises OSError."""
+        programs = []
+        if self.proxies:
+            assert self._scenario.impair is not None
+            weather = asdict(replace(Weather(), **dict(self._scenario.impair.match.values)))
+            links = [{**proxy, "up": weather, "down": weather} for proxy in self.proxies]
+            home = folder / IMPAIRMENT
+            config = _write(home / f"{IMPAIRMENT}.toml", {"link": links}, {"seed": self._scenario.impair.seed})
+            argv = (sys.executable, "-m", "sitl.impairment", "--config", str(config))
+            programs.append(Program(IMPAIRMENT, argv, home))
+        if self.taps:
+            home = folder / ROGUE
+            journal = home / f"{ROGUE}.jsonl"
+            config = _write(home / f"{ROGUE}.toml", {"link": self.taps}, {"journal": str(journal), "vehicle": SYSID})
+            argv = (sys.executable, "-m", "sitl.rogue", "--config", str(config))
+            programs.append(Program(ROGUE, argv, home, journal))
+        return tuple(programs)
 
 
 def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scenario) -> Wiring:
-    """Write the configuration files of companion and stations into `folder`. Raises OSError."""
+    """Write the configuration files of all programs into `folder`. Raises OSError."""
     ports = PortPicker()
-    vehicle_ports = {station.name: ports.udp() for station in package.stations}
-    ground_ports = {station.name: ports.udp() for station in package.stations}
-    companion = folder / COMPANION
+    between = _Between(ports, scenario)
+    ground = {station.name: ports.udp() for station in package.stations}
+    keys = _make_keys(folder / "keys", package) if scenario.signed else {}
+    entries, stations = [], []
+    for station in package.stations:
+        labels = scenario.links.get(station.name, ("",))
+        masters = tuple(ports.udp() for _ in labels)
+        sends = [
+            between.air(station.name, f"air-{station.name}" + (f"-{label}" if label else ""), master)
+            for label, master in zip(labels, masters, strict=True)
+        ]
+        entry: dict[str, Any] = {
+            "name": station.name,
+            "sysid": station.sysid,
+            "links": [f"udpout:{LOOPBACK}:{port}" for port in sends],
+        }
+        standard = station.name in scenario.standard
+        if standard:
+            entry["module"] = False
+        if station.name in keys:
+            entry["key"] = str(keys[station.name])
+        entries.append(entry)
+        home = folder / station.name
+        config = home / f"{station.name}.toml"
+        if not standard:
+            tables = _station(station, package, mission, scenario, keys, ground, between)
+            config = _write(config, tables)
+        stations.append(
+            StationWires(station.name, station.sysid, home, config, masters, standard, keys.get(station.name))
+        )
+    return Wiring(
+        folder,
+        _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(package, mission, scenario, entries)),
+        tuple(stations),
+        between.programs(folder),
+        tuple(proxy["name"] for proxy in between.proxies),
+    )
+
+
+def _vehicle(
+    package: MissionPackage, mission: Path, scenario: Scenario, stations: list[dict[str, Any]]
+) -> dict[str, Any]:
     vehicle: dict[str, Any] = {
         "name": COMPANION_NAME,
         "sysid": SYSID,
@@ -62,55 +197,72 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         "journal": f"{COMPANION}.jsonl",
         "guard": True,
     }
-    links = [
-        {"name": station.name, "sysid": station.sysid, "links": [f"udpout:{LOOPBACK}:{vehicle_ports[station.name]}"]}
-        for station in package.stations
-    ]
-    tables: dict[str, Any] = {"vehicle": vehicle, "station": links}
+    if not scenario.signed:
+        vehicle["allow_unsigned"] = True
+    if scenario.on_board:
+        vehicle["mission"] = str(mission)
+    tables: dict[str, Any] = {"vehicle": vehicle, "station": stations}
     if scenario.limits:
         tables["limits"] = scenario.limits
     if scenario.policy:
         tables["policy"] = scenario.policy
-    companion_config = _write(companion / "companion.toml", tables)
-    stations = []
+    return tables
+
+
+def _station(
+    station: StationEntry,
+    package: MissionPackage,
+    mission: Path,
+    scenario: Scenario,
+    keys: Mapping[str, Path],
+    ground: Mapping[str, int],
+    between: _Between,
+) -> dict[str, Any]:
+    own: dict[str, Any] = {
+        "name": station.name,
+        "sysid": station.sysid,
+        "vehicle": SYSID,
+        "consent": scenario.consent.get(station.name, "automatic"),
+        "journal": f"{station.name}.jsonl",
+    }
+    if station == package.parent or scenario.on_board:
+        own["mission"] = str(mission)
+    if station.name in keys:
+        own["key"] = str(keys[station.name])
+    peers = []
+    for other in package.stations:
+        if other == station or other.name in scenario.standard:
+            continue
+        port = between.ground(f"ground-{station.name}-{other.name}", ground[other.name])
+        peers.append({"name": other.name, "sysid": other.sysid, "link": f"udpout:{LOOPBACK}:{port}"})
+    listen = {"listen": f"udpin:{LOOPBACK}:{ground[station.name]}"}
+    return {"station": own, "ground": listen, "peer": peers}
+
+
+def _make_keys(folder: Path, package: MissionPackage) -> dict[str, Path]:
+    """A new key for each station."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = {}
     for station in package.stations:
-        own = {
-            "name": station.name,
-            "sysid": station.sysid,
-            "vehicle": SYSID,
-            "consent": scenario.consent.get(station.name, "automatic"),
-            "journal": f"{station.name}.jsonl",
-        }
-        if station == package.parent:
-            own["mission"] = str(mission)
-        peers = [
-            {"name": other.name, "sysid": other.sysid, "link": f"udpout:{LOOPBACK}:{ground_ports[other.name]}"}
-            for other in package.stations
-            if other != station
-        ]
-        ground = {"listen": f"udpin:{LOOPBACK}:{ground_ports[station.name]}"}
-        home = folder / station.name
-        config = _write(home / f"{station.name}.toml", {"station": own, "ground": ground, "peer": peers})
-        stations.append(
-            StationWires(
-                station.name,
-                config,
-                f"udpin:{LOOPBACK}:{vehicle_ports[station.name]}",
-                home / f"{station.name}.jsonl",
-                home / f"{station.name}.tlog",
-            )
-        )
-    return Wiring(companion_config, companion / f"{COMPANION}.jsonl", companion / f"{COMPANION}.tlog", tuple(stations))
+        paths[station.name] = key_path(folder, station.name)
+        write_key(paths[station.name], secrets.token_bytes(32))
+    return paths
 
 
-def _write(path: Path, tables: Mapping[str, Any]) -> Path:
-    lines: list[str] = []
+def _write(path: Path, tables: Mapping[str, Any], head: Mapping[str, Any] | None = None) -> Path:
+    lines: list[str] = [f"{key} = {_toml(entry)}" for key, entry in (head or {}).items()]
     for name, value in tables.items():
         for table in value if isinstance(value, list) else [value]:
             lines.append(f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
-            # JSON's numbers, texts, truth values and lists of them are TOML's as well
-            lines += [f"{key} = {json.dumps(entry, ensure_ascii=False)}" for key, entry in table.items()]
+            lines += [f"{key} = {_toml(entry)}" for key, entry in table.items()]
             lines.append("")
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines), encoding="utf-8")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
+
+
+def _toml(value: Any) -> str:
+    """JSON's numbers, texts, truth values and lists of them are TOML's as well; a table is written in one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + "}"
+    return json.dumps(value, ensure_ascii=False)

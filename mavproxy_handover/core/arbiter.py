@@ -21,14 +21,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
+from mavproxy_handover.core.control import ControlFacts, Effect, judge_control
 from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
     BeginStart,
     Cancel,
+    ControlAnswer,
+    ControlRequested,
     Event,
     FlightAction,
     Flush,
@@ -36,6 +39,7 @@ from mavproxy_handover.core.events import (
     GuardSeen,
     GuardState,
     MissionLoaded,
+    NotifyOwner,
     PositionSeen,
     Record,
     Send,
@@ -47,7 +51,15 @@ from mavproxy_handover.core.events import (
     ViewChanged,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Connect, ConnectAck, DroneConnected, HandoverResult, OnHandover, TransferKey
+from mavproxy_handover.core.messages import (
+    Connect,
+    ConnectAck,
+    DroneConnected,
+    HandoverResult,
+    Message,
+    OnHandover,
+    TransferKey,
+)
 from mavproxy_handover.core.model import (
     PROTOCOL_VERSION,
     AuthorityView,
@@ -59,8 +71,10 @@ from mavproxy_handover.core.model import (
 )
 from mavproxy_handover.core.phases import PHASES, PhaseCause
 from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.results import Results
 from mavproxy_handover.core.safety import NOTHING_WRONG, Decision, Situation, decide
-from mavproxy_handover.core.transfer import Cause, End, Transfer, cause_of
+from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.transfer import Cause, End, Step, Transfer, cause_of
 from mavproxy_handover.core.zones import ZoneTracker
 
 __all__ = ["Arbiter", "Identity"]
@@ -76,21 +90,21 @@ class Identity:
     nonce: int = 1
 
 
-@dataclass(slots=True)
-class _PendingResult:
-    """A result that a station has not yet shown to know."""
+#: least and longest time that a request of operator control may wait for the owner (MAVLink: 3 to 60 s)
+_REQUEST_S = (3.0, 60.0)
+#: a transfer that ended because somebody did not want it
+_OPERATORS_WORD = (Reason.COMMANDER_DENIED, Reason.PARTNER_REFUSED, Reason.CANCELLED)
 
-    result: HandoverResult
-    retry_at: float
-    pause_s: float
-    give_up_at: float
-    attempt: int = 1
+
+def _request_s(wanted_s: float) -> float:
+    return min(max(wanted_s, _REQUEST_S[0]), _REQUEST_S[1])
 
 
 class Arbiter:
     """Authority over one vehicle. Pure: no clock, no I/O; not safe for threads."""
 
-    def __init__(self, identity: Identity, limits: Limits | None = None) -> None:
+    def __init__(self, identity: Identity, limits: Limits | None = None, restored: Snapshot | None = None) -> None:
+        """`restored`: what a run before this one left behind; nobody commands until its owner is heard again."""
         self._identity = identity
         self._limits = limits or Limits()
         self._names = {station.sysid: station.name for station in identity.stations}
@@ -105,8 +119,7 @@ class Arbiter:
         self._phase = Phase.ON_LOAD
         self._transfer: Transfer | None = None
         self._handover_id = 0
-        self._last_result: HandoverResult | None = None
-        self._pending: dict[int, _PendingResult] = {}
+        self._results = Results(self._limits)
         self._retry_after: dict[int, float] = {}
         self._route: tuple[int, ...] = ()
         self._route_at = 0
@@ -123,9 +136,32 @@ class Arbiter:
         self._emergency: Decision = NOTHING_WRONG
         self._judged_at = -inf
         self._stale_told = False
+        self._takeover_allowed = False
+        #: the owner gave up control on the ground: nobody gets it without asking
+        self._released = False
+        #: until then the owner of the run before may come back; None in a run that began without one
+        self._recover_until: float | None = None
         self._view = AuthorityView()
+        if restored is not None:
+            self._restore(restored)
         #: what was dropped, by cause
         self.dropped: Counter[str] = Counter()
+
+    def _restore(self, restored: Snapshot) -> None:
+        self._epoch = restored.epoch + 1
+        self._handover_id = restored.handover_id
+        if restored.phase is not Phase.ON_LOAD:  # on the ground everything begins anew, but for the numbers
+            self._digest, self._route, self._route_at = restored.digest, restored.route, restored.route_at
+            self._takeover_allowed = restored.takeover_allowed
+            if restored.out_of_coverage is not None:
+                self._limits = replace(self._limits, out_of_coverage=restored.out_of_coverage)
+            self._phase = Phase.ON_MISSION if restored.phase is Phase.ON_HANDOVER else restored.phase
+            if self._phase is Phase.EMERGENCY:  # its cause is judged anew: this one is over when none is found
+                self._emergency = Decision(FlightAction.WARN, Reason.RESTARTED)
+            if restored.owner in self._presence:
+                self._owner, self._owner_lost = restored.owner, True
+                self._recover_until = inf  # the clock starts with the first event
+        self._refresh(Reason.RESTARTED, [])
 
     # ---- what others may look at ----------------------------------------------------------------------------------
 
@@ -138,6 +174,20 @@ class Arbiter:
     def mission_digest(self) -> bytes:
         """SHA-256 of the mission package that the autopilot holds; empty before one is loaded."""
         return self._digest
+
+    def snapshot(self) -> Snapshot:
+        """What a run after this one needs to know."""
+        return Snapshot(
+            self._owner,
+            self._epoch,
+            self._handover_id,
+            self._phase,
+            self._route_at,
+            self._digest,
+            self._route,
+            self._takeover_allowed,
+            self._limits.out_of_coverage,
+        )
 
     def name(self, sysid: int | None) -> str:
         """A station's name, for people."""
@@ -173,6 +223,8 @@ class Arbiter:
         What has run out by then runs out before the event counts, even if the caller's tick is late.
         """
         actions: list[Action] = []
+        if self._recover_until == inf:
+            self._recover_until = now + self._limits.heartbeat_lost_s
         self._expire(now, actions)
         if isinstance(event, StationHeard):
             self._on_heard(event.station, now, actions)
@@ -192,6 +244,8 @@ class Arbiter:
             self._on_start_finished(event, actions)
         elif isinstance(event, Cancel):
             self._on_cancel(event.station, now, actions)
+        elif isinstance(event, ControlRequested):
+            self._on_control(event, now, actions)
         self._speak(now, actions)
         self._judge_safety(now, actions)
         self._ask_around(now, actions)
@@ -200,9 +254,11 @@ class Arbiter:
     def next_deadline(self) -> float | None:
         """When `Tick` is due at the latest (monotonic s); None if nothing is pending."""
         times = [presence.ask_at for presence in self._presence.values()]
-        times += [min(pending.retry_at, pending.give_up_at) for pending in self._pending.values()]
+        times += self._results.deadlines()
         if self._owner is not None and not self._owner_lost:
             times.append(self._presence[self._owner].lost_at())
+        if self._recover_until is not None and self._recover_until != inf:
+            times.append(self._recover_until)
         if self._transfer is not None:
             times += [self._transfer.retry_at, self._transfer.timeout_at]
             times.append(self._presence[self._transfer.key.to_station].lost_at())
@@ -223,20 +279,23 @@ class Arbiter:
             return
         if not presence.alive(now):
             actions.append(Record("station_heard", f"{self.name(station)} is heard", station=station))
-            presence.ask_at = now
+            if not self._standard(station):
+                presence.ask_at = now
         presence.heard_at = now
         if station == self._owner and self._owner_lost:
-            self._owner_lost = False
+            self._on_return(station, now, actions)
+
+    def _on_return(self, station: int, now: float, actions: list[Action]) -> None:
+        """The owner is heard again. After a restart the epoch has risen already."""
+        self._end_by(Cause.COMMANDER_RETURNED, now, actions)
+        self._owner_lost = False
+        if self._recover_until is None:
             self._epoch += 1
-            actions.append(
-                Record(
-                    "authority",
-                    f"{self.name(station)} is back and commands again, epoch {self._epoch}",
-                    Reason.COMMANDER_RETURNED,
-                    station,
-                )
-            )
-            self._refresh(Reason.COMMANDER_RETURNED, actions)
+        how = "is back and commands again" if self._recover_until is None else "commands on after the restart"
+        self._recover_until = None
+        text = f"{self.name(station)} {how}, epoch {self._epoch}"
+        actions.append(Record("authority", text, Reason.COMMANDER_RETURNED, station))
+        self._refresh(Reason.COMMANDER_RETURNED, actions)
 
     def _on_message(self, event: StationMessage, now: float, actions: list[Action]) -> None:
         station, message = event.station, event.message
@@ -267,9 +326,7 @@ class Arbiter:
 
     def _on_connect_ack(self, station: int, message: ConnectAck, now: float, actions: list[Action]) -> None:
         presence = self._presence[station]
-        pending = self._pending.get(station)
-        if pending is not None and message.epoch >= pending.result.key.epoch:
-            del self._pending[station]
+        self._results.acknowledged(station, message)
         if message.nonce == 0:
             return
         if not presence.answers(message.nonce):
@@ -285,18 +342,23 @@ class Arbiter:
 
     def _grant_parent(self, now: float, actions: list[Action]) -> None:
         parent = self._identity.parent
-        known = now < self._autopilot_at + self._limits.autopilot_lost_s
-        grounded = known and self._armed is False and self._phase is Phase.ON_LOAD
         # it need not hold the mission package yet: it may be about to bring it
         fit = self._presence[parent].unfit(self._digest, now) in (None, Reason.MISSION_DIFFERS)
-        if self._owner is not None or not grounded or not fit:
+        gone = self._owner_lost and self._recover_until is None
+        free = self._owner is None or (gone and self._owner != parent)
+        if not free or self._released or self._transfer is not None or not self._grounded(now) or not fit:
             return
-        self._owner = parent
+        self._owner, self._owner_lost, self._takeover_allowed = parent, False, False
         self._epoch += 1
         actions.append(
             Record("authority", f"{self.name(parent)} commands, epoch {self._epoch}", Reason.PARENT_CONNECTED, parent)
         )
         self._refresh(Reason.PARENT_CONNECTED, actions)
+
+    def _grounded(self, now: float) -> bool:
+        """Disarmed, and the autopilot has said so just now."""
+        known = now < self._autopilot_at + self._limits.autopilot_lost_s
+        return known and self._armed is False and self._phase is Phase.ON_LOAD
 
     def _ask_around(self, now: float, actions: list[Action]) -> None:
         for station, presence in self._presence.items():
@@ -322,30 +384,57 @@ class Arbiter:
 
     # ---- transfers ------------------------------------------------------------------------------------------------
 
-    def _begin_transfer(self, partner: int, reason: Reason, now: float, actions: list[Action]) -> None:
+    def _begin_transfer(
+        self,
+        partner: int,
+        reason: Reason,
+        now: float,
+        actions: list[Action],
+        *,
+        consented: bool = False,
+        forced: bool = False,
+        operator_timeout_s: float | None = None,
+    ) -> None:
         assert self._owner is not None
         self._handover_id = self._handover_id % 0xFFFF + 1
         key = TransferKey(self._owner, partner, self._handover_id, self._epoch)
-        self._transfer = Transfer(key, reason, self._limits, now)
-        self._pending.clear()
+        self._transfer = Transfer(
+            key, reason, self._limits, now, consented=consented, forced=forced, operator_timeout_s=operator_timeout_s
+        )
+        self._results.forget()
         self._move_phase(PhaseCause.TRANSFER_BEGUN)
         self._refresh(reason, actions)
-        text = f"handover {key.handover_id}: {self.name(self._owner)} -> {self.name(partner)}"
+        how = " (forced)" if forced else ""
+        text = f"handover {key.handover_id}{how}: {self.name(self._owner)} -> {self.name(partner)}"
         actions.append(Record("transfer_begun", text, reason, partner))
+        self._imply(now, actions)
+
+    def _standard(self, station: int) -> bool:
+        return self._presence[station].station.standard
+
+    def _imply(self, now: float, actions: list[Action]) -> None:
+        """What comes by itself in the step that the transfer is in now."""
+        transfer = self._transfer
+        if transfer is None:
+            return
+        key = transfer.key
+        cause = transfer.implied(
+            partner_standard=self._standard(key.to_station), commander_standard=self._standard(key.from_station)
+        )
+        if cause is not None:
+            self._move_transfer(cause, now, actions)
+        elif transfer.step is Step.CONSENT and self._standard(key.from_station):
+            transfer.ask_operator(now)
 
     def _on_transfer_message(self, event: StationMessage, now: float, actions: list[Action]) -> None:
         key: TransferKey = event.message.key  # type: ignore[union-attr]
         transfer = self._transfer
         if transfer is None or key != transfer.key:
-            last = self._last_result
+            last = self._results.last
             if (
                 last is not None
                 and key.handover_id == last.key.handover_id
-                and event.station
-                in (
-                    last.key.from_station,
-                    last.key.to_station,
-                )
+                and event.station in (last.key.from_station, last.key.to_station)
             ):
                 actions.append(Send(event.station, last))
                 self.dropped["transfer already over"] += 1
@@ -368,13 +457,9 @@ class Arbiter:
         if isinstance(end, End):
             self._end_transfer(end, now, actions)
         elif end:
-            actions.append(
-                Record(
-                    "step",
-                    f"handover {transfer.key.handover_id}: {before.value} -> {transfer.step.value} ({cause.value})",
-                    duration_s=now - transfer.started_at,
-                )
-            )
+            step = f"handover {transfer.key.handover_id}: {before.value} -> {transfer.step.value} ({cause.value})"
+            actions.append(Record("step", step, duration_s=now - transfer.started_at))
+            self._imply(now, actions)
 
     def _end_transfer(self, end: End, now: float, actions: list[Action]) -> None:
         transfer = self._transfer
@@ -386,22 +471,15 @@ class Arbiter:
         reason = end.reason if end.reason is not Reason.NONE else transfer.reason
         self._move_phase(PhaseCause.TRANSFER_ENDED)
         if committed:
-            self._owner = key.to_station
+            self._owner, self._owner_lost, self._recover_until = key.to_station, False, None
             self._epoch += 1
+            self._takeover_allowed = False
             self._zones.moved(now)
             self._retry_after.clear()
-            self._advance_route(key.to_station)
+            if self._phase is not Phase.ON_LOAD:
+                self._advance_route(key.to_station)
         else:
-            pause_s = (
-                self._limits.denied_pause_s
-                if end.reason
-                in (
-                    Reason.COMMANDER_DENIED,
-                    Reason.PARTNER_REFUSED,
-                    Reason.CANCELLED,
-                )
-                else self._limits.retry_pause_s
-            )
+            pause_s = self._limits.denied_pause_s if end.reason in _OPERATORS_WORD else self._limits.retry_pause_s
             self._retry_after[key.to_station] = now + pause_s
         self._refresh(reason, actions)
         if committed:
@@ -421,14 +499,8 @@ class Arbiter:
             end.outcome,
             reason,
         )
-        self._last_result = result
-        for station in (key.from_station, key.to_station):
-            actions.append(Send(station, result))
-            if committed:
-                first_s = self._limits.retry_first_s
-                self._pending[station] = _PendingResult(
-                    result, now + first_s, first_s, now + self._limits.result_timeout_s
-                )
+        told = [station for station in (key.from_station, key.to_station) if not self._standard(station)]
+        actions += self._results.announce(result, told, now)
 
     def _advance_route(self, station: int) -> None:
         if station in self._route[self._route_at :]:
@@ -441,6 +513,87 @@ class Arbiter:
     def _on_cancel(self, station: int, now: float, actions: list[Action]) -> None:
         if self._transfer is not None and station in (self._transfer.key.from_station, self._transfer.key.to_station):
             self._move_transfer(Cause.CANCELLED, now, actions)
+
+    # ---- operator control (the MAVLink standard) --------------------------------------------------------------------
+
+    def _on_control(self, request: ControlRequested, now: float, actions: list[Action]) -> None:
+        if request.station not in self._presence:
+            self.dropped["unknown station"] += 1
+            return
+        decision = judge_control(request, self._control_facts(request.for_station, now))
+        what = "requests" if request.request else "releases"
+        answer = f"{self.name(request.station)} {what} control: {decision.result.name.lower()}"
+        text = f"{answer} ({decision.text})" if decision.text else answer
+        actions.append(Record("control", text, Reason.OPERATOR, request.station))
+        actions.append(ControlAnswer(request.station, decision.result, decision.text))
+        self._take_effect(decision.effect, request, now, actions)
+
+    def _control_facts(self, station: int, now: float) -> ControlFacts:
+        presence = self._presence.get(station)
+        return ControlFacts(
+            commander=self._view.commander,
+            lost=self._owner_lost,
+            recovering=self._recover_until is not None,
+            grounded=self._grounded(now),
+            waiting_for=None if self._transfer is None else self._transfer.key.to_station,
+            takeover_allowed=self._takeover_allowed,
+            known=presence is not None,
+            unfit=None if presence is None else presence.unfit(self._digest, now),
+            in_zone=self._zones.holds(station) or not self._zones.known,
+        )
+
+    def _take_effect(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:
+        if effect is Effect.SET_TAKEOVER:
+            self._takeover_allowed = request.takeover
+            self._refresh(Reason.OPERATOR, actions)
+        elif effect is Effect.CONSENT:
+            self._consent_beforehand(now, actions)
+        elif effect is Effect.DENY:
+            self._takeover_allowed = False
+            self._refresh(Reason.OPERATOR, actions)
+            self._end_by(Cause.DENIED, now, actions)
+            self._end_by(Cause.CANCELLED, now, actions)  # it had agreed before: until the commit it may think again
+        elif effect in (Effect.TRANSFER, Effect.TRANSFER_CONSENTED, Effect.FORCE):
+            self._transfer_by_request(effect, request, now, actions)
+        elif effect is Effect.GRANT:
+            self._owner, self._owner_lost, self._released = request.station, False, False
+            self._takeover_allowed = False
+            self._epoch += 1
+            text = f"{self.name(request.station)} commands, epoch {self._epoch}"
+            actions.append(Record("authority", text, Reason.OPERATOR, request.station))
+            self._refresh(Reason.OPERATOR, actions)
+        elif effect is Effect.RELEASE:
+            self._owner, self._released, self._takeover_allowed = None, True, False
+            self._epoch += 1
+            actions.append(Record("authority", "control released: nobody commands", Reason.OPERATOR, request.station))
+            self._refresh(Reason.OPERATOR, actions)
+        elif effect is Effect.OFFER:
+            self._takeover_allowed = True
+            self._refresh(Reason.OPERATOR, actions)
+            if self._transfer is not None:
+                self._consent_beforehand(now, actions)
+                return
+            partner = self._zones.best(self._usable(now, actions), self._route_next())
+            if partner is not None:
+                self._begin_transfer(partner, Reason.OPERATOR, now, actions, consented=True)
+
+    def _consent_beforehand(self, now: float, actions: list[Action]) -> None:
+        if self._transfer is not None:
+            self._transfer.consented = True
+            self._imply(now, actions)
+
+    def _transfer_by_request(
+        self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]
+    ) -> None:
+        self._begin_transfer(
+            request.for_station,
+            Reason.OPERATOR,
+            now,
+            actions,
+            consented=effect is Effect.TRANSFER_CONSENTED,
+            forced=effect is Effect.FORCE,
+            operator_timeout_s=_request_s(request.timeout_s),
+        )
 
     # ---- the aircraft ---------------------------------------------------------------------------------------------
 
@@ -457,12 +610,25 @@ class Arbiter:
         self._seek_transfer(now, actions)
 
     def _seek_transfer(self, now: float, actions: list[Action]) -> None:
-        if self._phase is not Phase.ON_MISSION or self._owner is None or self._owner_lost:
+        if self._owner is None or self._transfer is not None or not self._flying:
             return
-        usable = self._usable(now, actions)
-        partner = self._zones.next_commander(self._owner, usable, self._route_next(), now)
+        if now >= self._position_at + self._limits.position_stale_s:  # who holds the aircraft is not known any more
+            return
+        if self._owner_lost:
+            self._seek_successor(now, actions)
+        elif self._phase is Phase.ON_MISSION:
+            usable = self._usable(now, actions)
+            partner = self._zones.next_commander(self._owner, usable, self._route_next(), now)
+            if partner is not None:
+                self._begin_transfer(partner, Reason.ZONE, now, actions, consented=self._takeover_allowed)
+
+    def _seek_successor(self, now: float, actions: list[Action]) -> None:
+        """The commander is lost in flight: a station whose zone holds the aircraft may take it, without asking."""
+        if self._recover_until is not None:  # after a restart its heartbeat may be on the way
+            return
+        partner = self._zones.best(self._usable(now, actions), self._route_next())
         if partner is not None:
-            self._begin_transfer(partner, Reason.ZONE, now, actions)
+            self._begin_transfer(partner, Reason.COMMANDER_LOST, now, actions, forced=True)
 
     def _usable(self, now: float, actions: list[Action]) -> Sequence[int]:
         """Stations whose zone holds the aircraft and that could take it; says once why another could not."""
@@ -488,6 +654,7 @@ class Arbiter:
         if not event.armed and self._phase is not Phase.ON_LOAD:
             self._end_by(Cause.CANCELLED, now, actions)
             self._move_phase(PhaseCause.DISARMED)
+            self._takeover_allowed = False
             self._emergency = NOTHING_WRONG
             self._route_at = 0
             actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
@@ -504,6 +671,7 @@ class Arbiter:
 
     def _enter_mission(self, actions: list[Action], how: str) -> None:
         self._move_phase(PhaseCause.STARTED)
+        self._resume_transfer_phase()
         self._zones.forget_entries()
         actions.append(Record("started", f"on mission: {how}", Reason.STARTED, self._owner))
         self._refresh(Reason.STARTED, actions)
@@ -520,8 +688,13 @@ class Arbiter:
         self._digest = event.digest
         self._route = event.route
         self._route_at = 0
-        names = " ".join(self.name(station) for station in event.route)
-        actions.append(Record("mission_loaded", f"mission loaded, commanders along the route: {names}"))
+        if event.out_of_coverage is not None:
+            self._limits = replace(self._limits, out_of_coverage=event.out_of_coverage)
+        if event.digest:
+            names = " ".join(self.name(station) for station in event.route)
+            actions.append(Record("mission_loaded", f"mission loaded, commanders along the route: {names}"))
+        else:
+            actions.append(Record("mission_dropped", "the autopilot no longer holds the mission that was loaded"))
         self._refresh(Reason.NONE, actions)
 
     # ---- START ----------------------------------------------------------------------------------------------------
@@ -535,6 +708,8 @@ class Arbiter:
             needs.append("the vehicle is already flying or starting")
         if not self._digest:
             needs.append("no mission loaded")
+        if self._transfer is not None:
+            needs.append("a handover is under way")
         if now - self._autopilot_at >= self._limits.autopilot_lost_s:
             needs.append("no autopilot")
         if self._limits.guard_required and not (self._guard_ours and self.guard(now) is GuardState.LIVE):
@@ -574,47 +749,52 @@ class Arbiter:
             self._lose_owner(self._owner, now, actions)
         if self._transfer is not None and now >= self._transfer.timeout_at:
             self._move_transfer(Cause.TIMEOUT, now, actions)
+        if self._recover_until is not None and now >= self._recover_until and self._owner is not None:
+            self._recover_until = None
+            text = f"{self.name(self._owner)} has not come back after the restart: nobody commands"
+            actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, self._owner))
+            self._refresh(Reason.COMMANDER_LOST, actions)
+            self._seek_transfer(now, actions)
 
     def _lose_owner(self, owner: int, now: float, actions: list[Action]) -> None:
         self._end_by(Cause.COMMANDER_LOST, now, actions)
-        if self._owner != owner:  # that ended in a commit
+        if self._owner != owner:  # the partner had confirmed and the commander consented: committed
             return
         self._owner_lost = True
-        actions.append(
-            Record(
-                "authority_lost",
-                f"{self.name(owner)} is lost: nobody commands",
-                Reason.COMMANDER_LOST,
-                owner,
-            )
-        )
+        text = f"{self.name(owner)} is lost: nobody commands"
+        actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self._refresh(Reason.COMMANDER_LOST, actions)
+        self._imply(now, actions)
+        self._retry_after.clear()  # a step that this commander left unanswered must not keep a ready partner waiting
+        self._seek_transfer(now, actions)
 
     def _speak(self, now: float, actions: list[Action]) -> None:
         transfer = self._transfer
         if transfer is not None:
             due = transfer.due(now)
             if due is not None:
-                actions.append(Send(due[0], due[1], transfer.attempt))
-        for station, pending in list(self._pending.items()):
-            if now >= pending.give_up_at:
-                del self._pending[station]
-                text = f"{self.name(station)} never showed epoch {pending.result.key.epoch}"
-                actions.append(Record("result_unacknowledged", text, station=station))
-            elif now >= pending.retry_at:
-                pending.attempt += 1
-                pending.pause_s = min(pending.pause_s * self._limits.retry_growth, self._limits.retry_max_s)
-                pending.retry_at = now + pending.pause_s
-                actions.append(Send(station, pending.result, pending.attempt))
+                actions.append(self._put(due[0], due[1], transfer, now))
+        actions += self._results.due(now, self._names)
+
+    def _put(self, station: int, message: Message, transfer: Transfer, now: float) -> Action:
+        """To a station of the standard alone the question of consent is its command; nothing else is ever due to it."""
+        if self._standard(station):
+            return NotifyOwner(station, transfer.key.to_station, _request_s(transfer.timeout_at - now))
+        return Send(station, message, transfer.attempt)
 
     def _judge_safety(self, now: float, actions: list[Action]) -> None:
         if self._flying and now >= self._position_at + self._limits.position_stale_s and not self._stale_told:
             self._stale_told = True
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
         out_since = self._zones.out_since
-        lost = self._owner_lost or (self._owner is None and self._flying)
+        changing = self._recover_until is not None or (self._transfer is not None and self._transfer.forced)
+        # once the aircraft turns home for it, an attempt at another commander does not end the emergency: a commit does
+        changing = changing and self._emergency.reason is not Reason.COMMANDER_LOST
+        lost = (self._owner_lost and not changing) or (self._owner is None and self._flying)
         self._judged_at = now
         decision = decide(Situation(self._flying, lost, out_since, now), self._limits)
+        if decision.reason is Reason.NONE and self._recover_until is not None:  # not known yet
+            return
         # once for each emergency, and again where it turns worse: what was a warning on the ground takes off
         if decision.reason is self._emergency.reason and decision.action <= self._emergency.action:
             return
@@ -622,11 +802,12 @@ class Arbiter:
         if decision.reason is Reason.NONE:
             actions.append(Record("emergency_over", "the cause of the emergency is gone"))
             self._move_phase(PhaseCause.RECOVERED)
+            self._resume_transfer_phase()
             self._refresh(Reason.NONE, actions)
             return
         if decision.action is not FlightAction.WARN:
-            cause = Cause.OUT_OF_COVERAGE if decision.reason is Reason.OUT_OF_COVERAGE else Cause.COMMANDER_LOST
-            self._end_by(cause, now, actions)
+            if decision.reason is Reason.OUT_OF_COVERAGE:  # a transfer from a lost commander goes on
+                self._end_by(Cause.OUT_OF_COVERAGE, now, actions)
             self._starting = False
             if self._phase is Phase.ON_LOAD:
                 self._enter_mission(actions, "airborne")
@@ -642,11 +823,16 @@ class Arbiter:
     def _move_phase(self, cause: PhaseCause) -> None:
         self._phase = PHASES.get((self._phase, cause), self._phase)
 
+    def _resume_transfer_phase(self) -> None:
+        """A transfer may have begun where it is no phase: on the ground, or while the aircraft was brought home."""
+        if self._transfer is not None:
+            self._move_phase(PhaseCause.TRANSFER_BEGUN)
+
     def _refresh(self, reason: Reason, actions: list[Action]) -> None:
         """Make the view of what holds now, and announce it if it differs."""
         commander = None if self._owner_lost else self._owner
         if commander is None:
-            lease = LeaseState.LOST
+            lease = LeaseState.LOST if self._recover_until is None else LeaseState.RECOVERING
         elif self._transfer is not None:
             lease = LeaseState.TRANSFER
         else:
@@ -659,6 +845,7 @@ class Arbiter:
             lease=lease,
             armed=bool(self._armed),
             handover_id=self._handover_id,
+            takeover_allowed=self._takeover_allowed,
         )
         if view != self._view:
             self._view = view

@@ -20,6 +20,9 @@ __all__ = [
     "AutopilotState",
     "BeginStart",
     "Cancel",
+    "ControlAnswer",
+    "ControlRequested",
+    "ControlResult",
     "Event",
     "FlightAction",
     "Fly",
@@ -27,6 +30,7 @@ __all__ = [
     "GuardSeen",
     "GuardState",
     "MissionLoaded",
+    "NotifyOwner",
     "PositionSeen",
     "Record",
     "Send",
@@ -97,15 +101,25 @@ class GuardSeen:
     ours: bool
 
 
+class FlightAction(IntEnum):
+    """What the companion commands the autopilot to do in an emergency, mildest first."""
+
+    WARN = 0
+    RETURN = 1
+    LAND = 2
+
+
 @dataclass(frozen=True, slots=True)
 class MissionLoaded:
     """The mission package was written to the autopilot, read back and found equal.
 
-    `route` is the order in which its planned track needs commanders.
+    `route` is the order in which its planned track needs commanders, `out_of_coverage` the mission's own policy, None
+    if it has none. An empty digest: what the autopilot holds is not a known mission any more.
     """
 
     digest: bytes
     route: tuple[int, ...]
+    out_of_coverage: FlightAction | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +144,22 @@ class Cancel:
     station: int
 
 
+@dataclass(frozen=True, slots=True)
+class ControlRequested:
+    """MAV_CMD_REQUEST_OPERATOR_CONTROL of a station (2026 layout).
+
+    `request` False releases. `takeover`: later requests may be granted without asking the sender. `timeout_s`: how long
+    the owner has to answer. `for_station`: the station that shall have control; the sender itself, or, from the
+    commander, the one it gives to.
+    """
+
+    station: int
+    request: bool
+    takeover: bool
+    timeout_s: float
+    for_station: int
+
+
 Event = (
     Tick
     | StationHeard
@@ -141,18 +171,11 @@ Event = (
     | StartRequested
     | StartFinished
     | Cancel
+    | ControlRequested
 )
 
 
 # ---- actions ------------------------------------------------------------------------------------------------------
-
-
-class FlightAction(IntEnum):
-    """What the companion commands the autopilot to do in an emergency, mildest first."""
-
-    WARN = 0
-    RETURN = 1
-    LAND = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +225,32 @@ class StartRefused:
     needs: tuple[str, ...]
 
 
+class ControlResult(IntEnum):
+    """Answer to a request of operator control, numbered as MAV_RESULT."""
+
+    ACCEPTED = 0
+    DENIED = 2
+    PENDING = 4  #: MAV_RESULT_FAILED, which the standard uses for "the owner is being asked"
+
+
+@dataclass(frozen=True, slots=True)
+class ControlAnswer:
+    """Answer a station's request of operator control; `text` says why it was denied."""
+
+    station: int
+    result: ControlResult
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class NotifyOwner:
+    """Ask the commander, by the standard's command, whether `requester` may have control."""
+
+    station: int
+    requester: int
+    timeout_s: float
+
+
 @dataclass(frozen=True, slots=True)
 class Record:
     """An entry for the journal. `event` is a fixed lower-case word, `text` the sentence for people."""
@@ -213,4 +262,4 @@ class Record:
     duration_s: float | None = None
 
 
-Action = Send | ViewChanged | Flush | Fly | BeginStart | StartRefused | Record
+Action = Send | ViewChanged | Flush | Fly | BeginStart | StartRefused | ControlAnswer | NotifyOwner | Record

@@ -31,6 +31,8 @@ class Limits:
     operator_timeout_s: float = 30.0
     #: commander consented, partner confirmed, release missing this long: the vehicle commits
     release_timeout_s: float = 2.0
+    #: no commander: a forced transfer that takes longer is given up
+    forced_timeout_s: float = 2.0
     #: pause before a transfer that failed is tried again, and after an operator's denial
     retry_pause_s: float = 2.0
     denied_pause_s: float = 10.0

@@ -85,14 +85,19 @@ class Reason(IntEnum):
     MISSION_DIFFERS = 20  #: the partner holds another mission package
     VERSION_DIFFERS = 21
     NOT_READY = 22  #: START refused: something on the list of needs is missing
+    RESTARTED = 23  #: the companion restarted and waits for its commander
 
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """A ground station known to the vehicle. `sysid` is its MAVLink system id (1..255)."""
+    """A ground station known to the vehicle. `sysid` is its MAVLink system id (1..255).
+
+    `standard`: it runs no module of ours and speaks the operator-control protocol of the MAVLink standard only.
+    """
 
     sysid: int
     name: str
+    standard: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,3 +114,5 @@ class AuthorityView:
     lease: LeaseState = LeaseState.LOST
     armed: bool = False
     handover_id: int = 0
+    #: a request for control is granted without asking the commander
+    takeover_allowed: bool = False

@@ -4,6 +4,7 @@
 
 A heartbeat proves only that the station reaches the vehicle. An answer to CONNECT proves the way there as well, and
 says which protocol, mission package and epoch the station has. A partner must be proven in both (make before break).
+A station that speaks only the MAVLink standard can prove no more than its heartbeat.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ class Presence:
         self.heard_at = -inf
         self.answered_at = -inf
         self.answer: ConnectAck | None = None
-        self.ask_at = -inf
+        #: when to ask CONNECT next; never where nobody there understands it
+        self.ask_at = inf if station.standard else -inf
         #: nonces of the questions that may still be answered, oldest first: the way there and back may take longer
         #: than the pause between two questions
         self.asked: deque[int] = deque(maxlen=max(1, ceil(limits.connect_lost_s / limits.connect_interval_s)))
@@ -53,11 +55,15 @@ class Presence:
         return True
 
     def connected(self, now: float) -> bool:
-        """Alive, and its answers to CONNECT come back."""
+        """Alive, and its answers to CONNECT come back; of a station that knows no CONNECT, alive."""
+        if self.station.standard:
+            return self.alive(now)
         return self.alive(now) and now - self.answered_at < self._limits.connect_lost_s
 
     def unfit(self, mission_digest: bytes, now: float) -> Reason | None:
         """Why it cannot be a partner now, or None if it can."""
+        if self.station.standard:
+            return None if self.alive(now) else Reason.PARTNER_SILENT
         if not self.connected(now) or self.answer is None:
             return Reason.PARTNER_SILENT
         if self.answer.protocol_version != PROTOCOL_VERSION or not self.answer.accepted:

@@ -119,6 +119,16 @@ class ZoneTracker:
             for station in candidates
             if station in self._fresh or (commander_ends and self._time_left_s(station) > left_s)
         ]
-        if not wanted:
-            return None
-        return min(wanted, key=lambda station: (station != route_next, -self._time_left_s(station), station))
+        return self.best(wanted, route_next)
+
+    def best(self, stations: Sequence[int], route_next: int | None) -> int | None:
+        """Of these, the next one on the route, then the one whose zone keeps the aircraft longest; None if none."""
+        held = [station for station in stations if station in self._inside]
+        return min(
+            held, key=lambda station: (station != route_next, -self._time_left_s(station), station), default=None
+        )
+
+    @property
+    def known(self) -> bool:
+        """Whether there has been a position with zones to compare it to."""
+        return bool(self._facts)

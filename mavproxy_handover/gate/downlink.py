@@ -4,13 +4,15 @@
 
 The commander hears everything, and so does the partner during a transfer: it has to see the aircraft before it
 takes it. An observer hears what concerns everybody (heartbeat, who is in control, position, battery, status
-texts), what is addressed to it, and the answers to what it asked. Rules:
+texts), what is addressed to it, the answers to what it asked, and the telemetry it asked for, at the rates of
+`observers`. Rules:
 
 1. Lease and guard status, and whatever is addressed to the companion, never leave the vehicle.
 2. A frame addressed to a station goes to that station and to no other, whatever their roles.
 3. Answers without an address (a parameter, a version) are known only by what was asked for. A question opens
    a window for the ids that answer it. Where one question has many answers each of them extends the window, but
    never past `LIMIT_S` after the question: somebody else's parameters would keep it open for ever.
+4. A station that commands asks the autopilot itself for rates: what it had asked of the companion is forgotten.
 """
 
 from __future__ import annotations
@@ -25,8 +27,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.gate.judge import StationIdentity
+from mavproxy_handover.gate.observers import ALWAYS, DEFAULTS, ObserverRates
 from mavproxy_handover.gate.policy import COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
-from mavproxy_handover.wire.frames import Frame, field_offset, target
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 
 __all__ = ["ANSWERS", "COMMAND_ANSWERS", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
 
@@ -37,15 +40,7 @@ WINDOW_S: Final = 5.0
 LIMIT_S: Final = 300.0
 
 #: What every known station hears.
-FOR_EVERYBODY: Final = (
-    "HEARTBEAT",
-    "AUTHORITY_STATUS",
-    "CONTROL_STATUS",
-    "GLOBAL_POSITION_INT",
-    "SYS_STATUS",
-    "BATTERY_STATUS",
-    "STATUSTEXT",
-)
+FOR_EVERYBODY: Final = (*ALWAYS, *DEFAULTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +75,6 @@ ANSWERS: Final = {
 
 #: Answers to commands, besides COMMAND_ACK. Names without their MAV_CMD_.
 COMMAND_ANSWERS: Final = {
-    "GET_MESSAGE_INTERVAL": Answers(("MESSAGE_INTERVAL",)),
     "REQUEST_AUTOPILOT_CAPABILITIES": Answers(("AUTOPILOT_VERSION",)),
     "REQUEST_CAMERA_INFORMATION": Answers(("CAMERA_INFORMATION",)),
     "REQUEST_CAMERA_SETTINGS": Answers(("CAMERA_SETTINGS",)),
@@ -95,7 +89,6 @@ COMMAND_ANSWERS: Final = {
 
 _IDS: Final[dict[str, int]] = {cls.msgname: msgid for msgid, cls in mavlink.mavlink_map.items()}
 _COMMANDS: Final[dict[str, int]] = {e.name: number for number, e in mavlink.enums["MAV_CMD"].items()}
-_EVERYBODY_IDS: Final = frozenset(_IDS[name] for name in FOR_EVERYBODY)
 
 
 def _ids(answers: Answers) -> tuple[int, ...]:
@@ -127,10 +120,8 @@ class _Window:
 
 def _stays_aboard(frame: Frame, aim: tuple[int, int] | None) -> bool:
     """Rule 1: lease, guard status, and what a component of the vehicle says to the companion."""
-    if frame.msgid == _TUNNEL:
-        offset = field_offset(_TUNNEL, "payload_type")
-        if int.from_bytes(frame.payload[offset : offset + 2], "little") in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL):
-            return True
+    if frame.msgid == _TUNNEL and field_int(frame, "payload_type") in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL):
+        return True
     return aim is not None and aim == (frame.sysid, COMPANION_COMPID)
 
 
@@ -141,11 +132,10 @@ def _answers_to(frame: Frame) -> list[tuple[tuple[int, ...], bool]]:
     if frame.msgid not in (_COMMAND_LONG, _COMMAND_INT):
         found = _BY_MESSAGE.get(frame.msgid)
         return [] if found is None else [found]
-    offset = field_offset(frame.msgid, "command")
-    command = int.from_bytes(frame.payload[offset : offset + 2], "little")
+    command = field_int(frame, "command")
     answers: list[tuple[tuple[int, ...], bool]] = [((_COMMAND_ACK,), False)]
     if command == _REQUEST_MESSAGE:
-        wish = _FLOAT.unpack_from(frame.payload, field_offset(frame.msgid, "param1"))[0]
+        wish = _FLOAT.unpack(field_bytes(frame, "param1"))[0]
         if math.isfinite(wish) and int(wish) in mavlink.mavlink_map:
             answers.append(((int(wish),), False))
     elif command in _BY_COMMAND:
@@ -160,7 +150,8 @@ class DownlinkPolicy:
     of the vehicle. Time is an argument (monotonic seconds).
     """
 
-    def __init__(self, stations: Iterable[StationIdentity]) -> None:
+    def __init__(self, stations: Iterable[StationIdentity], rates: ObserverRates | None = None) -> None:
+        self.rates = rates or ObserverRates()
         self._owner = {sysid: station.sysid for station in stations for sysid in station.sysids}
         self._windows: dict[int, dict[int, _Window]] = {}
 
@@ -175,7 +166,10 @@ class DownlinkPolicy:
                 windows[msgid] = _Window(now + WINDOW_S, now + LIMIT_S, many or still_many)
 
     def wanted(self, frame: Frame, station_sysid: int, view: AuthorityView, now: float) -> bool:
-        """Whether a station gets this frame of the vehicle. An answer that is one of many extends its window."""
+        """Whether a station gets this frame of the vehicle; if so, it is counted as sent.
+
+        An answer that is one of many extends its window.
+        """
         aim = target(frame)
         if _stays_aboard(frame, aim):
             return False
@@ -183,9 +177,12 @@ class DownlinkPolicy:
             owner = self._owner.get(aim[0])
             if owner is not None:
                 return owner == station_sysid
-        if station_sysid in (view.commander, view.partner):
+        if station_sysid == view.commander:
+            self.rates.forget(station_sysid)
             return True
-        return frame.msgid in _EVERYBODY_IDS or self._answers(frame.msgid, station_sysid, now)
+        if station_sysid == view.partner or self._answers(frame.msgid, station_sysid, now):
+            return True
+        return self.rates.due(frame, station_sysid, now)
 
     def _answers(self, msgid: int, station_sysid: int, now: float) -> bool:
         windows = self._windows.get(station_sysid)

@@ -9,9 +9,10 @@ Rules, in this order; the first that applies decides:
 2. Default deny. A message without a row in the policy is dropped.
 3. Target. A frame aimed at another system is not for us: dropped. Target 0 means everybody, so us too.
    A command or file-transfer opcode without a row is then refused.
-4. The class of the row (`tables.Access`) and whether the sender commands. The whole of authority is one
-   comparison: the station's system id with `AuthorityView.commander`. When authority is lost the view has no
-   commander, so nobody commands; no phase needs a rule of its own.
+4. The class of the row (`Access`), whether the sender commands, and for what safeguards rest on, whether the
+   vehicle is armed. The whole of authority is one comparison: the station's system id with
+   `AuthorityView.commander`. When authority is lost the view has no commander, so nobody commands; no phase needs
+   a rule of its own.
 5. START (MAV_CMD_MISSION_START) from the commander while the vehicle is ON_LOAD is carried out by the companion.
 6. What would pass but is aimed at the companion's own component is refused: it has nothing there to command,
    read or set but what it consumes.
@@ -31,7 +32,7 @@ from mavproxy_handover.core.model import AuthorityView, Phase
 from mavproxy_handover.gate.policy import COMPANION_COMPID, MISSION_START, Access, Row, classify
 from mavproxy_handover.wire.frames import Frame, target
 
-__all__ = ["Action", "GateReason", "StationIdentity", "Verdict", "judge"]
+__all__ = ["Action", "GateReason", "StationIdentity", "Verdict", "judge", "outcome"]
 
 
 class Action(Enum):
@@ -49,14 +50,15 @@ class GateReason(Enum):
     ALLOWED = "allowed"
     COMPANION = "companion"  #: consumed: the companion itself deals with it
     NOT_IN_CONTROL = "not in control"  #: only the commander may
-    RATES_OF_COMMANDER = "rates of commander"  #: loads a channel that all share; only the commander may
+    OBSERVER_RATES = "observer rates"  #: consumed: the companion thins what flows anyway
+    LOCKED_WHILE_ARMED = "locked while armed"  #: what safeguards rest on; on the ground the commander may
     LIVENESS_NOT_COMMANDER = "liveness, not commander"  #: a heartbeat that the autopilot must not count
     MAINTENANCE_ONLY = "maintenance only"  #: over no radio link
     NEVER = "never"  #: no station has a reason to send it
     SPOOFED_VEHICLE = "spoofed vehicle"  #: claims the vehicle's system id
     SPOOFED_STATION = "spoofed station"  #: claims a system id that is not this station's
     UNKNOWN_MESSAGE = "unknown message"
-    UNKNOWN_COMMAND = "unknown command"  #: or file-transfer opcode
+    UNKNOWN_COMMAND = "unknown command"  #: or file-transfer opcode, or mission type
     OTHER_TARGET = "other target"  #: aimed at another system
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
 
@@ -92,11 +94,13 @@ class Verdict:
     what: str
 
 
-#: Outcome by class for the commander and for any other station. Rule 4 as data.
+#: Outcome by class for the commander, for the commander of an armed vehicle where that differs, and for any
+#: other station. Rule 4 as data.
 _FOR_COMMANDER = {
     Access.READ: (Action.FORWARD, GateReason.ALLOWED),
     Access.LIVENESS: (Action.FORWARD, GateReason.ALLOWED),
     Access.COMMAND: (Action.FORWARD, GateReason.ALLOWED),
+    Access.SAFEGUARD: (Action.FORWARD, GateReason.ALLOWED),
     Access.STREAM: (Action.FORWARD, GateReason.ALLOWED),
     Access.ANSWERED: (Action.FORWARD, GateReason.ALLOWED),
     Access.TRANSFER: (Action.CONSUME, GateReason.COMPANION),
@@ -104,17 +108,27 @@ _FOR_COMMANDER = {
     Access.MAINTENANCE: (Action.REFUSE, GateReason.MAINTENANCE_ONLY),
     Access.NEVER: (Action.DROP, GateReason.NEVER),
 }
+_WHILE_ARMED = {Access.SAFEGUARD: (Action.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
 _FOR_OTHERS = {
     Access.READ: (Action.FORWARD, GateReason.ALLOWED),
     Access.LIVENESS: (Action.CONSUME, GateReason.LIVENESS_NOT_COMMANDER),
     Access.COMMAND: (Action.REFUSE, GateReason.NOT_IN_CONTROL),
+    Access.SAFEGUARD: (Action.REFUSE, GateReason.NOT_IN_CONTROL),
     Access.STREAM: (Action.DROP, GateReason.NOT_IN_CONTROL),
-    Access.ANSWERED: (Action.REFUSE, GateReason.RATES_OF_COMMANDER),
+    Access.ANSWERED: (Action.CONSUME, GateReason.OBSERVER_RATES),
     Access.TRANSFER: (Action.CONSUME, GateReason.COMPANION),
     Access.CONTROL: (Action.CONSUME, GateReason.COMPANION),
     Access.MAINTENANCE: (Action.REFUSE, GateReason.MAINTENANCE_ONLY),
     Access.NEVER: (Action.DROP, GateReason.NEVER),
 }
+
+
+def outcome(access: Access, commands: bool, armed: bool) -> tuple[Action, GateReason]:
+    """What becomes of a class (rule 4), before rules 5 and 6."""
+    if not commands:
+        return _FOR_OTHERS[access]
+    locked = _WHILE_ARMED.get(access) if armed else None
+    return _FOR_COMMANDER[access] if locked is None else locked
 
 
 def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int) -> Verdict:
@@ -145,7 +159,7 @@ def _decide(
     commands = station.sysid == view.commander
     if row.access is Access.LIVENESS and frame.sysid != station.sysid:
         commands = False
-    action, reason = (_FOR_COMMANDER if commands else _FOR_OTHERS)[row.access]
+    action, reason = outcome(row.access, commands, view.armed)
     if action is not Action.FORWARD:
         return action, reason
     if row.access is Access.COMMAND and row.part == MISSION_START and view.phase is Phase.ON_LOAD:

@@ -2,8 +2,9 @@
 
 """Finds the policy's row for a frame: by message id, or by the part of the contents that decides.
 
-The policy itself is data, in `tables.py`. Here its names meet the numbers of the installed dialect, once, at
-import; a frame then costs one or two dictionary look-ups. Nothing is decided here.
+The policy itself is data, in `tables.py` and what that collects. Here its names meet the numbers of the installed
+dialect, once, at import; a frame then costs one or two dictionary look-ups, a parameter one match of its name, a
+file one look at its path. Nothing is decided here.
 """
 
 from __future__ import annotations
@@ -13,7 +14,12 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.gate.access import ANY
+from mavproxy_handover.gate.files import file_rule
+from mavproxy_handover.gate.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
+from mavproxy_handover.gate.part_rules import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.tables import (
+    COMMAND_ACK_RULES,
     COMMAND_RULES,
     COMPANION_COMPID,
     FTP_OPCODES,
@@ -21,10 +27,13 @@ from mavproxy_handover.gate.tables import (
     GUARD_STATUS_TUNNEL,
     LEASE_TUNNEL,
     MESSAGE_RULES,
+    MISSION_TYPE_RULES,
+    MISSION_TYPES,
+    TUNNEL_RULES,
     Access,
     Rule,
 )
-from mavproxy_handover.wire.frames import Frame, field_offset
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
 
 __all__ = [
     "COMPANION_COMPID",
@@ -45,7 +54,7 @@ class Row:
     """What the policy says of one frame.
 
     `what` names the frame for a human. `access` is None if the policy has no row for it: `part` then tells
-    whether the message is unknown (None) or what it carries (the command, opcode or payload type).
+    whether the message is unknown (None) or what it carries (the command, opcode, payload type, mission type).
     """
 
     what: str
@@ -54,6 +63,7 @@ class Row:
 
 
 _MESSAGE_NAMES: Final[dict[int, str]] = {msgid: cls.msgname for msgid, cls in mavlink.mavlink_map.items()}
+_IDS: Final = {name: msgid for msgid, name in _MESSAGE_NAMES.items()}
 _COMMAND_NAMES: Final[dict[int, str]] = {
     number: entry.name for number, entry in mavlink.enums["MAV_CMD"].items() if not entry.name.endswith("_ENUM_END")
 }
@@ -68,46 +78,53 @@ def _message_rows() -> dict[int, Row]:
     return {msgid: Row(name, access[name]) for msgid, name in _MESSAGE_NAMES.items() if name in access}
 
 
+def _parts(rules: tuple[Rule, ...], numbers: dict[int, str], prefix: str = "") -> dict[int, tuple[str, Access]]:
+    """Number -> (name for people, access), for the numbers whose names have a row; `*` gives one to all."""
+    access = {name if name == ANY else prefix + name: value for name, value in _by_name(rules).items()}
+    found = ((number, name, access.get(name, access.get(ANY))) for number, name in numbers.items())
+    return {number: (name, value) for number, name, value in found if value is not None}
+
+
 def _part_rows() -> dict[int, dict[int, Row]]:
-    commands = {f"MAV_CMD_{name}": access for name, access in _by_name(COMMAND_RULES).items()}
-    opcodes = _by_name(FTP_RULES)
+    commands = _parts(COMMAND_RULES, _COMMAND_NAMES, "MAV_CMD_")
+    tunnels = {number: str(number) for number in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL)}
+    kinds = _parts(MISSION_TYPE_RULES, MISSION_TYPES)
     tables: dict[str, dict[int, tuple[str, Access]]] = {
-        "COMMAND_LONG": {n: (name, commands[name]) for n, name in _COMMAND_NAMES.items() if name in commands},
-        "COMMAND_ACK": {
-            n: (name, Access.CONTROL if commands.get(name) is Access.CONTROL else Access.STREAM)
-            for n, name in _COMMAND_NAMES.items()
-        },
-        "FILE_TRANSFER_PROTOCOL": {n: (name, opcodes[name]) for n, name in FTP_OPCODES.items()},
-        "TUNNEL": {n: (str(n), Access.NEVER) for n in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL)},
+        "COMMAND_LONG": commands,
+        "COMMAND_INT": commands,
+        "COMMAND_ACK": _parts(COMMAND_ACK_RULES, _COMMAND_NAMES, "MAV_CMD_"),
+        "FILE_TRANSFER_PROTOCOL": _parts(FTP_RULES, FTP_OPCODES),
+        "TUNNEL": _parts(TUNNEL_RULES, tunnels),
+        **dict.fromkeys(MISSION_TYPE_MESSAGES, kinds),
     }
-    tables["COMMAND_INT"] = tables["COMMAND_LONG"]
     return {
-        msgid: {n: Row(f"{name}/{label}", access, n) for n, (label, access) in tables[name].items()}
-        for msgid, name in _MESSAGE_NAMES.items()
-        if name in tables
+        _IDS[message]: {n: Row(f"{message}/{name}", access, n) for n, (name, access) in table.items()}
+        for message, table in tables.items()
     }
 
 
-_COMMAND_LONG: Final = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
-_COMMAND_INT: Final = mavlink.MAVLINK_MSG_ID_COMMAND_INT
-_COMMAND_ACK: Final = mavlink.MAVLINK_MSG_ID_COMMAND_ACK
-_FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
-_TUNNEL: Final = mavlink.MAVLINK_MSG_ID_TUNNEL
+_FTP: Final = _IDS["FILE_TRANSFER_PROTOCOL"]
+#: The opcode is behind sequence number and session.
+_FTP_OPCODE: Final = slice(3, 4)
 
-#: Where the part begins in the payload, and its length in bytes. The opcode is byte 3 of the file-transfer header.
-_PART_FIELDS: Final[dict[int, tuple[int, int]]] = {
-    _COMMAND_LONG: (field_offset(_COMMAND_LONG, "command"), 2),
-    _COMMAND_INT: (field_offset(_COMMAND_INT, "command"), 2),
-    _COMMAND_ACK: (field_offset(_COMMAND_ACK, "command"), 2),
-    _FTP: (field_offset(_FTP, "payload") + 3, 1),
-    _TUNNEL: (field_offset(_TUNNEL, "payload_type"), 2),
+#: The field that the part is; of file transfer it is a byte in it.
+_PART_FIELDS: Final = {
+    _IDS["COMMAND_LONG"]: "command",
+    _IDS["COMMAND_INT"]: "command",
+    _IDS["COMMAND_ACK"]: "command",
+    _IDS["TUNNEL"]: "payload_type",
+    **{_IDS[name]: "mission_type" for name in MISSION_TYPE_MESSAGES},
 }
 
 #: What a part without a row is; a message that is not here is refused then.
-_PART_DEFAULTS: Final = {_COMMAND_ACK: Access.STREAM, _TUNNEL: Access.MAINTENANCE}
+_PART_DEFAULTS: Final = {
+    _IDS["COMMAND_ACK"]: _by_name(COMMAND_ACK_RULES)[ANY],
+    _IDS["TUNNEL"]: _by_name(TUNNEL_RULES)[ANY],
+}
 
 _MESSAGE_ROWS: Final = _message_rows()
 _PART_ROWS: Final = _part_rows()
+_PARAMETER_IDS: Final = frozenset(_IDS[name] for name in PARAMETER_MESSAGES)
 
 
 def classify(frame: Frame) -> Row:
@@ -116,12 +133,24 @@ def classify(frame: Frame) -> Row:
     row = _MESSAGE_ROWS.get(msgid)
     if row is not None:
         return row
+    if msgid == _FTP:
+        return _file_row(field_bytes(frame, "payload"))
     field = _PART_FIELDS.get(msgid)
-    if field is None:
-        return Row(_MESSAGE_NAMES.get(msgid, f"message {msgid}"), None)
-    offset, length = field
-    part = int.from_bytes(frame.payload[offset : offset + length], "little")
+    if field is not None:
+        return _part_row(msgid, field_int(frame, field))
+    what = _MESSAGE_NAMES.get(msgid, f"message {msgid}")
+    if msgid not in _PARAMETER_IDS:
+        return Row(what, None)
+    name = parameter_name(field_bytes(frame, "param_id"))
+    return Row(f"{what}/{name}", parameter_rule(name).access)
+
+
+def _part_row(msgid: int, part: int) -> Row:
     row = _PART_ROWS[msgid].get(part)
-    if row is not None:
-        return row
-    return Row(f"{_MESSAGE_NAMES[msgid]}/{part}", _PART_DEFAULTS.get(msgid), part)
+    return Row(f"{_MESSAGE_NAMES[msgid]}/{part}", _PART_DEFAULTS.get(msgid), part) if row is None else row
+
+
+def _file_row(request: bytes) -> Row:
+    opcode = int.from_bytes(request[_FTP_OPCODE], "little")
+    row, rule = _part_row(_FTP, opcode), file_rule(opcode, request)
+    return row if rule is None else Row(f"{row.what} ({rule.name})", rule.access, opcode)

@@ -11,13 +11,15 @@ answered in the form of its protocol; where there is none, by a line of text. Ru
    autopilot (component 1) if everybody was addressed.
 3. No answer to an answer, and none to what programs repeat on their own, of which a line of text each time
    would only annoy: `SILENT`.
-4. `RefusalLimiter` keeps a storm of refused frames from becoming a storm of answers.
+4. PARAM_ERROR is young, and few programs show it: a line of text goes with it.
+5. `RefusalLimiter` keeps a storm of refused frames from becoming a storm of answers.
 
 Sources: MAVLink command, mission, parameter, extended parameter and file-transfer protocols.
 """
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Final
@@ -25,7 +27,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.judge import Action, GateReason, Verdict
-from mavproxy_handover.wire.frames import Frame, field_offset, target
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 
 __all__ = ["SILENT", "RefusalLimiter", "refusal"]
 
@@ -37,13 +39,17 @@ RESULT_NOT_IN_CONTROL: Final = 10
 FTP_NAK: Final = 129
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
 FTP_ERROR_FILE_PROTECTED: Final = 9
-FTP_PAYLOAD_BYTES: Final = 251
+
+#: Sequence number, session, opcode, (size, requested opcode, burst, padding), offset.
+_FTP_REQUEST: Final = struct.Struct("<HBB4x4s")
+#: Sequence number, session, opcode, size (of the error), the opcode that is refused, (burst, padding), offset, error.
+_FTP_ANSWER: Final = struct.Struct("<HBBBB2x4sB")
 
 TEXT_LIMIT: Final = 50  #: characters of a STATUSTEXT
 
 _RESULTS: Final = {
     GateReason.NOT_IN_CONTROL: RESULT_NOT_IN_CONTROL,
-    GateReason.RATES_OF_COMMANDER: RESULT_NOT_IN_CONTROL,
+    GateReason.LOCKED_WHILE_ARMED: mavlink.MAV_RESULT_DENIED,
     GateReason.MAINTENANCE_ONLY: mavlink.MAV_RESULT_DENIED,
     GateReason.UNKNOWN_COMMAND: mavlink.MAV_RESULT_UNSUPPORTED,
     GateReason.COMPANION_TARGET: mavlink.MAV_RESULT_UNSUPPORTED,
@@ -51,7 +57,7 @@ _RESULTS: Final = {
 
 _WORDS: Final = {
     GateReason.NOT_IN_CONTROL: "not in control",
-    GateReason.RATES_OF_COMMANDER: "not in control",
+    GateReason.LOCKED_WHILE_ARMED: "locked while armed",
     GateReason.MAINTENANCE_ONLY: "maintenance only",
 }
 
@@ -63,9 +69,6 @@ SILENT: Final = frozenset(
         "LOGGING_ACK",
         "PING",
         "REQUEST_DATA_STREAM",
-        "LOG_REQUEST_LIST",
-        "LOG_REQUEST_DATA",
-        "LOG_REQUEST_END",
         "SERIAL_CONTROL",
         "CAN_FRAME",
         "CANFD_FRAME",
@@ -86,32 +89,23 @@ SILENT: Final = frozenset(
 _Builder = Callable[[Frame, Verdict], mavlink.MAVLink_message]
 
 
-def _integer(frame: Frame, field: str, length: int) -> int:
-    offset = field_offset(frame.msgid, field)
-    return int.from_bytes(frame.payload[offset : offset + length], "little")
-
-
-def _bytes(frame: Frame, field: str, length: int) -> bytes:
-    offset = field_offset(frame.msgid, field)
-    return frame.payload[offset : offset + length]
-
-
 def _command_ack(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
     return mavlink.MAVLink_command_ack_message(
-        command=_integer(frame, "command", 2),
+        command=field_int(frame, "command"),
         result=_RESULTS.get(verdict.reason, mavlink.MAV_RESULT_DENIED),
         target_system=frame.sysid,
         target_component=frame.compid,
     )
 
 
-def _mission_ack(frame: Frame, _verdict: Verdict) -> mavlink.MAVLink_message:
+def _mission_ack(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
     typed = frame.msgid != mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT
+    unknown = verdict.reason is GateReason.UNKNOWN_COMMAND
     return mavlink.MAVLink_mission_ack_message(
         target_system=frame.sysid,
         target_component=frame.compid,
-        type=mavlink.MAV_MISSION_DENIED,
-        mission_type=_integer(frame, "mission_type", 1) if typed else mavlink.MAV_MISSION_TYPE_MISSION,
+        type=mavlink.MAV_MISSION_UNSUPPORTED if unknown else mavlink.MAV_MISSION_DENIED,
+        mission_type=field_int(frame, "mission_type") if typed else mavlink.MAV_MISSION_TYPE_MISSION,
     )
 
 
@@ -119,7 +113,7 @@ def _param_error(frame: Frame, _verdict: Verdict) -> mavlink.MAVLink_message:
     return mavlink.MAVLink_param_error_message(
         target_system=frame.sysid,
         target_component=frame.compid,
-        param_id=_bytes(frame, "param_id", 16),
+        param_id=field_bytes(frame, "param_id"),
         param_index=-1,
         error=mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED,
     )
@@ -127,37 +121,32 @@ def _param_error(frame: Frame, _verdict: Verdict) -> mavlink.MAVLink_message:
 
 def _param_ext_ack(frame: Frame, _verdict: Verdict) -> mavlink.MAVLink_message:
     return mavlink.MAVLink_param_ext_ack_message(
-        param_id=_bytes(frame, "param_id", 16),
-        param_value=_bytes(frame, "param_value", 128),
-        param_type=_integer(frame, "param_type", 1),
+        param_id=field_bytes(frame, "param_id"),
+        param_value=field_bytes(frame, "param_value"),
+        param_type=field_int(frame, "param_type"),
         param_result=mavlink.PARAM_ACK_FAILED,
     )
 
 
 def _ftp_nak(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
-    request = _bytes(frame, "payload", FTP_PAYLOAD_BYTES)
-    sequence = (int.from_bytes(request[0:2], "little") + 1) & 0xFFFF
+    request = field_bytes(frame, "payload")
+    sequence, session, opcode, offset = _FTP_REQUEST.unpack_from(request)
     unknown = verdict.reason in (GateReason.UNKNOWN_COMMAND, GateReason.COMPANION_TARGET)
-    answer = bytearray(FTP_PAYLOAD_BYTES)
-    answer[0:2] = sequence.to_bytes(2, "little")
-    answer[2] = request[2]  # session
-    answer[3] = FTP_NAK
-    answer[4] = 1  # size: the error code
-    answer[5] = request[3]  # the opcode that is refused
-    answer[8:12] = request[8:12]  # offset
-    answer[12] = FTP_ERROR_UNKNOWN_COMMAND if unknown else FTP_ERROR_FILE_PROTECTED
+    error = FTP_ERROR_UNKNOWN_COMMAND if unknown else FTP_ERROR_FILE_PROTECTED
+    answer = _FTP_ANSWER.pack((sequence + 1) & 0xFFFF, session, FTP_NAK, 1, opcode, offset, error)
     return mavlink.MAVLink_file_transfer_protocol_message(
         target_network=0,
         target_system=frame.sysid,
         target_component=frame.compid,
-        payload=list(answer),
+        payload=list(answer.ljust(len(request), b"\0")),
     )
 
 
 def _text(_frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
     why = _WORDS.get(verdict.reason, "refused")
     room = TEXT_LIMIT - len("Handover: : ") - len(why)
-    text = f"Handover: {verdict.what[:room]}: {why}"
+    part = verdict.what.rpartition("/")[2]  # of PARAM_SET/NAME the name: an operator knows what was typed
+    text = f"Handover: {part[:room]}: {why}"
     return mavlink.MAVLink_statustext_message(
         severity=mavlink.MAV_SEVERITY_WARNING, text=text.encode("ascii", "replace")
     )
@@ -186,24 +175,29 @@ _BUILDERS: Final = _builders()
 _SILENT_IDS: Final = frozenset(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in SILENT)
 
 
-def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink) -> bytes | None:
-    """The answer to a refused frame, ready to send to its sender, or None if there is none to give.
+def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink) -> list[bytes]:
+    """The answers to a refused frame, each a frame ready to send to its sender; none if there is none to give.
 
-    `own` packs it: its `srcSystem` is the vehicle's system id; its sequence number goes up by one, and its
-    `srcComponent` is the same afterwards as before. Signed if `own` signs.
+    `own` packs them: its `srcSystem` is the vehicle's system id; its sequence number goes up by one for each, and
+    its `srcComponent` is the same afterwards as before. Signed if `own` signs.
     """
     if verdict.action is not Action.REFUSE or not frame.known or frame.msgid in _SILENT_IDS:
-        return None
+        return []
     build = _BUILDERS.get(frame.msgid)
-    if build is None:
-        # Programs ask every component for its parameters or version: no operator wants to read of each.
-        if verdict.reason is GateReason.COMPANION_TARGET:
-            return None
-        build = _text
-    message = build(frame, verdict)
+    # Programs ask every component for its parameters or version: no operator wants to read of each.
+    if build is None and verdict.reason is GateReason.COMPANION_TARGET:
+        return []
+    messages = [_text(frame, verdict)] if build is None else [build(frame, verdict)]
+    if build is _param_error and verdict.reason is not GateReason.COMPANION_TARGET:
+        messages.append(_text(frame, verdict))
     aim = target(frame)
+    compid = aim[1] if aim is not None and aim[1] != 0 else AUTOPILOT_COMPID
+    return [_pack(message, own, compid) for message in messages]
+
+
+def _pack(message: mavlink.MAVLink_message, own: mavlink.MAVLink, compid: int) -> bytes:
     before = own.srcComponent
-    own.srcComponent = aim[1] if aim is not None and aim[1] != 0 else AUTOPILOT_COMPID
+    own.srcComponent = compid
     try:
         packed: bytes = message.pack(own)
     finally:

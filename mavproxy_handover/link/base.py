@@ -143,6 +143,11 @@ class Device(ABC):
     def fileno(self) -> int:
         """To wait for until the next `read`; -1 if there is nothing."""
 
+    def descriptors(self) -> list[int]:
+        """All descriptors that are open now; a child process must not keep them open. May change in `read`."""
+        fileno = self.fileno()
+        return [fileno] if fileno >= 0 else []
+
     @property
     @abstractmethod
     def open(self) -> bool:

@@ -54,9 +54,9 @@ class DeviceSpec:
     port: int
 
 
-def parse_device(text: str) -> DeviceSpec:
+def parse_device(text: object) -> DeviceSpec:
     """The meaning of a device string. Raises LinkError, one line that says what is allowed."""
-    if not text.isprintable() or not text:
+    if not isinstance(text, str) or not text.isprintable():
         raise LinkError(f"link {text!r} must be one of {_FORMS}")
     if text.startswith("/dev/"):
         path, _, baud = text.partition(",")
@@ -66,9 +66,9 @@ def parse_device(text: str) -> DeviceSpec:
         # paths such as /dev/serial/by-path/... have colons of their own
         path, _, baud = rest.rpartition(":")
         return _serial(text, path, baud)
-    host, _, port = rest.partition(":")
+    host, colon, port = rest.partition(":")
     kinds = {kind.value: kind for kind in Kind}
-    if word not in kinds or not host:
+    if word not in kinds or not host or not colon or ":" in port:
         raise LinkError(f"link {text!r} must be one of {_FORMS}")
     number = _number(port)
     if not 1 <= number <= 65535:

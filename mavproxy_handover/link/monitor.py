@@ -7,8 +7,9 @@ measurement), the device's byte and CRC counts, signatures that were wrong. What
 
 * **Loss, duplicates, order** from sequence numbers, for each stream (system, component) of the station. A number up to
   127 ahead of the next one expected is a gap; one behind it is late (if it was missing) or a duplicate. A sender that
-  starts anew looks like late frames; after some in a row that follow each other it is believed. So a station's program
-  should count each link's frames in one sequence; MAVProxy does.
+  starts anew looks like one gap, or like late frames; after some in a row that follow each other it is believed. What
+  a program sends on a link must be counted in one sequence, or loss is seen where there is none; MAVProxy does so.
+  What is missing after a silence is no loss: it was silence.
 * **Round trip and jitter** from TIMESYNC probes. A stamp is good for one answer, so a forged answer spoils at most one
   sample, and medians do not follow one sample.
 * **Silence**: time since the last genuine frame; and since the newest probe that was answered, which alone proves that
@@ -149,12 +150,14 @@ class LinkMonitor:
 
     def on_frame(self, frame: Frame, now: float) -> None:
         """A genuine frame of the station came in on this link, be it a copy of one that came by another."""
+        if self._heard_at is not None and now - self._heard_at > self._limits.silence_s:
+            self._streams.clear()  # told as silence already, and the numbers may have gone round in between
         self._heard_at = now
         bucket = self._window.at(now)
         bucket.frames += 1
         stream = (frame.sysid, frame.compid)
         tracker, heard_at = self._streams.pop(stream, (None, now))
-        if tracker is None or now - heard_at > WINDOW_S:  # the numbers may have gone round in between
+        if tracker is None or now - heard_at > WINDOW_S:  # as above, for one component
             tracker = SequenceTracker(frame.seq)
             bucket.due += 1
             if len(self._streams) >= _STREAMS:
@@ -192,9 +195,12 @@ class LinkMonitor:
             bucket.probes_lost += 1
         while self._answered and now - next(iter(self._answered.values())) > 2 * _PROBE_LOST_S:
             self._answered.popitem(last=False)
-        if now - self._probe_at < self._interval_s:
+        if now < self._probe_at:
             return None
-        self._probe_at = now
+        # from due time to due time, so that the steps of a main loop do not make them rarer
+        self._probe_at += self._interval_s
+        if self._probe_at <= now:
+            self._probe_at = now + self._interval_s
         stamp = draw_stamp(now, self._draw)
         self._waiting[stamp] = now
         return stamp
@@ -241,7 +247,7 @@ class LinkMonitor:
             heard_ago_s=self.heard_ago_s(now),
             answered_ago_s=None if self._answered_sent_at is None else self.down_ago_s(now),
             loss=max(0, counts.lost) / counts.due if counts.due >= _ENOUGH_FRAMES else None,
-            probes_lost=counts.probes_lost / counts.probes if counts.probes >= _ENOUGH_PROBES else None,
+            probes_lost=self._probes_lost(counts),
             round_trip_s=middle,
             jitter_s=None if middle is None else median(abs(sample - middle) for sample in recent),
             frames=counts.frames,
@@ -252,6 +258,12 @@ class LinkMonitor:
             bytes_in_per_s=counts.bytes_in / WINDOW_S,
             bytes_out_per_s=counts.bytes_out / WINDOW_S,
         )
+
+    def _probes_lost(self, counts: _Bucket) -> float | None:
+        """Of a station that has never answered one, unanswered probes say nothing."""
+        if self._answered_sent_at is None or counts.probes < _ENOUGH_PROBES:
+            return None
+        return counts.probes_lost / counts.probes
 
     def check(self, now: float) -> list[LinkEvent]:
         """The limits that were passed, either way, since the last call."""

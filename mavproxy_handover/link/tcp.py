@@ -128,6 +128,10 @@ class TcpOut(Device):
     def fileno(self) -> int:
         return -1 if self._connection is None else self._connection.socket.fileno()
 
+    def descriptors(self) -> list[int]:
+        connecting = [] if self._connecting is None else [self._connecting.fileno()]
+        return connecting + super().descriptors()
+
     def read(self) -> list[Frame]:
         if self._closed:
             return []
@@ -238,6 +242,11 @@ class TcpIn(Device):
         if self._served is not None:
             return self._served.socket.fileno()
         return -1 if self._listener is None else self._listener.fileno()
+
+    def descriptors(self) -> list[int]:
+        if self._closed or self._listener is None:
+            return []
+        return [self._listener.fileno(), *(client.socket.fileno() for client in self._clients)]
 
     def read(self) -> list[Frame]:
         if self._closed:

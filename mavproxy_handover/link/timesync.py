@@ -11,6 +11,10 @@ it with `probe_answer`.
 
 The stamp is the time of sending in nanoseconds with its low bits drawn at random, about a millisecond's worth: who does
 not hear the downlink cannot answer in advance.
+
+Probes come from a component of their own, PROBE_COMPID, numbered for each link apart. Under the companion's id they
+would tear holes into its sequence numbers on every other link, and stations that count lost frames by them, as MAVProxy
+does, would show links as lossy that are not. So numbered they show the loss there is.
 """
 
 from __future__ import annotations
@@ -23,8 +27,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.wire.frames import Frame, field_offset
 
-__all__ = ["TIMESYNC", "answered_stamp", "draw_stamp", "probe_answer", "probe_message"]
+__all__ = ["PROBE_COMPID", "TIMESYNC", "answered_stamp", "draw_stamp", "probe_answer", "probe_message"]
 
+PROBE_COMPID: Final[int] = mavlink.MAV_COMP_ID_UDP_BRIDGE
 TIMESYNC: Final[int] = mavlink.MAVLINK_MSG_ID_TIMESYNC
 _TC1: Final = field_offset(TIMESYNC, "tc1")
 _TS1: Final = field_offset(TIMESYNC, "ts1")

@@ -12,8 +12,11 @@ another address of our own needs no reconnect.
 
 * the peer, who gets the downlink, is the address whose frame was last called genuine (`accept_sender`); a peer that
   was heard within PEER_HOLD_S is not replaced;
-* the peer's datagrams have a splitter that lasts, as some bridges cut frames anywhere; those of anybody else are
-  looked at one by one, and only if they begin with a frame, so that nothing is kept for strangers;
+* a datagram of the peer that is not made of whole frames goes through a splitter that lasts, as some bridges cut frames
+  anywhere; those of anybody else are looked at one by one, and only if they begin with a frame, so that nothing is
+  kept for strangers;
+* a datagram that is made of whole frames is taken as it is, whatever waits in that splitter: a forged frame start from
+  the peer's address must not make the peer's next frames wait for the end of a frame that never comes;
 * of strangers' datagrams only so many are looked at in one `read`; the rest is thrown away unread. The peer's are not
   left waiting behind them.
 
@@ -62,6 +65,17 @@ class _Udp(Device):
     @property
     def open(self) -> bool:
         return not self._closed and self._peer is not None
+
+    def _peer_frames(self, data: bytes) -> list[Frame]:
+        """The frames of a datagram of the peer."""
+        alone = FrameSplitter()
+        frames = alone.feed(data)
+        if sum(len(frame.raw) for frame in frames) == len(data):
+            self._splitter = alone
+            self.counters.bytes_in += len(data)
+            self.counters.frames_in += len(frames)
+            return frames
+        return self._split(self._splitter, data)
 
     def fileno(self) -> int:
         return self._socket.fileno()
@@ -118,7 +132,7 @@ class UdpOut(_Udp):
             if address != self._peer:
                 self.counters.strangers += 1
                 continue
-            frames += self._split(self._splitter, data)
+            frames += self._peer_frames(data)
             looked_at += 1
             if looked_at == _PEER_DATAGRAMS:
                 break
@@ -152,7 +166,7 @@ class UdpIn(_Udp):
                 break
             data, address = received
             if address == self._peer:
-                found = self._split(self._splitter, data)
+                found = self._peer_frames(data)
                 peers += 1
             elif strangers < _STRANGER_DATAGRAMS and stranger_bytes < _STRANGER_BYTES and _begins_with_frame(data):
                 found = self._split(FrameSplitter(), data)

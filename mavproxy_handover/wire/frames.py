@@ -32,6 +32,8 @@ __all__ = [
     "Frame",
     "FrameCounters",
     "FrameSplitter",
+    "field_bytes",
+    "field_int",
     "field_offset",
     "parse_one",
     "target",
@@ -94,19 +96,20 @@ class _Definition:
     target_component: int | None
 
 
-def _offsets(message: type) -> dict[str, int]:
-    """Payload offsets of a message's fields, in wire order, from the format that pymavlink unpacks by."""
+def _fields(message: type) -> dict[str, slice]:
+    """Where a message's fields are in the payload, in wire order, from the format that pymavlink unpacks by."""
     items = _STRUCT_ITEM.findall(message.unpacker.format.lstrip("<"))  # type: ignore[attr-defined]
-    offsets = {}
+    fields = {}
     position = 0
     for name, (count, code) in zip(message.ordered_fieldnames, items, strict=True):  # type: ignore[attr-defined]
-        offsets[name] = position
-        position += struct.calcsize(f"<{count}{code}")
-    return offsets
+        end = position + struct.calcsize(f"<{count}{code}")
+        fields[name] = slice(position, end)
+        position = end
+    return fields
 
 
 def _definition(message: type) -> _Definition:
-    offsets = _offsets(message)
+    offsets = {name: place.start for name, place in _fields(message).items()}
     length: int = message.unpacker.size  # type: ignore[attr-defined]
     return _Definition(
         crc_extra=bytes([message.crc_extra]),  # type: ignore[attr-defined]
@@ -118,13 +121,24 @@ def _definition(message: type) -> _Definition:
     )
 
 
-_OFFSETS: Final[dict[int, dict[str, int]]] = {msgid: _offsets(cls) for msgid, cls in mavlink.mavlink_map.items()}
+_FIELDS: Final[dict[int, dict[str, slice]]] = {msgid: _fields(cls) for msgid, cls in mavlink.mavlink_map.items()}
 _DEFINITIONS: Final[dict[int, _Definition]] = {msgid: _definition(cls) for msgid, cls in mavlink.mavlink_map.items()}
 
 
 def field_offset(msgid: int, field: str) -> int:
     """Where a field begins in the payload, in bytes. KeyError if the dialect lacks message or field."""
-    return _OFFSETS[msgid][field]
+    offset: int = _FIELDS[msgid][field].start
+    return offset
+
+
+def field_bytes(frame: Frame, field: str) -> bytes:
+    """A field as it is in the payload; an array whole. KeyError if the dialect lacks message or field."""
+    return frame.payload[_FIELDS[frame.msgid][field]]
+
+
+def field_int(frame: Frame, field: str) -> int:
+    """A field that is a number without sign. KeyError if the dialect lacks message or field."""
+    return int.from_bytes(field_bytes(frame, field), "little")
 
 
 def target(frame: Frame) -> tuple[int, int] | None:

@@ -252,9 +252,9 @@ class Verifier:
         self._tolerance = int(first_packet_tolerance_s * UNITS_PER_S)
         self._clock = clock
         self._streams: dict[tuple[int, int, int], _Stream] = {}
-        #: the newest stamp proven under this key, before the last restart included
+        #: the newest stamp proven under this key since the start
         self.newest = 0
-        #: first frames of a stream must be above this
+        #: first frames of a stream must be above this; it is what is known from before the start
         self.floor = 0
         #: how far behind (seconds) the last frame was that was TOO_OLD: for the operator, who may have a clock to set
         self.behind_s = 0.0
@@ -293,9 +293,7 @@ class Verifier:
 
         `floor`: refuse everything up to this stamp, for when the state is lost.
         """
-        newest = state.get(self.fingerprint, 0)
-        self.newest = max(self.newest, newest)
-        self.floor = max(self.floor, newest, floor)
+        self.floor = max(self.floor, state.get(self.fingerprint, 0), floor)
         if self._clock is not None:
             self._clock.follow(self.floor)
 

@@ -2,7 +2,8 @@
 
 """One thread, many sockets, exact timers: the loop in which fake autopilots and stations live.
 
-`select.select` and not epoll, because Python's epoll waits in whole milliseconds and frames are sent a millisecond apart.
+`select.select` and not epoll, because Python's epoll waits in whole milliseconds and frames are sent a millisecond
+apart.
 """
 
 from __future__ import annotations
@@ -57,6 +58,7 @@ class Loop:
     def __init__(self) -> None:
         self._readers: dict[int, Callable[[], None]] = {}
         self._timers: list[tuple[float, int, Timer]] = []
+        self._clocks: list[Callable[[], float | None]] = []
         self._numbers = itertools.count()
 
     def add_reader(self, descriptor: int, job: Callable[[], None]) -> None:
@@ -66,6 +68,14 @@ class Loop:
     def remove_reader(self, descriptor: int) -> None:
         """Stop that."""
         self._readers.pop(descriptor, None)
+
+    def add_clock(self, job: Callable[[], float | None]) -> None:
+        """Call `job` in every round; it says in how many seconds it must be called again (None: it does not matter)."""
+        self._clocks.append(job)
+
+    def remove_clock(self, job: Callable[[], float | None]) -> None:
+        """Stop that."""
+        self._clocks.remove(job)
 
     def every(self, interval_s: float, job: Callable[[], None], first_in_s: float = 0.0) -> Timer:
         """Call `job` every `interval_s`; a late call does not delay the next ones."""
@@ -103,6 +113,10 @@ class Loop:
                 self._read(0.0)
             now = time.monotonic()
         wait_s = until - now
+        for clock in self._clocks:
+            due_in_s = clock()
+            if due_in_s is not None and due_in_s < wait_s:
+                wait_s = due_in_s
         if self._timers:
             wait_s = min(wait_s, self._timers[0][0] - now)
         self._read(max(0.0, wait_s))

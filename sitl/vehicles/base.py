@@ -20,6 +20,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from sitl.processes import die_with_parent
+
 __all__ = ["BASE_PARAMETERS", "KINDS", "LaunchError", "RunningVehicle", "VehicleSpec", "find_arducopter", "launch"]
 
 KINDS = ("builtin", "arducopter")
@@ -146,6 +148,7 @@ def launch(kind: str, spec: VehicleSpec, directory: Path) -> RunningVehicle:
             stdout=log,
             stderr=subprocess.STDOUT,
             start_new_session=True,
+            preexec_fn=die_with_parent,  # noqa: PLW1509 (launched from the main thread only)
         )
     vehicle = RunningVehicle(kind, process, ports, log_path)
     try:

@@ -10,10 +10,13 @@ checks the invariants of authority after every event, in every test.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
+    ControlRequested,
     Event,
     Fly,
     GuardSeen,
@@ -45,6 +48,7 @@ from mavproxy_handover.core.messages import (
     TransferKey,
 )
 from mavproxy_handover.core.model import Consent, Outcome, Phase, Reason, Station
+from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.watch import Watch
 
 A, B, C, D = 251, 252, 253, 254
@@ -115,12 +119,21 @@ def not_records(actions: list[Action]) -> list[Action]:
 class Bench:
     """One arbiter and its surroundings. `alive` and the other attributes may be changed at any time."""
 
-    def __init__(self, limits: Limits | None = None, route: tuple[int, ...] = (A, B, A, B, A), nonce: int = 999) -> None:
+    def __init__(
+        self,
+        limits: Limits | None = None,
+        route: tuple[int, ...] = (A, B, A, B, A),
+        nonce: int = 999,
+        *,
+        standard: Collection[int] = (),
+    ) -> None:
+        """`standard`: stations without a module of ours."""
         self.limits = limits or Limits()
-        self.arbiter = Arbiter(Identity("drone", STATIONS, A, nonce), self.limits)
-        self.watch = Watch(self.arbiter, A, self.limits)
+        self.standard = frozenset(standard)
+        self._nonce = nonce
         self.route = route
         self.now = 100.0
+        self._start(None)
         self.alive = {A, B}
         #: stations that hear nothing of the vehicle: they do not answer CONNECT
         self.deaf: set[int] = set()
@@ -135,7 +148,28 @@ class Bench:
         self.log: list[tuple[float, Action]] = []
         self._surroundings_at = self.now
 
+    def _start(self, restored: Snapshot | None) -> None:
+        stations = tuple(Station(sysid, name, sysid in self.standard) for sysid, name in NAMES.items())
+        self.arbiter = Arbiter(Identity("drone", stations, A, self._nonce), self.limits, restored)
+        self.watch = Watch(self.arbiter, A, self.limits, standard=self.standard, restored=restored)
+
     # ---- driving --------------------------------------------------------------------------------------------------
+
+    def restart(self, away_s: float = 1.0, snapshot: Snapshot | None = None) -> Bench:
+        """The companion dies; after a while one starts from what this one has left behind, or from `snapshot`."""
+        left = snapshot or self.arbiter.snapshot()
+        self.now += away_s
+        self._surroundings_at = max(self._surroundings_at, self.now)
+        self._nonce += 1_000_000
+        self._start(left)
+        self.log.clear()
+        return self
+
+    def request(
+        self, station: int, *, takeover: bool = False, timeout_s: float = 10.0, give_to: int | None = None
+    ) -> ControlRequested:
+        """A station's request of control, for itself or for another."""
+        return ControlRequested(station, True, takeover, timeout_s, give_to or station)
 
     def give(self, event: Event) -> list[Action]:
         """Hand over one event now; stations answer CONNECT at once."""
@@ -145,7 +179,7 @@ class Bench:
         for action in list(actions):
             if not isinstance(action, Send) or not isinstance(action.message, Connect):
                 continue
-            if action.station in self.alive - self.deaf:
+            if action.station in self.alive - self.deaf - self.standard:
                 actions += self.give(StationMessage(action.station, self.ack(action.station, action.message)))
         return actions
 

@@ -12,6 +12,7 @@ import heapq
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
 from math import inf
 
@@ -121,7 +122,7 @@ class Network:
         self._questions: dict[int, set[object]] = {sysid: set() for sysid in self.cores}
         for sysid, core in self.cores.items():
             core.handle(gcs.MissionHeld(DIGEST), 0.0)
-            self._every(1.0, lambda sysid=sysid: self._beat(sysid), first=0.001 * (sysid - PARENT))
+            self._every(1.0, partial(self._beat, sysid), first=0.001 * (sysid - PARENT))
         self._every(1.0, lambda: self._to_all(gcs.VehicleHeard()))
         self._every(0.5, self._status)
         self._every(0.5, lambda: self.give(GuardSeen(GuardState.LIVE, ours=True)))
@@ -276,9 +277,7 @@ class Network:
 
     def commits(self) -> list[tuple[int, int, int]]:
         """Changes from one station to another: from, to, new epoch."""
-        return [
-            (old, new, epoch) for _at, old, new, epoch in self.watch.moves if old is not None and new is not None
-        ]
+        return [(old, new, epoch) for _at, old, new, epoch in self.watch.moves if old is not None and new is not None]
 
     def durations(self) -> list[float]:
         """How long each committed transfer took, in seconds."""

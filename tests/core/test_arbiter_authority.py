@@ -11,6 +11,7 @@ import pytest
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.events import (
     AutopilotState,
+    Event,
     FlightAction,
     Fly,
     MissionLoaded,
@@ -25,6 +26,7 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import AuthorityView, LeaseState
 from tests.core.bench import (
     DIGEST,
+    KEY,
     STATIONS,
     A,
     B,
@@ -32,8 +34,11 @@ from tests.core.bench import (
     C,
     Connect,
     ConnectAck,
+    DroneConnected,
+    OnHandover,
     Phase,
     Reason,
+    TransferKey,
     inside,
     not_records,
     outside,
@@ -202,7 +207,7 @@ class TestConnect:
         on_its_way: list[tuple[float, Connect]] = []
         now = 0.0
         while now < 8.0:
-            events = [AutopilotState(False, False), StationHeard(A)]
+            events: list[Event] = [AutopilotState(False, False), StationHeard(A)]
             events += [
                 StationMessage(A, ConnectAck(A, 1, question.nonce, 0, None, "GCSA", b""))
                 for at, question in on_its_way
@@ -268,13 +273,19 @@ class TestLoss:
         bench.run(120.0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
 
-    def test_the_partner_does_not_inherit(self) -> None:
+    def test_the_partner_does_not_inherit_without_its_word(self) -> None:
+        # it is asked, by force, again and again, and does not answer: nobody commands, and the aircraft is turned home
+        # once, not again after every attempt
         bench = Bench().on_mission()
         bench.alive = {B}
         bench.run(8.0)
         bench.position(outside(A), inside(B))
         bench.run(30.0)
         assert bench.arbiter.view.commander is None
+        assert bench.arbiter.view.epoch == 1
+        assert len(bench.records("transfer_aborted")) > 3
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
+        assert bench.records("emergency_over") == []
 
     @pytest.mark.parametrize("how", ["heartbeat", "message"])
     def test_back_with_a_new_epoch(self, how: str) -> None:
@@ -358,9 +369,87 @@ class TestLoss:
         bench.alive = {A}
         bench.run(5.0)
         assert bench.arbiter.view.commander is None
-        bench.run(30.0)  # the former commander is there all the time and gets nothing
+        bench.run(30.0)  # the former commander is there all the time, and without a word of its own gets nothing
         assert bench.arbiter.view.commander is None
         assert bench.arbiter.view.epoch == 2
+
+
+class TestSuccessor:
+    """The commander is lost in flight: a ready station whose zone holds the aircraft takes it, without asking."""
+
+    @staticmethod
+    def take(bench: Bench, key: TransferKey) -> None:
+        bench.say(key.to_station, OnHandover(key))
+        bench.say(key.to_station, DroneConnected(key))
+
+    def test_in_the_region_the_aircraft_does_not_turn_home(self) -> None:
+        bench = Bench().on_mission()
+        bench.position(inside(A), inside(B, margin_m=4.0))
+        bench.alive = {B}
+        bench.run(4.75)
+        bench.position(inside(A), inside(B))  # entered just before the loss: the commander is being asked
+        bench.say(B, OnHandover(KEY))
+        bench.run(0.25)
+        assert bench.arbiter.view.commander is None
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
+        assert [(old, new) for _at, old, new, _epoch in bench.watch.moves] == [(None, A), (A, None), (None, B)]
+        assert bench.flights() == []
+
+    def test_on_the_way_home(self) -> None:
+        bench = Bench().on_mission()
+        bench.alive = {B}
+        bench.run(8.0)
+        bench.position(outside(A), inside(B))
+        self.take(bench, KEY)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
+
+    def test_the_former_commander_gets_nothing_when_it_comes_back(self) -> None:
+        bench = Bench().on_mission()
+        bench.alive = {B}
+        bench.run(8.0)
+        bench.position(outside(A), inside(B))
+        self.take(bench, KEY)
+        bench.alive = {A, B}
+        bench.run(10.0)
+        assert bench.arbiter.view.commander == B
+        assert bench.arbiter.view.epoch == 2
+
+    def test_a_commander_that_comes_back_in_time_keeps_it(self) -> None:
+        bench = Bench().on_mission()
+        bench.alive = {B}
+        bench.run(8.0)
+        bench.position(outside(A), inside(B))
+        bench.say(B, OnHandover(KEY))
+        bench.give(StationHeard(A))
+        assert bench.arbiter.view.commander == A
+        assert bench.arbiter.view.epoch == 2
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view.commander == A
+
+    def test_not_on_the_ground(self) -> None:
+        bench = Bench().on_ground()
+        bench.position(inside(A), inside(B))
+        bench.alive = {B}
+        bench.run(20.0)
+        assert bench.sent() == []
+
+    def test_an_unfit_station_is_not_asked(self) -> None:
+        bench = Bench().on_mission()
+        bench.digests[B] = b""
+        bench.alive = {B}
+        bench.run(8.0)
+        bench.position(outside(A), inside(B))
+        bench.run(10.0)
+        assert bench.sent() == []
+
+    def test_on_the_ground_the_parent_takes_over_from_a_lost_commander(self) -> None:
+        bench = Bench().commit()
+        bench.autopilot_says(armed=False, flying=False)
+        bench.alive = {A}
+        bench.run(20.0)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, A, None, 3, LeaseState.HELD, False, 1)
 
 
 class TestFlightWithoutCommander:

@@ -98,7 +98,7 @@ events: st.SearchStrategy[Event] = st.one_of(
 waits = st.sampled_from([0.0, 0.0, 0.0, 0.1, 0.6, 2.1, 5.1])
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(waits, events), max_size=40))
 def test_anything_from_the_start(story: list[tuple[float, Event]]) -> None:
     bench = Bench()
@@ -108,7 +108,7 @@ def test_anything_from_the_start(story: list[tuple[float, Event]]) -> None:
         bench.give(event)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(
     st.sampled_from([step.name for step in Step]),
     st.lists(st.tuples(waits, events), max_size=25),
@@ -124,7 +124,7 @@ def test_anything_in_a_transfer(step: str, story: list[tuple[float, Event]], liv
         bench.give(event)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([C, D]), messages), max_size=40), st.sampled_from([s.name for s in Step]))
 def test_third_stations_cannot_touch_a_transfer(words: list[tuple[int, Message]], step: str) -> None:
     bench = Bench().up_to(step)
@@ -138,7 +138,7 @@ def test_third_stations_cannot_touch_a_transfer(words: list[tuple[int, Message]]
     assert {station for _at, station, _m, _attempt in bench.sent()} <= {A, B}
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([B, C, D]), messages), max_size=40), st.sampled_from([s.name for s in Step]))
 def test_the_partner_cannot_take_what_the_commander_has_not_consented_to(
     words: list[tuple[int, Message]], step: str
@@ -152,7 +152,7 @@ def test_the_partner_cannot_take_what_the_commander_has_not_consented_to(
         assert bench.arbiter.view.epoch == 1
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from([A, C, D]), messages), max_size=40), st.sampled_from([s.name for s in Step]))
 def test_the_commander_cannot_press_authority_on_a_partner_that_has_not_confirmed(
     words: list[tuple[int, Message]], step: str

@@ -158,13 +158,32 @@ class TestWorse:
         bench.alive = {B}
         bench.run(6.0)
         bench.autopilot_says(armed=True, flying=True)
-        bench.give(StartFinished(ok=True))
         assert bench.arbiter.view.phase is Phase.EMERGENCY
-        # after the landing START is possible again
+        # the edge has dropped the sequence and reports no end of it; after the landing START is possible again
         bench.autopilot_says(armed=False, flying=False)
         bench.alive = {A, B}
         bench.run(2.0)
         assert bench.arbiter.start_needs(A, bench.now) == ()
+
+    def test_the_end_of_a_start_that_an_emergency_has_overtaken_means_nothing(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(StartRequested(A))
+        bench.autopilot_says(armed=True, flying=True)
+        bench.position(*far(A, B))
+        bench.run(2.0)
+        assert bench.flights() == [RETURN]
+        bench.give(StartFinished(ok=True))
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+
+    def test_a_second_flight_in_the_same_emergency_is_brought_home_too(self) -> None:
+        bench = Bench().on_mission()
+        bench.alive = {B}
+        bench.run(10.0)
+        bench.autopilot_says(armed=False, flying=False)
+        bench.run(10.0)
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        assert bench.flights() == [LOST, LOST]
 
     def test_a_bump_on_landing_does_not_command_again(self) -> None:
         bench = Bench().on_mission()
@@ -253,9 +272,23 @@ class TestRoute:
         assert bench.arbiter.view.partner == B
 
     def test_the_route_starts_again_with_the_next_flight(self) -> None:
-        bench = Bench(route=(A, C, B))
+        bench = Bench(route=(A, C, A, B))
         bench.alive = {A, B, C}
         bench.on_mission()
+        for number, (old, new) in enumerate(((A, C), (C, A)), start=1):
+            bench.position(*far(new, B), inside(old))
+            bench.position(outside(B), inside(old), inside(new))
+            key = TransferKey(old, new, number, number)
+            for station, message in (
+                (new, OnHandover(key)),
+                (old, OkHandover(key)),
+                (new, DroneConnected(key)),
+                (old, DisconnectHandover(key)),
+            ):
+                bench.say(station, message)
+            bench.run(10.0)
+        assert bench.arbiter.view.commander == A
+        bench.position(inside(A), *far(B, C))
         bench.autopilot_says(armed=False, flying=False)
         bench.run(5.0)
         bench.autopilot_says(armed=True, flying=True)
@@ -279,6 +312,17 @@ class TestZones:
         bench.run(10.0)
         bench.position(inside(A, exit_s=7.0), inside(B))
         assert [word[2] for word in bench.sent()] == [HandoverRequest(TransferKey(A, B, 1, 1), Reason.ZONE)]
+
+    def test_a_zone_that_was_entered_without_a_commander_calls_by_force(self) -> None:
+        bench = Bench().on_mission()
+        bench.alive = {B}
+        bench.run(6.0)
+        assert bench.sent() == []
+        bench.position(outside(A), inside(B))
+        request = HandoverRequest(TransferKey(A, B, 1, 1), Reason.COMMANDER_LOST)
+        assert [word[1:3] for word in bench.sent()] == [(B, request)]
+        assert bench.arbiter.view.commander is None
+        assert bench.arbiter.view.lease is LeaseState.LOST
 
     def test_zones_of_a_mission_that_was_replaced_do_not_call(self) -> None:
         # on the ground inside A and B; then a mission with A and C alone is loaded

@@ -9,7 +9,17 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Cancel, Flush, PositionSeen, Record, Send, StationHeard, ViewChanged
+from mavproxy_handover.core.events import (
+    Cancel,
+    FlightAction,
+    Flush,
+    Fly,
+    PositionSeen,
+    Record,
+    Send,
+    StationHeard,
+    ViewChanged,
+)
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import AuthorityView, LeaseState
@@ -46,6 +56,65 @@ STAYS = AuthorityView(Phase.ON_MISSION, A, None, 1, LeaseState.HELD, True, 1)
 MOVED = AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
 COMMITTED = HandoverResult(TransferKey(A, B, 1, 2), B, Outcome.COMMITTED, Reason.ZONE)
 ALL_STEPS = [step.name for step in Step]
+
+#: ways to end it without a commit: what happens, the reason that is given, the steps in which it ends it
+WAYS: dict[str, tuple[Callable[[Bench], object], Reason, list[str]]] = {
+    "the partner's zone is left": (lambda b: b.position(inside(A), outside(B)), Reason.LEFT_REGION, ALL_STEPS),
+    "the commander cancels": (lambda b: b.give(Cancel(A)), Reason.CANCELLED, ALL_STEPS),
+    "the partner cancels": (lambda b: b.give(Cancel(B)), Reason.CANCELLED, ALL_STEPS),
+    "the partner refuses": (
+        lambda b: b.say(B, OnHandover(KEY, Consent.DENIED)),
+        Reason.PARTNER_REFUSED,
+        ["REQUEST", "CONSENT", "CONNECT", "CONNECT_FREED"],
+    ),
+    "the commander denies": (
+        lambda b: b.say(A, OkHandover(KEY, Consent.DENIED)),
+        Reason.COMMANDER_DENIED,
+        ["REQUEST", "CONSENT"],
+    ),
+    "the partner says nothing": (
+        lambda b: b.run(4.0),
+        Reason.PARTNER_SILENT,
+        ["REQUEST", "CONNECT", "CONNECT_FREED"],
+    ),
+    "the commander says nothing": (lambda b: b.run(4.0), Reason.COMMANDER_SILENT, ["CONSENT"]),
+}
+
+OTHER_KEYS = [
+    TransferKey(A, B, 1, 0),
+    TransferKey(A, B, 1, 2),
+    TransferKey(A, B, 1, 0xFFFFFFFF),
+    TransferKey(A, B, 0, 1),
+    TransferKey(A, B, 2, 1),
+    TransferKey(A, B, 65535, 1),
+    TransferKey(B, A, 1, 1),
+    TransferKey(A, A, 1, 1),
+    TransferKey(B, B, 1, 1),
+    TransferKey(A, C, 1, 1),
+    TransferKey(C, B, 1, 1),
+    TransferKey(0, 0, 0, 0),
+]
+
+#: what makes GCSB unfit: how, the reason, what the journal says
+UNFIT: dict[str, tuple[Callable[[Bench], object], Reason, str]] = {
+    "silent": (lambda b: b.alive.discard(B), Reason.PARTNER_SILENT, "GCSB cannot be partner: partner silent"),
+    "deaf": (lambda b: b.deaf.add(B), Reason.PARTNER_SILENT, "GCSB cannot be partner: partner silent"),
+    "another version": (
+        lambda b: b.versions.update({B: 2}),
+        Reason.VERSION_DIFFERS,
+        "GCSB cannot be partner: version differs",
+    ),
+    "another mission": (
+        lambda b: b.digests.update({B: bytes(32)}),
+        Reason.MISSION_DIFFERS,
+        "GCSB cannot be partner: mission differs",
+    ),
+    "no mission": (
+        lambda b: b.digests.update({B: b""}),
+        Reason.MISSION_DIFFERS,
+        "GCSB cannot be partner: mission differs",
+    ),
+}
 
 
 def aborted(reason: Reason) -> HandoverResult:
@@ -215,8 +284,8 @@ class TestRelease:
             assert bench.arbiter.view == UNDER_WAY
 
     def test_a_commander_whose_heartbeat_runs_out_first_has_still_consented(self) -> None:
-        # consent at 0 s is the last that is heard of it; the partner confirms at 3.5 s: released at 5.5 s at the latest,
-        # but lost at 5 s. Both have agreed, so authority moves and the aircraft does not turn home.
+        # consent at 0 s is the last that is heard of it; the partner confirms at 3.5 s: relieved at 5.5 s, but lost at
+        # 5 s. Both have agreed, so authority moves and the aircraft does not turn home.
         bench = Bench().up_to("CONNECT")
         consented_at = bench.now
         bench.alive = {B}
@@ -260,40 +329,9 @@ class TestRelease:
 class TestEnds:
     """However a transfer ends without a commit, commander and epoch stay."""
 
-    @staticmethod
-    def leave(bench: Bench) -> None:
-        bench.position(inside(A), outside(B))
-
-    @staticmethod
-    def silence_of_b(bench: Bench) -> None:
-        bench.alive = {A}
-        bench.run(6.0)
-
-    WAYS: dict[str, tuple[Callable[[Bench], object], Reason, list[str]]] = {
-        "the partner's zone is left": (lambda b: TestEnds.leave(b), Reason.LEFT_REGION, ALL_STEPS),
-        "the commander cancels": (lambda b: b.give(Cancel(A)), Reason.CANCELLED, ALL_STEPS),
-        "the partner cancels": (lambda b: b.give(Cancel(B)), Reason.CANCELLED, ALL_STEPS),
-        "the partner refuses": (
-            lambda b: b.say(B, OnHandover(KEY, Consent.DENIED)),
-            Reason.PARTNER_REFUSED,
-            ["REQUEST", "CONSENT", "CONNECT", "CONNECT_FREED"],
-        ),
-        "the commander denies": (
-            lambda b: b.say(A, OkHandover(KEY, Consent.DENIED)),
-            Reason.COMMANDER_DENIED,
-            ["REQUEST", "CONSENT"],
-        ),
-        "the partner says nothing": (
-            lambda b: b.run(4.0),
-            Reason.PARTNER_SILENT,
-            ["REQUEST", "CONNECT", "CONNECT_FREED"],
-        ),
-        "the commander says nothing": (lambda b: b.run(4.0), Reason.COMMANDER_SILENT, ["CONSENT"]),
-    }
-
     @pytest.mark.parametrize(("way", "step"), [(way, step) for way, (_, _, steps) in WAYS.items() for step in steps])
     def test_the_commander_stays(self, way: str, step: str) -> None:
-        happens, reason, _steps = self.WAYS[way]
+        happens, reason, _steps = WAYS[way]
         bench = Bench().up_to(step)
         happens(bench)
         assert bench.arbiter.view == STAYS
@@ -312,13 +350,28 @@ class TestEnds:
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, A, None, 1, LeaseState.HELD, False, 1)
 
     @pytest.mark.parametrize("step", ["REQUEST", "CONSENT", "CONNECT", "CONNECT_FREED"])
-    def test_when_the_commander_is_lost_nobody_commands(self, step: str) -> None:
+    def test_when_the_commander_is_lost_nobody_commands_until_the_partner_confirms(self, step: str) -> None:
         limits = replace(Limits(), step_timeout_s=20.0)
         bench = Bench(limits).up_to(step)
         bench.alive = {B}
-        bench.run(10.0)
+        bench.run(6.9)  # lost after 5 s, forced for 2 s more
+        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1)
+        assert bench.flights() == []
+        bench.run(0.1)
         assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 1)
-        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.COMMANDER_LOST]
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.PARTNER_SILENT]
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
+
+    @pytest.mark.parametrize("step", ["REQUEST", "CONSENT", "CONNECT", "CONNECT_FREED"])
+    def test_and_when_it_does_it_commands(self, step: str) -> None:
+        limits = replace(Limits(), step_timeout_s=20.0)
+        bench = Bench(limits).up_to(step)
+        bench.alive = {B}
+        bench.run(5.5)
+        bench.say(B, OnHandover(KEY))
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view == MOVED
+        assert bench.flights() == []
 
     @pytest.mark.parametrize("step", ["REQUEST", "CONSENT", "CONNECT", "CONNECT_FREED"])
     def test_when_the_partner_is_lost_it_ends_there_and_then(self, step: str) -> None:
@@ -367,6 +420,27 @@ class TestEnds:
         bench.say(B, OnHandover(KEY, Consent.DENIED))
         bench.position(inside(A), inside(B), inside(C))
         assert bench.arbiter.view.partner == C
+
+    def test_a_commit_ends_the_pauses(self) -> None:
+        # B refused the former commander; that says nothing about what it tells the new one
+        bench = Bench()
+        bench.alive = {A, B, C}
+        bench.in_transfer()
+        bench.say(B, OnHandover(KEY, Consent.DENIED))
+        key = TransferKey(A, C, 2, 1)
+        bench.position(inside(A), inside(B), inside(C))
+        for station, word in (
+            (C, OnHandover(key)),
+            (A, OkHandover(key)),
+            (C, DroneConnected(key)),
+            (A, DisconnectHandover(key)),
+        ):
+            bench.say(station, word)
+        assert bench.arbiter.view.commander == C
+        bench.position(outside(A), outside(B), inside(C))
+        bench.position(outside(A), inside(B), inside(C))
+        bench.run(5.5)  # the dwell time is 5 s, the pause would be 10 s
+        assert bench.arbiter.view.partner == B
 
 
 class TestOperators:
@@ -454,21 +528,6 @@ class TestAgain:
 class TestNotListenedTo:
     """Another epoch, another number, another station: dropped and counted."""
 
-    OTHER_KEYS = [
-        TransferKey(A, B, 1, 0),
-        TransferKey(A, B, 1, 2),
-        TransferKey(A, B, 1, 0xFFFFFFFF),
-        TransferKey(A, B, 0, 1),
-        TransferKey(A, B, 2, 1),
-        TransferKey(A, B, 65535, 1),
-        TransferKey(B, A, 1, 1),
-        TransferKey(A, A, 1, 1),
-        TransferKey(B, B, 1, 1),
-        TransferKey(A, C, 1, 1),
-        TransferKey(C, B, 1, 1),
-        TransferKey(0, 0, 0, 0),
-    ]
-
     @pytest.mark.parametrize("key", OTHER_KEYS)
     @pytest.mark.parametrize("step", ALL_STEPS)
     def test_another_key(self, key: TransferKey, step: str) -> None:
@@ -483,7 +542,7 @@ class TestNotListenedTo:
 
     @pytest.mark.parametrize("step", ALL_STEPS)
     def test_another_station(self, step: str) -> None:
-        words = [OnHandover(KEY), OkHandover(KEY), DroneConnected(KEY), DisconnectHandover(KEY)]
+        words: list[Message] = [OnHandover(KEY), OkHandover(KEY), DroneConnected(KEY), DisconnectHandover(KEY)]
         words += [OnHandover(KEY, Consent.DENIED), OkHandover(KEY, Consent.DENIED)]
         partners = (OnHandover, DroneConnected)
         bench = Bench().up_to(step)
@@ -570,46 +629,48 @@ class TestResult:
         bench.run(30.0)
         told = [(at, r.text) for at, r in bench.log if isinstance(r, Record) and r.event == "result_unacknowledged"]
         assert told == [
-            (committed_at + 10.0, "GCSA never showed epoch 2"),
-            (committed_at + 10.0, "GCSB never showed epoch 2"),
+            (committed_at + 10.0, "GCSA has not acknowledged how handover 1 ended"),
+            (committed_at + 10.0, "GCSB has not acknowledged how handover 1 ended"),
         ]
         assert max(at for at, *_rest in bench.sent()) < committed_at + 10.0
         assert bench.arbiter.view == MOVED
 
-    def test_an_abort_is_told_once(self) -> None:
+    def test_an_abort_is_repeated_too_until_the_station_says_that_it_knows(self) -> None:
+        # its epoch says nothing about an abort, so an ordinary answer to CONNECT does not count
         bench = Bench().up_to("CONSENT")
         bench.say(A, OkHandover(KEY, Consent.DENIED))
+        ended_at = bench.now
         bench.log.clear()
-        bench.run(9.0)
-        assert bench.sent() == []
+        bench.run(0.4)
+        bench.say(A, ConnectAck(A, 1, 0, 1, A, "GCSA", b""))
+        bench.run(2.4)  # B answers CONNECT twice in this time
+        bench.say(B, ConnectAck(B, 1, 0, 1, A, "GCSB", b""))
+        bench.run(6.0)
+        result = aborted(Reason.COMMANDER_DENIED)
+        assert [(round(at - ended_at, 6), station, m, attempt) for at, station, m, attempt in bench.sent()] == [
+            (0.2, A, result, 2),
+            (0.2, B, result, 2),
+            (0.5, B, result, 3),
+            (0.95, B, result, 4),
+            (1.625, B, result, 5),
+            (2.625, B, result, 6),
+        ]
+
+    def test_the_next_transfer_supersedes_it(self) -> None:
+        bench = Bench().in_transfer()
+        bench.run(6.5)  # no answer: aborted at 4 s, and begun again 2 s later
+        assert bench.arbiter.view.handover_id == 2
+        bench.log.clear()
+        bench.run(1.0)
+        assert {type(message) for _at, _station, message, _attempt in bench.sent()} == {HandoverRequest}
 
 
 class TestPartners:
     """Only a station that is connected both ways, of this version, with this mission, is asked."""
 
-    CASES = {
-        "silent": (lambda b: b.alive.discard(B), Reason.PARTNER_SILENT, "GCSB cannot be partner: partner silent"),
-        "deaf": (lambda b: b.deaf.add(B), Reason.PARTNER_SILENT, "GCSB cannot be partner: partner silent"),
-        "another version": (
-            lambda b: b.versions.update({B: 2}),
-            Reason.VERSION_DIFFERS,
-            "GCSB cannot be partner: version differs",
-        ),
-        "another mission": (
-            lambda b: b.digests.update({B: bytes(32)}),
-            Reason.MISSION_DIFFERS,
-            "GCSB cannot be partner: mission differs",
-        ),
-        "no mission": (
-            lambda b: b.digests.update({B: b""}),
-            Reason.MISSION_DIFFERS,
-            "GCSB cannot be partner: mission differs",
-        ),
-    }
-
-    @pytest.mark.parametrize("case", CASES)
+    @pytest.mark.parametrize("case", UNFIT)
     def test_unfit_is_told_once_and_nothing_is_asked(self, case: str) -> None:
-        spoil, reason, text = self.CASES[case]
+        spoil, reason, text = UNFIT[case]
         bench = Bench().on_mission()
         spoil(bench)
         bench.run(10.0)
@@ -619,9 +680,9 @@ class TestPartners:
         assert bench.sent() == []
         assert bench.records("partner_unfit") == [Record("partner_unfit", text, reason, B)]
 
-    @pytest.mark.parametrize("case", CASES)
+    @pytest.mark.parametrize("case", UNFIT)
     def test_fit_again_it_is_asked(self, case: str) -> None:
-        spoil, _reason, _text = self.CASES[case]
+        spoil, _reason, _text = UNFIT[case]
         bench = Bench().on_mission()
         spoil(bench)
         bench.run(10.0)
@@ -644,6 +705,19 @@ class TestPartners:
             Reason.PARTNER_SILENT,
             Reason.VERSION_DIFFERS,
         ]
+
+    def test_unfit_once_more_is_told_once_more(self) -> None:
+        bench = Bench().on_mission()
+        bench.digests[B] = b""
+        bench.run(3.0)
+        bench.position(inside(A), inside(B))
+        bench.run(3.0)
+        bench.digests[B] = bytes(range(32))
+        bench.run(1.5)
+        bench.say(B, OnHandover(KEY, Consent.DENIED))
+        bench.digests[B] = b""
+        bench.run(15.0)
+        assert [record.reason for record in bench.records("partner_unfit")] == [Reason.MISSION_DIFFERS] * 2
 
     def test_an_unfit_station_does_not_stand_in_the_way_of_a_fit_one(self) -> None:
         bench = Bench()

@@ -39,7 +39,8 @@ EXPECTED = {
     ("REQUEST", "TIMEOUT"): "ABORTED PARTNER_SILENT",
     ("REQUEST", "LEFT_REGION"): "ABORTED LEFT_REGION",
     ("REQUEST", "CANCELLED"): "ABORTED CANCELLED",
-    ("REQUEST", "COMMANDER_LOST"): "ABORTED COMMANDER_LOST",
+    ("REQUEST", "COMMANDER_LOST"): "REQUEST",
+    ("REQUEST", "COMMANDER_RETURNED"): "ABORTED COMMANDER_RETURNED",
     ("REQUEST", "PARTNER_LOST"): "ABORTED PARTNER_SILENT",
     ("REQUEST", "OUT_OF_COVERAGE"): "ABORTED OUT_OF_COVERAGE",
     ("CONSENT", "PARTNER_REFUSED"): "ABORTED PARTNER_REFUSED",
@@ -49,7 +50,8 @@ EXPECTED = {
     ("CONSENT", "TIMEOUT"): "ABORTED COMMANDER_SILENT",
     ("CONSENT", "LEFT_REGION"): "ABORTED LEFT_REGION",
     ("CONSENT", "CANCELLED"): "ABORTED CANCELLED",
-    ("CONSENT", "COMMANDER_LOST"): "ABORTED COMMANDER_LOST",
+    ("CONSENT", "COMMANDER_LOST"): "CONNECT",
+    ("CONSENT", "COMMANDER_RETURNED"): "ABORTED COMMANDER_RETURNED",
     ("CONSENT", "PARTNER_LOST"): "ABORTED PARTNER_SILENT",
     ("CONSENT", "OUT_OF_COVERAGE"): "ABORTED OUT_OF_COVERAGE",
     ("CONNECT", "PARTNER_REFUSED"): "ABORTED PARTNER_REFUSED",
@@ -58,7 +60,8 @@ EXPECTED = {
     ("CONNECT", "TIMEOUT"): "ABORTED PARTNER_SILENT",
     ("CONNECT", "LEFT_REGION"): "ABORTED LEFT_REGION",
     ("CONNECT", "CANCELLED"): "ABORTED CANCELLED",
-    ("CONNECT", "COMMANDER_LOST"): "ABORTED COMMANDER_LOST",
+    ("CONNECT", "COMMANDER_LOST"): "CONNECT_FREED",
+    ("CONNECT", "COMMANDER_RETURNED"): "ABORTED COMMANDER_RETURNED",
     ("CONNECT", "PARTNER_LOST"): "ABORTED PARTNER_SILENT",
     ("CONNECT", "OUT_OF_COVERAGE"): "ABORTED OUT_OF_COVERAGE",
     ("CONNECT_FREED", "PARTNER_REFUSED"): "ABORTED PARTNER_REFUSED",
@@ -66,12 +69,14 @@ EXPECTED = {
     ("CONNECT_FREED", "TIMEOUT"): "ABORTED PARTNER_SILENT",
     ("CONNECT_FREED", "LEFT_REGION"): "ABORTED LEFT_REGION",
     ("CONNECT_FREED", "CANCELLED"): "ABORTED CANCELLED",
-    ("CONNECT_FREED", "COMMANDER_LOST"): "ABORTED COMMANDER_LOST",
+    ("CONNECT_FREED", "COMMANDER_LOST"): "CONNECT_FREED",
+    ("CONNECT_FREED", "COMMANDER_RETURNED"): "ABORTED COMMANDER_RETURNED",
     ("CONNECT_FREED", "PARTNER_LOST"): "ABORTED PARTNER_SILENT",
     ("CONNECT_FREED", "OUT_OF_COVERAGE"): "ABORTED OUT_OF_COVERAGE",
     ("RELEASE", "RELEASED"): "COMMITTED NONE",
     ("RELEASE", "TIMEOUT"): "COMMITTED RELEASE_TIMEOUT",
     ("RELEASE", "COMMANDER_LOST"): "COMMITTED RELEASE_TIMEOUT",
+    ("RELEASE", "COMMANDER_RETURNED"): "ABORTED COMMANDER_RETURNED",
     ("RELEASE", "LEFT_REGION"): "ABORTED LEFT_REGION",
     ("RELEASE", "CANCELLED"): "ABORTED CANCELLED",
     ("RELEASE", "PARTNER_LOST"): "ABORTED PARTNER_SILENT",
@@ -98,7 +103,7 @@ def transfer_in(step: Step, now: float = 100.0, limits: Limits | None = None) ->
 
 def said(transfer: Transfer, until: float, now: float) -> list[tuple[float, int, int, Message]]:
     """Everything the vehicle says of its own accord from `now` on: time, attempt, receiver, message."""
-    words = []
+    words: list[tuple[float, int, int, Message]] = []
     while True:
         now = max(now, transfer.retry_at)
         if now > until:
@@ -138,7 +143,7 @@ class TestMoves:
         transfer.move(cause, 101.0)
         assert (transfer.retry_at, transfer.timeout_at, transfer.attempt, transfer.operator_asked) == before
 
-    def test_only_the_partners_word_and_the_commanders_consent_lead_to_a_commit(self) -> None:
+    def test_only_the_partners_word_with_the_commanders_consent_or_loss_leads_to_a_commit(self) -> None:
         # walk every path of stations' words and see what was said before each commit
         words = {
             Cause.PARTNER_READY,
@@ -161,7 +166,9 @@ class TestMoves:
                 if isinstance(target, End):
                     if target.outcome is Outcome.COMMITTED:
                         commits += 1
-                        assert {Cause.CONSENTED, Cause.CONNECTED} <= heard | {cause}
+                        assert Cause.CONNECTED in heard | {cause}
+                        # consent, or nobody there to give it
+                        assert {Cause.CONSENTED, Cause.COMMANDER_LOST} & (heard | {cause})
                 elif target is not None:
                     todo.append((target, heard | {cause}))
         assert commits > 0
@@ -335,3 +342,43 @@ class TestTimeouts:
         words = said(transfer, until=110.0, now=100.0)
         assert {word[2:] for word in words} == {(A, OnHandover(KEY, relayed=True))}
         assert [word[0] for word in words[-2:]] == [108.825, 109.825]
+
+
+class TestForced:
+    """Without a commander nobody is left to ask; the partner's two words count as ever, and time is short."""
+
+    def test_lost_on_the_way_it_ends_two_seconds_later_whatever_step_it_is_in(self) -> None:
+        for step in (Step.REQUEST, Step.CONSENT, Step.CONNECT, Step.CONNECT_FREED):
+            transfer = transfer_in(step)
+            transfer.move(Cause.COMMANDER_LOST, 101.0)
+            assert transfer.forced
+            assert transfer.timeout_at == 103.0
+            transfer.move(Cause.PARTNER_READY, 102.5)
+            transfer.move(Cause.CONSENTED, 102.5)
+            assert transfer.timeout_at == 103.0
+
+    def test_forced_from_the_beginning(self) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced=True)
+        assert transfer.timeout_at == 102.0
+        assert transfer.due(100.0) == (B, HandoverRequest(KEY, Reason.COMMANDER_LOST))
+
+    def test_no_operator_wins_more_time(self) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced=True)
+        transfer.move(Cause.PARTNER_ASKS, 100.5)
+        assert transfer.timeout_at == 102.0
+
+    @pytest.mark.parametrize(
+        ("step", "implied"),
+        [
+            (Step.REQUEST, None),
+            (Step.CONSENT, Cause.CONSENTED),
+            (Step.CONNECT, None),
+            (Step.CONNECT_FREED, None),
+            (Step.RELEASE, Cause.RELEASED),
+        ],
+    )
+    def test_only_the_commanders_words_come_by_themselves(self, step: Step, implied: Cause | None) -> None:
+        transfer = transfer_in(step)
+        assert transfer.implied(partner_standard=False, commander_standard=False) is None
+        transfer.forced = transfer.consented = True
+        assert transfer.implied(partner_standard=False, commander_standard=False) is implied

@@ -8,6 +8,8 @@ how each story ends.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -29,11 +31,11 @@ def durations_in(network: Network, least_s: float, most_s: float) -> bool:
 
 
 class TestNominal:
-    @pytest.mark.parametrize(("delay_s", "least_s", "most_s"), [(0.001, 0.006, 0.006), (0.1, 0.6, 0.65), (0.5, 3, 3.05)])
-    def test_four_handovers_in_six_delays_each(self, delay_s: float, least_s: float, most_s: float) -> None:
+    @pytest.mark.parametrize(("delay_s", "total_s"), [(0.001, 0.006), (0.1, 0.6), (0.5, 3.0)])
+    def test_four_handovers_in_six_delays_each(self, delay_s: float, total_s: float) -> None:
         network = Network(FOUR_CROSSINGS, (A, B, A, B, A), air=perfect(delay_s), ground=perfect(delay_s)).run(150.0)
         assert network.commits() == [(A, B, 2), (B, A, 3), (A, B, 4), (B, A, 5)]
-        assert durations_in(network, least_s, most_s)
+        assert durations_in(network, total_s, total_s)
         begun = [round(at, 1) for at, record in network.records if record.event == "transfer_begun"]
         assert begun == pytest.approx([30.0, 60.0, 90.0, 120.0], abs=0.11)
         assert network.flights == []
@@ -114,7 +116,7 @@ class TestOperators:
         assert network.commits() == []
         assert network.said("transfer_aborted")[0] == f"handover 1 aborted ({reason}): GCSA commands"
         begun = [at for at, record in network.records if record.event == "transfer_begun"]
-        assert [round(later - earlier) for earlier, later in zip(begun, begun[1:], strict=False)] == [11, 11, 11]
+        assert [round(later - earlier) for earlier, later in pairwise(begun)] == [11, 11, 11]
         assert network.flights == []
 
     def test_who_never_answers(self) -> None:
@@ -125,9 +127,9 @@ class TestOperators:
     def test_nobody_hands_over_before_the_aircraft_is_out_it_turns_home(self) -> None:
         network = Network(ONE_CROSSING | {B: [(20, 45)]}, (A, B), operators={A: (False, 0.5)}).run(60.0)
         assert network.commits() == []
-        assert [(round(at, 1), fly.action, fly.reason) for at, fly in network.flights] == [
-            (pytest.approx(46.1, abs=0.11), FlightAction.RETURN, Reason.OUT_OF_COVERAGE)
-        ]
+        ((at, fly),) = network.flights
+        assert (fly.action, fly.reason) == (FlightAction.RETURN, Reason.OUT_OF_COVERAGE)
+        assert at == pytest.approx(46.0)
 
 
 class TestDeaths:
@@ -145,16 +147,30 @@ class TestDeaths:
         assert network.said("transfer_aborted") == ["handover 1 aborted (partner_silent): GCSA commands"]
         assert network.arbiter.view.commander == A
 
-    @pytest.mark.parametrize("dies_at", [10.0, 19.9, 20.03, 20.05])
-    def test_a_commander_that_dies_before_it_consents(self, dies_at: float) -> None:
-        # the partner's word would reach it at 20.051 s
-        network = Network({A: [(0, 60)], B: [(20, 80)]}, (A, B), air=perfect(0.05), dies={A: dies_at}).run(50.0)
-        assert network.commits() == []
+    def test_a_commander_that_dies_where_no_other_zone_is(self) -> None:
+        network = Network({A: [(0, 60)], B: [(20, 80)]}, (A, B), dies={A: 10.0}).run(19.0)
         assert network.arbiter.view.lease is LeaseState.LOST
         assert network.arbiter.view.phase is Phase.EMERGENCY
         assert [(fly.action, fly.reason) for _at, fly in network.flights] == [
             (FlightAction.RETURN, Reason.COMMANDER_LOST)
         ]
+        # the way home leads through the other zone
+        network.run(25.0)
+        assert network.arbiter.view.commander == B
+        assert network.arbiter.view.epoch == 2
+        assert len(network.flights) == 1
+
+    @pytest.mark.parametrize("dies_at", [19.9, 20.03, 20.05])
+    def test_a_commander_that_dies_in_the_region_before_it_consents(self, dies_at: float) -> None:
+        # the partner's word would reach it at 20.051 s
+        network = Network({A: [(0, 60)], B: [(20, 80)]}, (A, B), air=perfect(0.05), dies={A: dies_at}).run(50.0)
+        assert [(old, new, epoch) for _at, old, new, epoch in network.watch.moves] == [
+            (None, A, 1),
+            (A, None, 1),
+            (None, B, 2),
+        ]
+        assert network.flights == []
+        assert network.agreed()
 
     def test_a_commander_that_dies_after_it_has_consented(self) -> None:
         # it is asked at 20.1 s; at 20.25 s it would hear that the partner is connected
@@ -191,7 +207,7 @@ class TestBadLinks:
         assert durations[98] <= 3.0
 
     def test_four_handovers_and_every_epoch_one_more(self) -> None:
-        for seed in range(15):
+        for seed in range(10):
             network = Network(
                 FOUR_CROSSINGS,
                 (A, B, A, B, A),
@@ -202,7 +218,7 @@ class TestBadLinks:
             assert network.agreed()
 
     def test_so_bad_that_stations_are_lost_it_still_ends(self) -> None:
-        for seed in range(25):
+        for seed in range(10):
             network = Network(
                 FOUR_CROSSINGS,
                 (A, B, A, B, A),
@@ -213,7 +229,7 @@ class TestBadLinks:
             assert epochs == list(range(1, len(epochs) + 1))
 
     def test_a_link_that_reorders_everything_asks_no_operator_twice(self) -> None:
-        for seed in range(40):
+        for seed in range(10):
             network = Network(
                 FOUR_CROSSINGS,
                 (A, B, A, B, A),
@@ -231,11 +247,13 @@ class TestBadLinks:
 FATES = st.sampled_from([(), (), (0.01,), (0.01,), (0.4,), (2.5,), (0.01, 0.02), (0.02, 1.5)])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.lists(FATES, max_size=120),
     st.lists(FATES, max_size=20),
-    st.sampled_from([{}, {A: (True, 1.5)}, {B: (True, 0.7)}, {A: (False, 0.5)}, {A: None}, {A: (True, 2), B: (True, 2)}]),
+    st.sampled_from(
+        [{}, {A: (True, 1.5)}, {B: (True, 0.7)}, {A: (False, 0.5)}, {A: None}, {A: (True, 2.0), B: (True, 2.0)}]
+    ),
     st.sampled_from([{}, {}, {A: 10.0}, {A: 11.3}, {B: 11.1}, {A: 12.0, B: 12.5}]),
 )
 def test_any_schedule_of_losses(

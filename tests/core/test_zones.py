@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import nan
 
 import pytest
@@ -17,8 +16,8 @@ A, B, C = 251, 252, 253
 NOTHING = ZoneChange((), ())
 
 
-def tracker(**changes: float) -> ZoneTracker:
-    return ZoneTracker(replace(Limits(), **changes))
+def tracker() -> ZoneTracker:
+    return ZoneTracker(Limits())
 
 
 def fact(station: int, margin_m: float, exit_s: float | None = None) -> ZoneFact:

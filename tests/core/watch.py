@@ -3,21 +3,30 @@
 """The invariants of authority, checked after every single event.
 
 1. At most one commander: the view names one station or none, and every change of it is announced.
-2. The commander changes in three ways only. To nobody, when its heartbeat has run out. From nobody, to the one that
-   had authority and is heard again, or on the ground and disarmed to the parent. From one station to another by a
-   transfer: under way until then, the partner has said DRONE_CONNECTED, the commander has consented.
-3. The epoch grows by one with every station that gets authority, and never otherwise.
+2. The commander changes with one of these causes only:
+   * lost: to nobody, when its heartbeat has run out, in the same epoch;
+   * released: to nobody, on the ground, by its own request;
+   * back: from nobody to the one that had authority, when it is heard;
+   * parent: from nobody to the parent, on the ground and disarmed, unless control was released;
+   * granted: from nobody to the station that asks for control, on the ground and disarmed;
+   * transfer: to the partner of a transfer that was under way until then. The partner has confirmed this very transfer
+     and lives. The commander has consented, beforehand or in this transfer, or is lost.
+3. The epoch grows by one with every other change than a loss, and never otherwise. After a restart it has grown already
+   when the commander of before comes back.
 4. Phase, lease and partner of a view say the same.
+5. That takeover is allowed is the word of one commander: with another one it is not.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import inf
 
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
+    ControlRequested,
     Event,
     Flush,
     StationHeard,
@@ -27,24 +36,54 @@ from mavproxy_handover.core.events import (
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck, DroneConnected, Message, OkHandover, TransferKey
 from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Phase
+from mavproxy_handover.core.snapshot import Snapshot
 
 __all__ = ["Watch"]
 
+_ANYBODY = "anybody"
+
 
 class Watch:
-    """Looks over an arbiter's shoulder. Keeps books of its own: nothing is asked of the arbiter but its view."""
+    """Looks over an arbiter's shoulder. Keeps books of its own: nothing is asked of the arbiter but its view.
 
-    def __init__(self, arbiter: Arbiter, parent: int, limits: Limits) -> None:
+    `standard`: stations that know only the MAVLink standard, so that the partner's words are not theirs to say.
+    `restored`: what the arbiter was started from.
+    """
+
+    def __init__(
+        self,
+        arbiter: Arbiter,
+        parent: int,
+        limits: Limits,
+        *,
+        standard: Collection[int] = (),
+        restored: Snapshot | None = None,
+    ) -> None:
         self._arbiter = arbiter
         self._parent = parent
         self._limits = limits
+        self._standard = frozenset(standard)
         self._view = arbiter.view
         self._heard: dict[int, float] = {}
         self._words: set[tuple[int, Message]] = set()
         self._had_authority: int | None = None
+        #: whom the commander lets have control without being asked: stations, or `_ANYBODY`
+        self._allowed: set[int | str] = set()
+        self._released = False
         self._armed = True  # until the autopilot says otherwise
+        self._relieved: list[int] = []
         #: every change of commander: time, from, to, epoch
         self.moves: list[tuple[float, int | None, int | None, int]] = []
+        if restored is None:
+            assert arbiter.view == AuthorityView()
+            return
+        assert arbiter.view.commander is None, "nobody has authority by a restart"
+        assert arbiter.view.partner is None
+        assert arbiter.view.epoch == restored.epoch + 1
+        if restored.phase is not Phase.ON_LOAD:
+            self._had_authority = restored.owner
+            if restored.takeover_allowed:
+                self._allowed.add(_ANYBODY)
 
     def saw(self, event: Event, actions: list[Action], now: float) -> None:
         """Check what `event` has led to."""
@@ -55,6 +94,9 @@ class Watch:
             self._heard[event.station] = now
         if isinstance(event, StationMessage) and not isinstance(event.message, (Connect, ConnectAck)):
             self._words.add((event.station, event.message))
+        if isinstance(event, ControlRequested) and event.station == self._view.commander:
+            self._note_consent(event)
+        self._relieved = []
         for action in actions:
             if isinstance(action, ViewChanged):
                 self._check_view(action.view)
@@ -66,43 +108,90 @@ class Watch:
                 self._view = action.view
         assert self._arbiter.view == self._view, "a change that was not announced"
         flushed = [action.station for action in actions if isinstance(action, Flush)]
-        moved = [old for at, old, new, _epoch in self.moves if at == now and old is not None and new is not None]
-        assert set(flushed) <= set(moved)
+        assert flushed == self._relieved, "the one who was relieved is flushed, once, and nobody else"
+
+    def _note_consent(self, event: ControlRequested) -> None:
+        if event.request and event.for_station != event.station:
+            self._allowed.add(event.for_station)
+        elif event.request and not event.takeover:
+            self._allowed.clear()
+        else:
+            self._allowed.add(_ANYBODY)
 
     @staticmethod
     def _check_view(view: AuthorityView) -> None:
-        assert (view.lease is LeaseState.LOST) is (view.commander is None)
-        assert (view.lease is LeaseState.TRANSFER) is (view.partner is not None)
-        assert (view.phase is Phase.ON_HANDOVER) is (view.partner is not None)
-        assert view.partner is None or view.partner != view.commander
+        assert (view.lease in (LeaseState.LOST, LeaseState.RECOVERING)) is (view.commander is None)
+        assert (view.lease is LeaseState.TRANSFER) is (view.commander is not None and view.partner is not None)
+        assert view.phase is not Phase.ON_HANDOVER or view.partner is not None
+        if view.partner is not None:
+            # on the ground a transfer is no phase; and one from a lost commander may begin on the way home
+            elsewhere = (Phase.ON_LOAD,) if view.commander is not None else (Phase.ON_LOAD, Phase.EMERGENCY)
+            assert view.phase is Phase.ON_HANDOVER or view.phase in elsewhere
+            assert view.lease is not LeaseState.RECOVERING
+            assert view.partner != view.commander
         assert 0 <= view.handover_id <= 0xFFFF
 
     def _check_move(
         self, old: AuthorityView, new: AuthorityView, event: Event, heard: dict[int, float], now: float
     ) -> None:
         if new.commander is None:
-            assert old.commander is not None
-            assert now - heard[old.commander] >= self._limits.heartbeat_lost_s - 1e-9
-            assert new.epoch == old.epoch
+            self._check_end(old, new, event, heard, now)
             return
-        assert new.epoch == old.epoch + 1
-        if old.commander is None:
-            if self._had_authority is None:
-                assert new.commander == self._parent
+        came_back = new.commander == self._had_authority
+        assert new.epoch == old.epoch + (0 if came_back and old.lease is LeaseState.RECOVERING else 1)
+        if came_back:
+            assert old.commander is None
+            assert isinstance(event, (StationHeard, StationMessage))
+            assert event.station == new.commander
+        else:
+            if old.partner == new.commander:
+                self._check_transfer(old, new, heard, now)
+            else:
+                assert old.commander is None
                 assert not self._armed
                 assert new.phase is Phase.ON_LOAD
-            else:
-                assert new.commander == self._had_authority
-                assert isinstance(event, (StationHeard, StationMessage))
-                assert event.station == new.commander
-        else:
-            assert old.partner == new.commander
-            assert old.phase is Phase.ON_HANDOVER
-            key = TransferKey(old.commander, new.commander, old.handover_id, old.epoch)
+                assert old.partner is None
+                if isinstance(event, ControlRequested):
+                    assert event.request
+                    assert event.station == event.for_station == new.commander
+                else:
+                    assert new.commander == self._parent
+                    assert not self._released
+            assert not new.takeover_allowed
+            self._allowed.clear()
+        self._had_authority, self._released = new.commander, False
+
+    def _check_end(
+        self, old: AuthorityView, new: AuthorityView, event: Event, heard: dict[int, float], now: float
+    ) -> None:
+        assert old.commander is not None
+        if new.epoch == old.epoch:
+            assert now - heard[old.commander] >= self._limits.heartbeat_lost_s - 1e-9
+            return
+        assert new.epoch == old.epoch + 1
+        assert isinstance(event, ControlRequested)
+        assert event.station == old.commander
+        assert not event.request
+        assert not self._armed
+        assert new.phase is Phase.ON_LOAD
+        assert not new.takeover_allowed
+        self._had_authority, self._released = None, True
+
+    def _check_transfer(self, old: AuthorityView, new: AuthorityView, heard: dict[int, float], now: float) -> None:
+        """The partner was asked in this very transfer, has confirmed it, and is alive; the commander let it go."""
+        owner = self._had_authority
+        assert owner is not None
+        assert new.commander is not None
+        assert old.commander in (owner, None)
+        key = TransferKey(owner, new.commander, old.handover_id, old.epoch)
+        if new.commander not in self._standard:
             assert self._said(new.commander, DroneConnected, key)
-            assert self._said(old.commander, OkHandover, key)
-            assert now - heard.get(new.commander, -inf) < self._limits.heartbeat_lost_s + 1e-9
-        self._had_authority = new.commander
+        assert now - heard.get(new.commander, -inf) < self._limits.heartbeat_lost_s + 1e-9
+        if old.commander is not None:
+            lost = now - heard[owner] >= self._limits.heartbeat_lost_s - 1e-9
+            beforehand = bool(self._allowed & {new.commander, _ANYBODY})
+            assert lost or beforehand or self._said(owner, OkHandover, key)
+        self._relieved.append(owner)
 
     def _said(self, station: int, kind: type, key: TransferKey) -> bool:
         return any(

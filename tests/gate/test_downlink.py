@@ -62,6 +62,7 @@ def test_the_commander_hears_everything_and_an_observer_what_concerns_everybody(
         "BATTERY_STATUS",
         "STATUSTEXT",
     }
+    # how often they hear it: test_observers.py
     assert set(FOR_EVERYBODY) == everybody
     for cls in mavlink.mavlink_map.values():
         if cls.msgname == "MANUAL_CONTROL":
@@ -73,6 +74,31 @@ def test_the_commander_hears_everything_and_an_observer_what_concerns_everybody(
 def test_the_partner_hears_everything_while_the_transfer_lasts(policy: DownlinkPolicy, say: Make) -> None:
     assert hearers(policy, say("ATTITUDE"), TRANSFER) == [GCSA, GCSB]
     assert hearers(policy, say("ATTITUDE"), MISSION) == [GCSA]
+
+
+def test_an_observer_hears_what_it_asked_the_companion_for_until_it_commands(
+    policy: DownlinkPolicy, say: Make, make: Make
+) -> None:
+    wish = make("COMMAND_LONG", sysid=GCSB, command=511, param1=30.0, param2=1e6)
+    verdict = judge(wish, STATIONS[1], MISSION, 1)
+    assert (verdict.action, verdict.access) == (Action.CONSUME, Access.ANSWERED)
+    policy.rates.asked(wish, GCSB, 0.0)
+    attitude = say("ATTITUDE")
+    assert [hearers(policy, attitude, MISSION, t) for t in (0.0, 0.5, 1.0)] == [[GCSA, GCSB], [GCSA], [GCSA, GCSB]]
+    commanded_by_b = AuthorityView(Phase.ON_MISSION, GCSB, None, 2, LeaseState.HELD)
+    assert [hearers(policy, attitude, commanded_by_b, t) for t in (2.0, 2.1)] == [[GCSB], [GCSB]]
+    assert hearers(policy, attitude, MISSION, 4.0) == [GCSA]
+
+
+def test_asking_for_telemetry_never_takes_an_answer_from_the_asker(
+    policy: DownlinkPolicy, say: Make, make: Make
+) -> None:
+    """Home comes as an answer now and as telemetry every minute: the wish must not hold the answer back."""
+    policy.rates.asked(make("COMMAND_LONG", sysid=GCSB, command=511, param1=242.0, param2=60e6), GCSB, 0.0)
+    home = say("HOME_POSITION")
+    assert hearers(policy, home, MISSION, 0.0) == [GCSA, GCSB]
+    policy.asked(make("COMMAND_LONG", sysid=GCSB, command=410), GCSB, 1.0)
+    assert hearers(policy, home, MISSION, 1.1) == [GCSA, GCSB]
 
 
 def test_without_a_commander_everybody_is_an_observer(policy: DownlinkPolicy, say: Make) -> None:
@@ -145,8 +171,8 @@ def test_a_single_question_during_a_list_does_not_shorten_the_list(
 ) -> None:
     value = say("PARAM_VALUE")
     policy.asked(make("PARAM_REQUEST_LIST", sysid=GCSB), GCSB, 0.0)
-    policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 1.0)
-    assert [policy.wanted(value, GCSB, MISSION, t) for t in (5.0, 9.0, 13.0)] == [True, True, True]
+    policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 5.0)  # at its very end
+    assert [policy.wanted(value, GCSB, MISSION, t) for t in (9.0, 13.0, 17.0)] == [True, True, True]
 
 
 def test_a_single_question_after_a_list_is_single_again(policy: DownlinkPolicy, say: Make, make: Make) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.gate.parameters import parameter_rule
 from mavproxy_handover.gate.policy import MISSION_START, Access, classify
 from mavproxy_handover.gate.tables import (
     COMMAND_RULES,
@@ -17,6 +18,9 @@ from mavproxy_handover.gate.tables import (
     FTP_RULES,
     MESSAGE_RULES,
     MESSAGES_BY_PART,
+    MISSION_TYPE_RULES,
+    MISSION_TYPES,
+    POLICY,
     Rule,
 )
 from mavproxy_handover.wire.frames import Frame
@@ -89,10 +93,45 @@ def test_opcodes_have_the_numbers_of_the_dialect() -> None:
     assert ours == theirs
 
 
-def test_every_row_gives_a_reason() -> None:
-    for rule in (*MESSAGE_RULES, *COMMAND_RULES, *FTP_RULES):
-        assert len(rule.why.split()) >= 1, rule
-        assert rule.names, rule
+def test_every_mission_type_of_the_dialect_is_classified() -> None:
+    theirs = {
+        number: entry.name.removeprefix("MAV_MISSION_TYPE_")
+        for number, entry in mavlink.enums["MAV_MISSION_TYPE"].items()
+        if not entry.name.endswith("ENUM_END")
+    }
+    assert theirs == MISSION_TYPES
+    assert sorted(names(MISSION_TYPE_RULES)) == sorted(MISSION_TYPES.values())
+
+
+def test_every_row_gives_a_reason_and_none_is_there_twice() -> None:
+    assert all(row.why for row in POLICY)
+    assert [key for key, count in Counter((row.kind, row.name) for row in POLICY).items() if count > 1] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "pattern"),
+    [("HNDO_ENABLE", "HNDO_*"), ("SCR_ENABLE", "SCR_*"), ("FORMAT_VERSION", "FORMAT_VERSION"), ("X", "*")],
+)
+def test_the_rule_of_a_parameter_is_the_one_that_names_it(name: str, pattern: str) -> None:
+    assert pattern in parameter_rule(name).names
+
+
+def test_the_whole_policy_is_one_table() -> None:
+    kinds = Counter(row.kind for row in POLICY)
+    assert kinds["message"] == len(names(MESSAGE_RULES))
+    assert kinds["command"] == len(names(COMMAND_RULES))
+    assert kinds["file opcode"] == len(FTP_OPCODES)
+    assert set(kinds) == {
+        "message",
+        "command",
+        "acknowledged command",
+        "mission type",
+        "parameter",
+        "file",
+        "file opcode",
+        "tunnel payload type",
+    }
+    assert {row.access for row in POLICY} == set(Access)
 
 
 def test_start_is_the_command_of_the_standard() -> None:
@@ -113,8 +152,10 @@ def test_the_part_that_decides_is_read_from_the_payload(make: Callable[..., Fram
     assert classify(make("COMMAND_LONG", command=21)).what == "COMMAND_LONG/MAV_CMD_NAV_LAND"
     assert classify(make("COMMAND_INT", command=21)).what == "COMMAND_INT/MAV_CMD_NAV_LAND"
     assert classify(make("COMMAND_ACK", command=32100)).what == "COMMAND_ACK/MAV_CMD_REQUEST_OPERATOR_CONTROL"
-    opcode = [9, 9, 9, 11, *[9] * 247]
+    opcode = [9, 9, 9, 11, *[9] * 8, *b"file", *[0] * 235]
     assert classify(make("FILE_TRANSFER_PROTOCOL", payload=opcode)).what == "FILE_TRANSFER_PROTOCOL/OpenFileWO"
     assert classify(make("TUNNEL", payload_type=47116)).what == "TUNNEL/47116"
     assert classify(make("COMMAND_LONG", command=40001)).what == "COMMAND_LONG/40001"
+    assert classify(make("MISSION_ITEM_INT", mission_type=2)).what == "MISSION_ITEM_INT/RALLY"
+    assert classify(make("PARAM_SET", param_id=b"SCR_ENABLE")).what == "PARAM_SET/SCR_ENABLE"
     assert classify(make("HEARTBEAT")).what == "HEARTBEAT"

@@ -15,11 +15,13 @@ from mavproxy_handover.gate import refusals
 from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity, judge
 from mavproxy_handover.gate.refusals import SILENT, RefusalLimiter, refusal
 from mavproxy_handover.wire.frames import Frame, parse_one
+from tests.gate.frames import ftp_request
 
 VEHICLE = 1
 OBSERVER = StationIdentity(252)
 COMMANDER = StationIdentity(251)
 VIEW = AuthorityView(Phase.ON_MISSION, 251, None, 1, LeaseState.HELD)
+ARMED = AuthorityView(Phase.ON_MISSION, 251, None, 1, LeaseState.HELD, armed=True)
 
 Make = Callable[..., Frame]
 
@@ -29,12 +31,19 @@ def own() -> mavlink.MAVLink:
     return mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=191)
 
 
-def answer(frame: Frame, own: mavlink.MAVLink, station: StationIdentity = OBSERVER) -> Any:
-    """What the station reads when the gate has refused `frame`; None if it hears nothing."""
-    verdict = judge(frame, station, VIEW, VEHICLE)
+def answers_to(
+    frame: Frame, own: mavlink.MAVLink, station: StationIdentity = OBSERVER, view: AuthorityView = VIEW
+) -> list[Any]:
+    """What the station reads when the gate has refused `frame`."""
+    verdict = judge(frame, station, view, VEHICLE)
     assert verdict.action is Action.REFUSE
-    packed = refusal(frame, verdict, own)
-    return None if packed is None else mavlink.MAVLink(None).decode(bytearray(packed))
+    return [mavlink.MAVLink(None).decode(bytearray(packed)) for packed in refusal(frame, verdict, own)]
+
+
+def answer(frame: Frame, own: mavlink.MAVLink, station: StationIdentity = OBSERVER) -> Any:
+    """The first of them; None if it hears nothing."""
+    messages = answers_to(frame, own, station)
+    return messages[0] if messages else None
 
 
 def origin(message: Any) -> tuple[int, int]:
@@ -61,7 +70,6 @@ def test_the_result_says_why(make: Make, own: mavlink.MAVLink) -> None:
 
     not_in_control, denied, unsupported = 10, 2, 3
     assert result(400, OBSERVER) == not_in_control
-    assert result(511, OBSERVER) == not_in_control
     assert result(42700, OBSERVER) == denied
     assert result(42700, COMMANDER) == denied
     assert result(40001, COMMANDER) == unsupported
@@ -103,13 +111,39 @@ def test_setting_a_parameter_is_denied_by_its_name(make: Make, own: mavlink.MAVL
     assert (message.param_id, message.param_index, message.error) == (param_id.decode(), -1, 3)
 
 
+@pytest.mark.skipif(not HAS_PARAM_ERROR, reason="this pymavlink has no PARAM_ERROR")
+def test_few_programs_show_param_error_so_a_line_of_text_goes_with_it(make: Make, own: mavlink.MAVLink) -> None:
+    def read(name: bytes, station: StationIdentity, component: int = 1) -> list[str]:
+        frame = make("PARAM_SET", sysid=station.sysid, param_id=name, target_component=component)
+        messages = answers_to(frame, own, station, ARMED)
+        return [getattr(message, "text", message.get_type()) for message in messages]
+
+    assert read(b"RTL_ALT", OBSERVER) == ["PARAM_ERROR", "Handover: RTL_ALT: not in control"]
+    assert read(b"FS_GCS_ENABLE", COMMANDER) == ["PARAM_ERROR", "Handover: FS_GCS_ENABLE: locked while armed"]
+    assert read(b"BATT_FS_VOLTSRCX", COMMANDER) == ["PARAM_ERROR", "Handover: BATT_FS_VOLTSRCX: locked while armed"]
+    assert read(b"RTL_ALT", COMMANDER, 191) == ["PARAM_ERROR"]
+
+
+def test_what_is_locked_while_armed_is_denied(make: Make, own: mavlink.MAVLink) -> None:
+    (ack,) = answers_to(make("COMMAND_LONG", command=245), own, COMMANDER, ARMED)
+    assert (ack.get_type(), ack.result) == ("COMMAND_ACK", 2)
+    request = make("FILE_TRANSFER_PROTOCOL", payload=ftp_request(6, b"@PARAM/param.pck", session=3, sequence=8))
+    (nak,) = answers_to(request, own, COMMANDER, ARMED)
+    assert nak.payload[:13] == [9, 0, 3, 129, 1, 6, 0, 0, 0, 0, 0, 0, 9]
+
+
+def test_a_mission_type_that_does_not_exist_is_unsupported(make: Make, own: mavlink.MAVLink) -> None:
+    message = answer(make("MISSION_COUNT", mission_type=77), own, COMMANDER)
+    assert (message.get_type(), message.type, message.mission_type) == ("MISSION_ACK", 3, 77)
+
+
 def test_setting_a_parameter_is_denied_in_words_where_there_is_no_param_error(
     make: Make, own: mavlink.MAVLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(mavlink, "MAVLink_param_error_message", raising=False)
     monkeypatch.setattr(refusals, "_BUILDERS", refusals._builders())
-    message = answer(make("PARAM_SET", sysid=252), own)
-    assert message.text == "Handover: PARAM_SET: not in control"
+    (message,) = answers_to(make("PARAM_SET", sysid=252, param_id=b"RTL_ALT"), own)
+    assert message.text == "Handover: RTL_ALT: not in control"
 
 
 def test_setting_an_extended_parameter_fails_by_its_name(make: Make, own: mavlink.MAVLink) -> None:
@@ -164,7 +198,7 @@ def test_the_line_of_text_fits_and_ends_with_the_reason(make: Make, own: mavlink
 
 
 def test_what_programs_repeat_on_their_own_is_refused_in_silence(make: Make, own: mavlink.MAVLink) -> None:
-    assert answer(make("REQUEST_DATA_STREAM", sysid=252), own) is None
+    assert answer(make("REQUEST_DATA_STREAM", target_component=191), own, COMMANDER) is None
     assert answer(make("TUNNEL", sysid=252, payload_type=1), own) is None
     assert answer(make("HIL_SENSOR", sysid=252), own) is None
     assert answer(make("PARAM_REQUEST_LIST", sysid=252, target_component=191), own) is None
@@ -180,11 +214,10 @@ def test_every_refusal_of_the_dialect_has_an_answer_or_is_silent_on_purpose(make
         frame = make(cls.msgname, sysid=252)
         verdict = judge(frame, OBSERVER, VIEW, VEHICLE)
         packed = refusal(frame, verdict, own)
-        if verdict.action is not Action.REFUSE or cls.msgname in SILENT:
-            assert packed is None, cls.msgname
-        else:
-            assert packed is not None, cls.msgname
-            parsed = parse_one(packed)
+        silent = verdict.action is not Action.REFUSE or cls.msgname in SILENT
+        assert (packed == []) == silent, cls.msgname
+        for raw in packed:
+            parsed = parse_one(raw)
             assert parsed is not None
             answered.add(mavlink.mavlink_map[parsed.msgid].msgname)
     young = {"PARAM_ERROR"} if HAS_PARAM_ERROR else set()
@@ -195,7 +228,7 @@ def test_only_refusals_are_answered(make: Make, own: mavlink.MAVLink) -> None:
     frame = make("COMMAND_LONG", command=400)
     verdict = judge(frame, COMMANDER, VIEW, VEHICLE)
     assert verdict.reason is GateReason.ALLOWED
-    assert refusal(frame, verdict, own) is None
+    assert refusal(frame, verdict, own) == []
 
 
 def test_the_packer_is_left_as_it_was_but_for_its_sequence_number(make: Make, own: mavlink.MAVLink) -> None:
@@ -211,6 +244,11 @@ def test_at_most_n_answers_of_a_kind_go_to_a_station_in_any_second() -> None:
     times = [0.0, 0.6, 0.9, 1.0, 1.1, 1.6, 1.7]
     assert [limiter.allow(252, 76, t) for t in times] == [True, True, False, True, False, True, False]
     assert limiter.kept_back == 3
+
+
+def test_five_answers_a_second_are_enough_for_a_person() -> None:
+    limiter = RefusalLimiter()
+    assert [limiter.allow(252, 76, 0.1) for _ in range(7)] == [True] * 5 + [False] * 2
 
 
 def test_stations_and_kinds_are_limited_apart() -> None:

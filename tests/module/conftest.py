@@ -60,6 +60,7 @@ class Bench:
             parent = "GCSA"
             journal = "companion.jsonl"
             guard = {str(guard).lower()}
+            allow_unsigned = true
             {more}
             [[station]]
             name = "GCSA"

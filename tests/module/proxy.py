@@ -18,6 +18,7 @@ from typing import Any
 
 from MAVProxy.modules.lib.mp_module import MPModule
 from MAVProxy.modules.lib.mp_settings import MPSetting, MPSettings
+from pymavlink.dialects.v20 import ardupilotmega as stock
 
 
 class Console:
@@ -38,11 +39,13 @@ class Console:
 
 
 class Master:
-    """The link to the vehicle's side; `write` gets what the module sends there."""
+    """The link to the vehicle's side; `write` gets what the module sends there, packed by itself or by `mav`."""
 
     def __init__(self) -> None:
+        self.address = "udpin:127.0.0.1:14550"
         self.written: list[bytes] = []
         self.broken: Exception | None = None
+        self.mav = stock.MAVLink(self, srcSystem=255, srcComponent=230)
 
     def write(self, data: bytes) -> None:
         if self.broken is not None:
@@ -74,6 +77,7 @@ class MPState:
                 MPSetting("moddebug", int, 0),
                 MPSetting("source_system", int, 255, range=(0, 255)),
                 MPSetting("source_component", int, 230, range=(0, 255)),
+                MPSetting("link", int, 1),
                 MPSetting("target_system", int, 0, range=(0, 255)),
                 MPSetting("target_component", int, 0, range=(0, 255)),
             ]
@@ -96,7 +100,7 @@ class MPState:
         self.escaped: list[Exception] = []
 
     def master(self) -> Master | None:
-        return self.mav_master[0] if self.mav_master else None
+        return self.mav_master[self.settings.link - 1] if self.mav_master else None
 
     def module(self, name: str) -> Any:
         return self.public_modules.get(name)
@@ -145,7 +149,10 @@ class MPState:
     # ---- the main loop ------------------------------------------------------------------------------------------
 
     def loop(self) -> None:
-        """One round: idle tasks, then select."""
+        """One round: idle tasks, that of MAVProxy's own module `link` before all, then select."""
+        for master in self.mav_master:
+            master.mav.srcSystem = self.settings.source_system
+            master.mav.srcComponent = self.settings.source_component
         for module, _package in list(self.modules):
             self._call(module.idle_task)
         if not self.mav_master:

@@ -49,7 +49,9 @@ HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "the downlink": lambda b, patch: patch.setattr(b.companion._downlink, "wanted", broken),
     "the telemetry": lambda b, patch: patch.setattr(b.companion.aircraft, "telemetry", broken),
     "the zone finder": lambda b, patch: patch.setattr(b.companion, "zone_facts", broken),
-    "a conversation": lambda b, patch: patch.setattr(b.companion, "_dialogues", {"load": (BrokenDialogue(), broken)}),
+    "a conversation": lambda b, patch: patch.setattr(
+        b.companion._conversations, "_running", {"load": (BrokenDialogue(), broken)}
+    ),
 }
 
 
@@ -79,6 +81,16 @@ def test_a_broken_part_does_not_stop_the_leases(flight: Bench, part: str, monkey
     assert flight.mpstate.escaped == []
     flight.run(6.0)
     assert flight.companion.view.commander == 251, "and it is over when the cause is gone"
+
+
+def test_a_conversation_that_breaks_is_over_and_is_told(flight: Bench) -> None:
+    ends: list[str | None] = []
+    running = flight.companion._conversations._running
+    running["load"] = (BrokenDialogue(), lambda dialogue, now: ends.append(dialogue.failure))
+    flight.run(1.0)
+    assert ends == ["internal fault: a bug"]
+    assert running == {}
+    assert flight.companion.faults == {"conversation load": 1}
 
 
 def test_what_breaks_is_journalled_ten_times_and_counted_for_ever(

@@ -138,6 +138,22 @@ def test_an_observer_sees_position_and_authority_and_not_the_attitude(flight: Be
     assert flight.b.got("TUNNEL") == flight.a.got("TUNNEL") == [], "lease and guard status stay aboard"
 
 
+def test_an_observer_gets_the_answer_to_what_it_asked_and_no_other(flight: Bench) -> None:
+    def value(name: bytes) -> None:
+        flight.autopilot.say(mavlink.MAVLink_param_value_message(name, 1.0, 9, 1, 0))
+        for message in flight.autopilot._out:
+            flight.mpstate.deliver(message)
+        flight.run(0.1)
+
+    value(b"BEFORE")
+    flight.b.send(mavlink.MAVLink_param_request_read_message(1, 1, b"ASKED", -1))
+    flight.run(0.1)
+    assert [m.param_id for m in flight.autopilot.got("PARAM_REQUEST_READ", 252)] == ["ASKED"]
+    value(b"ASKED")
+    assert [m.param_id for m in flight.b.got("PARAM_VALUE")] == ["ASKED"]
+    assert [m.param_id for m in flight.a.got("PARAM_VALUE")] == ["BEFORE", "ASKED"], "the commander hears everything"
+
+
 def test_authority_status_comes_twice_a_second_and_leases_five_times(flight: Bench) -> None:
     flight.run(10.0)
     assert 19 <= len(flight.b.got("AUTHORITY_STATUS")) <= 21

@@ -118,6 +118,31 @@ def test_an_armed_aircraft_takes_no_mission(bench: Bench, delivery: MissionPacka
     assert bench.autopilot.got("MISSION_COUNT") == []
 
 
+def test_an_aircraft_that_is_armed_in_the_middle_of_a_package_takes_no_more_of_it(
+    bench: Bench, delivery: MissionPackage
+) -> None:
+    bench.connect()
+    sender = PackageSender(delivery.to_bytes(), delivery.digest, delivery.name, (1, 191))
+    bench.a.send(sender.tick(bench.clock.now)[0])
+    bench.run(0.2)
+    bench.autopilot.armed = True
+    bench.run(1.5)
+    (ack,) = bench.a.got("MISSION_PACKAGE_ACK")
+    for chunk in sender.on_ack(ack, bench.clock.now):
+        bench.a.send(chunk)
+    bench.run(1.0)
+    assert bench.journal("package_received") == []
+    assert bench.autopilot.got("MISSION_COUNT") == []
+
+
+def test_a_package_of_another_parent_is_refused(bench: Bench, delivery: MissionPackage) -> None:
+    bench.config.write_text(bench.config.read_text().replace('parent = "GCSA"', 'parent = "GCSB"'))
+    bench.load()
+    bench.until(lambda: bench.companion.view.commander == 252)
+    sender = bench.share(delivery, bench.b)
+    assert (sender.result, sender.text) == (REFUSED, "parent GCSA is not this vehicle's")
+
+
 def test_a_package_with_strange_stations_is_refused(bench: Bench, delivery: MissionPackage) -> None:
     bench.config.write_text(bench.config.read_text().replace('"GCSB"', '"OTHER"'))
     bench.connect()
@@ -166,9 +191,9 @@ def test_answers_that_the_autopilot_gives_to_others_do_not_disturb_the_upload(
 
     def take(message: Any) -> None:
         if message.get_type().startswith("MISSION_"):
-            stranger = (252, 190)
-            bench.autopilot.say(mavlink.MAVLink_mission_ack_message(*stranger, mavlink.MAV_MISSION_DENIED, 0))
-            bench.autopilot.say(mavlink.MAVLink_mission_count_message(*stranger, 3, 0))
+            for stranger in ((252, 191), (1, 100)):  # a station, and a camera of the vehicle
+                bench.autopilot.say(mavlink.MAVLink_mission_ack_message(*stranger, mavlink.MAV_MISSION_DENIED, 0))
+                bench.autopilot.say(mavlink.MAVLink_mission_count_message(*stranger, 3, 0))
         original(message)
 
     bench.autopilot._take = take  # type: ignore[method-assign]

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
-from tests.module.vehicle import AUTO, GUIDED
+from tests.module.vehicle import AUTO, GUIDED, RTL
 
 START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
@@ -202,6 +202,18 @@ def test_an_acknowledgement_meant_for_a_station_is_not_taken_for_ours(ready: Ben
         ready.mpstate.deliver(message)
     del ready.autopilot.script[MODE]
     ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+
+
+def test_a_start_that_is_overtaken_by_the_way_home_is_answered(ready: Bench) -> None:
+    """The commander falls silent while the aircraft lifts off: it hears why its START came to nothing."""
+    ready.autopilot.script[START] = None
+    ready.a.command(START)
+    ready.until(lambda: START in ready.autopilot.commands())
+    ready.autopilot.airborne = True
+    ready.a.alive = False
+    ready.until(lambda: FAILED in ready.a.acks(START))
+    assert "START failed: the aircraft is brought home" in ready.a.texts()
+    ready.until(lambda: ready.autopilot.mode == RTL)
 
 
 def test_in_flight_the_commanders_mission_start_is_the_autopilots_business(ready: Bench) -> None:

@@ -329,9 +329,9 @@ def test_drone_connected_over_the_ground_link_releases_the_vehicle(station: Stat
 def test_no_word_shows_the_usage(station: StationBench, words: str) -> None:
     station.load()
     lines = station.mpstate.type(f"handover{words}")
-    assert lines[0] == "usage: handover <status|share|start|stop|continue|accept|deny|set>"
-    assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0"
-    assert len(lines) == 9
+    assert lines[0] == "usage: handover <status|share|start|stop|continue|request|release|accept|deny|give|set>"
+    assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
+    assert len(lines) == 12
 
 
 @pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
@@ -346,10 +346,11 @@ def test_unknown_words_are_named_and_the_usage_shown(station: StationBench, word
 def test_completion_offers_words_and_settings(station: StationBench) -> None:
     station.load()
     assert station.mpstate.completions["handover"] == [
-        "<status|share|start|stop|continue|accept|deny>",
+        "<status|share|start|stop|continue|request|release|accept|deny>",
+        "give <GCSB>",
         "set (HANDOVERSETTING)",
     ]
-    assert station.mpstate.completion_functions["(HANDOVERSETTING)"]("") == ["telemetry"]
+    assert station.mpstate.completion_functions["(HANDOVERSETTING)"]("") == ["telemetry", "request_timeout"]
 
 
 @pytest.mark.parametrize(
@@ -391,8 +392,10 @@ def test_a_refusal_is_shown_in_words(station: StationBench) -> None:
 def test_start_waits_for_its_end(station: StationBench) -> None:
     station.load()
     station.mpstate.type("handover start")
-    station.hear(mavlink.MAVLink_command_ack_message(START, IN_PROGRESS, 0, 0, 251, 190), autopilot=True)
+    for _ in range(3):
+        station.hear(mavlink.MAVLink_command_ack_message(START, IN_PROGRESS, 0, 0, 251, 190), autopilot=True)
     station.run(10.0)
+    assert not station.mpstate.console.said("START refused")
     assert station.commands() == [(START, 0.0)], "not asked again while it is on its way"
     station.hear(mavlink.MAVLink_command_ack_message(START, ACCEPTED, 0, 0, 251, 190), autopilot=True)
     station.run(0.1)
@@ -460,6 +463,18 @@ def test_share_sends_the_package_to_the_vehicle_and_to_the_peer(
     assert station.mpstate.console.said("vehicle: Mission loaded: written to the autopilot, read back, equal.")
 
 
+def exchange(station: StationBench, sender: PackageSender) -> None:
+    """GCSB sends a package over the ground link."""
+    for _ in range(60):
+        messages = sender.tick(station.clock.now)
+        for message in station.peer.received():
+            if message.get_type() == "MISSION_PACKAGE_ACK":
+                messages += sender.on_ack(message, station.clock.now)
+        for message in messages:
+            station.peer.socket.sendto(message.pack(station.peer.own), ("127.0.0.1", station.listens))
+        station.run(0.05)
+
+
 def receive(receiver: PackageReceiver, message: Any, who: str, got: dict[str, bytes]) -> list[Any]:
     """The receiver's answers; the vehicle loads a package in no time and says so when it is next offered."""
     if message.get_type() == "MISSION_PACKAGE":
@@ -487,6 +502,16 @@ def test_without_a_mission_there_is_nothing_to_share(station: StationBench) -> N
     assert [m for m in station.sent() if m.get_type() == "MISSION_PACKAGE"] == []
 
 
+def test_a_package_under_a_false_digest_is_refused(station: StationBench, delivery: MissionPackage) -> None:
+    station.configure(mission=None)
+    station.load()
+    sender = PackageSender(delivery.to_bytes(), bytes(range(32)), delivery.name, (251, 0))
+    exchange(station, sender)
+    assert sender.result == mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
+    assert station.mpstate.console.said("GCSB: Mission refused: the contents do not have the digest that was promised")
+    assert station.mpstate.type("handover share")[-1].endswith("set mission in [station].")
+
+
 def test_a_package_of_another_station_is_taken_in_and_shown_to_the_vehicle(
     station: StationBench, delivery: MissionPackage
 ) -> None:
@@ -494,14 +519,7 @@ def test_a_package_of_another_station_is_taken_in_and_shown_to_the_vehicle(
     station.configure(mission=None)
     station.load()
     sender = PackageSender(delivery.to_bytes(), delivery.digest, delivery.name, (251, 0))
-    for _ in range(60):
-        messages = sender.tick(station.clock.now)
-        for message in station.peer.received():
-            if message.get_type() == "MISSION_PACKAGE_ACK":
-                messages += sender.on_ack(message, station.clock.now)
-        for message in messages:
-            station.peer.socket.sendto(message.pack(station.peer.own), ("127.0.0.1", station.listens))
-        station.run(0.05)
+    exchange(station, sender)
     assert sender.result == mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
     assert station.mpstate.console.said("GCSB: Mission 'delivery' received, d4707aec.")
     station.hear(connect_message())

@@ -47,6 +47,8 @@ class Autopilot:
         self.mission_result = 0
         #: changes an item on its way back
         self.spoil: Callable[[Any], Any] = lambda item: item
+        #: how many items more than it holds the autopilot says it holds
+        self.count_error = 0
         #: the guard's status is sent with this state, echoing the last lease; None: there is no guard
         self.guard_state: int | None = 2
         self._expected: dict[int, int] = {}
@@ -132,7 +134,8 @@ class Autopilot:
             self.say(stock.MAVLink_mission_ack_message(m.get_srcSystem(), m.get_srcComponent(), 0, m.mission_type))
         elif kind == "MISSION_REQUEST_LIST":
             asker = (m.get_srcSystem(), m.get_srcComponent())
-            self.say(stock.MAVLink_mission_count_message(*asker, len(self.items[m.mission_type]), m.mission_type))
+            held = len(self.items[m.mission_type]) + self.count_error
+            self.say(stock.MAVLink_mission_count_message(*asker, held, m.mission_type))
         elif kind == "MISSION_REQUEST_INT":
             self._give_item(m)
         elif kind == "TUNNEL" and m.payload_type == 47116:

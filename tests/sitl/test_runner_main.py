@@ -39,7 +39,7 @@ def test_help_reads_like_help(capsys: pytest.CaptureFixture[str]) -> None:
     ("arguments", "words"),
     [
         (["--scenario", "nonsense"], ["no scenario 'nonsense'", "nominal"]),
-        (["--speedup", "40"], ["--speedup 40", "above 12", "HNDO_TIMEOUT"]),
+        (["--speedup", "40"], ["--speedup 40", "above 5", "HNDO_TIMEOUT", "FS_GCS_TIMEOUT", "80 s and 8 s apart"]),
         (["--speedup", "0"], ["--speedup 0", "below 0.5"]),
         (["--speedup", "nan"], ["--speedup nan", "below 0.5"]),
         (["--vehicle", "arducopter", "--arducopter", "/nowhere/arducopter"], ["--arducopter", "/nowhere/arducopter"]),

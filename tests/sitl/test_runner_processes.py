@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+import sitl
 from sitl.ports import PortPicker
 from sitl.processes import Processes, ProcessGone, ending
 
@@ -113,7 +114,7 @@ def test_processes_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
         f"processes = Processes()\nchild = processes.start('a', {SLEEP!r}, Path({str(tmp_path)!r}))\n"
         "print(child.pid, flush=True)\ntime.sleep(600)\n"
     )
-    root = str(Path(__file__).resolve().parents[2])
+    root = str(Path(sitl.__file__).resolve().parents[1])
     parent = subprocess.Popen(
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": root}
     )

@@ -8,7 +8,7 @@ import pytest
 
 from mavproxy_handover.mission import package as packages
 from sitl.places import mission_folder
-from sitl.scenario import ScenarioError, known_scenarios, load_scenario, parse_scenario
+from sitl.scenario import ScenarioError, known_scenarios, load_scenario, parse_scenario, with_opening
 from sitl.steps import Pause, Type, Wait
 
 HEAD = """
@@ -41,12 +41,76 @@ def test_every_scenario_that_ships_can_be_used(name: str) -> None:
     package = packages.load(mission_folder(scenario.mission))
     stations = {station.name for station in package.stations}
     assert scenario.name == name
-    named = {process for step in scenario.steps for process in step.action.processes()}
-    assert named <= stations | {"companion"}
+    named = {process for step in with_opening(scenario, package).steps for process in step.action.processes()}
+    assert named <= stations | {"companion", *(["rogue"] if scenario.rogue else [])}
+    assert {*scenario.standard, *scenario.links, *scenario.consent, *scenario.rogue} <= stations
 
 
 def test_the_four_scenarios_of_the_first_release_are_there() -> None:
     assert {"nominal", "authority", "out-of-coverage", "companion-killed"} <= set(known_scenarios())
+
+
+#: what the issues of transfer and gate promise to fly
+PROMISED = {
+    *("partner-dead", "commander-dead-before", "commander-dead-during", "commander-dead-after", "ground-link-down"),
+    *("operator-denies", "both-dead", "companion-restart", "lossy", "slow", "corridor", "standard-gcs"),
+    *("rogue-station", "spoofed-sysid", "replay", "unsigned", "link-failover", "flood"),
+}
+
+
+def test_the_scenarios_of_failures_and_attacks_are_there() -> None:
+    assert set(known_scenarios()) >= PROMISED
+
+
+def opened(text: str, mission: str = "delivery") -> list[str]:
+    """The steps of a scenario's opening, in words."""
+    scenario = parse_scenario(HEAD.replace("delivery", mission) + text + STEP + EXPECT, "x.toml")
+    steps = with_opening(scenario, packages.load(mission_folder(mission))).steps
+    assert steps[-1].number == 1
+    assert all(step.title == "opening" for step in steps[:-1])
+    return [step.action.describe() for step in steps[:-1]]
+
+
+def test_a_flight_begins_with_both_stations_the_mission_and_start() -> None:
+    assert opened('begin = "start"\n') == [
+        "connected, station GCSA (drone-1)",
+        "connected, station GCSB (drone-1)",
+        "authority, station GCSA (drone-1)",
+        "the autopilot's position estimate",
+        "GCSA types: handover share",
+        "mission loaded (drone-1)",
+        "zone entered, station GCSA (drone-1)",
+        "package received (GCSB)",
+        "GCSA types: handover start",
+        "started (drone-1)",
+    ]
+
+
+def test_stations_of_the_standard_with_a_mission_on_board_are_only_heard() -> None:
+    assert opened('begin = "start"\non_board = true\nstandard = ["GCSA", "GCSB"]\n') == [
+        "station heard, station GCSA (drone-1)",
+        "station heard, station GCSB (drone-1)",
+        "authority, station GCSA (drone-1)",
+        "the autopilot's position estimate",
+        "mission loaded (drone-1)",
+        "zone entered, station GCSA (drone-1)",
+        "GCSA types: start",
+        "started (drone-1)",
+    ]
+
+
+def test_all_four_stations_of_a_corridor_get_the_mission_before_start() -> None:
+    steps = opened('begin = "loaded"\n', "corridor")
+    assert [step for step in steps if step.startswith("package received")] == [
+        "package received (GCSB)",
+        "package received (GCSC)",
+        "package received (GCSD)",
+    ]
+    assert not any("start" in step for step in steps)
+
+
+def test_without_a_beginning_a_scenario_has_its_own_steps_only() -> None:
+    assert opened("") == []
 
 
 def test_a_step_is_read_with_what_stands_beside_it() -> None:
@@ -81,8 +145,14 @@ def test_a_long_pause_has_time_to_end() -> None:
     ("text", "parts"),
     [
         ("speed = 3\n" + STEP, ["speed:", "unknown key", "'speedup'"]),
+        ('begin = "middle"\n' + STEP, ["begin:", "'middle'", "connected, loaded, start"]),
+        ('[impair]\nlinks = ["sea"]\n' + STEP, ["[impair]", "'sea'", "air, ground"]),
+        ('[impair]\nlinks = ["air"]\nlos = 0.2\n' + STEP, ["[impair]", "los:", "loss"]),
+        ('[impair]\nlinks = ["air"]\nloss = 2\n' + STEP, ["[impair]", "loss = 2", "0 to 1"]),
+        ("[links]\nGCSA = 2\n" + STEP, ["[links] GCSA:", "a list of texts"]),
+        ('[[step]]\nimpair = "cut"\n', ["[step 1, impair]", "'cut'"]),
         ("[limit]\n" + STEP, ["limit:", "unknown key"]),
-        ("speedup = 40\n" + STEP, ["speedup:", "40 must be 0.1 to 12"]),
+        ("speedup = 40\n" + STEP, ["speedup:", "40 must be 0.5 to 5"]),
         ('[consent]\nGCSA = "never"\n' + STEP, ["[consent] GCSA:", "automatic, operator"]),
         ("[limits]\nretry_max_s = true\n" + STEP, ["[limits] retry_max_s:", "a number"]),
         ("[places]\naway = {north = 3, east_m = 4}\n" + STEP, ["[places.away] north:", "north_m"]),

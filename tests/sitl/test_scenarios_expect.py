@@ -19,10 +19,12 @@ from sitl.expect import (
     Handovers,
     ItemsReached,
     Landed,
+    Memory,
     Modes,
     ModeWithin,
     NobodyDied,
     NoFault,
+    Number,
     OneCommander,
     Said,
 )
@@ -95,6 +97,53 @@ def test_an_aborted_attempt_fails_unless_it_is_expected() -> None:
     entries = with_entry(wall(90), VEHICLE_NAME, "transfer_aborted", handover_id=9, reason="partner_silent")
     assert not Handovers(4).judge(evidence(entries)).held
     assert Handovers(4, aborted=1).judge(evidence(entries)).held
+
+
+def test_a_handover_that_takes_too_long_fails() -> None:
+    assert Handovers(4, within_s=0.23).judge(evidence()).held
+    verdict = Handovers(4, within_s=0.2).judge(evidence())
+    assert not verdict.held
+    assert verdict.wanted == "handovers: 4 committed within 0.2 s, 0 aborted"
+
+
+def test_who_loses_authority_loses_it_under_the_epoch_that_it_had() -> None:
+    lost = with_entry(wall(320), VEHICLE_NAME, "view", phase="emergency", epoch=5, lease="lost")
+    verdict = OneCommander().judge(evidence(lost))
+    assert verdict.held
+    assert verdict.seen.endswith("GCSA 5, nobody 5")
+
+
+def test_authority_taken_up_again_under_the_same_epoch_fails() -> None:
+    entries = [
+        *nominal(),
+        Entry(wall(320), VEHICLE_NAME, "view", "", {"epoch": 5}),
+        Entry(wall(321), VEHICLE_NAME, "view", "", {"epoch": 5, "commander": "GCSA"}),
+    ]
+    assert not OneCommander().judge(evidence(sorted(entries, key=lambda entry: entry.t))).held
+
+
+@pytest.mark.parametrize(("p99_ms", "held"), [(49.9, True), (50.0, False), (float("inf"), False), (None, False)])
+def test_a_number_must_be_below_its_limit(p99_ms: float | None, held: bool) -> None:
+    entries = with_entry(wall(100), "GCSA", "measured", p99_ms=p99_ms)
+    assert Number("measured", "p99_ms", "GCSA", below=50.0).judge(evidence(entries)).held is held
+
+
+def test_every_one_of_several_numbers_counts() -> None:
+    entries = [*nominal(), *(Entry(wall(100 + n), "GCSA", "measured", "", {"lost": n}) for n in range(2))]
+    assert not Number("measured", "lost", below=1.0).judge(evidence(entries)).held
+
+
+def test_a_number_that_nobody_measured_fails() -> None:
+    verdict = Number("measured", "p99_ms", below=50.0).judge(evidence())
+    assert (verdict.held, verdict.seen) == (False, "no such entry")
+
+
+@pytest.mark.parametrize(("sizes", "held"), [((100, 103, 101), True), ((100, 109, 101), False), ((100,), False)])
+def test_memory_that_grows_fails_even_if_it_is_given_back(sizes: tuple[int, ...], held: bool) -> None:
+    entries = [Entry(wall(100 + n), "runner", "memory", "", {"resident_kb": mb * 1024}) for n, mb in enumerate(sizes)]
+    entries += [Entry(wall(99), "runner", "memory", "", {"resident_kb": 1})]
+    judged = evidence([*nominal(), *entries], marks={"quiet": wall(99.5), "flooded": wall(110)})
+    assert Memory("quiet", "flooded", 4.0).judge(judged).held is held
 
 
 def test_an_item_that_was_not_reached_is_named() -> None:

@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import pytest
 
+from sitl.fault_steps import Impair, Kill, Restart
 from sitl.journal_reader import Entry
 from sitl.steps import (
-    Kill,
     Pause,
     Steady,
     StepFailed,
@@ -54,6 +56,13 @@ class FakeStage:
     def kill(self, process: str) -> None:
         self.deeds.append((process, "SIGKILL"))
 
+    def restart(self, process: str) -> None:
+        self.deeds.append((process, "started again"))
+
+    def impair(self, orders: Sequence[str]) -> Callable[[], bool]:
+        self.deeds += [("impairment", order) for order in orders]
+        return lambda: len(self.journal) > 0
+
     def note(self, event: str, **fields: object) -> None:
         self.journal.append(Entry(float(len(self.journal)), "drone-1", event, "", fields))
 
@@ -76,6 +85,24 @@ def test_a_line_is_typed_with_the_coordinates_of_its_places(stage: FakeStage) ->
 def test_a_kill_is_done_at_once(stage: FakeStage) -> None:
     assert Kill("companion").begin(stage).done()
     assert stage.deeds == [("companion", "SIGKILL")]
+
+
+def test_a_restart_is_done_at_once(stage: FakeStage) -> None:
+    assert Restart("companion").begin(stage).done()
+    assert stage.deeds == [("companion", "started again")]
+
+
+def test_orders_to_the_links_are_done_when_the_proxy_says_so(stage: FakeStage) -> None:
+    running = Impair(("cut ground-*", "loss air-GCSA 0.2")).begin(stage)
+    assert stage.deeds == [("impairment", "cut ground-*"), ("impairment", "loss air-GCSA 0.2")]
+    assert not running.done()
+    stage.note("anything")
+    assert running.done()
+
+
+def test_an_order_to_no_link_is_refused() -> None:
+    with pytest.raises(ValueError, match="'cut' must be an order and a link"):
+        Impair(("cut",))
 
 
 def test_a_wait_ends_with_the_entry_it_means_and_knows_its_time(stage: FakeStage) -> None:

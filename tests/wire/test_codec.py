@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -101,6 +101,7 @@ any_message = st.one_of(
 )
 
 
+@settings(deadline=None)
 @given(any_message)
 def test_any_message_comes_back_as_it_went(message: Message) -> None:
     assert codec.decode(over_the_wire(message)) == message
@@ -143,6 +144,7 @@ def test_other_messages_are_none_of_the_rules(message: Any) -> None:
     assert codec.decode(codec.decode_bytes(bytes(raw))) is None
 
 
+@settings(deadline=None)
 @given(st.sampled_from(sorted(MESSAGES)), st.binary(max_size=255))
 def test_any_payload_is_a_message_or_none_and_never_an_exception(name: str, payload: bytes) -> None:
     """A whole frame with a true CRC and anything inside it."""
@@ -161,6 +163,7 @@ def test_any_payload_is_a_message_or_none_and_never_an_exception(name: str, payl
     assert codec.decode(over_the_wire(decoded)) == decoded
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=300))
 def test_any_bytes_are_none_or_a_message_and_never_an_exception(raw: bytes) -> None:
     codec.decode_bytes(raw)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -72,6 +72,7 @@ def test_the_sequence_wraps() -> None:
     assert bytes(pack_lease(replace(LEASE, sequence=0x1_0000_0000), 1).payload[8:12]) == bytes(4)
 
 
+@settings(deadline=None)
 @given(
     st.builds(
         Lease,
@@ -149,6 +150,7 @@ def test_a_state_that_a_guard_cannot_have_is_no_status(number: int) -> None:
     assert unpack_guard_status(bytes([1, number]) + STATUS_BYTES[2:]) is None
 
 
+@settings(deadline=None)
 @given(st.binary(max_size=40))
 def test_any_bytes_are_a_status_or_none(payload: bytes) -> None:
     status = unpack_guard_status(payload)

@@ -285,6 +285,28 @@ def test_a_chunk_that_says_it_is_longer_than_it_can_be_is_cut() -> None:
     assert whole == (digest, bytes([7]) * 250), "and never longer than was promised"
 
 
+def test_what_is_missing_is_asked_for_at_once_and_once() -> None:
+    digest = bytes(range(32))
+    receiver = PackageReceiver()
+    receiver.on_offer(mavlink.MAVLink_mission_package_message(*TO, 2000, list(digest), b"x"), BACK)
+    answers = []
+    for offset in (0, 400, 600, 800):  # the second one was lost
+        chunk = mavlink.MAVLink_mission_chunk_message(*TO, package_id(digest), offset, 200, [7] * 200)
+        answers += receiver.on_chunk(chunk, BACK)[0]
+    assert [(ack.result, ack.next_offset) for ack in answers] == [(RECEIVING, 200)]
+
+
+def test_chunks_that_overlap_are_put_together() -> None:
+    digest, data = bytes(range(32)), bytes(range(250))
+    receiver = PackageReceiver()
+    receiver.on_offer(mavlink.MAVLink_mission_package_message(*TO, 250, list(digest), b"x"), BACK)
+    for offset, length in ((0, 100), (50, 200)):
+        piece = list(data[offset : offset + length].ljust(200, b"\0"))
+        chunk = mavlink.MAVLink_mission_chunk_message(*TO, package_id(digest), offset, length, piece)
+        _answers, whole = receiver.on_chunk(chunk, BACK)
+    assert whole == (digest, data)
+
+
 def test_an_empty_chunk_is_ignored() -> None:
     digest = bytes(range(32))
     receiver = PackageReceiver()

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover guard CARD`: puts the guard on the autopilot's SD card, and looks at what else is there.
+
+Rules that live here:
+
+1. Nothing is written before everything was looked at; then each file is written whole or not at all, and read back.
+2. A file that differs from the one to be written stays, unless `--force` is given.
+3. Every script in `APM/scripts` runs in one thread with one MAVLink receive queue: a second copy of the guard, a script
+   that takes messages from that queue, uses the guard's parameter table, or uses up the arming authorisations stands in
+   its way. Those are told by what they call; whoever knows better has `--force`.
+4. No line printed holds a key; a fingerprint names it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mavproxy_handover.durable import discard, sync_folder
+from mavproxy_handover.keys import KeysError, load_key
+from mavproxy_handover.resources import shipped
+from mavproxy_handover.wire.signing import fingerprint
+
+__all__ = ["Finding", "main", "survey"]
+
+_SCRIPT, _PARAMETERS, _KEY = "handover_guard.lua", "handover.parm", "handover.key"
+#: where ArduPilot looks for scripts, seen from the root of the card
+_FOLDER = Path("APM", "scripts")
+_MAX_SCRIPT_BYTES = 1_000_000
+_TABLE_KEY = 147
+_AUTHORISERS = 3
+
+_VERSION = re.compile(rb"""VERSION = ["']([\w.+-]{1,20})["']""")
+_OURS = re.compile(rb"""["']HNDO_["']""")
+_COMMENTS = re.compile(rb"--\[(=*)\[.*?\]\1\]|--[^\n]*", re.DOTALL)
+_RECEIVES = re.compile(rb"\b(?:mavlink\s*[.:]\s*(?:init|receive_chan|register_rx_msgid)|mavport)\b")
+_TABLE = re.compile(rb"\b(?:add_table\s*\(|PARAM_TABLE_KEY\s*=)\s*%d\b" % _TABLE_KEY)
+_AUTHORISES = re.compile(rb"\barming\s*[.:]\s*get_aux_auth_id\b")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something on the card. `stops`: nothing is written because of it, unless forced."""
+
+    path: Path
+    text: str
+    stops: bool
+
+
+class _Unusable(Exception):
+    """The card or the key cannot be used; one line."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run `handover guard`. 0: all is in place; 1: something on the card stands in the way; 2: wrong usage or input."""
+    parser = argparse.ArgumentParser(
+        prog="handover guard",
+        description="Copy the guard, its parameters and, if wanted, the key of the leases to an autopilot's SD card, "
+        "and check what is there.",
+    )
+    parser.add_argument("card", type=Path, help="root of the SD card: the folder that holds APM")
+    parser.add_argument("--key", type=Path, metavar="FILE", help="guard_key of the vehicle's configuration")
+    parser.add_argument("--check", action="store_true", help="look only, write nothing; 1 if something is missing")
+    parser.add_argument("--force", action="store_true", help="replace files that differ, and mind no other script")
+    try:
+        arguments = parser.parse_args(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    try:
+        return _run(arguments.card, arguments.key, check=arguments.check, force=arguments.force)
+    except (_Unusable, KeysError) as error:
+        print(f"handover guard: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"handover guard: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 2
+
+
+def _run(card: Path, key_file: Path | None, *, check: bool, force: bool) -> int:
+    _look_at_root(card, force=force)
+    wanted = _wanted(key_file)
+    findings = survey(card, wanted)
+    missing = [name for name, data in wanted.items() if _read(card / _FOLDER / name) != data]
+    stops = [finding for finding in findings if finding.stops]
+    for finding in findings:
+        print(f"{finding.path}: {finding.text}", file=sys.stderr if finding.stops else sys.stdout)
+    if check:
+        for name in missing:
+            if not (card / _FOLDER / name).exists():
+                print(f"{card / _FOLDER / name}: missing", file=sys.stderr)
+        return 1 if missing or stops else 0
+    if stops and not force:
+        print("handover guard: nothing was written; put that right, or --force", file=sys.stderr)
+        return 1
+    for name in missing:
+        _place(card / _FOLDER / name, wanted[name])
+        print(f"{card / _FOLDER / name}: written{_version_of(wanted[name])}")
+    if not missing:
+        print(f"{card}: nothing to write, all is there")
+    _say_what_follows(card, key_file)
+    return 0
+
+
+def _wanted(key_file: Path | None) -> dict[str, bytes]:
+    """Name -> content of the files to be on the card."""
+    folder = shipped("ardupilot_lua")
+    wanted = {name: (folder / name).read_bytes() for name in (_SCRIPT, _PARAMETERS)}
+    if key_file is not None:
+        wanted[_KEY] = load_key(key_file).hex().encode("ascii") + b"\n"
+    return wanted
+
+
+def _look_at_root(card: Path, *, force: bool) -> None:
+    if not card.is_dir():
+        raise _Unusable(f"{card}: {'is not a folder' if card.exists() else 'no such folder'}; is the card mounted?")
+    for inner, up in ((card.resolve().parts[-2:], 2), (card.resolve().parts[-1:], 1)):
+        if tuple(part.upper() for part in inner) in (("APM", "SCRIPTS"), ("APM",)):
+            raise _Unusable(f"{card}: give the root of the card: {card.resolve().parents[up - 1]}")
+    if not (card / "APM").is_dir() and not force:
+        raise _Unusable(
+            f"{card}: holds no folder APM, which the autopilot makes when it starts with the card; "
+            "is this the right place? --force makes it"
+        )
+    present = card / _FOLDER
+    while not present.exists():
+        present = present.parent
+    if not present.is_dir():
+        raise _Unusable(f"{present}: is not a folder")
+    if not os.access(present, os.W_OK | os.X_OK):
+        raise _Unusable(f"{present}: cannot be written; is the card locked or mounted read-only?")
+
+
+def survey(card: Path, wanted: dict[str, bytes]) -> list[Finding]:
+    """What there is on the card that matters; `wanted` is what is to be in `APM/scripts`. Raises OSError."""
+    folder = card / _FOLDER
+    findings = [_differing(folder / name, data) for name, data in wanted.items()]
+    if _KEY not in wanted and (folder / _KEY).exists():
+        text = "the guard takes leases with the right tag only: the companion needs guard_key"
+        findings.append(Finding(folder / _KEY, text, False))
+    for lost in (card / _SCRIPT, card / "APM" / _SCRIPT, folder / "modules" / _SCRIPT, card / "scripts" / _SCRIPT):
+        if lost.exists():
+            findings.append(Finding(lost, f"the autopilot does not run it there, but in {_FOLDER}", False))
+    findings += _other_scripts(folder)
+    return [finding for finding in findings if finding is not None]
+
+
+def _differing(path: Path, data: bytes) -> Finding | None:
+    present = _read(path)
+    if present is None or present == data:
+        return None
+    if path.name == _KEY:
+        return Finding(path, "is another key than the one given", True)
+    if path.name == _PARAMETERS:
+        return Finding(path, "differs from the one to be copied", True)
+    return Finding(
+        path, f"is another guard{_version_of(present)}; this is{_version_of(data) or ' of no version'}", True
+    )
+
+
+def _other_scripts(folder: Path) -> list[Finding | None]:
+    findings: list[Finding | None] = []
+    authorisers = 1
+    paths = sorted(folder.iterdir()) if folder.is_dir() else []
+    for path in paths:  # what ArduPilot takes for a script
+        if path.name == _SCRIPT or path.name.startswith(".") or path.suffix.lower() != ".lua" or not path.is_file():
+            continue
+        code = _COMMENTS.sub(b"", _read(path) or b"")
+        if _OURS.search(code):
+            findings.append(Finding(path, "is a second guard: both would run; remove one", True))
+        elif _RECEIVES.search(code):
+            findings.append(Finding(path, "receives MAVLink: it would take leases away from the guard", True))
+        elif _TABLE.search(code):
+            findings.append(
+                Finding(path, f"uses the guard's parameter table {_TABLE_KEY}: one of them will not run", True)
+            )
+        elif _AUTHORISES.search(code) and (authorisers := authorisers + 1) > _AUTHORISERS:
+            findings.append(Finding(path, f"is arming authoriser number {authorisers}, {_AUTHORISERS} can be", True))
+        else:
+            findings.append(Finding(path, "runs in the same thread: if it is slow, so is the guard", False))
+    return findings
+
+
+def _read(path: Path) -> bytes | None:
+    """Content of a file, None if there is none. Raises OSError."""
+    try:
+        with path.open("rb") as file:
+            return file.read(_MAX_SCRIPT_BYTES)
+    except FileNotFoundError:
+        return None
+
+
+def _version_of(script: bytes) -> str:
+    found = _VERSION.search(script)
+    return f", version {found[1].decode('ascii')}" if found else ""
+
+
+def _place(path: Path, data: bytes) -> None:
+    """Write a file whole, and read it back from the card itself.
+
+    A name that begins with a dot is not run meanwhile. No mode is changed: FAT refuses that.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)  # not from memory, when it is read back
+        os.replace(temporary, path)
+    except OSError:
+        discard(temporary)
+        raise
+    sync_folder(path)
+    if _read(path) != data:
+        raise _Unusable(f"{path}: reads back otherwise than it was written; is the card worn out?")
+
+
+def _say_what_follows(card: Path, key_file: Path | None) -> None:
+    if key_file is not None:
+        print(f"key {fingerprint(load_key(key_file))}: guard_key of the vehicle's configuration must name the same")
+    elif not (card / _FOLDER / _KEY).exists():
+        print("no key: whoever can write to the companion's port of the autopilot can send a lease")
+    print(f"next: unmount the card, start the autopilot, load {_PARAMETERS}, check HNDO_CHAN (handover_guard.md)")

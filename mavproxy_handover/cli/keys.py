@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover keys`: makes, lists, rotates and checks the stations' signing keys. It never shows a key.
+
+A passphrase is shown once, when it is made, to be typed into the ground station program; it is stored nowhere.
+"""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import sys
+from collections.abc import Callable, Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+
+from mavproxy_handover.keys import (
+    KeysError,
+    StationKeys,
+    check_distinct,
+    key_of,
+    key_path,
+    load_station_keys,
+    make_passphrase,
+    previous_path,
+    retire_key,
+    rotate_key,
+    write_key,
+)
+from mavproxy_handover.wire.signing import fingerprint
+
+__all__ = ["main"]
+
+_TYPING = """\
+Type the passphrase into the program of the station; it is shown this once and stored nowhere:
+  MAVProxy           signing key PASSPHRASE  (at each start, or in ~/.mavproxy/mavinit.scr, mode 0600)
+  Mission Planner    Setup, Advanced, Mavlink Signing: Add
+  QGroundControl     its MAVLink signing key. Versions that ask for a name, and offer a raw hex key, make another key
+                     of a passphrase: give them the 64 digits in the key file as the raw hex key instead
+For 'handover station' copy the key file to the station's computer, or type the passphrase there:
+  handover keys {word} {name} --passphrase-stdin
+The same fingerprint at both ends is the same key."""
+
+_ROTATING = """\
+Nothing is cut off: a companion that runs has its keys in memory, and one that starts accepts both keys.
+  1. On the ground: start the companion anew ('module reload handover'). From then on it accepts both.
+  2. Give the new key to every program of {name}. The companion answers each in the key that it was heard with.
+  3. When they are all heard: handover keys retire {name}; start the companion anew. The old key is worth nothing then.
+If somebody else may have the old key, do all three before the next flight: until step 3 it still opens the gate."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run `handover keys`. 0: done; 1: a key cannot be used (list, check); 2: wrong usage, or nothing was done."""
+    parser = argparse.ArgumentParser(prog="handover keys", description="Signing keys: one file for each station.")
+    parser.set_defaults(run=None)
+    commands = parser.add_subparsers(metavar="COMMAND")
+
+    def command(word: str, run: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
+        added: argparse.ArgumentParser = commands.add_parser(word, help=text, description=text)
+        added.add_argument("--dir", type=Path, default=Path("keys"), help="folder of the key files (default: ./keys)")
+        added.set_defaults(run=run)
+        return added
+
+    make = command("make", _make, "make a key for each station named, and show its passphrase once")
+    make.add_argument("names", metavar="NAME", nargs="+", help="station, as in the configuration")
+    listing = command("list", _list, "list the keys by name, fingerprint and date")
+    rotate = command("rotate", _rotate, "make a new key for a station; the old one is accepted until it is retired")
+    rotate.add_argument("name", metavar="NAME")
+    retire = command("retire", _retire, "end a rotation: remove the old key")
+    retire.add_argument("name", metavar="NAME")
+    check = command("check", _check, "check that every key can be used: mode, owner, content, no two alike")
+    for one in (make, rotate):
+        one.add_argument("--passphrase-stdin", action="store_true", help="read the passphrase from standard input")
+    for one in (listing, check):
+        one.set_defaults(names=None)
+    try:
+        arguments = parser.parse_args(argv)
+        if arguments.run is None:
+            parser.error("what is to be done? make, list, rotate, retire or check")
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    try:
+        code: int = arguments.run(arguments)
+    except KeysError as error:
+        print(f"handover keys: {error}", file=sys.stderr)
+        return 2
+    return code
+
+
+def _make(arguments: argparse.Namespace) -> int:
+    names: list[str] = arguments.names
+    folder: Path = arguments.dir
+    if len(set(names)) != len(names):
+        raise KeysError("a station is named twice")
+    if arguments.passphrase_stdin and len(names) != 1:
+        raise KeysError("--passphrase-stdin takes one NAME: no two stations may have the same key")
+    paths = {name: key_path(folder, name) for name in names}
+    for path in paths.values():  # all or none
+        if path.exists():
+            raise KeysError(f"{path}: exists already; 'handover keys rotate' replaces a key. Nothing was made")
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise KeysError(f"{folder}: {error.strerror}") from None
+    for name, path in paths.items():
+        passphrase, key = _new_key(arguments)
+        _refuse_shared(folder, name, key)
+        write_key(path, key)
+        _show(name, path, key, passphrase)
+    if not arguments.passphrase_stdin:
+        print("\n" + _TYPING.format(word="make", name=names[0] if len(names) == 1 else "NAME"))
+    return 0
+
+
+def _rotate(arguments: argparse.Namespace) -> int:
+    path = key_path(arguments.dir, arguments.name)
+    load_station_keys(path)  # what cannot be rotated is refused before a passphrase is shown or asked for
+    passphrase, key = _new_key(arguments)
+    _refuse_shared(arguments.dir, arguments.name, key)
+    rotate_key(path, key)
+    _show(arguments.name, path, key, passphrase)
+    print(f"  the old key is kept as {previous_path(path).name}\n\n{_ROTATING.format(name=arguments.name)}")
+    if not arguments.passphrase_stdin:
+        print("\n" + _TYPING.format(word="rotate", name=arguments.name))
+    return 0
+
+
+def _retire(arguments: argparse.Namespace) -> int:
+    path = key_path(arguments.dir, arguments.name)
+    retire_key(path)
+    print(f"{arguments.name}: the old key is gone; a companion that runs accepts it until it is started anew")
+    return 0
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    return _survey(arguments.dir, show=True)
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    return _survey(arguments.dir, show=False)
+
+
+def _survey(folder: Path, *, show: bool) -> int:
+    """Go through all keys of a folder; print them if `show`, and what is wrong with them in any case."""
+    problems = []
+    good: dict[str, StationKeys] = {}
+    paths = _key_files(folder)
+    for path in paths:
+        try:
+            key_path(folder, path.stem)
+            station = load_station_keys(path)
+        except KeysError as error:
+            problems.append(str(error))
+            continue
+        good[path.stem] = station
+        if show:
+            made = datetime.fromtimestamp(path.stat().st_mtime, timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
+            old = "" if station.previous is None else f"  rotation under way, old key {fingerprint(station.previous)}"
+            print(f"{path.stem:20} {fingerprint(station.current)}  {made}{old}")
+    try:
+        check_distinct(good)
+    except KeysError as error:
+        problems.append(f"{folder}: {error}")
+    for problem in problems:
+        print(f"handover keys: {problem}", file=sys.stderr)
+    if not problems and not show:
+        print(f"{folder}: {len(paths)} key{'' if len(paths) == 1 else 's'}, all good")
+    return 1 if problems else 0
+
+
+def _key_files(folder: Path) -> list[Path]:
+    try:
+        paths = sorted(path for path in folder.iterdir() if path.suffix == ".key" and not path.name.startswith("."))
+    except OSError as error:
+        raise KeysError(f"{folder}: {error.strerror}; 'handover keys make NAME' makes it") from None
+    if not paths:
+        raise KeysError(f"{folder}: no key in it")
+    return paths
+
+
+def _new_key(arguments: argparse.Namespace) -> tuple[str | None, bytes]:
+    """A new passphrase and its key; of one that was read the key only: who typed it knows it."""
+    if not arguments.passphrase_stdin:
+        passphrase = make_passphrase()
+        return passphrase, key_of(passphrase)
+    try:
+        typed = getpass.getpass("Passphrase: ") if sys.stdin.isatty() else sys.stdin.readline()
+    except UnicodeDecodeError:
+        raise KeysError("the passphrase must be ASCII") from None
+    return None, key_of(typed.rstrip("\r\n"))
+
+
+def _refuse_shared(folder: Path, name: str, key: bytes) -> None:
+    """No second station with the same key, as far as the folder tells."""
+    good = {}
+    for path in folder.glob("*.key"):
+        try:
+            if path.stem != name:
+                good[path.stem] = load_station_keys(path)
+        except KeysError:  # `check` is for that
+            continue
+    check_distinct({**good, name: StationKeys(key)})
+
+
+def _show(name: str, path: Path, key: bytes, passphrase: str | None) -> None:
+    print(f"{name}: {path} written, fingerprint {fingerprint(key)}")
+    if passphrase is not None:
+        print(f"  passphrase  {passphrase}")

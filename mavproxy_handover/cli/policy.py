@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover policy`: prints what a station may send, name by name, with the reason, from the table the gate uses."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+
+from mavproxy_handover.gate.access import ANY, Access
+from mavproxy_handover.gate.explain import for_commander, for_others, markdown_table, summary
+from mavproxy_handover.gate.tables import MESSAGES_BY_PART, POLICY, PolicyRow
+
+__all__ = ["main"]
+
+_NAMES = frozenset(row.name for row in POLICY)
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print the policy or a part of it. 1: no row fits the names asked for."""
+    parser = argparse.ArgumentParser(
+        prog="handover policy",
+        description="What a station may send to the vehicle: every message, command, file opcode, mission type, "
+        "parameter and file with a rule of its own, its class, and why. What is not in the table is refused.",
+    )
+    parser.add_argument(
+        "name", nargs="*", help="only names that contain this, or fit it as a pattern (FS_GCS*), or that it fits"
+    )
+    parser.add_argument("--class", dest="classes", action="append", choices=[a.value for a in Access], help="only this")
+    parser.add_argument("--summary", action="store_true", help="by class, not by name")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--markdown", action="store_true", help="as a table for a document")
+    form.add_argument("--json", action="store_true", help="as JSON, one list")
+    try:
+        arguments = parser.parse_args(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    if arguments.summary:
+        lines = summary()
+        if arguments.json:
+            print(json.dumps([dict(zip(lines[0], line, strict=True)) for line in lines[1:]], indent=1))
+        else:
+            print(markdown_table(lines) if arguments.markdown else _columns(lines))
+        return 0
+    rows = [row for row in POLICY if _wanted(row, arguments.name, arguments.classes)]
+    if not rows:
+        print("handover policy: no row fits; what has no row is refused", file=sys.stderr)
+        return 1
+    if arguments.json:
+        print(json.dumps([_as_json(row) for row in rows], indent=1))
+        return 0
+    lines = [("class", "what", "name", "why"), *((r.access.value, r.kind, r.name, r.why) for r in rows)]
+    print(markdown_table(lines) if arguments.markdown else _columns(lines))
+    if not arguments.markdown:
+        _explain(rows, arguments.name)
+    return 0
+
+
+def _wanted(row: PolicyRow, names: Sequence[str], classes: Sequence[str] | None) -> bool:
+    if classes and row.access.value not in classes:
+        return False
+    name = row.name.upper()
+    asked = [word.upper().removeprefix("MAV_CMD_") for word in names]
+    return not asked or any(word in name or fnmatchcase(name, word) or _fits(row, word) for word in asked)
+
+
+def _fits(row: PolicyRow, word: str) -> bool:
+    """Whether a row's own pattern holds the name: FS_* holds FS_GCS_ENABLE, if that is not a name of something else."""
+    return row.kind == "parameter" and row.name != ANY and word not in _NAMES and fnmatchcase(word, row.name)
+
+
+def _as_json(row: PolicyRow) -> dict[str, str]:
+    return {
+        "kind": row.kind,
+        "name": row.name,
+        "class": row.access.value,
+        "commander": for_commander(row.access),
+        "others": for_others(row.access),
+        "why": row.why,
+    }
+
+
+def _columns(lines: list[tuple[str, ...]]) -> str:
+    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]) - 1)]
+    return "\n".join(
+        "  ".join([*(cell.ljust(width) for cell, width in zip(line, widths, strict=False)), line[-1]]) for line in lines
+    )
+
+
+def _explain(rows: Sequence[PolicyRow], names: Sequence[str]) -> None:
+    """Below the rows: what their classes mean, and which messages are judged by their contents."""
+    print()
+    for access in Access:
+        if any(row.access is access for row in rows):
+            print(f"{access.value}: from the commander {for_commander(access)}; from others {for_others(access)}")
+    if not names:
+        print()
+        for message, part in MESSAGES_BY_PART.items():
+            print(f"{message} is judged by its {part}")

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Requests of operator control: the rules of the MAVLink standard, fitted to what the vehicle may promise in flight.
+
+`judge_control` is pure and total: the request and what holds now in, an answer and an effect out.
+
+* A request by the commander says whether takeover is allowed from now on; while somebody waits for its consent,
+  allowing it is the consent, and a request without that is the refusal. A request by the commander for another station
+  gives the aircraft to that one.
+* A request by anyone else starts a transfer to it: at once if takeover is allowed, otherwise the commander is asked
+  and the answer is "pending". Nobody can ask for a third station.
+* Nobody in command: on the ground the request is granted; in flight it starts a forced transfer from the commander that
+  was lost, if the aircraft is in the asking station's zone. While the commander of before a restart may still come
+  back, nobody gets its place.
+* A release on the ground leaves nobody in command. In flight the aircraft is never left without a commander: it is
+  offered to a station whose zone holds it, and until one has taken it the commander stays, with takeover allowed. Where
+  somebody waits for its consent, the release is that.
+* Only the commander can release. CONTROL_STATUS, not the answer, tells who commands.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from mavproxy_handover.core.events import ControlRequested, ControlResult
+from mavproxy_handover.core.model import Reason
+
+__all__ = ["ControlDecision", "ControlFacts", "Effect", "judge_control"]
+
+
+@dataclass(frozen=True, slots=True)
+class ControlFacts:
+    """What holds when a request comes.
+
+    `commander`: who commands, None if nobody. `lost`: there is one, and it is not heard. `recovering`: it has not been
+    heard since the restart, and that was just now. `grounded`: disarmed, and the autopilot has just said so.
+    `waiting_for`: the partner of the transfer under way, None without one. `unfit`: why the station that is to have
+    control could not be a partner, None if it could. `in_zone`: its zone holds the aircraft, or zones or position are
+    not known yet.
+    """
+
+    commander: int | None
+    lost: bool
+    recovering: bool
+    grounded: bool
+    waiting_for: int | None
+    takeover_allowed: bool
+    known: bool
+    unfit: Reason | None
+    in_zone: bool
+
+
+class Effect(Enum):
+    """What an answered request does."""
+
+    NOTHING = "nothing"
+    SET_TAKEOVER = "takeover allowed or not"
+    CONSENT = "the transfer under way has the commander's consent"
+    DENY = "takeover not allowed, nor the transfer under way"
+    TRANSFER = "a transfer; the commander is asked"
+    TRANSFER_CONSENTED = "a transfer; the commander has consented"
+    FORCE = "a forced transfer: there is no commander"
+    GRANT = "granted at once, on the ground"
+    RELEASE = "nobody commands, on the ground"
+    OFFER = "offered to whoever can take it, takeover allowed"
+
+
+@dataclass(frozen=True, slots=True)
+class ControlDecision:
+    """The answer and the effect; `text` says why it was denied."""
+
+    result: ControlResult
+    effect: Effect = Effect.NOTHING
+    text: str = ""
+
+
+def _denied(text: str) -> ControlDecision:
+    return ControlDecision(ControlResult.DENIED, text=text)
+
+
+def judge_control(request: ControlRequested, facts: ControlFacts) -> ControlDecision:
+    """Decide on one request."""
+    if request.station == facts.commander:
+        return _of_commander(request, facts)
+    if not request.request:
+        return _denied("only the commander can release")
+    if request.for_station != request.station:
+        return _denied("nobody but the commander can ask for another station")
+    return _of_other(request, facts)
+
+
+def _of_commander(request: ControlRequested, facts: ControlFacts) -> ControlDecision:
+    if not request.request:
+        at_once = facts.grounded and facts.waiting_for is None
+        return ControlDecision(ControlResult.ACCEPTED, Effect.RELEASE if at_once else Effect.OFFER)
+    if request.for_station == request.station:
+        if facts.waiting_for is not None:
+            return ControlDecision(ControlResult.ACCEPTED, Effect.CONSENT if request.takeover else Effect.DENY)
+        return ControlDecision(ControlResult.ACCEPTED, Effect.SET_TAKEOVER)
+    if facts.waiting_for == request.for_station:
+        return ControlDecision(ControlResult.ACCEPTED, Effect.CONSENT)
+    refusal = _cannot_take(facts)
+    return refusal or ControlDecision(ControlResult.ACCEPTED, Effect.TRANSFER_CONSENTED)
+
+
+def _of_other(request: ControlRequested, facts: ControlFacts) -> ControlDecision:
+    if facts.waiting_for == request.station:
+        if facts.takeover_allowed:
+            return ControlDecision(ControlResult.ACCEPTED, Effect.CONSENT)
+        return ControlDecision(ControlResult.PENDING)
+    refusal = _cannot_take(facts)
+    if refusal is not None:
+        return refusal
+    if facts.commander is None:
+        if facts.recovering:
+            return _denied("the commander may come back after the restart")
+        if facts.grounded:
+            return ControlDecision(ControlResult.ACCEPTED, Effect.GRANT)
+        if not facts.lost:
+            return _denied("there is no commander to follow")
+        return ControlDecision(ControlResult.PENDING, Effect.FORCE)
+    if facts.takeover_allowed:
+        return ControlDecision(ControlResult.ACCEPTED, Effect.TRANSFER_CONSENTED)
+    return ControlDecision(ControlResult.PENDING, Effect.TRANSFER)
+
+
+def _cannot_take(facts: ControlFacts) -> ControlDecision | None:
+    """Why the station that is to have control cannot have it now."""
+    if not facts.known:
+        return _denied("unknown station")
+    if facts.waiting_for is not None:
+        return _denied("another handover is under way")
+    if facts.unfit is not None:
+        return _denied(facts.unfit.name.lower().replace("_", " "))
+    if not facts.grounded and not facts.in_zone:
+        return _denied("the aircraft is outside its zone")
+    return None

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What of authority outlives a restart of the companion.
+
+A restart must not give authority to anyone who had none. So the snapshot names the one station that had it, and the
+arbiter that starts from it commands nobody until that station is heard again; then the epoch is one higher, which
+makes every frame of the time before stale. No snapshot, or one that cannot be trusted, means that nobody has authority.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mavproxy_handover.core.events import FlightAction
+from mavproxy_handover.core.model import Phase
+
+__all__ = ["Snapshot"]
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """State at the last change of authority. `owner` None: nobody had authority.
+
+    `out_of_coverage`: the policy in force, which the mission may have brought; None: that of the configuration.
+    """
+
+    owner: int | None
+    epoch: int
+    handover_id: int
+    phase: Phase
+    route_at: int
+    digest: bytes
+    route: tuple[int, ...]
+    takeover_allowed: bool = False
+    out_of_coverage: FlightAction | None = None

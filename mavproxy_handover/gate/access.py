@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The words of the policy: who may send something, and a row that says so of several names at once.
+
+The rows themselves are in `message_rules`, `command_rules`, `part_rules`, `parameters` and `files`; `tables`
+holds them together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+__all__ = ["ANY", "Access", "Rule", "names"]
+
+#: In a table: every name that has no row of its own.
+ANY = "*"
+
+
+class Access(Enum):
+    """Who may send something, and what becomes of it. Who gets what in which state is decided in `judge`."""
+
+    READ = "read"  #: any station; passed on
+    LIVENESS = "liveness"  #: the commander's is passed on, any other is only noticed
+    COMMAND = "command"  #: the commander's is passed on; anyone else is refused and told so
+    SAFEGUARD = "safeguard"  #: as COMMAND, and while the vehicle is armed from nobody
+    STREAM = "stream"  #: the commander's is passed on; anyone else's is dropped in silence, for it is frequent
+    ANSWERED = "answered"  #: the commander's is passed on; anyone else is answered by the companion
+    TRANSFER = "transfer"  #: any station; the companion's business, never passed on
+    CONTROL = "control"  #: operator-control request; any station; the companion's business, never passed on
+    MAINTENANCE = "maintenance"  #: over no radio link, whoever sends it
+    NEVER = "never"  #: no station has a reason to send it; dropped
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """One row of the policy: names that share a class, and why they are in it."""
+
+    access: Access
+    why: str
+    names: tuple[str, ...]
+
+
+def names(text: str) -> tuple[str, ...]:
+    """The words of `text`: names read better in columns than in quotes."""
+    return tuple(text.split())

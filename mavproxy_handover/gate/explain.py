@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The policy in words: what becomes of each class, and how much is in it. For `handover policy` and the README.
+
+Every word of what is allowed comes from the tables that the gate judges by; only what a class is for is said here.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final
+
+from mavproxy_handover.gate.access import ANY, Access
+from mavproxy_handover.gate.judge import Action, outcome
+from mavproxy_handover.gate.tables import POLICY
+
+__all__ = ["CLASSES", "contents", "for_commander", "for_others", "markdown_table", "summary"]
+
+#: What each class is for. Order: from open to closed.
+CLASSES: Final = {
+    Access.READ: "asks and changes nothing",
+    Access.LIVENESS: "tells the autopilot that its ground station is there",
+    Access.ANSWERED: "asks for rates on a channel that all share",
+    Access.COMMAND: "changes the flight, the mission or a setting",
+    Access.STREAM: "sticks, setpoints and other input that comes many times a second",
+    Access.SAFEGUARD: "what guard, failsafes and authority rest on",
+    Access.TRANSFER: "the handover itself, between station and companion",
+    Access.CONTROL: "the operator-control request of MAVLink",
+    Access.MAINTENANCE: "keys, raw buses, scripts, firmware: reconfigures the vehicle",
+    Access.NEVER: "no station has a reason to send it: sensors, answers, what the vehicle says",
+}
+
+_KINDS: Final = {
+    "message": ("message", "messages"),
+    "command": ("command", "commands"),
+    "acknowledged command": ("acknowledged command", "acknowledged commands"),
+    "mission type": ("mission type", "mission types"),
+    "parameter": ("parameter pattern", "parameter patterns"),
+    "file": ("kind of file", "kinds of file"),
+    "file opcode": ("file opcode", "file opcodes"),
+    "tunnel payload type": ("tunnel payload type", "tunnel payload types"),
+}
+
+
+def _words(access: Access, commands: bool, armed: bool) -> str:
+    action, reason = outcome(access, commands, armed)
+    if action is Action.FORWARD:
+        return "passes"
+    if action is Action.CONSUME:
+        return "noticed by the companion" if access is Access.LIVENESS else "answered by the companion"
+    word = "refused" if action is Action.REFUSE else "dropped"
+    return word if access in (Access.MAINTENANCE, Access.NEVER) else f"{word}: {reason.value}"
+
+
+def for_commander(access: Access) -> str:
+    """What becomes of the commander's."""
+    ground, armed = (_words(access, True, armed) for armed in (False, True))
+    return ground if ground == armed else f"{ground}; armed: {armed}"
+
+
+def for_others(access: Access) -> str:
+    """What becomes of any other station's."""
+    return _words(access, False, True)
+
+
+def contents(access: Access) -> str:
+    """How many names of each kind a class holds."""
+    rows = [row for row in POLICY if row.access is access]
+    kinds = Counter(row.kind for row in rows if row.name != ANY)
+    counts = [f"{count} {_KINDS[kind][count != 1]}" for kind, count in kinds.items()]
+    return ", ".join([*counts, *(f"every other {row.kind}" for row in rows if row.name == ANY)])
+
+
+def summary() -> list[tuple[str, ...]]:
+    """The policy by class: a head line, then class, what it is for, commander, others, contents."""
+    head = ("class", "what", "from the commander", "from any other station", "how many")
+    rows = [(a.value, what, for_commander(a), for_others(a), contents(a)) for a, what in CLASSES.items()]
+    return [head, *rows]
+
+
+def markdown_table(lines: list[tuple[str, ...]]) -> str:
+    """A table whose first line is the head. Ends without a line break."""
+    head, *rows = [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines]
+    return "\n".join([head, "|" + "---|" * len(lines[0]), *rows])

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a station has open at the autopilot, and the frames that close it when the station's authority ends.
+
+At a commit the former commander may be in the middle of something: an upload, a file it writes, sticks that
+override the pilot's, a velocity that it streams. Its next frames are refused, so nobody would end it. The
+companion does, at once, in the former commander's name: the autopilot binds each of these to the system and
+component that began it. Rules, from ArduPilot's source:
+
+1. **Upload of mission, fence or rally points** (MissionItemProtocol): it belongs to its sender and blocks everybody
+   else's for 8 s of silence. MISSION_ACK from a station is ignored. A new MISSION_COUNT of the same sender ends the
+   old upload before the count is looked at, and one that is too large is then refused: nothing is truncated,
+   nothing begins. MISSION_CLEAR_ALL would end it too, and take the mission with it. What had arrived of a mission or
+   of rally points is stored already and stays (a fence is swapped only when it is whole); `Closing.incomplete` says so.
+2. **File open for writing** (GCS_FTP): one for everybody. TerminateSession closes it, and closing is what applies
+   a parameter or mission file, half-written or not. So the header of such a file is overwritten with zeros first:
+   a file without its magic number is thrown away. Left alone it would be closed, and applied, whenever some
+   station next asks for a file. Parameter files are closed at arming too (`parameters`: nobody may set them then).
+3. **Sticks** (RC_CHANNELS_OVERRIDE, MANUAL_CONTROL): released; the autopilot would wait for RC_OVERRIDE_TIME.
+4. **Guided stream** of velocity, acceleration or attitude: zero velocity. GUID_TIMEOUT (3 s) would stop it as well;
+   until then the aircraft would go on as the former commander said last. A place to fly to is not a stream: the
+   aircraft flies there and holds, as it does when no handover takes place, and the new commander decides. Outside
+   GUIDED the autopilot ignores the frame.
+5. **Log download**: ended, it fills the channel.
+
+Nothing is sent for what has ended: the autopilot's answers (`heard`) and the station's own frames tell.
+Memory is bounded: `_MOST_OPEN` of a kind for one station, the oldest is forgotten first.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.gate.files import is_parameter_file, is_upload
+from mavproxy_handover.gate.judge import Action, Verdict
+from mavproxy_handover.gate.part_rules import MISSION_TYPES
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
+
+__all__ = ["Closing", "FlushTracker"]
+
+_AUTOPILOT: Final = 1
+_MOST_OPEN: Final = 8
+#: More items than any autopilot stores: the count is refused after it has ended the upload before it.
+_TOO_MANY_ITEMS: Final = 0xFFFF
+
+_FTP_TERMINATE, _FTP_RESET, _FTP_CREATE, _FTP_WRITE, _FTP_OPEN_WRITE, _FTP_NAK = 1, 2, 6, 7, 11, 129
+#: Sequence number, session, opcode, size of the data, opcode that is answered.
+_FTP_HEAD: Final = struct.Struct("<HBBBB")
+_FTP_DATA: Final = slice(12, 250)
+_FTP_BYTES: Final = 251
+_HEADER_BYTES: Final = 12  #: at least as long as the headers of parameter and mission files
+
+_COUNT: Final = mavlink.MAVLINK_MSG_ID_MISSION_COUNT
+_PARTIAL: Final = mavlink.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
+_ITEMS: Final = (mavlink.MAVLINK_MSG_ID_MISSION_ITEM, mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT)
+_ACK: Final = mavlink.MAVLINK_MSG_ID_MISSION_ACK
+_FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
+_STICKS: Final = (mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL)
+_TARGETS: Final = (
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+    mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,
+)
+_ATTITUDE: Final = mavlink.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET
+_LOG_BEGINS: Final = (mavlink.MAVLINK_MSG_ID_LOG_REQUEST_LIST, mavlink.MAVLINK_MSG_ID_LOG_REQUEST_DATA)
+_LOG_END: Final = mavlink.MAVLINK_MSG_ID_LOG_REQUEST_END
+_COMMANDS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
+
+#: What gives GUIDED another aim, or leaves it: a stream before it has no part in the flight any more.
+_NEW_AIMS: Final = (
+    mavlink.MAV_CMD_DO_REPOSITION,
+    mavlink.MAV_CMD_NAV_TAKEOFF,
+    mavlink.MAV_CMD_NAV_LAND,
+    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
+    mavlink.MAV_CMD_NAV_LOITER_UNLIM,
+    mavlink.MAV_CMD_DO_SET_MODE,
+    mavlink.MAV_CMD_MISSION_START,
+)
+_VELOCITY_IGNORED: Final = 0b111 << 3
+_ACCELERATION_IGNORED: Final = 0b111 << 6
+#: Only the velocity counts: position, acceleration, yaw and yaw rate are ignored.
+_ONLY_VELOCITY: Final = 0b1101_1100_0111
+_GUIDED_ITEM: Final = 2  #: MISSION_ITEM.current: not an item but a place to fly to
+
+_Sender = tuple[int, int]  #: system, component
+
+
+@dataclass(frozen=True, slots=True)
+class Closing:
+    """One thing that was open, and the frames to the autopilot that close it, in the name of who opened it."""
+
+    what: str  #: for journal and console
+    frames: tuple[bytes, ...]
+    incomplete: bool = False  #: what the autopilot stores may be a mixture of old and new
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    session: int
+    path: bytes
+    component: int  #: that the file is open at
+    sequence: int  #: of the last request
+
+
+@dataclass(slots=True)
+class _Open:
+    """What one station has open. Values are the component that was addressed, or a file."""
+
+    uploads: dict[tuple[_Sender, int], int] = field(default_factory=dict)  #: by sender and mission type
+    files: dict[_Sender, _File] = field(default_factory=dict)
+    sticks: dict[_Sender, int] = field(default_factory=dict)
+    streams: dict[_Sender, int] = field(default_factory=dict)
+    logs: dict[_Sender, int] = field(default_factory=dict)
+
+
+class FlushTracker:
+    """Follows what stations have open. Give it every frame of a station with its verdict, and what comes back."""
+
+    def __init__(self, vehicle_sysid: int) -> None:
+        self._vehicle = vehicle_sysid
+        self._open: dict[int, _Open] = {}
+        self._handlers: dict[int, Callable[[Frame, _Open, _Sender, int], None]] = {
+            _COUNT: self._saw_upload,
+            _PARTIAL: self._saw_upload,
+            _FTP: self._saw_file,
+            **dict.fromkeys(_ITEMS, self._saw_item),
+            **dict.fromkeys(_STICKS, self._saw_sticks),
+            **dict.fromkeys(_TARGETS, self._saw_target),
+            _ATTITUDE: self._saw_attitude,
+            mavlink.MAVLINK_MSG_ID_SET_MODE: self._saw_mode,
+            **dict.fromkeys(_COMMANDS, self._saw_command),
+            **dict.fromkeys(_LOG_BEGINS, self._saw_log),
+            _LOG_END: self._saw_log,
+        }
+
+    def saw(self, frame: Frame, verdict: Verdict, station_sysid: int) -> None:
+        """A frame of a station; only what was forwarded to the autopilot can have opened or ended anything there."""
+        if verdict.action is not Action.FORWARD:
+            return
+        handler = self._handlers.get(frame.msgid)
+        if handler is None:
+            return
+        aim = target(frame)
+        component = aim[1] if aim is not None and aim[1] != 0 else _AUTOPILOT
+        opened = self._open.setdefault(station_sysid, _Open())
+        handler(frame, opened, (frame.sysid, frame.compid), component)
+
+    def heard(self, frame: Frame) -> None:
+        """A frame of the autopilot: it says when an upload has ended, or that a file is not open."""
+        if frame.msgid == _ACK:
+            self._heard_ack(frame)
+        elif frame.msgid == _FTP:
+            self._heard_file(frame)
+
+    def flush(self, station_sysid: int) -> list[Closing]:
+        """Close everything that a station has open, and forget it."""
+        opened = self._open.pop(station_sysid, None)
+        if opened is None:
+            return []
+        closings = [self._close_sticks(sender, at) for sender, at in opened.sticks.items()]
+        closings += [self._close_stream(sender, at) for sender, at in opened.streams.items()]
+        closings += [self._close_upload(sender, kind, at) for (sender, kind), at in opened.uploads.items()]
+        closings += [self._close_file(sender, file) for sender, file in opened.files.items()]
+        closings += [self._close_log(sender, at) for sender, at in opened.logs.items()]
+        return closings
+
+    def parameters(self) -> list[Closing]:
+        """Throw away parameter files that are being written: to be called when the vehicle is armed."""
+        closings = []
+        for opened in self._open.values():
+            for sender, file in list(opened.files.items()):
+                if is_parameter_file(file.path):
+                    del opened.files[sender]
+                    closings.append(self._close_file(sender, file))
+        return closings
+
+    # ---- what opens and ends ----------------------------------------------------------------------------------------
+
+    def _saw_upload(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
+        _remember(opened.uploads, (sender, field_int(frame, "mission_type")), component)
+
+    def _saw_item(self, frame: Frame, opened: _Open, _sender: _Sender, _component: int) -> None:
+        if field_int(frame, "current") == _GUIDED_ITEM:
+            opened.streams.clear()
+
+    def _saw_file(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
+        request = field_bytes(frame, "payload")
+        sequence, session, opcode, _size, _request = _FTP_HEAD.unpack_from(request)
+        file = opened.files.get(sender)
+        if opcode in (_FTP_CREATE, _FTP_OPEN_WRITE):
+            path = request[_FTP_DATA].partition(b"\0")[0]
+            _remember(opened.files, sender, _File(session, path, component, sequence))
+        elif file is not None and opcode in (_FTP_TERMINATE, _FTP_RESET) and session == file.session:
+            del opened.files[sender]
+        elif file is not None:
+            opened.files[sender] = replace(file, sequence=sequence)
+
+    def _saw_sticks(self, _frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
+        _remember(opened.sticks, sender, component)
+
+    def _saw_target(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
+        mask = field_int(frame, "type_mask")
+        if mask & _VELOCITY_IGNORED and mask & _ACCELERATION_IGNORED:
+            opened.streams.clear()
+        else:
+            _remember(opened.streams, sender, component)
+
+    def _saw_attitude(self, _frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
+        _remember(opened.streams, sender, component)
+
+    def _saw_mode(self, _frame: Frame, opened: _Open, _sender: _Sender, _component: int) -> None:
+        opened.streams.clear()
+
+    def _saw_command(self, frame: Frame, opened: _Open, _sender: _Sender, _component: int) -> None:
+        if field_int(frame, "command") in _NEW_AIMS:
+            opened.streams.clear()
+
+    def _saw_log(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
+        if frame.msgid == _LOG_END:
+            opened.logs.clear()
+        else:
+            _remember(opened.logs, sender, component)
+
+    def _heard_ack(self, frame: Frame) -> None:
+        # An item out of turn is refused, and the upload goes on.
+        if field_int(frame, "type") != mavlink.MAV_MISSION_INVALID_SEQUENCE:
+            for opened in self._open.values():
+                opened.uploads.pop((_addressee(frame), field_int(frame, "mission_type")), None)
+
+    def _heard_file(self, frame: Frame) -> None:
+        _sequence, _session, opcode, _size, request = _FTP_HEAD.unpack_from(field_bytes(frame, "payload"))
+        if opcode == _FTP_NAK and request in (_FTP_CREATE, _FTP_OPEN_WRITE):
+            for opened in self._open.values():
+                opened.files.pop(_addressee(frame), None)
+
+    # ---- what closes ------------------------------------------------------------------------------------------------
+
+    def _close_upload(self, sender: _Sender, kind: int, component: int) -> Closing:
+        count = mavlink.MAVLink_mission_count_message(self._vehicle, component, _TOO_MANY_ITEMS, kind)
+        name = MISSION_TYPES.get(kind, str(kind)).lower()
+        fence = kind == mavlink.MAV_MISSION_TYPE_FENCE
+        return Closing(f"unfinished {name} upload ended", _packed(sender, count), incomplete=not fence)
+
+    def _close_file(self, sender: _Sender, file: _File) -> Closing:
+        requests = [(_FTP_TERMINATE, 0)]
+        if is_upload(file.path):
+            requests.insert(0, (_FTP_WRITE, _HEADER_BYTES))  # zeros, at offset zero
+        messages = []
+        for number, (opcode, size) in enumerate(requests, start=1):
+            head = _FTP_HEAD.pack((file.sequence + number) & 0xFFFF, file.session, opcode, size, 0)
+            payload = list(head.ljust(_FTP_BYTES, b"\0"))
+            messages.append(mavlink.MAVLink_file_transfer_protocol_message(0, self._vehicle, file.component, payload))
+        name = file.path.decode("ascii", "replace")
+        thrown_away = ", contents thrown away" if is_upload(file.path) else ""
+        return Closing(f"file {name!r} closed{thrown_away}", _packed(sender, *messages), incomplete=not thrown_away)
+
+    def _close_sticks(self, sender: _Sender, component: int) -> Closing:
+        # 0 releases channels 1 to 8, UINT16_MAX - 1 the others.
+        release = [0] * 8 + [0xFFFE] * 10
+        message = mavlink.MAVLink_rc_channels_override_message(self._vehicle, component, *release)
+        return Closing("RC override released", _packed(sender, message))
+
+    def _close_stream(self, sender: _Sender, component: int) -> Closing:
+        frame = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
+        zeros = [0] * 11  # place, velocity, acceleration, yaw, yaw rate
+        stop = mavlink.MAVLink_set_position_target_global_int_message(
+            0, self._vehicle, component, frame, _ONLY_VELOCITY, *zeros
+        )
+        return Closing("guided stream stopped", _packed(sender, stop))
+
+    def _close_log(self, sender: _Sender, component: int) -> Closing:
+        message = mavlink.MAVLink_log_request_end_message(self._vehicle, component)
+        return Closing("log download ended", _packed(sender, message))
+
+
+def _remember(entries: dict, key: object, value: object) -> None:  # type: ignore[type-arg]
+    entries.pop(key, None)
+    entries[key] = value
+    if len(entries) > _MOST_OPEN:
+        del entries[next(iter(entries))]
+
+
+def _packed(sender: _Sender, *messages: mavlink.MAVLink_message) -> tuple[bytes, ...]:
+    as_sender = mavlink.MAVLink(None, srcSystem=sender[0], srcComponent=sender[1])
+    return tuple(bytes(message.pack(as_sender)) for message in messages)
+
+
+def _addressee(frame: Frame) -> _Sender:
+    return field_int(frame, "target_system"), field_int(frame, "target_component")

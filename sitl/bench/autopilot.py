@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""An autopilot as far as a measurement needs one: streams at given rates, the mission protocol, and a place in the
+world.
+
+It does not fly: its place is set, in one step if need be. It reads the lease, so it knows who commands without asking.
+How its bytes travel is its owner's business (`TcpAutopilot`: a server for one MAVProxy).
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.gate.tables import COMPANION_COMPID
+from mavproxy_handover.wire.lease import LEASE_TYPE
+from sitl.bench.loop import BenchError, Loop, Timer
+from sitl.bench.traffic import AUTOPILOT, DOWNLINK, VEHICLE, Place, downlink_message, split
+
+__all__ = ["FakeAutopilot", "TcpAutopilot"]
+
+#: what is answered, if the companion sends it
+_ASKED = frozenset(
+    (
+        mavlink.MAVLINK_MSG_ID_MISSION_COUNT,
+        mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT,
+        mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL,
+        mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
+        mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+        mavlink.MAVLINK_MSG_ID_TUNNEL,
+        mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
+    )
+)
+
+
+class FakeAutopilot:
+    """`send` takes its bytes, one frame at a time."""
+
+    def __init__(self, loop: Loop, send: Callable[[bytes], None], place: Place) -> None:
+        self.place = place
+        self.armed = False
+        self.in_air = False
+        #: of the last lease: system id of the commander, None for nobody, and whether a transfer is under way
+        self.commander: int | None = None
+        self.in_transfer = False
+        #: called with every frame that arrives
+        self.on_frame: Callable[[bytes], None] = lambda raw: None
+        self.frames_out = 0
+        self.positions = 0
+        self._loop = loop
+        self._send = send
+        self._own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=AUTOPILOT)
+        self._parser = mavlink.MAVLink(None)
+        self._items: dict[int, list[Any]] = {}
+        self._expected: dict[int, int] = {}
+        self._timers: list[Timer] = []
+        self._booted = time.monotonic()
+
+    # ---- out ------------------------------------------------------------------------------------------------------
+
+    def stream(self, frames_per_s: int) -> None:
+        """Send the stream of that many frames a second from now on; 0: a heartbeat and a position a second."""
+        self.silence()
+        table = DOWNLINK[frames_per_s] if frames_per_s else {"HEARTBEAT": 1, "GLOBAL_POSITION_INT": 1}
+        for number, (name, times) in enumerate(table.items()):
+            job = self._sender(name)
+            # streams begin at different times, as they run on a real one: not all in one packet
+            self._timers.append(self._loop.every(1.0 / times, job, number * 0.618 % 1.0 / times))
+
+    def silence(self) -> None:
+        """Send nothing more."""
+        for timer in self._timers:
+            timer.cancel()
+        self._timers = []
+
+    def _sender(self, name: str) -> Callable[[], None]:
+        return lambda: self.say(name)
+
+    def say(self, name: str) -> None:
+        """Send one message of the streams now."""
+        ms = int((time.monotonic() - self._booted) * 1000)
+        if name == "GLOBAL_POSITION_INT":
+            self.positions += 1
+        self._put(downlink_message(name, self.place, ms, self.armed, self.in_air))
+
+    def take_off(self) -> None:
+        """Armed and in the air from now on."""
+        self.armed = self.in_air = True
+        self.say("EXTENDED_SYS_STATE")
+        self.say("HEARTBEAT")
+
+    def _put(self, message: Any) -> None:
+        raw = bytes(message.pack(self._own))
+        self._own.seq = (self._own.seq + 1) & 0xFF
+        self.frames_out += 1
+        self._send(raw)
+
+    # ---- in -------------------------------------------------------------------------------------------------------
+
+    def take(self, raw: bytes) -> None:
+        """A frame has arrived."""
+        self.on_frame(raw)
+        if raw[0] != 0xFD or raw[6] != COMPANION_COMPID:
+            return
+        if int.from_bytes(raw[7:10], "little") in _ASKED:
+            try:
+                message = self._parser.decode(bytearray(raw))
+            except mavlink.MAVError as error:
+                raise BenchError(f"the companion wrote a frame that cannot be read: {error}") from None
+            self._answer(message)
+
+    def _answer(self, m: Any) -> None:
+        kind = m.get_type()
+        asker = (m.get_srcSystem(), m.get_srcComponent())
+        if kind == "TUNNEL":
+            if m.payload_type == LEASE_TYPE:
+                self.commander = m.payload[2] or None
+                self.in_transfer = m.payload[1] == 2
+        elif kind == "COMMAND_LONG":
+            self._put(mavlink.MAVLink_command_ack_message(m.command, mavlink.MAV_RESULT_ACCEPTED, 0, 0, *asker))
+        elif kind == "MISSION_CLEAR_ALL":
+            self._items[m.mission_type] = []
+            self._put(mavlink.MAVLink_mission_ack_message(*asker, 0, m.mission_type))
+        elif kind == "MISSION_REQUEST_LIST":
+            count = len(self._items.get(m.mission_type, []))
+            self._put(mavlink.MAVLink_mission_count_message(*asker, count, m.mission_type))
+        elif kind == "MISSION_REQUEST_INT":
+            item = self._items[m.mission_type][m.seq]
+            values = [getattr(item, name) for name in item.fieldnames[2:]]
+            self._put(mavlink.MAVLink_mission_item_int_message(*asker, *values))
+        else:
+            self._upload(m, kind, asker)
+
+    def _upload(self, m: Any, kind: str, asker: tuple[int, int]) -> None:
+        if kind == "MISSION_COUNT":
+            self._items[m.mission_type] = []
+            self._expected[m.mission_type] = m.count
+        elif m.seq == len(self._items.setdefault(m.mission_type, [])):
+            self._items[m.mission_type].append(m)
+        have = len(self._items[m.mission_type])
+        if have < self._expected.get(m.mission_type, 0):
+            self._put(mavlink.MAVLink_mission_request_int_message(*asker, have, m.mission_type))
+        else:
+            self._put(mavlink.MAVLink_mission_ack_message(*asker, 0, m.mission_type))
+
+
+class TcpAutopilot:
+    """A `FakeAutopilot` behind a TCP port of 127.0.0.1, for one MAVProxy to connect to."""
+
+    def __init__(self, loop: Loop, place: Place) -> None:
+        """Listen. Raises OSError."""
+        self._loop = loop
+        self._server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._server.bind(("127.0.0.1", 0))
+        self._server.listen(1)
+        self._server.setblocking(False)
+        self.port: int = self._server.getsockname()[1]
+        self._peer: socket.socket | None = None
+        self._rest = b""
+        self.model = FakeAutopilot(loop, self._write, place)
+        #: when what is being taken in arrived
+        self.received_at = -math.inf
+        loop.add_reader(self._server.fileno(), self._accept)
+
+    @property
+    def connected(self) -> bool:
+        """Whether MAVProxy is there."""
+        return self._peer is not None
+
+    def _accept(self) -> None:
+        self._peer, _address = self._server.accept()
+        self._peer.setblocking(False)
+        self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._loop.remove_reader(self._server.fileno())
+        self._loop.add_reader(self._peer.fileno(), self._read)
+
+    def _write(self, raw: bytes) -> None:
+        if self._peer is None:
+            return
+        try:
+            self._peer.send(raw)
+        except OSError as error:  # also BlockingIOError: it has not read for megabytes
+            self._lost(error.strerror or str(error))
+
+    def _read(self) -> None:
+        assert self._peer is not None
+        try:
+            data = self._peer.recv(65536)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(error.strerror or str(error))
+        self.received_at = time.monotonic()
+        if not data:
+            self._lost("it closed the connection")
+        frames, self._rest = split(self._rest + data)
+        for raw in frames:
+            self.model.take(raw)
+
+    def _lost(self, why: str) -> None:
+        self.close()
+        raise BenchError(f"MAVProxy under test is gone: {why}")
+
+    def close(self) -> None:
+        """Close the port and the connection."""
+        self._loop.remove_reader(self._server.fileno())
+        self._server.close()
+        if self._peer is not None:
+            self._loop.remove_reader(self._peer.fileno())
+            self._peer.close()
+            self._peer = None

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`python -m sitl.bench`: runs the parts, writes `bench.jsonl`, prints the table.
+
+The exit code says whether the measurements could be made, not whether the targets are held: a target that is missed is
+a result. `--strict` makes it an error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sitl.bench import downlink, transfers, uplink, zones
+from sitl.bench.loop import BenchError
+from sitl.bench.results import Measurement, Results, table
+from sitl.bench.rig import Rig
+from sitl.bench.signing import KEY, why_not
+
+__all__ = ["main"]
+
+PARTS = ("uplink", "downlink", "zones", "transfers")
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Plans:
+    """How much of everything."""
+
+    uplink: uplink.Plan
+    downlink: downlink.Plan
+    stations: tuple[int, ...]
+    zones: zones.Plan
+    loopback: int
+    loopback_limit_s: float
+    checked: int
+    check_limit_s: float
+    conditions: tuple[transfers.Condition, ...]
+    lanes: transfers.LanePlan
+
+
+FULL = Plans(
+    uplink.Plan({200: 3.0, 1000: 2.0}, 1.5, 4, 8, 12),
+    downlink.Plan((50, 200), 3.0, 4, 8),
+    (2, 10),
+    zones.Plan((2, 10, 100), (50, 1000), 0.2, 4, 8),
+    300,
+    120.0,
+    30,
+    60.0,
+    transfers.CONDITIONS,
+    transfers.LanePlan(300, 240.0),
+)
+QUICK = Plans(
+    uplink.Plan({1000: 1.5}, 0.8, 1, 1, 2, 1.0),
+    downlink.Plan((50,), 1.5, 1, 1),
+    (2,),
+    zones.Plan((2, 10), (50,), 0.05, 1, 2),
+    20,
+    15.0,
+    0,
+    0.0,
+    (transfers.CONDITIONS[0], transfers.CONDITIONS[3]),
+    transfers.LanePlan(6, 15.0, 2),
+)
+
+
+def _uplink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    missing = why_not()
+    for signing in ("off", "on"):
+        if signing == "on" and missing:
+            say(f"signing on: NOT MEASURED: {missing}")
+            yield Measurement(
+                "uplink", "CPU per frame", "us", {"signing": "on"}, note=f"signing on was not measured: {missing}"
+            )
+            continue
+        with Rig(folder / f"uplink-signing-{signing}", 2, KEY if signing == "on" else None) as rig:
+            case = {"signing": signing}
+            yield from uplink.measure_cpu(rig, plans.uplink, case, say)
+            yield from uplink.measure_delay(rig, plans.uplink, case, say)
+            if signing == "off":
+                yield from uplink.measure_cpu(rig, plans.uplink, case, say, observer=True)
+
+
+def _downlink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    for stations in plans.stations:
+        with Rig(folder / f"downlink-{stations}", stations) as rig:
+            yield from downlink.measure(rig, plans.downlink, say)
+
+
+def _zones(plans: Plans, _folder: Path, say: Say) -> Iterator[Measurement]:
+    return zones.measure(plans.zones, say)
+
+
+def _transfers(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    yield from transfers.fly_loopback(folder / "loopback", plans.loopback, plans.loopback_limit_s, say)
+    if plans.checked:
+        yield from transfers.fly_with_bad_links(folder / "bad-links", plans.checked, plans.check_limit_s, say)
+    yield from transfers.fly_lanes(folder / "lanes", plans.conditions, plans.lanes, say)
+
+
+_RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
+    "uplink": _uplink,
+    "downlink": _downlink,
+    "zones": _zones,
+    "transfers": _transfers,
+}
+
+
+def _arguments(argv: Sequence[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m sitl.bench",
+        description="Measure the companion beside stock MAVProxy: frames up and down, zone checks, transfers.",
+    )
+    parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")
+    parser.add_argument("--strict", action="store_true", help="exit code 1 if a target is missed")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"some of: {', '.join(PARTS)} (default: all)")
+    arguments = parser.parse_args(argv)
+    unknown = [part for part in arguments.parts if part not in PARTS]
+    if unknown:
+        parser.error(f"unknown part {unknown[0]!r}: must be one of {', '.join(PARTS)}")
+    return arguments
+
+
+def main(argv: Sequence[str]) -> int:
+    """Run; 0: measured, 1: a part could not be measured (or --strict and a target missed), 2: bad usage."""
+    try:
+        arguments = _arguments(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    folder: Path = arguments.out or Path("runs") / time.strftime("bench-%Y%m%d-%H%M%S")
+    if folder.is_dir() and any(folder.iterdir()):  # journals are appended to
+        print(f"bench: {folder} is not empty: measurements need a folder of their own", file=sys.stderr)
+        return 2
+    plans = QUICK if arguments.quick else FULL
+    began = time.monotonic()
+
+    def say(text: str) -> None:
+        print(f"[{time.monotonic() - began:5.0f} s] {text}", flush=True)
+
+    broken = False
+    try:
+        results = Results(folder / "bench.jsonl")
+    except OSError as error:
+        print(f"bench: {folder}: {error.strerror}", file=sys.stderr)
+        return 2
+    try:
+        for part in arguments.parts or PARTS:
+            say(f"{part} ...")
+            try:
+                for measurement in _RUN[part](plans, folder.resolve(), say):
+                    results.add(measurement)
+            except (BenchError, OSError) as error:
+                broken = True
+                say(f"{part}: NOT MEASURED: {error}")
+                results.line({"part": part, "error": str(error)})
+    except KeyboardInterrupt:
+        broken = True
+        say("interrupted")
+    print()
+    print(table(results.measurements))
+    missed = results.missed
+    say(f"{len(missed)} of {sum(m.met is not None for m in results.measurements)} targets missed; {results.path}")
+    return 1 if broken or (arguments.strict and missed) else 0

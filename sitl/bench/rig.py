@@ -1,0 +1,203 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Two MAVProxy processes under the same load: the companion, and a stock MAVProxy with one `--out` a station.
+
+Both are the installed MAVProxy with the same options (those of `handover companion`), the stock one without our module
+and with its own heartbeat. Each has an autopilot and stations of its own; the companion's parent commands, its mission
+is loaded, and its aircraft is in the air, in the parent's zone.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.launch import companion_argv
+from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.resources import shipped
+from sitl.bench.autopilot import TcpAutopilot
+from sitl.bench.loop import BenchError, Loop, cpu_s
+from sitl.bench.station import FakeStation
+from sitl.bench.traffic import VEHICLE, Place
+from sitl.processes import Processes
+
+__all__ = ["IN_ZONE_A", "PARENT", "Proxy", "Rig", "toml"]
+
+PARENT = 251
+#: in the delivery mission, inside the zone of GCSA and of no other; flying along
+IN_ZONE_A = Place(52.6792, 5.9240, 30.0, 3.0, 4.0)
+_START_LIMIT_S = 30.0
+
+
+def toml(tables: dict[str, Any]) -> str:
+    """Tables and lists of tables as TOML text; JSON's values are TOML's as well."""
+    lines: list[str] = []
+    for name, value in tables.items():
+        for table in value if isinstance(value, list) else [value]:
+            lines.append(f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
+            lines += [f"{key} = {json.dumps(entry)}" for key, entry in table.items()]
+            lines.append("")
+    return "\n".join(lines)
+
+
+def _sysid(number: int) -> int:
+    """System ids of stations: those of the project's missions, then others."""
+    return PARENT + number if number < 4 else 200 + number
+
+
+class Proxy:
+    """One MAVProxy process under test, its autopilot and its stations."""
+
+    def __init__(
+        self, loop: Loop, processes: Processes, folder: Path, name: str, stations: int, key: bytes | None
+    ) -> None:
+        self.name = name
+        self.autopilot = TcpAutopilot(loop, IN_ZONE_A)
+        self.stations = [
+            FakeStation(loop, f"GCS{chr(ord('A') + number)}", _sysid(number), key) for number in range(stations)
+        ]
+        self._loop = loop
+        self._processes = processes
+        self._folder = folder
+        self._child: Any = None
+
+    def start(self, argv: Sequence[str]) -> None:
+        """Start the process and wait until it has connected to the autopilot. Raises BenchError."""
+        self._child = self._processes.start(self.name, argv, self._folder)
+        self.autopilot.model.stream(0)
+        self._wait(lambda: self.autopilot.connected, "MAVProxy connects")
+        self._wait(lambda: all(station.heard for station in self.stations), "every station hears the vehicle")
+
+    def _wait(self, condition: Any, what: str) -> None:
+        try:
+            self._loop.run_until(lambda: condition() or not self._child.alive(), _START_LIMIT_S, what)
+            if not self._child.alive():
+                raise BenchError(f"{what}: the process has ended")
+        except BenchError as error:
+            tail = " | ".join(self._child.console()[-5:])
+            raise BenchError(f"{self.name}: {error} (console: {tail})") from None
+
+    def establish(self) -> None:
+        """Make the companion fly: parent in command, mission loaded, armed and airborne. Raises BenchError."""
+        parent = self.stations[0]
+        model = self.autopilot.model
+        model.stream(50)
+        self._wait(lambda: parent.commander == PARENT, "the parent commands")
+        package = mission_package.load(shipped("missions") / "delivery")
+        parent.share(package)
+        self._wait(lambda: parent.shared or parent.share_trouble, "the mission package is loaded")
+        if parent.share_trouble:
+            raise BenchError(f"{self.name}: mission package refused: {parent.share_trouble}")
+        for station in self.stations:
+            station.digest = package.digest
+        model.take_off()
+        self._wait(lambda: parent.phase == Phase.ON_MISSION, "the aircraft is on its mission")
+
+    def fly(self) -> None:
+        """The same for a stock MAVProxy, to which it means nothing."""
+        self.autopilot.model.take_off()
+
+    @property
+    def pid(self) -> int:
+        return int(self._child.pid)
+
+    def cpu_s(self) -> float:
+        """Processor time so far. Raises BenchError when the process is gone."""
+        return cpu_s(self.pid)
+
+    def check(self) -> None:
+        """That the process lives, and that the parent still commands where somebody commands. Raises BenchError."""
+        if not self._child.alive():
+            tail = " | ".join(self._child.console()[-5:])
+            raise BenchError(f"{self.name}: the process has ended (console: {tail})")
+        commander = self.stations[0].commander
+        if commander not in (None, PARENT):
+            raise BenchError(f"{self.name}: station {commander} commands in the middle of a measurement")
+
+    def close(self) -> None:
+        """Close all sockets; the process is ended by whoever started it."""
+        for station in self.stations:
+            station.close()
+        self.autopilot.close()
+
+
+class Rig:
+    """Ours and the baseline, started and ready. Leaving the `with` block ends both."""
+
+    def __init__(self, folder: Path, stations: int, key: bytes | None = None) -> None:
+        """`key`: every station signs with it, and the companion checks."""
+        self.loop = Loop()
+        self._number = 0
+        self._folder = folder
+        self._processes = Processes()
+        self._key = key
+        self.ours = Proxy(self.loop, self._processes, folder / "ours", "companion", stations, key)
+        self.baseline = Proxy(self.loop, self._processes, folder / "baseline", "stock", stations, key)
+
+    def __enter__(self) -> Rig:
+        try:
+            config = self._configure()
+            ours = companion_argv(config, self._master(self.ours), self._folder / "ours" / "mav.tlog")
+            outs = [f"--out=udp:127.0.0.1:{station.port}" for station in self.baseline.stations]
+            stock = companion_argv(config, self._master(self.baseline), self._folder / "baseline" / "mav.tlog")
+            self.ours.start(ours)
+            self.ours.establish()
+            self.baseline.start([*(word for word in stock if not word.startswith(("--cmd=", "--heartbeat="))), *outs])
+            self.baseline.fly()
+            for proxy in (self.ours, self.baseline):
+                proxy.autopilot.model.stream(0)
+            self.loop.run(1.0)
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close()
+
+    def _close(self) -> None:
+        self._processes.stop_all()
+        self.ours.close()
+        self.baseline.close()
+
+    def next_number(self) -> int:
+        """A number for the next uplink frame, never given before."""
+        self._number += 1
+        return self._number
+
+    @staticmethod
+    def _master(proxy: Proxy) -> str:
+        return f"tcp:127.0.0.1:{proxy.autopilot.port}"
+
+    def _configure(self) -> Path:
+        folder = self._folder / "ours"
+        folder.mkdir(parents=True, exist_ok=True)
+        stations = []
+        for station in self.ours.stations:
+            entry: dict[str, Any] = {
+                "name": station.name,
+                "sysid": station.sysid,
+                "links": [f"udpout:127.0.0.1:{station.port}"],
+            }
+            stations.append(entry)
+        tables: dict[str, Any] = {
+            "vehicle": {
+                "name": "drone-1",
+                "sysid": VEHICLE,
+                "parent": self.ours.stations[0].name,
+                "journal": "companion.jsonl",
+                "guard": False,
+                "allow_unsigned": True,
+            },
+            "station": stations,
+            "policy": {"out_of_coverage": "warn", "commander_lost": "warn"},
+        }
+        path = folder / "handover.toml"
+        path.write_text(toml(tables), encoding="utf-8")
+        return path

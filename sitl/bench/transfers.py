@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""How long a transfer takes: on loopback, over slow links, over lossy ones.
+
+Loopback is measured with real processes, for there the programs themselves are the time. Over bad links it is the
+links, and hundreds of transfers take hours one after the other: these are flown in lanes, many vehicles side by side
+in this process, with the real modules and real sockets and only MAVProxy's main loop replaced. Two of the weathers are
+flown with real processes as well, fewer times, to show that it makes no difference.
+
+A link has the same delay and loss each way; vehicle to stations, and station to station.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sitl.bench.durations import Committed, read_journal, transfers
+from sitl.bench.flight import Flight
+from sitl.bench.lanes import Lane
+from sitl.bench.loop import BenchError, Loop
+from sitl.bench.numbers import median, quantile
+from sitl.bench.results import Measurement
+from sitl.impairment import Weather
+
+__all__ = ["CONDITIONS", "Condition", "LanePlan", "fly_lanes", "fly_loopback", "fly_with_bad_links"]
+
+#: DESIGN.md section 11, in milliseconds
+LOOPBACK_MEDIAN_MS, LOOPBACK_LATE_MS = 10.0, 50.0
+ONE_WAY_TRIPS, SLACK_MS = 6, 50.0
+LOSSY_LATE_MS = 3000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What the links are like. `late_limit_ms`: what 99 of 100 transfers must keep to; None: no target."""
+
+    name: str
+    weather: Weather
+    #: about so long between a commit and the next entry
+    pause_s: float
+    #: lanes that share the work in a full run
+    lanes: int
+    late_limit_ms: float | None
+
+    @property
+    def trips_limit_ms(self) -> float:
+        """Six one-way trips, without any time for the programs."""
+        return ONE_WAY_TRIPS * self.weather.delay_s * 1e3
+
+
+def _slow(delay_s: float, lanes: int) -> Condition:
+    limit_ms = ONE_WAY_TRIPS * delay_s * 1e3 + SLACK_MS
+    return Condition(f"{delay_s * 1e3:g} ms one way", Weather(delay_s=delay_s), 0.3 + 2 * delay_s, lanes, limit_ms)
+
+
+def _lossy(loss: float, lanes: int, limit_ms: float | None) -> Condition:
+    return Condition(f"{loss:.0%} loss each way", Weather(loss=loss), 1.0, lanes, limit_ms)
+
+
+CONDITIONS = (
+    _slow(0.05, 2),
+    _slow(0.25, 5),
+    _lossy(0.05, 3, None),
+    _lossy(0.20, 4, LOSSY_LATE_MS),
+    _lossy(0.40, 7, None),
+)
+_LOOPBACK = Condition("loopback", Weather(), 0.2, 1, LOOPBACK_LATE_MS)
+
+
+@dataclass(frozen=True, slots=True)
+class LanePlan:
+    """How many transfers of each condition, the longest that all of it may take, and lanes (None: as many as usual)."""
+
+    transfers: int
+    limit_s: float
+    lanes: int | None = None
+
+
+def _measurements(
+    condition: Condition, flown: Sequence[Committed], how: str, given_up: int, wanted: int
+) -> Iterator[Measurement]:
+    if not flown:
+        raise BenchError(f"{condition.name}: not one transfer was committed")
+    since_entry = [one.since_entry_s * 1e3 for one in flown]
+    attempt = [one.duration_s * 1e3 for one in flown]
+    messages = [float(one.messages) for one in flown]
+    case = {"links": condition.name, "how": how}
+    details: dict[str, Any] = {
+        "transfers": len(flown),
+        "wanted": wanted,
+        "median_ms": median(since_entry),
+        "p95_ms": quantile(since_entry, 0.95),
+        "p99_ms": quantile(since_entry, 0.99),
+        "max_ms": max(since_entry),
+        "committed_attempt_ms": {
+            "median": median(attempt),
+            "p95": quantile(attempt, 0.95),
+            "p99": quantile(attempt, 0.99),
+            "max": max(attempt),
+        },
+        "six_one_way_trips_ms": condition.trips_limit_ms,
+        "messages_median": median(messages),
+        "messages_max": max(messages),
+        "attempts_that_failed": sum(one.failed_attempts for one in flown),
+        "committed_by_release_timeout": sum(one.by_timeout for one in flown),
+        "entries_given_up": given_up,
+    }
+    limits = {"median": LOOPBACK_MEDIAN_MS if condition is _LOOPBACK else None, "99 %": condition.late_limit_ms}
+    note = (
+        "from the zone check that noticed the region to the commit, failed attempts included; "
+        "baseline: six one-way trips"
+    )
+    numbers = {"median": 0.5, "95 %": 0.95, "99 %": 0.99, "max": 1.0}
+    for name, part in numbers.items():
+        yield Measurement(
+            "transfers",
+            f"duration, {name}",
+            "ms",
+            {**case, "n": len(flown), "messages": round(median(messages))},
+            ours=quantile(since_entry, part),
+            baseline=condition.trips_limit_ms or None,
+            limit=limits.get(name),
+            judged="ours",
+            details=details if name == "median" else {},
+            note=note,
+        )
+
+
+def _of(journals: Sequence[Sequence[dict[str, Any]]]) -> list[Committed]:
+    return transfers(journals[0], journals[1:])
+
+
+def fly_loopback(folder: Path, wanted: int, limit_s: float, say: Callable[[str], None]) -> Iterator[Measurement]:
+    """Real processes, perfect links."""
+    with Flight(folder, _LOOPBACK.pause_s, bad_links=False, seed=1) as flight:
+        flight.shuttle_until(wanted, limit_s)
+        flown = _of(flight.journals)
+        given_up = flight.shuttle.given_up
+    say(
+        f"loopback, real processes: {len(flown)} transfers, median {median([t.duration_s for t in flown]) * 1e3:.1f} ms"
+    )
+    yield from _measurements(_LOOPBACK, flown, "real processes", given_up, wanted)
+
+
+def fly_with_bad_links(folder: Path, each: int, limit_s: float, say: Callable[[str], None]) -> Iterator[Measurement]:
+    """Real processes over 50 ms one way, then over 20 % loss: the check on the lanes."""
+    orders = {CONDITIONS[0].name: ("delay all 0.05",), CONDITIONS[3].name: ("delay all 0", "loss all 0.2")}
+    with Flight(folder, 1.0, bad_links=True, seed=2) as flight:
+        for condition in (CONDITIONS[0], CONDITIONS[3]):
+            for order in orders[condition.name]:
+                flight.weather(order)
+            # the transfer that the change of weather fell into is left out
+            flight.shuttle_until(flight.shuttle.commits + 1, limit_s)
+            before, given_up = len(_of(flight.journals)), flight.shuttle.given_up
+            flight.shuttle_until(flight.shuttle.commits + each, limit_s)
+            flown = _of(flight.journals)[before:]
+            say(f"{condition.name}, real processes: {len(flown)} transfers")
+            yield from _measurements(condition, flown, "real processes", flight.shuttle.given_up - given_up, each)
+
+
+class _Fleet:
+    """The lanes of one condition."""
+
+    def __init__(self, loop: Loop, folder: Path, condition: Condition, lanes: int, seed: int) -> None:
+        self.condition = condition
+        self.lanes: list[Lane] = []
+        self.open = True
+        for number in range(lanes):
+            name = f"{condition.name.replace(' ', '-').replace('%', '')}-{number}"
+            self.lanes.append(Lane(loop, folder / name, condition.weather, condition.pause_s, seed + number))
+
+    @property
+    def commits(self) -> int:
+        return sum(lane.shuttle.commits for lane in self.lanes)
+
+    def close(self) -> None:
+        if self.open:
+            self.open = False
+            for lane in self.lanes:
+                lane.close()
+
+    def flown(self) -> list[Committed]:
+        return [one for lane in self.lanes for one in _of([read_journal(path) for path in lane.wires.journals])]
+
+
+def fly_lanes(
+    folder: Path, conditions: Sequence[Condition], plan: LanePlan, say: Callable[[str], None]
+) -> Iterator[Measurement]:
+    """All conditions at the same time; each ends when it has enough."""
+    loop = Loop()
+    fleets: list[_Fleet] = []
+    try:
+        for number, condition in enumerate(conditions):
+            lanes = condition.lanes if plan.lanes is None else plan.lanes
+            fleets.append(_Fleet(loop, folder, condition, lanes, 1000 * (number + 1)))
+        lanes_of_all = [lane for fleet in fleets for lane in fleet.lanes]
+        for lane in lanes_of_all:
+            lane.begin()
+            loop.run(0.037)  # not all in step
+        loop.run_until(lambda: all(lane.commanded for lane in lanes_of_all), 60.0, "the parents command")
+        for lane in lanes_of_all:
+            lane.share()
+        loop.run_until(lambda: all(lane.ready for lane in lanes_of_all), 120.0, "the missions are loaded")
+        for lane in lanes_of_all:
+            lane.autopilot.take_off()
+        yield from _watch(loop, fleets, plan, say)
+    finally:
+        for fleet in fleets:
+            fleet.close()
+
+
+def _watch(loop: Loop, fleets: list[_Fleet], plan: LanePlan, say: Callable[[str], None]) -> Iterator[Measurement]:
+    began = time.monotonic()
+    told_at = began
+    while any(fleet.open for fleet in fleets):
+        loop.run(0.5)
+        now = time.monotonic()
+        late = now - began > plan.limit_s
+        for fleet in fleets:
+            if fleet.open and (late or fleet.commits >= plan.transfers):
+                for lane in fleet.lanes:
+                    lane.check()
+                given_up = sum(lane.shuttle.given_up for lane in fleet.lanes)
+                fleet.close()
+                yield from _measurements(fleet.condition, fleet.flown(), "in lanes", given_up, plan.transfers)
+        if now - told_at > 15.0:
+            told_at = now
+            say("; ".join(f"{fleet.condition.name}: {fleet.commits}" for fleet in fleets))

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a frame from a station costs on its way to the autopilot: processor time, and delay.
+
+Processor time a frame is what the process spends under the mix, less what it spends on the downlink alone, measured
+just before and just after, by the frames that were sent; ours and the baseline in turns. Delay is from the station's
+`sendto` to the autopilot's `recv`, both in this process, for every frame; ours and the baseline at the same time,
+frame by frame, so what else the machine does hits both. It holds what sockets and this process add, on both sides
+alike. What a frame does to a busy loop is in both numbers: the aircraft's stream runs on, fifty frames a second.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from sitl.bench.loop import BenchError, Timer
+from sitl.bench.numbers import Pair, abba, compare, median, quantile, settled
+from sitl.bench.results import Measurement, from_comparison
+from sitl.bench.rig import Proxy, Rig
+from sitl.bench.traffic import frame_key, uplink_message
+
+__all__ = ["Plan", "measure_cpu", "measure_delay"]
+
+#: DESIGN.md section 11 and the target of the gate
+CPU_RATIO, DELAY_RATIO = 0.5, 1.0
+STREAM = 50
+_SETTLE_S = 0.3
+_DRAIN_S = 0.05
+#: of the frames, how many may get lost before a measurement is void: UDP on a busy machine
+_LOSS_LIMIT = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How long and how often.
+
+    `rates`: frames a second -> seconds. `least` and `most` pairs; between them, enough is when the ratio is known to
+    within `uncertainty`. `windows`: stretches of `window_s` in which delays are compared.
+    """
+
+    rates: dict[int, float]
+    idle_s: float
+    least: int
+    most: int
+    windows: int
+    window_s: float = 2.0
+    uncertainty: float = 0.03
+
+
+class Sender:
+    """A station that sends the mix, and what came of its frames."""
+
+    def __init__(self, rig: Rig, proxy: Proxy, station: int) -> None:
+        self.proxy = proxy
+        self.frames = 0
+        self.delays_s: list[float] = []
+        self._rig = rig
+        self._station = proxy.stations[station]
+        self._underway: dict[bytes, float] = {}
+        self._timer: Timer | None = None
+
+    def begin(self, rate: int, first_in_s: float = 0.0) -> None:
+        """Send so many frames a second."""
+        self.frames = 0
+        self.delays_s = []
+        self._underway.clear()
+        self.proxy.autopilot.model.on_frame = self._arrived
+        self._timer = self._rig.loop.every(1.0 / rate, self._send, first_in_s)
+
+    def end(self) -> None:
+        """Stop; frames under way may still arrive."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _send(self) -> None:
+        raw = self._station.pack(uplink_message(self._rig.next_number()))
+        self.frames += 1
+        self._underway[frame_key(raw)] = time.monotonic()
+        self._station.put(raw)
+
+    def _arrived(self, raw: bytes) -> None:
+        began = self._underway.pop(frame_key(raw), None)
+        if began is not None:
+            self.delays_s.append(self.proxy.autopilot.received_at - began)
+
+    def check(self) -> None:
+        """Raises BenchError if too many frames got lost."""
+        lost = self.frames - len(self.delays_s)
+        if lost > self.frames * _LOSS_LIMIT:
+            raise BenchError(f"{self.proxy.name}: {lost} of {self.frames} frames did not arrive")
+
+
+@dataclass(slots=True)
+class _Visit:
+    """One turn of one side."""
+
+    idle_per_s: float = 0.0
+    cpu_us: dict[int, float] = field(default_factory=dict)
+    passed: dict[int, float] = field(default_factory=dict)
+
+
+def _idle(rig: Rig, proxy: Proxy, seconds: float) -> float:
+    before = proxy.cpu_s()
+    rig.loop.run(seconds)
+    return (proxy.cpu_s() - before) / seconds
+
+
+def _visit(rig: Rig, proxy: Proxy, plan: Plan, station: int) -> _Visit:
+    """Idle, the mix at every rate, idle again."""
+    proxy.autopilot.model.stream(STREAM)
+    rig.loop.run(_SETTLE_S)
+    before = _idle(rig, proxy, plan.idle_s)
+    visit = _Visit()
+    spent: dict[int, float] = {}
+    frames: dict[int, int] = {}
+    for rate, seconds in plan.rates.items():
+        sender = Sender(rig, proxy, station)
+        began = proxy.cpu_s()
+        sender.begin(rate)
+        rig.loop.run(seconds)
+        sender.end()
+        rig.loop.run(_DRAIN_S)
+        spent[rate] = proxy.cpu_s() - began
+        frames[rate] = sender.frames
+        visit.passed[rate] = len(sender.delays_s) / sender.frames
+        if station == 0:
+            sender.check()
+    rig.loop.run(_SETTLE_S)
+    visit.idle_per_s = (before + _idle(rig, proxy, plan.idle_s)) / 2.0
+    for rate, seconds in plan.rates.items():
+        visit.cpu_us[rate] = (spent[rate] - visit.idle_per_s * (seconds + _DRAIN_S)) / frames[rate] * 1e6
+    proxy.autopilot.model.stream(0)
+    proxy.check()
+    return visit
+
+
+def _pairs(visits: list[tuple[_Visit, _Visit]], rate: int) -> list[Pair]:
+    return [Pair(ours.cpu_us[rate], baseline.cpu_us[rate]) for ours, baseline in visits]
+
+
+def measure_cpu(
+    rig: Rig, plan: Plan, case: dict[str, Any], say: Callable[[str], None], *, observer: bool = False
+) -> Iterator[Measurement]:
+    """Processor time a frame, of the commander's frames or of an observer's (no target), in turns."""
+    visits: list[tuple[_Visit, _Visit]] = []
+    for order in abba():
+        found = {ours: _visit(rig, rig.ours if ours else rig.baseline, plan, 1 if observer else 0) for ours in order}
+        visits.append((found[True], found[False]))
+        ratios = [compare(_pairs(visits, rate)).ratio for rate in plan.rates]
+        say(f"pair {len(visits)}, CPU ratio so far " + ", ".join(f"{ratio:.2f}" for ratio in ratios))
+        enough = all(settled(_pairs(visits, rate), plan.least, plan.uncertainty) for rate in plan.rates)
+        if enough or len(visits) >= plan.most:
+            break
+    for rate in plan.rates:
+        details: dict[str, Any] = {
+            "idle_ms_per_s": _both([(a.idle_per_s * 1e3, b.idle_per_s * 1e3) for a, b in visits]),
+            "part_that_passed": _both([(a.passed[rate], b.passed[rate]) for a, b in visits]),
+        }
+        yield from_comparison(
+            "uplink",
+            "CPU per frame of an observer" if observer else "CPU per frame",
+            "us",
+            {"frames_per_s": rate, **case},
+            compare(_pairs(visits, rate)),
+            limit=None if observer else CPU_RATIO,
+            details=details,
+            note="an observer's frames: ours judges and refuses what steers, stock MAVProxy passes all of it"
+            if observer
+            else "",
+        )
+
+
+def _both(values: list[tuple[float, float]]) -> dict[str, float]:
+    return {"ours": median([a for a, _b in values]), "baseline": median([b for _a, b in values])}
+
+
+def measure_delay(rig: Rig, plan: Plan, case: dict[str, Any], say: Callable[[str], None]) -> Iterator[Measurement]:
+    """Delay of the commander's frames, through both processes at the same time, frame by frame."""
+    senders = (Sender(rig, rig.ours, 0), Sender(rig, rig.baseline, 0))
+    for proxy in (rig.ours, rig.baseline):
+        proxy.autopilot.model.stream(STREAM)
+    for rate in plan.rates:
+        medians: list[Pair] = []
+        lates: list[Pair] = []
+        everything: tuple[list[float], list[float]] = ([], [])
+        for window in range(plan.windows):
+            # who is first in each period changes with the window
+            for place, sender in enumerate(senders if window % 2 else reversed(senders)):
+                sender.begin(rate, place * 0.5 / rate)
+            rig.loop.run(plan.window_s)
+            for sender in senders:
+                sender.end()
+            rig.loop.run(_DRAIN_S)
+            for sender, all_delays in zip(senders, everything, strict=True):
+                sender.check()
+                all_delays.extend(sender.delays_s)
+            ours, baseline = (sender.delays_s for sender in senders)
+            medians.append(Pair(median(ours) * 1e3, median(baseline) * 1e3))
+            lates.append(Pair(quantile(ours, 0.99) * 1e3, quantile(baseline, 0.99) * 1e3))
+        say(f"delay at {rate} frames/s: ratio {compare(medians).ratio:.2f}, 99 % {compare(lates).ratio:.2f}")
+        for what, pairs, part in (("delay, median", medians, 0.5), ("delay, 99 %", lates, 0.99)):
+            ours, baseline = everything
+            details = {
+                "frames": {"ours": len(ours), "baseline": len(baseline)},
+                "of_all_frames_ms": {
+                    "ours": quantile(ours, part) * 1e3,
+                    "baseline": quantile(baseline, part) * 1e3,
+                },
+            }
+            yield from_comparison(
+                "uplink",
+                what,
+                "ms",
+                {"frames_per_s": rate, **case},
+                compare(pairs),
+                limit=DELAY_RATIO,
+                details=details,
+            )
+    for proxy in (rig.ours, rig.baseline):
+        proxy.autopilot.model.stream(0)
+        proxy.check()

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The words of a scenario's timeline that break things, and mend them: processes and links.
+
+Links are known by name where `[impair]` puts the proxy between the two ends: `air-GCSA` from the vehicle to a station
+(`air-GCSA-wifi` where it has several), `ground-GCSA-GCSB` from one station to another, one direction only. A `*` in a
+name stands for anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sitl.steps import Action, Running, Stage, done_at_once
+
+__all__ = ["FAULT_STEPS", "Impair", "Kill", "Restart"]
+
+
+@dataclass(frozen=True, slots=True)
+class Kill(Action):
+    """A process killed with SIGKILL: "companion" or a station's name."""
+
+    value: str
+
+    def processes(self) -> tuple[str, ...]:
+        return (self.value,)
+
+    def describe(self) -> str:
+        return f"{self.value} is killed"
+
+    def begin(self, stage: Stage) -> Running:
+        stage.kill(self.value)
+        return Running(done_at_once)
+
+
+@dataclass(frozen=True, slots=True)
+class Restart(Action):
+    """A process that was killed, started again with the same command line in the same folder."""
+
+    value: str
+
+    def processes(self) -> tuple[str, ...]:
+        return (self.value,)
+
+    def describe(self) -> str:
+        return f"{self.value} is started again"
+
+    def begin(self, stage: Stage) -> Running:
+        stage.restart(self.value)
+        return Running(done_at_once)
+
+
+@dataclass(frozen=True, slots=True)
+class Impair(Action):
+    """Orders to the proxies between the programs, as `python -m sitl.impairment` takes them, one or several."""
+
+    value: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for line in self.value:
+            if len(line.split()) < 2:
+                raise ValueError(f"{line!r} must be an order and a link: 'cut air-GCSA', 'loss * 0.2'")
+
+    def describe(self) -> str:
+        return f"links: {', '.join(self.value)}"
+
+    def begin(self, stage: Stage) -> Running:
+        answered = stage.impair(self.value)
+        return Running(answered)
+
+
+#: word in the file -> step
+FAULT_STEPS: Mapping[str, type[Action]] = {"kill": Kill, "restart": Restart, "impair": Impair}

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Flies every scenario on both vehicles, one after the other, and prints a table: `python -m sitl.fly_all`.
+
+A scenario must hold on each vehicle, and on both the same stations must have commanded in the same order. Exit code 0:
+so it was. 1: it was not, or a vehicle is missing. The runs are kept below `--out`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sitl.scenario import known_scenarios
+from sitl.vehicles import KINDS, find_arducopter
+
+__all__ = ["Flight", "agree", "main"]
+
+#: no scenario takes longer than that on the wall clock
+_LIMIT_S = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Flight:
+    """What came of one run. `failed`: what did not hold, in words."""
+
+    scenario: str
+    vehicle: str
+    code: int
+    wall_s: float
+    commanders: tuple[str, ...] = ()
+    failed: tuple[str, ...] = ()
+
+    @property
+    def row(self) -> str:
+        """One line of the table."""
+        outcome = "holds" if self.code == 0 else f"exit {self.code}"
+        chain = " ".join(self.commanders) or "-"
+        return f"{self.scenario:<22} {self.vehicle:<11} {outcome:<8} {self.wall_s:5.0f} s  {chain}"
+
+
+def agree(flights: Sequence[Flight]) -> list[str]:
+    """Scenarios in which not the same stations commanded on every vehicle, a line each."""
+    chains: dict[str, set[tuple[str, ...]]] = {}
+    for flight in flights:
+        chains.setdefault(flight.scenario, set()).add(flight.commanders)
+    return [
+        f"{scenario}: commanders differ: " + " / ".join(" ".join(chain) or "-" for chain in sorted(seen))
+        for scenario, seen in chains.items()
+        if len(seen) > 1
+    ]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m sitl.fly_all", description="Fly every scenario on both vehicles.")
+    parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help="default: all")
+    parser.add_argument("--vehicle", action="append", choices=KINDS, help="once or twice; default: both")
+    parser.add_argument("--arducopter", metavar="PATH", help="ArduCopter's SITL program")
+    parser.add_argument("--out", type=Path, default=Path("runs/all"), metavar="DIR", help="default: runs/all")
+    arguments = parser.parse_args(argv)
+    names = arguments.scenarios or list(known_scenarios())
+    vehicles = arguments.vehicle or list(KINDS)
+    missing = "arducopter" in vehicles and find_arducopter(arguments.arducopter) is None
+    if missing:
+        vehicles.remove("arducopter")
+        print("no arducopter found: its flights are MISSING from this table", file=sys.stderr)
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    flights = []
+    for name in names:
+        for vehicle in vehicles:
+            flights.append(_fly(name, vehicle, arguments.out / f"{stamp}-{name}-{vehicle}", arguments.arducopter))
+            print(flights[-1].row, flush=True)
+            for line in flights[-1].failed:
+                print(f"    {line}", flush=True)
+    differing = agree(flights)
+    for line in differing:
+        print(line)
+    bad = sum(flight.code != 0 for flight in flights)
+    print(f"{len(flights)} flights, {bad} failed, {len(differing)} differ between the vehicles")
+    return 1 if bad or differing or missing else 0
+
+
+def _fly(scenario: str, vehicle: str, folder: Path, arducopter: str | None) -> Flight:
+    argv = [sys.executable, "-m", "sitl.main", "--json", "--scenario", scenario, "--vehicle", vehicle]
+    argv += ["--out", str(folder), *(["--arducopter", arducopter] if arducopter else [])]
+    begun = time.monotonic()
+    try:
+        done = subprocess.run(argv, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
+    except subprocess.TimeoutExpired:
+        return Flight(scenario, vehicle, -1, time.monotonic() - begun, failed=(f"not over within {_LIMIT_S:g} s",))
+    wall_s = time.monotonic() - begun
+    try:
+        result: dict[str, Any] = json.loads(done.stdout)
+    except ValueError:
+        said = done.stderr.strip().splitlines()
+        return Flight(scenario, vehicle, done.returncode or -1, wall_s, failed=tuple(said[-1:]))
+    failed = tuple(f"{v['wanted']}: {v['seen']}" for v in result["verdicts"] if not v["held"])
+    return Flight(scenario, vehicle, done.returncode, wall_s, tuple(result["commanders"]), failed)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Bad links on demand: loss, burst loss, delay, jitter, reordering, duplicates, one-way cuts, little bandwidth.
+
+`Impairment` is one direction of one link, pure: a datagram and the time go in, what arrives and when comes out. The
+same object serves unit tests in virtual time and, in `python -m sitl.impairment --config FILE` (`sitl.bad_links`), UDP
+sockets between real programs. `Weather` is its state; it may change at any time, by a call or by a timeline set
+beforehand.
+
+The model, for each datagram in this order:
+
+1. cut: it is gone.
+2. bursts (Gilbert-Elliott): the link is good or bad; before each datagram it may change, with the two probabilities.
+   In the bad state a datagram is lost with `bad_loss`, in the good one with `loss`.
+3. rate: it waits until those before it have been sent at `rate_bytes_per_s`; one that would wait longer than `queue_s`
+   is lost, as at a full modem.
+4. delay, and jitter evenly between 0 and `jitter_s` on top. Jitter alone keeps the order, as most networks do.
+5. reordering: with its probability it is held for `reorder_s` more, and those behind it pass.
+6. duplicates: with its probability it comes twice, the copy under its own jitter.
+
+For one seed and one series of datagrams everything is the same on every run. Each effect draws from a source of its
+own, one number (jitter: two) for each datagram whether it is switched on or not: turning one knob does not change the
+luck of the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from random import Random
+from typing import Final
+
+__all__ = ["Impairment", "Weather", "WeatherError", "main"]
+
+_SHARES: Final = ("loss", "bad_loss", "to_bad", "to_good", "reorder", "duplicate")
+_MOST_S: Final = 60.0
+_EFFECTS: Final = ("loss", "burst", "jitter", "reorder", "duplicate")
+
+
+class WeatherError(ValueError):
+    """A value that no link has. One line that names the value and what is allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Weather:
+    """State of one direction of a link; the default is a perfect one. Raises WeatherError."""
+
+    loss: float = 0.0
+    bad_loss: float = 1.0  #: loss while the link is in its bad state
+    to_bad: float = 0.0  #: probability, before each datagram, that a good link turns bad
+    to_good: float = 0.25  #: and that a bad one turns good: bursts of 4 on average
+    delay_s: float = 0.0
+    jitter_s: float = 0.0
+    reorder: float = 0.0
+    reorder_s: float = 0.02
+    duplicate: float = 0.0
+    rate_bytes_per_s: float = 0.0  #: 0: no limit
+    queue_s: float = 1.0
+    cut: bool = False
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name == "cut":
+                if not isinstance(value, bool):
+                    raise WeatherError(f"cut = {value!r}: must be true or false")
+                continue
+            most = 1.0 if entry.name in _SHARES else 1e9 if entry.name == "rate_bytes_per_s" else _MOST_S
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= most:
+                raise WeatherError(f"{entry.name} = {value!r}: must be 0 to {most:g}")
+
+    def changed(self, **changes: object) -> Weather:
+        """This weather with some values changed. Raises WeatherError, for unknown names too."""
+        known = [entry.name for entry in fields(self)]
+        for name in changes:
+            if name not in known:
+                raise WeatherError(f"{name}: must be one of {', '.join(known)}")
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+class Impairment:
+    """One direction of one link. `seed` may be any text or number; two directions need two seeds."""
+
+    def __init__(self, seed: int | str, weather: Weather | None = None) -> None:
+        self.weather = weather or Weather()
+        self.passed = 0
+        self.lost = 0
+        # texts seed the same on every run and every machine
+        self._luck = {effect: Random(f"{seed}/{effect}") for effect in _EFFECTS}
+        self._bad = False
+        self._sent_at = float("-inf")
+        self._last_at = float("-inf")
+        self._timeline: list[tuple[float, dict[str, object]]] = []
+
+    def change(self, **changes: object) -> None:
+        """Change the weather from the next datagram on. Raises WeatherError."""
+        self.weather = self.weather.changed(**changes)
+
+    def schedule(self, at: float, **changes: object) -> None:
+        """Change the weather for datagrams from time `at` on. Raises WeatherError."""
+        Weather().changed(**changes)
+        self._timeline.append((at, changes))
+        self._timeline.sort(key=lambda entry: entry[0])
+
+    def plan(self, datagram: bytes, now: float) -> list[tuple[float, bytes]]:
+        """When this datagram arrives: not at all, once, or twice. `now` (s) must not go back."""
+        while self._timeline and self._timeline[0][0] <= now:
+            self.change(**self._timeline.pop(0)[1])
+        weather, luck = self.weather, {effect: self._luck[effect].random() for effect in _EFFECTS}
+        second_jitter = self._luck["jitter"].random()
+        # the state of the link goes on while it is cut
+        self._bad = luck["burst"] >= weather.to_good if self._bad else luck["burst"] < weather.to_bad
+        if weather.cut or luck["loss"] < (weather.bad_loss if self._bad else weather.loss):
+            self.lost += 1
+            return []
+        leaves_at = now
+        if weather.rate_bytes_per_s > 0:
+            begins_at = max(now, self._sent_at)
+            if begins_at - now > weather.queue_s:
+                self.lost += 1
+                return []
+            leaves_at = self._sent_at = begins_at + len(datagram) / weather.rate_bytes_per_s
+        at = leaves_at + weather.delay_s + weather.jitter_s * luck["jitter"]
+        if luck["reorder"] < weather.reorder:
+            at += weather.reorder_s
+        else:
+            at = self._last_at = max(at, self._last_at)
+        self.passed += 1
+        arrivals = [(at, datagram)]
+        if luck["duplicate"] < weather.duplicate:
+            arrivals.append((at + weather.jitter_s * second_jitter, datagram))
+        return arrivals
+
+
+def main() -> int:
+    """`python -m sitl.impairment`: the proxies between real programs; see `sitl.bad_links`."""
+    from sitl import bad_links
+
+    return bad_links.main()
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""How a flight begins: the steps that most scenarios share, made for the stations that the mission has.
+
+`begin` in a scenario file names how far its opening goes; the scenario's own steps follow it. A station that speaks the
+MAVLink standard only answers no CONNECT and takes no mission package, so nothing of that is waited for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from mavproxy_handover.mission.package import MissionPackage
+from sitl.steps import Action, Type, Wait, WaitReady
+from sitl.tables import Match
+
+__all__ = ["BEGINNINGS", "opening"]
+
+#: stations connected and the parent in command; the mission loaded; on the way
+BEGINNINGS = ("connected", "loaded", "start")
+
+#: (what is done or waited for, time limit in simulated seconds, or None, and on the wall clock, or None, what is told)
+Opened = tuple[Action, "float | None", "float | None", str]
+_CONNECT_WALL_S = 40.0
+_PACKAGE_WALL_S = 60.0
+_ZONE_WALL_S = 20.0
+_READY_S = 120.0
+_START_S = 60.0
+
+
+def opening(
+    begin: str, package: MissionPackage, standard: Collection[str] = (), *, on_board: bool = False
+) -> list[Opened]:
+    """The steps. `standard`: stations without our module; `on_board`: the vehicle has the mission already."""
+    parent = package.parent.name
+    steps: list[Opened] = [
+        (
+            _vehicle("station_heard" if station.name in standard else "connected", station.name, since="begin"),
+            None,
+            _CONNECT_WALL_S,
+            "",
+        )
+        for station in package.stations
+    ]
+    steps.append((_vehicle("authority", parent, since="begin"), None, _CONNECT_WALL_S, ""))
+    steps.append((WaitReady(True), _READY_S, None, ""))
+    if begin == "connected":
+        return steps
+    if not on_board:
+        told = "The parent station shares the mission with the vehicle and with its partners."
+        steps.append((Type(parent, "handover share"), None, _PACKAGE_WALL_S, told))
+    steps.append((_vehicle("mission_loaded", since="begin"), None, _PACKAGE_WALL_S, ""))
+    steps.append((_vehicle("zone_entered", parent, since="begin"), None, _ZONE_WALL_S, ""))
+    if not on_board:
+        steps += [
+            (Wait("package_received", station.name, "begin"), None, _PACKAGE_WALL_S, "")
+            for station in package.stations
+            if station != package.parent
+        ]
+    if begin == "loaded":
+        return steps
+    line = "start" if parent in standard else "handover start"
+    steps.append((Type(parent, line), None, _ZONE_WALL_S, "START."))
+    steps.append((_vehicle("started"), _START_S, None, ""))
+    return steps
+
+
+def _vehicle(event: str, station: str = "", *, since: str = "typed") -> Wait:
+    return Wait(event, "drone-1", since, Match((("station", station),) if station else ()))

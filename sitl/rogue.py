@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""An attacker in the way between the vehicle and its stations: `python -m sitl.rogue --config FILE`.
+
+    journal = "rogue.jsonl"
+    vehicle = 1                # system id of the vehicle under attack
+    [[link]]
+    name = "GCSB"
+    listen = 14560             # the vehicle's companion sends here ...
+    target = 14551             # ... and the station listens here
+
+It passes on what both say, unchanged, so that nobody notices it; what it sends itself reaches the vehicle from the
+station's own address. So what is refused is refused for what it says and how it is signed, not for where it comes from.
+When the ports are open it takes orders, a line each, on standard input:
+
+    attack LINK SYSID              every message of its repertoire once, as system SYSID
+    flood LINK SYSID RATE SECONDS  RATE datagrams a second, by turns a command, a broken frame and noise
+    record LINK                    keep what the station sends from here on
+    replay LINK                    send that again, as it was
+
+It ends when its input does. Nothing of the vehicle's code is in it but the dialect.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import select
+import signal
+import socket
+import sys
+import time
+from collections.abc import Sequence
+from datetime import datetime, timezone
+from pathlib import Path
+from types import FrameType
+from typing import Any, TextIO
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from sitl.ports import LOOPBACK
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
+
+__all__ = ["Rogue", "main", "repertoire"]
+
+_AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
+_COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+_LEASE_TYPE = 47116
+_RTL = 6
+_RECORDED = 20_000
+_REPLAY_PER_S = 500.0
+#: so that the receiver's journal of refusals, one of a kind a second, is not passed over
+_AT_ONCE = 64
+
+
+def repertoire(vehicle: int) -> list[Any]:
+    """One message of each kind that would change something if it were obeyed, no two of the same message id."""
+    command = (vehicle, _AUTOPILOT, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 21196, 0, 0, 0, 0, 0)
+    reposition = (vehicle, _AUTOPILOT, 6, mavlink.MAV_CMD_DO_REPOSITION, 0, 0, -1, 1, 0, 0, 526800000, 59200000, 30.0)
+    lease = bytes([1, 1, 77, 0]) + bytes([9] * 16)
+    tunnel = [*lease, *([0] * (128 - len(lease)))]
+    stick = (1500,) * 8
+    setpoint = (0, vehicle, _AUTOPILOT, 1, 0b110111000111, 0, 0, 0, 5.0, 0, 0, 0, 0, 0, 0, 0)
+    key = {"vehicle": vehicle, "from_station": 251, "to_station": 77, "handover_id": 1, "epoch": 1}
+    return [
+        mavlink.MAVLink_command_long_message(*command),
+        mavlink.MAVLink_command_int_message(*reposition),
+        mavlink.MAVLink_set_mode_message(vehicle, 1, _RTL),
+        mavlink.MAVLink_mission_clear_all_message(vehicle, _AUTOPILOT),
+        mavlink.MAVLink_mission_count_message(vehicle, _AUTOPILOT, 1),
+        mavlink.MAVLink_mission_set_current_message(vehicle, _AUTOPILOT, 9),
+        mavlink.MAVLink_param_set_message(vehicle, _AUTOPILOT, b"HNDO_ENABLE", 0.0, 9),
+        mavlink.MAVLink_rc_channels_override_message(vehicle, _AUTOPILOT, *stick),
+        mavlink.MAVLink_manual_control_message(vehicle, 1000, 0, 0, 0, 0),
+        mavlink.MAVLink_set_position_target_local_ned_message(*setpoint),
+        mavlink.MAVLink_tunnel_message(vehicle, _AUTOPILOT, _LEASE_TYPE, len(lease), tunnel),
+        mavlink.MAVLink_file_transfer_protocol_message(0, vehicle, _AUTOPILOT, [0, 0, 0, 8, *([0] * 247)]),
+        _transfer("disconnect_handover", vehicle, key),
+        _transfer("ok_handover", vehicle, key),
+        mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3),
+    ]
+
+
+def _transfer(name: str, vehicle: int, key: dict[str, int]) -> Any:
+    """A transfer message: every field that is not of the transfer's key is 1."""
+    kind = getattr(mavlink, f"MAVLink_{name}_message")
+    known = {**key, "target_system": vehicle, "target_component": _COMPANION}
+    return kind(*(known.get(field, 1) for field in kind.fieldnames))
+
+
+class _Tap:
+    """One link: two sockets, and what was recorded."""
+
+    def __init__(self, name: str, listen: int, target: int) -> None:
+        """Raises OSError: port in use."""
+        self.name = name
+        self.near = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.far = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.near.bind((LOOPBACK, listen))
+        self.far.bind((LOOPBACK, 0))
+        for sock in (self.near, self.far):
+            sock.setblocking(False)
+        self._target = (LOOPBACK, target)
+        self._vehicle: tuple[str, int] | None = None
+        self.recorded: list[bytes] | None = None
+
+    def pass_on(self, sock: socket.socket) -> None:
+        """What has come on one side goes out on the other."""
+        for _ in range(_AT_ONCE):
+            try:
+                data, address = sock.recvfrom(65536)
+            except OSError:
+                return
+            if sock is self.near:
+                self._vehicle = address
+                _send(self.far, data, self._target)
+            elif address == self._target:
+                if self.recorded is not None and len(self.recorded) < _RECORDED:
+                    self.recorded.append(data)
+                self.inject(data)
+
+    def inject(self, data: bytes) -> None:
+        """To the vehicle, from where it expects the station."""
+        if self._vehicle is not None:
+            _send(self.near, data, self._vehicle)
+
+
+def _send(sock: socket.socket, data: bytes, address: tuple[str, int]) -> None:
+    try:
+        sock.sendto(data, address)
+    except OSError:  # nobody is there, or the system is full
+        pass
+
+
+class _Stream:
+    """Datagrams that go out at a rate, and what is journalled when all are out."""
+
+    def __init__(self, tap: _Tap, what: str, datagrams: Sequence[bytes], total: int, rate: float, now: float) -> None:
+        self.tap = tap
+        self.what = what
+        self.total = total
+        self._datagrams = datagrams
+        self._rate = rate
+        self._began = now
+        self.sent = 0
+
+    def send(self, now: float) -> bool:
+        """Send what is due; True when that was all."""
+        due = min(self.total, int((now - self._began) * self._rate) + 1, self.sent + 10 * _AT_ONCE)
+        while self.sent < due:
+            self.tap.inject(self._datagrams[self.sent % len(self._datagrams)])
+            self.sent += 1
+        return self.sent >= self.total
+
+
+class Rogue:
+    """Passes on, and attacks when it is told to. Times are monotonic seconds."""
+
+    def __init__(self, vehicle: int, taps: Sequence[_Tap], journal: TextIO) -> None:
+        self._vehicle = vehicle
+        self._taps = {tap.name: tap for tap in taps}
+        self._journal = journal
+        self._streams: list[_Stream] = []
+        self.sockets = {sock: tap for tap in taps for sock in (tap.near, tap.far)}
+        self.note("loaded", f"in the links of {', '.join(self._taps)}")
+
+    @property
+    def busy(self) -> bool:
+        """Whether it sends at a rate now."""
+        return bool(self._streams)
+
+    def note(self, event: str, text: str, **values: object) -> None:
+        """Write to the journal."""
+        now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+        entry = {"t": round(time.monotonic(), 4), "utc": now, "who": "rogue", "event": event, "text": text, **values}
+        self._journal.write(json.dumps(entry) + "\n")
+
+    def order(self, line: str, now: float) -> None:
+        """Carry out a line; what cannot be understood is journalled as a fault."""
+        word, *rest = line.split() or [""]
+        tap = self._taps.get(rest[0] if rest else "")
+        try:
+            if tap is None:
+                raise ValueError(f"no such link: {line!r}")
+            if word == "attack":
+                self._attack(tap, int(rest[1]))
+            elif word == "flood":
+                self._flood(tap, int(rest[1]), float(rest[2]), float(rest[3]), now)
+            elif word == "record":
+                tap.recorded = []
+                self.note("recording", f"what {tap.name} sends is kept", station=tap.name)
+            elif word == "replay" and tap.recorded:
+                kept, tap.recorded = tap.recorded, None
+                self.note("replay_begun", f"{len(kept)} datagrams of {tap.name} again", station=tap.name)
+                self._streams.append(_Stream(tap, "replay", kept, len(kept), _REPLAY_PER_S, now))
+            else:
+                raise ValueError(f"not understood: {line!r}")
+        except (ValueError, IndexError) as error:
+            self.note("fault", str(error))
+
+    def _attack(self, tap: _Tap, sysid: int) -> None:
+        frames = self._frames(sysid)
+        for frame in frames:
+            tap.inject(frame)
+        self.note("attack", f"{len(frames)} frames as {sysid}", station=tap.name, sysid=sysid, frames=len(frames))
+
+    def _frames(self, sysid: int) -> list[bytes]:
+        sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
+        frames = []
+        for message in repertoire(self._vehicle):
+            frames.append(message.pack(sender))
+            sender.seq = (sender.seq + 1) % 256
+        return frames
+
+    def _flood(self, tap: _Tap, sysid: int, rate: float, seconds: float, now: float) -> None:
+        luck = random.Random(1)
+        frames = []
+        for number in range(256):
+            frame = bytearray(self._frames(sysid)[number % 12])
+            frame[4] = number
+            if number % 3 == 1:
+                frame[-1] ^= 0x55
+            elif number % 3 == 2:
+                frame = bytearray(luck.randbytes(40))
+            frames.append(bytes(frame) if number % 3 else _stamped(self._vehicle, sysid, number))
+        self._streams.append(_Stream(tap, "flood", frames, int(rate * seconds), rate, now))
+        self.note("flood_begun", f"{rate:g} datagrams a second for {seconds:g} s", station=tap.name, sysid=sysid)
+
+    def tick(self, now: float) -> None:
+        """Send what is due."""
+        for stream in list(self._streams):
+            if stream.send(now):
+                self._streams.remove(stream)
+                text = f"{stream.sent} datagrams sent"
+                self.note(f"{stream.what}_ended", text, station=stream.tap.name, datagrams=stream.sent)
+
+
+def _stamped(vehicle: int, sysid: int, number: int) -> bytes:
+    """A valid command under a sequence number of its own."""
+    sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
+    sender.seq = number
+    order = (vehicle, _AUTOPILOT, mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, 0, 0, 0, 0, 0)
+    packed: bytes = mavlink.MAVLink_command_long_message(*order).pack(sender)
+    return packed
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run until standard input ends."""
+    parser = argparse.ArgumentParser(prog="python -m sitl.rogue", description="An attacker on a station's link.")
+    parser.add_argument("--config", type=Path, required=True, metavar="FILE")
+    arguments = parser.parse_args(argv)
+    config = tomllib.loads(arguments.config.read_text(encoding="utf-8"))
+    taps = [_Tap(link["name"], link["listen"], link["target"]) for link in config["link"]]
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(0)
+
+    signal.signal(signal.SIGTERM, stop)
+    with Path(config["journal"]).open("a", encoding="utf-8", buffering=1) as journal:
+        _serve(Rogue(config["vehicle"], taps, journal))
+    return 0
+
+
+def _serve(rogue: Rogue) -> None:
+    orders, waiting = sys.stdin.fileno(), b""
+    while True:
+        readable, _, _ = select.select([orders, *rogue.sockets], [], [], 0.002 if rogue.busy else 0.2)
+        for sock, tap in rogue.sockets.items():
+            if sock in readable:
+                tap.pass_on(sock)
+        if orders in readable:
+            data = os.read(orders, 4096)
+            if not data:
+                return
+            *lines, waiting = (waiting + data).split(b"\n")
+            for line in lines:
+                rogue.order(line.decode("utf-8", "replace"), time.monotonic())
+        rogue.tick(time.monotonic())
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

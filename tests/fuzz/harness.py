@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A gate driven by bytes: the one thing that both fuzzers feed, and what must hold whatever they feed it.
+
+A *plan* is a string of bytes, and every string of bytes is a plan: instructions to send garbage, frames with any
+contents and a right CRC, damaged frames, to cut the stream, to change who commands, to let the vehicle speak. The
+gate is all of it: splitter, judge, refusals, downlink, rates, flush. What must hold:
+
+* nothing raises;
+* what is forwarded is a frame that was sent, byte for byte, by a system id that may speak on that link;
+* what is forwarded is what the second book-keeping (`tests/gate/ledger.py`) lets through, and of those names that it
+  does not list, nothing of a safeguard while the vehicle is armed, and nothing in the folder of scripts;
+* a station that does not command hears no more than it may, and its flush is empty;
+* every answer is a whole frame in the vehicle's name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.downlink import FOR_EVERYBODY, DownlinkPolicy
+from mavproxy_handover.gate.flush import FlushTracker
+from mavproxy_handover.gate.judge import Action, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.observers import WISHES
+from mavproxy_handover.gate.refusals import refusal
+from mavproxy_handover.gate.tables import Access
+from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, FrameSplitter, field_offset, parse_one, target
+from tests.gate.ledger import (
+    GCSA,
+    GCSB,
+    GCSC,
+    PASS,
+    PASS_OPCODES,
+    TRACKER_OF_A,
+    VEHICLE,
+    VIEWS,
+    A,
+    B,
+    C,
+    expected,
+    kind_of_frame,
+)
+
+__all__ = ["CUT", "DAMAGED", "FRAME", "GARBAGE", "SWITCH", "VEHICLE_SAYS", "Gate", "check_forwarded", "run"]
+
+GARBAGE, FRAME, DAMAGED, CUT, SWITCH, VEHICLE_SAYS = range(6)
+
+STATIONS = (A, B, C)
+SENDERS = (GCSA, GCSB, GCSC, TRACKER_OF_A, VEHICLE, 0, 255, 99)
+COMPONENTS = (190, 1, 191, 0)
+
+#: Messages whose contents the gate looks at, or that open something: half of all frames are of these.
+INTERESTING = [
+    "COMMAND_LONG",
+    "COMMAND_INT",
+    "COMMAND_ACK",
+    "FILE_TRANSFER_PROTOCOL",
+    "TUNNEL",
+    "PARAM_SET",
+    "PARAM_EXT_SET",
+    "PARAM_MAP_RC",
+    "MISSION_COUNT",
+    "MISSION_ITEM_INT",
+    "MISSION_ACK",
+    "MISSION_CLEAR_ALL",
+    "REQUEST_DATA_STREAM",
+    "RC_CHANNELS_OVERRIDE",
+    "SET_POSITION_TARGET_LOCAL_NED",
+    "HEARTBEAT",
+]
+_IDS = {cls.msgname: msgid for msgid, cls in mavlink.mavlink_map.items()}
+INTERESTING_IDS = [_IDS[name] for name in INTERESTING]
+ALL_IDS = sorted(mavlink.mavlink_map)
+
+_OBSERVED = {*FOR_EVERYBODY, *WISHES}
+_SAFEGUARDS = ("HNDO_", "SCR_", "FS_", "SYSID_", "MAV_", "ARMING_", "FENCE_", "BRD_", "RC_")
+
+
+class Gate:
+    """The whole gate with three stations, as a companion has it, and its invariants."""
+
+    def __init__(self) -> None:
+        self.view = VIEWS[3]
+        self.now = 0.0
+        self.forwarded = 0
+        self.sent: dict[int, bytes] = {station.sysid: b"" for station in STATIONS}
+        self.splitters = {station.sysid: FrameSplitter() for station in STATIONS}
+        self.downlink = DownlinkPolicy(STATIONS)
+        self.flusher = FlushTracker(VEHICLE)
+        self.own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=191)
+
+    def feed(self, station: StationIdentity, data: bytes) -> None:
+        """Bytes arrive on a station's link."""
+        # Enough to find any frame in: what waits in the splitter, and what comes now.
+        self.sent[station.sysid] = self.sent[station.sysid][-2 * MAX_FRAME_BYTES :] + data
+        for frame in self.splitters[station.sysid].feed(data):
+            assert frame.raw in self.sent[station.sysid]
+            self.receive(station, frame)
+
+    def receive(self, station: StationIdentity, frame: Frame) -> None:
+        self.now += 0.01
+        verdict = judge(frame, station, self.view, VEHICLE)
+        self.downlink.rates.heard(station.sysid, self.now)
+        self.flusher.saw(frame, verdict, station.sysid)
+        answers = refusal(frame, verdict, self.own)
+        if verdict.action is Action.FORWARD:
+            self.forwarded += 1
+            check_forwarded(frame, station, self.view)
+            self.downlink.asked(frame, station.sysid, self.now)
+        elif verdict.action is Action.CONSUME and verdict.access is Access.ANSWERED:
+            answers += [m.pack(self.own) for m in self.downlink.rates.asked(frame, station.sysid, self.now)]
+        check_answers(answers, verdict)
+
+    def hear(self, frame: Frame) -> None:
+        """The vehicle says something."""
+        self.now += 0.01
+        self.flusher.heard(frame)
+        for station in STATIONS:
+            wanted = self.downlink.wanted(frame, station.sysid, self.view, self.now)
+            aim = target(frame)
+            addressed = aim is not None and aim[0] in station.sysids
+            if wanted and station.sysid not in (self.view.commander, self.view.partner) and not addressed:
+                name = mavlink.mavlink_map[frame.msgid].msgname
+                asked = self.downlink._windows.get(station.sysid, {})
+                assert name in _OBSERVED or frame.msgid in asked, name
+
+    def switch(self, view: AuthorityView) -> None:
+        """Somebody else commands, or another phase begins."""
+        before, self.view = self.view, view
+        closings = []
+        if before.commander is not None and before.commander != view.commander:
+            closings += self.flusher.flush(before.commander)
+        if view.armed and not before.armed:
+            closings += self.flusher.parameters()
+        for closing in closings:
+            for raw in closing.frames:
+                frame = parse_one(raw)
+                assert frame is not None
+                assert target(frame) is None or target(frame)[0] == VEHICLE  # type: ignore[index]
+        for station in STATIONS:
+            if station.sysid != view.commander:
+                assert self.flusher.flush(station.sysid) == []
+
+
+def check_forwarded(frame: Frame, station: StationIdentity, view: AuthorityView) -> None:
+    """A frame goes to the autopilot: it is one that the second book-keeping lets through."""
+    assert frame.known
+    assert frame.sysid in station.sysids
+    aim = target(frame)
+    assert aim is None or aim[0] in (0, VEHICLE)
+    commands = view.commander == station.sysid
+    name = mavlink.mavlink_map[frame.msgid].msgname
+    fields = {"command": 2, "payload_type": 2, "mission_type": 1}
+    values = {field: int.from_bytes(part(frame, field, length), "little") for field, length in fields.items()}
+    ftp = part(frame, "payload", 251)
+    parameter = part(frame, "param_id", 16).split(b"\0")[0].decode("latin-1")
+    kind = kind_of_frame(name, values, ftp, parameter)
+    if kind is not None:
+        assert expected(kind, station, frame.sysid, None, view)[0] is Action.FORWARD, (name, values)
+    if not commands:
+        assert kind == PASS or (kind is None and name == "FILE_TRANSFER_PROTOCOL" and ftp[3] in PASS_OPCODES), name
+    if view.armed:
+        assert not (name.startswith("PARAM_") and parameter.upper().startswith(_SAFEGUARDS)), parameter
+    if name == "FILE_TRANSFER_PROTOCOL" and ftp[3] in (6, 8, 9, 10, 11, 13):
+        path = ftp[12:250].split(b"\0")[0].lower()
+        assert b"scripts" not in path.replace(b"\\", b"/").split(b"/"), path
+        assert not (view.armed and path.lstrip(b"/").startswith(b"@param")), path
+
+
+def check_answers(answers: list[bytes], verdict: Verdict) -> None:
+    """What goes back is whole frames in the vehicle's name, and nothing at all for what is dropped."""
+    assert not answers or verdict.action in (Action.REFUSE, Action.CONSUME)
+    for raw in answers:
+        frame = parse_one(bytes(raw))
+        assert frame is not None
+        assert (frame.sysid, frame.known) == (VEHICLE, True)
+
+
+def part(frame: Frame, field: str, length: int) -> bytes:
+    """A field's bytes, zeros if the message has no such field."""
+    try:
+        offset = field_offset(frame.msgid, field)
+    except KeyError:
+        return bytes(length)
+    return frame.payload[offset : offset + length]
+
+
+class _Reader:
+    """Reads a plan; zeros behind its end."""
+
+    def __init__(self, plan: bytes) -> None:
+        self._plan, self._at = plan, 0
+
+    def more(self) -> bool:
+        return self._at < len(self._plan)
+
+    def byte(self) -> int:
+        self._at += 1
+        return self._plan[self._at - 1] if self._at <= len(self._plan) else 0
+
+    def take(self, length: int) -> bytes:
+        self._at += length
+        return self._plan[self._at - length : self._at]
+
+
+def _frame(reader: _Reader, sysid: int | None = None) -> bytes:
+    """A frame with a right CRC: message, sender, form, then the payload, at first addressed to the autopilot."""
+    choice = reader.byte()
+    more = reader.byte()
+    msgid = (
+        ALL_IDS[(choice << 8 | more) % len(ALL_IDS)] if choice & 0x80 else INTERESTING_IDS[choice % len(INTERESTING)]
+    )
+    sender = SENDERS[reader.byte() % len(SENDERS)] if sysid is None else sysid
+    compid = COMPONENTS[reader.byte() % len(COMPONENTS)]
+    form = reader.byte()
+    cls = mavlink.mavlink_map[msgid]
+    payload = bytearray(reader.take(reader.byte()).ljust(cls.unpacker.size, b"\0")[: cls.unpacker.size])
+    if not form & 0x40:
+        for name, value in (("target_system", VEHICLE), ("target", VEHICLE), ("target_component", form >> 7)):
+            if name in cls.fieldnames:
+                payload[field_offset(msgid, name)] = value
+    if form & 3 == 3 and msgid <= 255:
+        head = bytes([len(payload), 0, sender, compid, msgid])
+        magic, signature = b"\xfe", b""
+    else:
+        signed = form & 3 == 2
+        head = bytes([len(payload), int(signed), 0, 0, sender, compid]) + msgid.to_bytes(3, "little")
+        magic, signature = b"\xfd", bytes(13) if signed else b""
+    crc = mavlink.x25crc(head + bytes(payload) + bytes([cls.crc_extra])).crc
+    return magic + head + bytes(payload) + crc.to_bytes(2, "little") + signature
+
+
+def _instructions(reader: _Reader) -> Iterator[int]:
+    while reader.more():
+        yield reader.byte() % 6
+
+
+def run(plan: bytes) -> Gate:
+    """Carry a plan out; AssertionError or any other exception is a fault of the gate."""
+    reader = _Reader(plan)
+    gate, station, pending = Gate(), A, b""
+    for instruction in _instructions(reader):
+        if instruction == GARBAGE:
+            pending += reader.take(reader.byte())
+        elif instruction == FRAME:
+            pending += _frame(reader)
+        elif instruction == DAMAGED:
+            raw = bytearray(_frame(reader))
+            raw[reader.byte() % len(raw)] ^= reader.byte()
+            pending += raw
+        elif instruction == CUT:
+            length = reader.byte() % (len(pending) + 1)
+            gate.feed(station, pending[:length])
+            pending = pending[length:]
+        elif instruction == SWITCH:
+            gate.feed(station, pending)
+            pending = b""
+            choice = reader.byte()
+            station = STATIONS[choice % 3]
+            gate.switch(VIEWS[(choice >> 2) % len(VIEWS)])
+        else:
+            frame = parse_one(_frame(reader, VEHICLE))
+            if frame is not None:
+                gate.hear(frame)
+    gate.feed(station, pending)
+    gate.switch(AuthorityView(Phase.ON_MISSION, None, None, 9, LeaseState.LOST, True))
+    return gate

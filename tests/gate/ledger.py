@@ -1,0 +1,384 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A second book-keeping of the policy, for the tests.
+
+The lists below are written out by hand and on purpose not taken from the tables of `mavproxy_handover.gate`: what
+those say and what is expected here are two entries for the same thing, and a slip in one shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.access import Access
+from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity
+from tests.gate.frames import ftp_request
+
+VEHICLE = 1
+GCSA, GCSB, GCSC = 251, 252, 253
+TRACKER_OF_A, TRACKER_OF_B = 241, 242
+
+A = StationIdentity(GCSA, frozenset({GCSA, TRACKER_OF_A}))
+B = StationIdentity(GCSB, frozenset({GCSB, TRACKER_OF_B}))
+C = StationIdentity(GCSC)
+
+
+def listed(text: str) -> list[str]:
+    return text.split()
+
+
+# --- what everybody may send, and it reaches the autopilot
+PASS_MESSAGES = listed("""
+    PING TIMESYNC PARAM_REQUEST_READ PARAM_REQUEST_LIST PARAM_EXT_REQUEST_READ PARAM_EXT_REQUEST_LIST
+    MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT MISSION_REQUEST_PARTIAL_LIST MISSION_ACK
+    FENCE_FETCH_POINT RALLY_FETCH_POINT AUTOPILOT_VERSION_REQUEST OSD_PARAM_SHOW_CONFIG GOPRO_GET_REQUEST
+    UAVIONIX_ADSB_GET TERRAIN_CHECK LOGGING_ACK
+""")
+PASS_COMMANDS = [512, 519, 520, 521, 522, 525, 527, 528, 2504, 2505, 410, 5200, 42428]
+PASS_OPCODES = [0, 3, 4, 5, 14, 15, 16]
+
+# --- the commander's alone; anyone else is told
+TOLD_MESSAGES = listed("""
+    SET_MODE MISSION_SET_CURRENT FENCE_POINT RALLY_POINT
+    SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN SET_MAG_OFFSETS MOUNT_CONFIGURE
+    DIGICAM_CONFIGURE DIGICAM_CONTROL GOPRO_SET_REQUEST LED_CONTROL PLAY_TUNE LOG_ERASE OSD_PARAM_CONFIG
+    UAVIONIX_ADSB_OUT_CFG UAVIONIX_ADSB_OUT_CFG_REGISTRATION UAVIONIX_ADSB_OUT_CFG_FLIGHTID
+    UAVIONIX_ADSB_OUT_CONTROL CHANGE_OPERATOR_CONTROL AUTH_KEY
+""")
+TOLD_OPCODES = [1, 2, 6, 7, 8, 9, 10, 11, 12, 13]
+
+# --- writers of missions, fences and rally points: the commander's alone if their mission type exists
+ITEM_MESSAGES = listed("MISSION_COUNT MISSION_ITEM MISSION_ITEM_INT MISSION_WRITE_PARTIAL_LIST MISSION_CLEAR_ALL")
+MISSION_TYPES = [0, 1, 2, 255]
+
+# --- the commander's alone, and while the vehicle is armed nobody's
+#: PREFLIGHT_STORAGE, DO_SET_PARAMETER, BATTERY_RESET
+SAFEGUARD_COMMANDS = [245, 180, 42651]
+PARAMETER_MESSAGES = listed("PARAM_SET PARAM_EXT_SET PARAM_MAP_RC")
+SAFEGUARD_PARAMETERS = listed("""
+    HNDO_ENABLE HNDO_TIMEOUT HNDO_SYSID_SW SCR_ENABLE SCR_VM_I_COUNT SCR_HEAP_SIZE FS_GCS_ENABLE FS_GCS_TIMEOUT
+    FS_OPTIONS FS_THR_ENABLE FS_EKF_THRESH FS_CRASH_CHECK THR_FAILSAFE THR_FS_VALUE AFS_ENABLE CHUTE_ENABLED
+    GUID_TIMEOUT BATT_FS_LOW_ACT BATT2_FS_CRT_ACT BATT_LOW_VOLT BATT_MONITOR FENCE_ENABLE FENCE_ACTION ARMING_CHECK
+    ARMING_SKIPCHK ARMING_REQUIRE MAV_GCS_SYSID MAV_GCS_SYSID_HI MAV_SYSID MAV_OPTIONS MAV1_OPTIONS MAV2_OPTIONS
+    SYSID_THISMAV SYSID_MYGCS SYSID_ENFORCE SERIAL0_PROTOCOL SERIAL1_OPTIONS SERIAL2_BAUD SERIAL_PASS2 NET_ENABLE
+    CAN_P1_DRIVER DDS_ENABLE RC_OPTIONS RC_OVERRIDE_TIME RC_PROTOCOLS RCMAP_THROTTLE RC7_OPTION RC16_OPTION RC3_MIN
+    RC3_MAX RC3_TRIM RC3_DZ RC3_REVERSED FLTMODE1 FLTMODE_CH FLTMODE_GCSBLOCK MODE_CH BRD_SAFETY_DEFLT BRD_OPTIONS
+    FORMAT_VERSION fs_gcs_enable hndo_enable
+""")
+#: What a commander may set in flight, near misses of the names above among it.
+TOLD_PARAMETERS = [
+    *listed("""
+        RTL_ALT RTL_SPEED WPNAV_SPEED ATC_RAT_RLL_P RALLY_LIMIT_KM MAV1_EXTRA1 MAV2_POSITION SR0_POSITION LOG_BITMASK
+        HNDO SCR FS XFS_GCS_ENABLE SYSID ARMING RCX RCK_A GUID_OPTIONS NETX CHUTE MIS_OPTIONS EK3_ENABLE
+    """),
+    "",
+    "\x01\xff",
+]
+
+# --- files: opcode and path; what is behind the path's opcode in TOLD or PASS stays so
+#: no radio link may
+MAINTENANCE_FILES = [
+    *((opcode, b"APM/scripts/x.lua") for opcode in (6, 8, 9, 10, 11, 12, 13)),
+    (6, b"scripts/handover_guard.lua"),
+    (6, b"/APM/scripts/x.lua"),
+    (6, b"./scripts/x.lua"),
+    (8, b"APM//Scripts/handover_guard.lua"),
+    (6, b"APM\\SCRIPTS\\x.lua"),
+    (6, b"apm/scripts./x.lua"),
+    (6, b"apm/scripts /x.lua"),
+    (10, b"scripts"),
+    (6, b"scripts/modules/x.lua"),
+    (6, b"scripts/../scripts/x.lua"),
+    (13, b"x.lua\0scripts/x.lua"),
+    (13, b"scripts/handover_guard.lua\0y.lua"),
+    (13, b"APM\0APM2"),
+    (10, b"/APM/"),
+    (6, b"APM/SCRIPT~1/x.lua"),
+    (6, b"APM/\xc5\xbfcripts/x.lua"),
+    (6, b"a\x01b"),
+    (6, b"ardupilot.abin"),
+    (13, b"x\0/ardupilot.abin"),
+    (6, b"/ARDUPILOT.ABIN"),
+    (6, b"a" * 233 + b".abinx"),  # the 239th character is not read
+    (4, b"@SYS/storage.bin"),
+    (4, b"/@SYSstorage.bin"),
+    (14, b"@SYS/flash.bin"),
+    (4, b"@sys/crash_dump.bin"),
+    (3, b"@SYS/storage.bin"),
+    (16, b"@SYS/storage.bin"),
+]
+#: the commander's on the ground
+SAFEGUARD_FILES = [
+    (6, b"@PARAM/param.pck"),
+    (11, b"/@PARAM/param.pck"),
+    (11, b"@PARAMparam.pck"),
+    (11, b"@PARAM/param.pck?/../../x"),
+    (11, b"@PARAM\\param.pck"),
+]
+#: by the opcode alone
+PLAIN_FILES = [
+    (6, b"@MISSION/mission.dat"),
+    (11, b"@MISSION/fence.dat"),
+    (6, b"APM/LOGS/1.bin"),
+    (6, b"x/myscripts/y"),
+    (6, b"scripts.txt"),
+    (6, b"abin"),
+    (13, b"a\0b"),
+    (13, b"a\0b\0scripts/c"),
+    (6, b"a\0scripts/c"),
+    (3, b"APM/scripts"),
+    (4, b"APM/scripts/handover_guard.lua"),
+    (14, b"scripts/handover_guard.lua"),
+    (4, b"@PARAM/param.pck?withdefaults=1"),
+    (4, b"@SYS/tasks.txt"),
+    (4, b"ardupilot.abin"),
+    (3, b"@SYS"),
+    (4, b"APM/SCRIPT~1/x.lua"),
+    (5, b"scripts"),
+    (7, b"scripts/x.lua"),
+    (7, b"@SYS/storage.bin"),  # what is written, not a path
+]
+
+# --- the commander's alone; anyone else's vanish in silence
+SILENT_MESSAGES = listed("""
+    RC_CHANNELS_OVERRIDE MANUAL_CONTROL MANUAL_SETPOINT SET_POSITION_TARGET_LOCAL_NED
+    SET_POSITION_TARGET_GLOBAL_INT SET_ATTITUDE_TARGET SET_ACTUATOR_CONTROL_TARGET FOLLOW_TARGET
+    GIMBAL_MANAGER_SET_ATTITUDE GIMBAL_MANAGER_SET_PITCHYAW GIMBAL_MANAGER_SET_MANUAL_CONTROL
+    GIMBAL_DEVICE_SET_ATTITUDE GIMBAL_CONTROL MOUNT_CONTROL GPS_RTCM_DATA GPS_INJECT_DATA TERRAIN_DATA
+    OPEN_DRONE_ID_BASIC_ID OPEN_DRONE_ID_LOCATION OPEN_DRONE_ID_AUTHENTICATION OPEN_DRONE_ID_SELF_ID
+    OPEN_DRONE_ID_SYSTEM OPEN_DRONE_ID_OPERATOR_ID OPEN_DRONE_ID_MESSAGE_PACK OPEN_DRONE_ID_SYSTEM_UPDATE
+    UAVIONIX_ADSB_OUT_DYNAMIC LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END
+""")
+
+# --- the commander's go to the autopilot, because they load a channel that all share; others are answered here
+RATE_MESSAGES = ["REQUEST_DATA_STREAM"]
+RATE_COMMANDS = [510, 511]
+
+# --- from everybody, for the companion itself
+HANDOVER_MESSAGES = listed("""
+    CONNECT CONNECT_ACK MISSION_PACKAGE MISSION_CHUNK MISSION_PACKAGE_ACK ON_HANDOVER OK_HANDOVER
+    DRONE_CONNECTED DISCONNECT_HANDOVER
+""")
+CONTROL_COMMANDS = [32100]
+
+# --- from nobody, over no radio link
+MAINTENANCE_MESSAGES = listed("""
+    SETUP_SIGNING SECURE_COMMAND SERIAL_CONTROL DEVICE_OP_READ DEVICE_OP_WRITE CAN_FRAME CANFD_FRAME
+    CAN_FILTER_MODIFY V2_EXTENSION HIL_STATE HIL_CONTROLS HIL_RC_INPUTS_RAW HIL_ACTUATOR_CONTROLS HIL_SENSOR
+    HIL_GPS HIL_OPTICAL_FLOW HIL_STATE_QUATERNION REMOTE_LOG_BLOCK_STATUS CUBEPILOT_FIRMWARE_UPDATE_START
+    WIFI_CONFIG_AP
+""")
+#: FLASH_BOOTLOADER, DEBUG_TRAP, SET_FACTORY_TEST_MODE, CAN_FORWARD, START_RX_PAIR, STORAGE_FORMAT, SCRIPTING,
+#: INJECT_FAILURE
+MAINTENANCE_COMMANDS = [42650, 42700, 42427, 32000, 500, 526, 42701, 420]
+
+# Every other message is dropped; every other command of the dialect is the commander's alone; every other opcode
+# but 128 and 129 (a server's answers, dropped) is refused as unknown.
+
+ALL_COMMANDS = sorted(n for n, e in mavlink.enums["MAV_CMD"].items() if e.name != "MAV_CMD_ENUM_END")
+
+PASS, TOLD, SAFEGUARD, SILENT, RATE, START = "pass", "told", "safeguard", "silent", "rate", "start"
+HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
+MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
+
+_ALLOWED = (Action.FORWARD, GateReason.ALLOWED)
+_NOT_IN_CONTROL = (Action.REFUSE, GateReason.NOT_IN_CONTROL)
+_CONSUMED = (Action.CONSUME, GateReason.COMPANION)
+_NO_RADIO = (Action.REFUSE, GateReason.MAINTENANCE_ONLY)
+_NEVER = (Action.DROP, GateReason.NEVER)
+_UNKNOWN = (Action.REFUSE, GateReason.UNKNOWN_COMMAND)
+
+#: kind -> (what the commander's becomes, what anyone else's becomes), on the ground
+OUTCOMES = {
+    PASS: (_ALLOWED, _ALLOWED),
+    TOLD: (_ALLOWED, _NOT_IN_CONTROL),
+    START: (_ALLOWED, _NOT_IN_CONTROL),
+    SAFEGUARD: (_ALLOWED, _NOT_IN_CONTROL),
+    SILENT: (_ALLOWED, (Action.DROP, GateReason.NOT_IN_CONTROL)),
+    RATE: (_ALLOWED, (Action.CONSUME, GateReason.OBSERVER_RATES)),
+    LIVENESS: (_ALLOWED, (Action.CONSUME, GateReason.LIVENESS_NOT_COMMANDER)),
+    HANDOVER: (_CONSUMED, _CONSUMED),
+    CONTROL: (_CONSUMED, _CONSUMED),
+    MAINTENANCE: (_NO_RADIO, _NO_RADIO),
+    NEVER: (_NEVER, _NEVER),
+    UNKNOWN: (_UNKNOWN, _UNKNOWN),
+}
+#: ... and the commander's of an armed vehicle, where that differs
+ARMED = {SAFEGUARD: (Action.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
+
+#: kind -> the class that the verdict names; the companion goes by it
+ACCESS = {
+    PASS: Access.READ,
+    TOLD: Access.COMMAND,
+    START: Access.COMMAND,
+    SAFEGUARD: Access.SAFEGUARD,
+    SILENT: Access.STREAM,
+    RATE: Access.ANSWERED,
+    LIVENESS: Access.LIVENESS,
+    HANDOVER: Access.TRANSFER,
+    CONTROL: Access.CONTROL,
+    MAINTENANCE: Access.MAINTENANCE,
+    NEVER: Access.NEVER,
+    UNKNOWN: None,
+}
+
+
+def kind_of_message(name: str) -> str:
+    lists = [
+        (PASS, PASS_MESSAGES),
+        (TOLD, TOLD_MESSAGES),
+        (SILENT, SILENT_MESSAGES),
+        (RATE, RATE_MESSAGES),
+        (HANDOVER, HANDOVER_MESSAGES),
+        (MAINTENANCE, MAINTENANCE_MESSAGES),
+        (LIVENESS, ["HEARTBEAT"]),
+    ]
+    found = [kind for kind, names in lists if name in names]
+    assert len(found) <= 1, name
+    return found[0] if found else NEVER
+
+
+def kind_of_command(number: int) -> str:
+    lists = [
+        (PASS, PASS_COMMANDS),
+        (RATE, RATE_COMMANDS),
+        (CONTROL, CONTROL_COMMANDS),
+        (MAINTENANCE, MAINTENANCE_COMMANDS),
+        (SAFEGUARD, SAFEGUARD_COMMANDS),
+        (START, [300]),
+    ]
+    found = [kind for kind, numbers in lists if number in numbers]
+    assert len(found) <= 1, number
+    if found:
+        return found[0]
+    return TOLD if number in ALL_COMMANDS else UNKNOWN
+
+
+def kind_of_opcode(number: int) -> str:
+    if number in PASS_OPCODES:
+        return PASS
+    if number in TOLD_OPCODES:
+        return TOLD
+    return NEVER if number in (128, 129) else UNKNOWN
+
+
+def kind_of_frame(name: str, fields: dict[str, int], ftp: bytes = b"", parameter: str = "") -> str | None:
+    """The kind of any message by the lists above; None where they do not say (files and parameters not listed)."""
+    if name in ("COMMAND_LONG", "COMMAND_INT"):
+        return kind_of_command(fields["command"])
+    if name == "COMMAND_ACK":
+        return CONTROL if fields["command"] == 32100 else SILENT
+    if name == "TUNNEL":
+        return NEVER if fields["payload_type"] in (47116, 47117) else MAINTENANCE
+    if name in ITEM_MESSAGES:
+        return TOLD if fields["mission_type"] in MISSION_TYPES else UNKNOWN
+    if name in PARAMETER_MESSAGES:
+        if parameter in SAFEGUARD_PARAMETERS:
+            return SAFEGUARD
+        return TOLD if parameter in TOLD_PARAMETERS else None
+    if name == "FILE_TRANSFER_PROTOCOL":
+        kind = kind_of_opcode(ftp[3])
+        return kind if not ftp[12:].strip(b"\0") or ftp[3] in (0, 1, 2, 5, 7, 15) else None
+    return kind_of_message(name)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One thing to send, and its kind. `version1`: MAVLink 1 can carry it."""
+
+    name: str
+    kind: str
+    fields: tuple[tuple[str, object], ...] = ()
+    version1: bool = True
+
+
+BY_PART = [
+    *listed("COMMAND_LONG COMMAND_INT COMMAND_ACK FILE_TRANSFER_PROTOCOL TUNNEL"),
+    *ITEM_MESSAGES,
+    *PARAMETER_MESSAGES,
+]
+
+
+def cases() -> Iterator[Case]:
+    ids = {cls.msgname: msgid for msgid, cls in mavlink.mavlink_map.items()}
+    for name, msgid in ids.items():
+        if name not in BY_PART:
+            yield Case(name, kind_of_message(name), (), msgid <= 255)
+    for command in [*ALL_COMMANDS, 0, 15, 40001, 65535]:
+        yield Case("COMMAND_LONG", kind_of_command(command), (("command", command),))
+        yield Case("COMMAND_INT", kind_of_command(command), (("command", command),))
+        yield Case("COMMAND_ACK", CONTROL if command == 32100 else SILENT, (("command", command),))
+    for opcode in range(256):
+        payload = ftp_request(opcode)
+        yield Case("FILE_TRANSFER_PROTOCOL", kind_of_opcode(opcode), (("payload", payload),))
+    for files, kind in ((MAINTENANCE_FILES, MAINTENANCE), (SAFEGUARD_FILES, SAFEGUARD), (PLAIN_FILES, None)):
+        for opcode, path in files:
+            payload = ftp_request(opcode, path)
+            yield Case("FILE_TRANSFER_PROTOCOL", kind or kind_of_opcode(opcode), (("payload", payload),))
+    for payload_type in (47116, 47117):
+        yield Case("TUNNEL", NEVER, (("payload_type", payload_type),), False)
+    for payload_type in (0, 1, 200, 47115, 47118, 65535):
+        yield Case("TUNNEL", MAINTENANCE, (("payload_type", payload_type),), False)
+    for name in ITEM_MESSAGES:
+        for mission_type in (0, 1, 2, 3, 4, 127, 254, 255):
+            kind = TOLD if mission_type in MISSION_TYPES else UNKNOWN
+            yield Case(name, kind, (("mission_type", mission_type),), mission_type == 0)
+    for name in PARAMETER_MESSAGES:
+        for parameters, kind in ((SAFEGUARD_PARAMETERS, SAFEGUARD), (TOLD_PARAMETERS, TOLD)):
+            for parameter in parameters:
+                yield Case(name, kind, (("param_id", parameter.encode("latin-1")),), ids[name] <= 255)
+
+
+CASES = list(cases())
+
+#: Phase by phase: who commands, and who is about to; on the ground and armed.
+VIEWS = [
+    AuthorityView(Phase.ON_LOAD, None, None, 0, LeaseState.LOST),
+    AuthorityView(Phase.ON_LOAD, GCSA, None, 1, LeaseState.HELD),
+    AuthorityView(Phase.ON_LOAD, GCSA, None, 1, LeaseState.HELD, armed=True),
+    AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD, armed=True),
+    AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD, armed=False),
+    AuthorityView(Phase.ON_HANDOVER, GCSA, GCSB, 1, LeaseState.TRANSFER, armed=True),
+    AuthorityView(Phase.ON_HANDOVER, GCSB, GCSA, 2, LeaseState.TRANSFER, armed=True),
+    AuthorityView(Phase.EMERGENCY, GCSA, None, 2, LeaseState.HELD, armed=True),
+    AuthorityView(Phase.EMERGENCY, None, None, 2, LeaseState.LOST, armed=True),
+    AuthorityView(Phase.ON_MISSION, None, None, 3, LeaseState.RECOVERING, armed=True),
+]
+
+#: (station whose link it comes by, system id in the frame, MAVLink version, what is wrong with the sender)
+SENDERS = [
+    (A, GCSA, 2, None),
+    (A, GCSA, 1, None),
+    (A, TRACKER_OF_A, 2, None),
+    (B, GCSB, 2, None),
+    (B, GCSB, 1, None),
+    (C, GCSC, 2, None),
+    (A, VEHICLE, 2, GateReason.SPOOFED_VEHICLE),
+    (C, VEHICLE, 1, GateReason.SPOOFED_VEHICLE),
+    (A, GCSB, 2, GateReason.SPOOFED_STATION),
+    (B, GCSA, 2, GateReason.SPOOFED_STATION),
+    (B, TRACKER_OF_A, 2, GateReason.SPOOFED_STATION),
+    (C, 99, 2, GateReason.SPOOFED_STATION),
+    (C, 0, 2, GateReason.SPOOFED_STATION),
+    (C, 255, 1, GateReason.SPOOFED_STATION),
+]
+
+
+def expected(
+    kind: str, station: StationIdentity, sysid: int, wrong: GateReason | None, view: AuthorityView
+) -> tuple[Action, GateReason]:
+    """What becomes of a frame that is aimed at the vehicle's autopilot."""
+    if wrong is not None:
+        return Action.DROP, wrong
+    commands = view.commander is not None and view.commander == station.sysid
+    if kind == LIVENESS and sysid in (TRACKER_OF_A, TRACKER_OF_B):
+        commands = False
+    if not commands:
+        return OUTCOMES[kind][1]
+    if kind == START and view.phase is Phase.ON_LOAD:
+        return Action.CONSUME, GateReason.COMPANION
+    return ARMED.get(kind, OUTCOMES[kind][0]) if view.armed else OUTCOMES[kind][0]

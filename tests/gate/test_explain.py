@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover policy` and the README say what the gate does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.cli.policy import main
+from mavproxy_handover.gate.access import Access
+from mavproxy_handover.gate.explain import CLASSES, contents, for_commander, for_others, markdown_table, summary
+from mavproxy_handover.gate.tables import POLICY
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+def test_the_readme_has_the_summary_of_the_policy() -> None:
+    text = README.read_text(encoding="utf-8")
+    _before, begin, rest = text.partition("<!-- policy:begin -->\n")
+    table, end, _behind = rest.partition("\n<!-- policy:end -->")
+    assert (begin, end) != ("", ""), "the markers are missing"
+    assert table == markdown_table(summary()), "make it anew: handover policy --summary --markdown"
+
+
+def test_every_class_is_explained() -> None:
+    assert set(CLASSES) == set(Access)
+    assert all(contents(access) for access in Access)
+
+
+@pytest.mark.parametrize(
+    ("access", "commander", "others"),
+    [
+        (Access.READ, "passes", "passes"),
+        (Access.LIVENESS, "passes", "noticed by the companion"),
+        (Access.ANSWERED, "passes", "answered by the companion"),
+        (Access.COMMAND, "passes", "refused: not in control"),
+        (Access.STREAM, "passes", "dropped: not in control"),
+        (Access.SAFEGUARD, "passes; armed: refused: locked while armed", "refused: not in control"),
+        (Access.TRANSFER, "answered by the companion", "answered by the companion"),
+        (Access.MAINTENANCE, "refused", "refused"),
+        (Access.NEVER, "dropped", "dropped"),
+    ],
+)
+def test_each_class_says_what_becomes_of_it(access: Access, commander: str, others: str) -> None:
+    assert (for_commander(access), for_others(access)) == (commander, others)
+
+
+def printed(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
+    assert main(argv) == 0
+    return capsys.readouterr().out
+
+
+def test_the_command_prints_every_row(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = json.loads(printed(capsys, "--json"))
+    assert [(row["kind"], row["name"], row["class"], row["why"]) for row in rows] == [
+        (row.kind, row.name, row.access.value, row.why) for row in POLICY
+    ]
+    text = printed(capsys)
+    assert all(row.name in text and row.why in text for row in POLICY)
+    assert "PARAM_SET is judged by its parameter" in text
+    markdown = printed(capsys, "--markdown").splitlines()
+    assert markdown[:2] == ["| class | what | name | why |", "|---|---|---|---|"]
+    assert len(markdown) == len(POLICY) + 2
+
+
+@pytest.mark.parametrize(
+    ("asked", "names"),
+    [
+        ("RC_CHANNELS_OVERRIDE", ["RC_CHANNELS_OVERRIDE"]),
+        ("mav_cmd_component_arm_disarm", ["COMPONENT_ARM_DISARM"]),
+        ("*_RALLY_*", ["DO_RALLY_LAND", "NAV_RALLY_POINT"]),
+        ("FS_GCS_ENABLE", ["FS_*"]),
+        ("MAV1_OPTIONS", ["MAV*_OPTIONS"]),
+        ("scripts", ["scripts"]),
+    ],
+)
+def test_names_are_found_by_a_part_by_a_pattern_and_by_the_pattern_of_a_row(
+    capsys: pytest.CaptureFixture[str], asked: str, names: list[str]
+) -> None:
+    rows = json.loads(printed(capsys, asked, "--json"))
+    assert [row["name"] for row in rows] == names
+
+
+def test_one_rows_meaning_is_printed_with_it(capsys: pytest.CaptureFixture[str]) -> None:
+    text = printed(capsys, "HNDO_ENABLE")
+    assert "HNDO_*  the guard's own" in text
+    assert "safeguard: from the commander passes; armed: refused: locked while armed" in text
+
+
+def test_a_class_can_be_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = json.loads(printed(capsys, "--class", "liveness", "--class", "transfer", "--json"))
+    assert {row["class"] for row in rows} == {"liveness", "transfer"}
+    assert len(rows) == 10
+    assert rows[0]["commander"] == "passes"
+    assert rows[0]["others"] == "noticed by the companion"
+
+
+def test_the_summary_has_a_line_for_every_class(capsys: pytest.CaptureFixture[str]) -> None:
+    assert len(printed(capsys, "--summary").splitlines()) == 1 + len(Access)
+    assert printed(capsys, "--summary", "--markdown").rstrip("\n") == markdown_table(summary())
+    rows = json.loads(printed(capsys, "--summary", "--json"))
+    assert rows[0] == {
+        "class": "read",
+        "what": "asks and changes nothing",
+        "from the commander": "passes",
+        "from any other station": "passes",
+        "how many": "19 messages, 13 commands, 7 file opcodes",
+    }
+
+
+def test_a_name_without_a_row_and_wrong_usage_are_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["NO_SUCH_THING"]) == 1
+    assert "what has no row is refused" in capsys.readouterr().err
+    assert main(["--class", "open"]) == 2
+    assert main(["--help"]) == 0
+
+
+def test_a_bar_in_a_cell_does_not_split_it() -> None:
+    assert markdown_table([("a",), ("b|c",)]) == "| a |\n|---|\n| b\\|c |"

@@ -1,0 +1,332 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a former commander had open at the autopilot is closed in its own name, and nothing else is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.flush import Closing, FlushTracker
+from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.wire.frames import Frame
+from tests.gate.frames import ftp_request
+
+VEHICLE, GCSA, GCSB, TRACKER = 1, 251, 252, 241
+A = StationIdentity(GCSA, frozenset({TRACKER}))
+COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
+ACCEPTED, ERROR, DENIED, INVALID_SEQUENCE, CANCELLED = 0, 1, 14, 13, 15
+
+Make = Callable[..., Frame]
+
+
+@pytest.fixture
+def tracker() -> FlushTracker:
+    return FlushTracker(VEHICLE)
+
+
+def send(tracker: FlushTracker, *frames: Frame) -> None:
+    """The commander sends frames, and the gate lets them through."""
+    for frame in frames:
+        verdict = judge(frame, A, COMMANDED_BY_A, VEHICLE)
+        assert verdict.action is Action.FORWARD
+        tracker.saw(frame, verdict, GCSA)
+
+
+def read(closings: list[Closing]) -> list[tuple[str, list[Any]]]:
+    """What each closing is called, and what the autopilot reads."""
+    return [(c.what, [mavlink.MAVLink(None).decode(bytearray(raw)) for raw in c.frames]) for c in closings]
+
+
+def origin(message: Any) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
+
+
+def aim(message: Any) -> tuple[int, int]:
+    return message.target_system, message.target_component
+
+
+# ---- uploads ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "incomplete"), [(0, "mission", True), (1, "fence", False), (2, "rally", True)]
+)
+def test_an_unfinished_upload_ends_by_a_count_that_cannot_be_stored(
+    tracker: FlushTracker, make: Make, kind: int, name: str, incomplete: bool
+) -> None:
+    send(tracker, make("MISSION_COUNT", compid=77, count=3, mission_type=kind))
+    send(tracker, make("MISSION_ITEM_INT", compid=77, mission_type=kind))
+    (closing,) = tracker.flush(GCSA)
+    assert (closing.what, closing.incomplete) == (f"unfinished {name} upload ended", incomplete)
+    ((_, [message]),) = read([closing])
+    assert message.get_type() == "MISSION_COUNT"
+    assert (origin(message), aim(message)) == ((GCSA, 77), (VEHICLE, 1))
+    assert (message.count, message.mission_type) == (65535, kind)
+
+
+def test_a_partial_upload_is_an_upload(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, make("MISSION_WRITE_PARTIAL_LIST", start_index=1, end_index=2))
+    assert [what for what, _ in read(tracker.flush(GCSA))] == ["unfinished mission upload ended"]
+
+
+@pytest.mark.parametrize(
+    ("result", "ended"), [(ACCEPTED, True), (ERROR, True), (DENIED, True), (CANCELLED, True), (INVALID_SEQUENCE, False)]
+)
+def test_an_upload_has_ended_when_the_autopilot_says_so(
+    tracker: FlushTracker, make: Make, result: int, ended: bool
+) -> None:
+    send(tracker, make("MISSION_COUNT", count=3, mission_type=2))
+    tracker.heard(
+        make("MISSION_ACK", sysid=1, compid=1, target_system=GCSA, target_component=190, mission_type=2, type=result)
+    )
+    assert (tracker.flush(GCSA) == []) is ended
+
+
+def test_other_messages_of_the_autopilot_end_nothing(tracker: FlushTracker, make: Make) -> None:
+    """A COMMAND_ACK to the one who has a file and an upload open."""
+    send(tracker, make("MISSION_COUNT"), ftp(make, 6, b"x"))
+    for name in ("COMMAND_ACK", "MISSION_REQUEST_INT", "HEARTBEAT", "PARAM_VALUE"):
+        fields = {} if name in ("HEARTBEAT", "PARAM_VALUE") else {"target_system": GCSA, "target_component": 190}
+        tracker.heard(make(name, sysid=1, compid=1, **fields))
+    assert len(tracker.flush(GCSA)) == 2
+
+
+@pytest.mark.parametrize(
+    "other", [{"mission_type": 0}, {"target_component": 191}, {"target_system": GCSB}, {"target_system": 0}]
+)
+def test_the_end_of_another_upload_is_not_the_end_of_this_one(
+    tracker: FlushTracker, make: Make, other: dict[str, int]
+) -> None:
+    send(tracker, make("MISSION_COUNT", count=3, mission_type=2))
+    fields = {"target_system": GCSA, "target_component": 190, "mission_type": 2, **other}
+    tracker.heard(make("MISSION_ACK", sysid=1, compid=1, **fields))
+    assert len(tracker.flush(GCSA)) == 1
+
+
+def test_uploads_of_two_kinds_are_both_ended(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, make("MISSION_COUNT", mission_type=1), make("MISSION_COUNT", mission_type=0))
+    assert [what for what, _ in read(tracker.flush(GCSA))] == [
+        "unfinished fence upload ended",
+        "unfinished mission upload ended",
+    ]
+
+
+# ---- files --------------------------------------------------------------------------------------------------------
+
+
+def ftp(make: Make, opcode: int, data: bytes = b"", session: int = 4, sequence: int = 0, compid: int = 190) -> Frame:
+    payload = ftp_request(opcode, data, session, sequence)
+    return make("FILE_TRANSFER_PROTOCOL", compid=compid, payload=payload)
+
+
+def test_a_file_open_for_writing_is_closed(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, ftp(make, 6, b"APM/terrain/x", sequence=10), ftp(make, 7, b"data", sequence=11))
+    ((what, [message]),) = read(tracker.flush(GCSA))
+    assert what == "file 'APM/terrain/x' closed"
+    assert (origin(message), aim(message)) == ((GCSA, 190), (VEHICLE, 1))
+    assert message.target_network == 0
+    #                          seq    session  TerminateSession, empty
+    assert message.payload == [12, 0, 4, 1, *[0] * 247]
+
+
+@pytest.mark.parametrize("path", [b"@MISSION/mission.dat", b"/@mission/rally.dat", b"@PARAM/param.pck"])
+def test_what_is_applied_when_it_is_closed_is_spoiled_before_it_is_closed(
+    tracker: FlushTracker, make: Make, path: bytes
+) -> None:
+    send(tracker, ftp(make, 11, path, sequence=65534))
+    (closing,) = tracker.flush(GCSA)
+    assert not closing.incomplete
+    ((what, [spoil, close]),) = read([closing])
+    assert what == f"file {path.decode()!r} closed, contents thrown away"
+    #                        seq       session  WriteFile, 12 bytes at offset 0, all zero
+    assert spoil.payload == [255, 255, 4, 7, 12, *[0] * 246]
+    assert close.payload == [0, 0, 4, 1, *[0] * 247]
+
+
+@pytest.mark.parametrize(("opcode", "session", "closed"), [(1, 4, True), (2, 4, True), (1, 5, False), (2, 5, False)])
+def test_a_file_that_the_station_closed_itself_is_closed(
+    tracker: FlushTracker, make: Make, opcode: int, session: int, closed: bool
+) -> None:
+    send(tracker, ftp(make, 6, b"x"), ftp(make, opcode, session=session))
+    assert (tracker.flush(GCSA) == []) is closed
+
+
+def test_a_file_that_could_not_be_opened_is_not_open(tracker: FlushTracker, make: Make) -> None:
+    def nak(of: int, target: int = GCSA) -> Frame:
+        payload = [1, 0, 4, 129, 1, of, *[0] * 245]
+        return make(
+            "FILE_TRANSFER_PROTOCOL", sysid=1, compid=1, target_system=target, target_component=190, payload=payload
+        )
+
+    send(tracker, ftp(make, 6, b"x"))
+    tracker.heard(nak(of=7))  # of a write: the file is still open
+    tracker.heard(nak(of=6, target=GCSB))
+    tracker.heard(make("FILE_TRANSFER_PROTOCOL", sysid=1, target_system=GCSA, target_component=190, payload=[0] * 251))
+    assert len(tracker.flush(GCSA)) == 1
+    send(tracker, ftp(make, 6, b"x"))
+    tracker.heard(nak(of=6))
+    assert tracker.flush(GCSA) == []
+
+
+def test_reading_files_leaves_nothing_to_close(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, ftp(make, 4, b"@PARAM/param.pck"), ftp(make, 15), ftp(make, 5), ftp(make, 3, b"/"))
+    assert tracker.flush(GCSA) == []
+
+
+def test_parameter_files_are_closed_at_arming_and_others_stay_open(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, ftp(make, 6, b"@PARAM/param.pck", compid=190), ftp(make, 6, b"@MISSION/mission.dat", compid=191))
+    ((what, messages),) = read(tracker.parameters())
+    assert what == "file '@PARAM/param.pck' closed, contents thrown away"
+    assert [message.payload[3] for message in messages] == [7, 1]
+    assert tracker.parameters() == []
+    ((what, _),) = read(tracker.flush(GCSA))
+    assert what == "file '@MISSION/mission.dat' closed, contents thrown away"
+
+
+# ---- sticks, guided stream, log -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"])
+def test_sticks_are_released_on_all_channels(tracker: FlushTracker, make: Make, name: str) -> None:
+    send(tracker, make(name, sysid=TRACKER, compid=3))
+    ((what, [message]),) = read(tracker.flush(GCSA))
+    assert what == "RC override released"
+    assert (origin(message), aim(message)) == ((TRACKER, 3), (VEHICLE, 1))
+    assert message.get_type() == "RC_CHANNELS_OVERRIDE"
+    channels = [getattr(message, f"chan{number}_raw") for number in range(1, 19)]
+    assert channels == [0] * 8 + [65534] * 10
+
+
+ONLY_PLACE, PLACE_AND_VELOCITY, ONLY_VELOCITY, ONLY_ACCELERATION = (
+    0b110111111000,
+    0b110111000000,
+    0b110111000111,
+    0b110000111111,
+)
+
+
+@pytest.mark.parametrize("name", ["SET_POSITION_TARGET_LOCAL_NED", "SET_POSITION_TARGET_GLOBAL_INT"])
+@pytest.mark.parametrize(
+    ("mask", "stream"),
+    [(ONLY_PLACE, False), (PLACE_AND_VELOCITY, True), (ONLY_VELOCITY, True), (ONLY_ACCELERATION, True)],
+)
+def test_a_velocity_is_stopped_and_a_place_is_flown_to(
+    tracker: FlushTracker, make: Make, name: str, mask: int, stream: bool
+) -> None:
+    send(tracker, make(name, type_mask=mask))
+    closed = read(tracker.flush(GCSA))
+    assert [what for what, _ in closed] == (["guided stream stopped"] if stream else [])
+    for _, [message] in closed:
+        assert message.get_type() == "SET_POSITION_TARGET_GLOBAL_INT"
+        assert (origin(message), aim(message)) == ((GCSA, 190), (VEHICLE, 1))
+        assert message.type_mask == ONLY_VELOCITY
+        values = [message.time_boot_ms, message.lat_int, message.lon_int, message.alt, message.vx, message.vy]
+        values += [message.vz, message.afx, message.afy, message.afz, message.yaw, message.yaw_rate]
+        assert values == [0] * 12
+
+
+def test_an_attitude_stream_is_stopped(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, make("SET_ATTITUDE_TARGET"))
+    assert [what for what, _ in read(tracker.flush(GCSA))] == ["guided stream stopped"]
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "over"),
+    [
+        ("SET_POSITION_TARGET_LOCAL_NED", {"type_mask": ONLY_PLACE}, True),
+        ("COMMAND_INT", {"command": 192}, True),
+        ("COMMAND_LONG", {"command": 176}, True),
+        ("COMMAND_LONG", {"command": 20}, True),
+        ("COMMAND_LONG", {"command": 178}, False),
+        ("SET_MODE", {"custom_mode": 6}, True),
+        ("MISSION_ITEM_INT", {"current": 2}, True),
+        ("MISSION_ITEM", {"current": 2}, True),
+        ("MISSION_ITEM_INT", {"current": 0}, False),
+    ],
+)
+def test_a_stream_that_another_aim_has_replaced_is_over(
+    tracker: FlushTracker, make: Make, name: str, fields: dict[str, int], over: bool
+) -> None:
+    """The aircraft flies to the new place: to stop it there would be no flush but a command."""
+    send(tracker, make("SET_POSITION_TARGET_LOCAL_NED", type_mask=ONLY_VELOCITY))
+    send(tracker, make(name, **fields))
+    assert (tracker.flush(GCSA) == []) is over
+
+
+@pytest.mark.parametrize("name", ["LOG_REQUEST_LIST", "LOG_REQUEST_DATA"])
+def test_a_log_download_is_ended(tracker: FlushTracker, make: Make, name: str) -> None:
+    send(tracker, make(name))
+    ((what, [message]),) = read(tracker.flush(GCSA))
+    assert (what, message.get_type()) == ("log download ended", "LOG_REQUEST_END")
+    assert (origin(message), aim(message)) == ((GCSA, 190), (VEHICLE, 1))
+    send(tracker, make(name), make("LOG_REQUEST_END"))
+    assert tracker.flush(GCSA) == []
+
+
+# ---- all of it ------------------------------------------------------------------------------------------------------
+
+
+def test_what_was_flushed_is_forgotten(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, make("RC_CHANNELS_OVERRIDE"))
+    assert len(tracker.flush(GCSA)) == 1
+    assert tracker.flush(GCSA) == []
+
+
+def test_stations_are_told_apart(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, make("RC_CHANNELS_OVERRIDE"))
+    assert tracker.flush(GCSB) == []
+    assert len(tracker.flush(GCSA)) == 1
+
+
+@pytest.mark.parametrize("action", [action for action in Action if action is not Action.FORWARD])
+def test_what_did_not_reach_the_autopilot_opened_nothing(tracker: FlushTracker, make: Make, action: Action) -> None:
+    verdict = Verdict(action, None, GateReason.NOT_IN_CONTROL, "")
+    for name in ("MISSION_COUNT", "RC_CHANNELS_OVERRIDE", "SET_ATTITUDE_TARGET", "LOG_REQUEST_LIST"):
+        tracker.saw(make(name, sysid=GCSB), verdict, GCSB)
+    tracker.saw(ftp(make, 6, b"x"), verdict, GCSB)
+    assert tracker.flush(GCSB) == []
+
+
+def test_frames_addressed_to_a_component_are_closed_at_that_component(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, make("MISSION_COUNT", target_component=0), ftp(make, 6, b"x"))
+    send(tracker, make("FILE_TRANSFER_PROTOCOL", compid=7, target_component=100, payload=ftp_request(6, b"y")))
+    closed = [message for _, messages in read(tracker.flush(GCSA)) for message in messages]
+    assert [aim(message) for message in closed] == [(1, 1), (1, 1), (1, 100)]
+
+
+def test_what_is_remembered_of_a_station_is_bounded(tracker: FlushTracker, make: Make) -> None:
+    for compid in range(1, 256):
+        send(tracker, make("RC_CHANNELS_OVERRIDE", compid=compid), ftp(make, 6, b"x", compid=compid))
+        send(tracker, make("MISSION_COUNT", compid=compid), make("SET_ATTITUDE_TARGET", compid=compid))
+    closings = tracker.flush(GCSA)
+    assert len(closings) == 4 * 8
+    assert {origin(message)[1] for _, messages in read(closings) for message in messages} == set(range(248, 256))
+
+
+def test_an_entry_that_is_used_again_is_not_the_oldest(tracker: FlushTracker, make: Make) -> None:
+    for compid in (1, 2, 3, 4, 5, 6, 7, 8, 1, 9):
+        send(tracker, make("RC_CHANNELS_OVERRIDE", compid=compid))
+    components = [origin(message)[1] for _, [message] in read(tracker.flush(GCSA))]
+    assert components == [3, 4, 5, 6, 7, 8, 1, 9]
+
+
+FORWARDED = Verdict(Action.FORWARD, None, GateReason.ALLOWED, "")
+
+
+@given(st.sampled_from(sorted(mavlink.mavlink_map)), st.binary(min_size=0, max_size=255), st.integers(0, 255))
+def test_whatever_a_frame_holds_nothing_raises(msgid: int, contents: bytes, sysid: int) -> None:
+    size = mavlink.mavlink_map[msgid].unpacker.size
+    frame = Frame(b"", 2, msgid, sysid, 1, 0, False, contents.ljust(size, b"\0")[:size], True)
+    tracker = FlushTracker(VEHICLE)
+    tracker.saw(frame, FORWARDED, GCSA)
+    tracker.heard(frame)
+    for closing in [*tracker.parameters(), *tracker.flush(GCSA)]:
+        for raw in closing.frames:
+            assert mavlink.MAVLink(None).decode(bytearray(raw)).get_srcSystem() == sysid

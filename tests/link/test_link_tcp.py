@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""TCP links on loopback: connecting without waiting, coming back, and never half a frame."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from mavproxy_handover.link.base import Backoff
+from mavproxy_handover.link.devices import LinkError, open_device
+from mavproxy_handover.link.tcp import TcpIn, TcpOut
+from mavproxy_handover.wire.frames import FrameSplitter
+from tests.link.frames import Clock, command, heartbeat, read_frames, read_until
+
+LOOPBACK = "127.0.0.1"
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def closing() -> Iterator[contextlib.ExitStack]:
+    with contextlib.ExitStack() as stack:
+        yield stack
+
+
+def free_port() -> int:
+    with socket.socket() as sock:
+        sock.bind((LOOPBACK, 0))
+        port: int = sock.getsockname()[1]
+    return port
+
+
+def listener(closing: contextlib.ExitStack, port: int = 0) -> socket.socket:
+    sock = closing.enter_context(socket.socket())
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.bind((LOOPBACK, port))
+    sock.listen()
+    sock.settimeout(10)
+    return sock
+
+
+def connect_out(closing: contextlib.ExitStack, clock: Clock, port: int) -> TcpOut:
+    device = open_device(f"tcp:{LOOPBACK}:{port}", clock)
+    assert isinstance(device, TcpOut)
+    closing.callback(device.close)
+    return device
+
+
+def listen_in(closing: contextlib.ExitStack, clock: Clock) -> tuple[TcpIn, int]:
+    port = free_port()
+    device = open_device(f"tcpin:{LOOPBACK}:{port}", clock)
+    assert isinstance(device, TcpIn)
+    closing.callback(device.close)
+    return device, port
+
+
+def client(closing: contextlib.ExitStack, device: TcpIn, port: int) -> socket.socket:
+    """A station's connection that `device` has taken."""
+    sock = closing.enter_context(socket.create_connection((LOOPBACK, port), timeout=10))
+    connects = device.counters.connects
+    read_until(device, lambda: device.counters.connects > connects)
+    return sock
+
+
+# ---- tcp ----------------------------------------------------------------------------------------------------------
+
+
+def test_it_connects_and_carries_frames_both_ways(closing: contextlib.ExitStack, clock: Clock) -> None:
+    station = listener(closing)
+    device = connect_out(closing, clock, station.getsockname()[1])
+    assert not device.open
+    assert device.fileno() == -1
+    accepted = closing.enter_context(station.accept()[0])
+    read_until(device, lambda: device.open)
+    accepted.sendall(heartbeat(1).raw + command(2).raw)
+    assert read_frames(device, 2) == [heartbeat(1), command(2)]
+    assert device.write(b"telemetry")
+    assert accepted.recv(100) == b"telemetry"
+
+
+def test_nobody_listening_is_no_error_and_attempts_grow_rarer(closing: contextlib.ExitStack, clock: Clock) -> None:
+    device = connect_out(closing, clock, free_port())
+    attempts = []
+    for tenth in range(250):
+        clock.now = 100.0 + tenth / 10
+        before = device.counters.errors
+        device.read()
+        if device.counters.errors > before:
+            attempts.append(tenth / 10)
+    assert device.trouble == "Connection refused"
+    assert not device.write(b"telemetry")
+    # the first at once; then after 0.5, 1, 2, 4, 8 and 10 s: a failure is seen one read after the attempt
+    assert attempts == pytest.approx([0.0, 0.6, 1.6, 3.6, 7.6, 15.6], abs=0.15)
+
+
+def test_a_lost_connection_comes_back(closing: contextlib.ExitStack, clock: Clock) -> None:
+    station = listener(closing)
+    port = station.getsockname()[1]
+    device = connect_out(closing, clock, port)
+    first = station.accept()[0]
+    read_until(device, lambda: device.open)
+    first.sendall(heartbeat(1).raw)
+    read_frames(device, 1)
+    first.close()
+    read_until(device, lambda: not device.open)
+    assert device.trouble == "closed by the other side"
+    assert device.fileno() == -1
+    clock.now += 1.0
+    read_until(device, lambda: device.open)
+    second = closing.enter_context(station.accept()[0])
+    second.sendall(heartbeat(2).raw)
+    assert read_frames(device, 1) == [heartbeat(2)]
+    assert device.counters.connects == 2
+
+
+def test_half_a_frame_of_a_lost_connection_spoils_nothing_on_the_next(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    station = listener(closing)
+    device = connect_out(closing, clock, station.getsockname()[1])
+    first = station.accept()[0]
+    read_until(device, lambda: device.open)
+    first.sendall(heartbeat(1).raw + command(2).raw[:20])
+    read_frames(device, 1)
+    first.close()
+    read_until(device, lambda: not device.open)
+    clock.now += 1.0
+    read_until(device, lambda: device.open)
+    second = closing.enter_context(station.accept()[0])
+    second.sendall(heartbeat(3).raw)
+    assert read_frames(device, 1) == [heartbeat(3)]
+
+
+def test_a_station_that_reads_nothing_gets_whole_frames_or_none(closing: contextlib.ExitStack, clock: Clock) -> None:
+    station = listener(closing)
+    station.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    device = connect_out(closing, clock, station.getsockname()[1])
+    accepted = closing.enter_context(station.accept()[0])
+    read_until(device, lambda: device.open)
+    taken = [number & 0xFF for number in range(20000) if device.write(command(number & 0xFF).raw)]
+    assert 0 < len(taken) < 20000
+    assert device.counters.refused_out == 20000 - len(taken)
+    assert device.counters.frames_out == len(taken)
+    accepted.settimeout(10)
+    splitter = FrameSplitter()
+    received = []
+    while len(received) < len(taken):
+        device.read()  # what waited in the device leaves
+        received += splitter.feed(accepted.recv(4096))
+    assert [frame.seq for frame in received] == taken
+    assert splitter.counters.garbage_bytes == 0
+    assert splitter.counters.bad_crc == 0
+
+
+def test_a_closed_link_does_not_come_back(closing: contextlib.ExitStack, clock: Clock) -> None:
+    station = listener(closing)
+    device = connect_out(closing, clock, station.getsockname()[1])
+    closing.enter_context(station.accept()[0])
+    read_until(device, lambda: device.open)
+    device.close()
+    clock.now += 100.0
+    assert (device.read(), device.open, device.fileno(), device.write(b"late")) == ([], False, -1, False)
+    assert device.counters.connects == 1
+
+
+def test_backoff_starts_again_once_a_connection_worked() -> None:
+    backoff = Backoff(first_s=0.5, most_s=10.0)
+    waits = []
+    now = 0.0
+    for _ in range(7):
+        assert backoff.due(now)
+        backoff.tried(now)
+        begun = now
+        while not backoff.due(now):
+            now += 0.5
+        waits.append(now - begun)
+    assert waits == [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
+    backoff.succeeded()
+    backoff.tried(now)
+    assert not backoff.due(now + 0.4)
+    assert backoff.due(now + 0.5)
+
+
+# ---- tcpin --------------------------------------------------------------------------------------------------------
+
+
+def test_a_station_connects_and_frames_go_both_ways(closing: contextlib.ExitStack, clock: Clock) -> None:
+    device, port = listen_in(closing, clock)
+    assert not device.open
+    assert device.fileno() >= 0
+    station = client(closing, device, port)
+    station.sendall(heartbeat(1).raw)
+    (frame,) = read_frames(device, 1)
+    device.accept_sender(frame)
+    assert device.write(b"telemetry")
+    assert station.recv(100) == b"telemetry"
+
+
+def test_a_program_that_waits_for_the_vehicle_hears_it_before_it_speaks(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    device, port = listen_in(closing, clock)
+    silent = client(closing, device, port)
+    assert device.write(b"telemetry")
+    assert silent.recv(100) == b"telemetry"
+
+
+def test_a_strangers_connection_does_not_take_the_downlink_and_is_closed_after_a_while(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    device, port = listen_in(closing, clock)
+    station = client(closing, device, port)
+    station.sendall(heartbeat(1).raw)
+    device.accept_sender(read_frames(device, 1)[0])
+    stranger = client(closing, device, port)
+    stranger.sendall(heartbeat(2).raw)
+    assert read_frames(device, 1) == [heartbeat(2)]  # and the caller does not call it genuine
+    device.write(b"telemetry")
+    assert station.recv(100) == b"telemetry"
+    clock.now += 10.5
+    device.read()
+    assert stranger.recv(100) == b""
+    assert device.counters.strangers == 1
+    assert device.write(b"more")
+    assert station.recv(100) == b"more"
+
+
+def test_a_station_gets_in_past_its_own_dead_connection(closing: contextlib.ExitStack, clock: Clock) -> None:
+    device, port = listen_in(closing, clock)
+    dead = client(closing, device, port)
+    dead.sendall(heartbeat(1).raw)
+    device.accept_sender(read_frames(device, 1)[0])
+    clock.now += 1.6  # the old connection is not closed, it is only silent
+    alive = client(closing, device, port)
+    alive.sendall(heartbeat(2).raw)
+    device.accept_sender(read_frames(device, 1)[0])
+    device.write(b"telemetry")
+    assert alive.recv(100) == b"telemetry"
+    device.read()
+    assert dead.recv(100) == b""
+
+
+def test_strangers_connections_are_few_and_do_not_keep_the_station_out(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    device, port = listen_in(closing, clock)
+    strangers = [client(closing, device, port) for _ in range(10)]
+    assert device.counters.strangers == 6
+    assert strangers[0].recv(100) == b""
+    station = client(closing, device, port)
+    station.sendall(heartbeat(1).raw)
+    device.accept_sender(read_frames(device, 1)[0])
+    for _ in range(10):
+        client(closing, device, port)
+    assert device.write(b"telemetry")
+    assert station.recv(100) == b"telemetry"
+
+
+def test_the_station_may_go_and_come_again(closing: contextlib.ExitStack, clock: Clock) -> None:
+    device, port = listen_in(closing, clock)
+    station = client(closing, device, port)
+    station.sendall(heartbeat(1).raw)
+    device.accept_sender(read_frames(device, 1)[0])
+    station.close()
+    read_until(device, lambda: not device.open)
+    assert not device.write(b"telemetry")
+    assert device.fileno() >= 0
+    again = client(closing, device, port)
+    assert device.write(b"telemetry")
+    assert again.recv(100) == b"telemetry"
+
+
+def test_every_descriptor_is_named_so_that_no_child_process_keeps_the_port(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    device, port = listen_in(closing, clock)
+    assert device.descriptors() == [device.fileno()]
+    client(closing, device, port)
+    assert len(device.descriptors()) == 2
+    assert device.fileno() == device.descriptors()[1]
+    outward = connect_out(closing, clock, port)
+    assert len(outward.descriptors()) == 1  # still connecting
+    read_until(outward, lambda: outward.open)
+    assert outward.descriptors() == [outward.fileno()]
+    for closed in (device, outward):
+        closed.close()
+        assert closed.descriptors() == []
+
+
+def test_a_port_in_use_is_one_line_that_names_the_link(closing: contextlib.ExitStack) -> None:
+    port = listener(closing).getsockname()[1]
+    with pytest.raises(LinkError, match=f"^link tcpin:{LOOPBACK}:{port} cannot be opened: Address already in use$"):
+        open_device(f"tcpin:{LOOPBACK}:{port}")
+
+
+def test_a_flood_on_one_connection_is_read_in_bounded_pieces(closing: contextlib.ExitStack, clock: Clock) -> None:
+    device, port = listen_in(closing, clock)
+    station = client(closing, device, port)
+    station.setblocking(False)
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            station.send(heartbeat(1).raw * 1000)
+    read_until(device, lambda: device.counters.bytes_in > 0)
+    before = device.counters.bytes_in
+    frames = device.read()
+    assert device.counters.bytes_in - before == 8192
+    assert len(frames) <= 8192 // len(heartbeat(1).raw) + 1

@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""UDP links on loopback: who is heard, who is answered, and what a flood costs."""
+
+from __future__ import annotations
+
+import socket
+import tracemalloc
+from collections.abc import Iterator
+
+import pytest
+
+from mavproxy_handover.link.devices import LinkError, open_device
+from mavproxy_handover.link.udp import UdpIn, UdpOut
+from tests.link.frames import Clock, command, heartbeat
+
+LOOPBACK = "127.0.0.1"
+
+
+class Peer:
+    """A plain UDP socket, as another program has it."""
+
+    def __init__(self) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind((LOOPBACK, 0))
+        self.socket.setblocking(False)
+        self.address: tuple[str, int] = self.socket.getsockname()
+
+    def send(self, data: bytes, port: int) -> None:
+        self.socket.sendto(data, (LOOPBACK, port))
+
+    def received(self) -> list[bytes]:
+        datagrams = []
+        while True:
+            try:
+                datagrams.append(self.socket.recv(4096))
+            except BlockingIOError:
+                return datagrams
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def peers() -> Iterator[list[Peer]]:
+    made = [Peer() for _ in range(4)]
+    yield made
+    for peer in made:
+        peer.socket.close()
+
+
+@pytest.fixture
+def listening(clock: Clock) -> Iterator[tuple[UdpIn, int]]:
+    probe = Peer()
+    port = probe.address[1]
+    probe.socket.close()
+    device = open_device(f"udpin:{LOOPBACK}:{port}", clock)
+    assert isinstance(device, UdpIn)
+    yield device, port
+    device.close()
+
+
+def test_nobody_is_answered_before_somebody_proved_genuine(listening: tuple[UdpIn, int], peers: list[Peer]) -> None:
+    device, port = listening
+    peers[0].send(heartbeat().raw, port)
+    assert device.read() == [heartbeat()]
+    assert not device.open
+    assert not device.write(b"telemetry")
+    assert device.counters.refused_out == 1
+    assert peers[0].received() == []
+
+
+def test_the_sender_of_a_genuine_frame_is_answered(listening: tuple[UdpIn, int], peers: list[Peer]) -> None:
+    device, port = listening
+    peers[0].send(heartbeat().raw, port)
+    (frame,) = device.read()
+    device.accept_sender(frame)
+    assert device.open
+    assert device.write(b"telemetry")
+    assert peers[0].received() == [b"telemetry"]
+    assert (device.counters.frames_out, device.counters.bytes_out) == (1, 9)
+
+
+def test_a_stranger_does_not_take_the_downlink_whatever_it_sends(
+    listening: tuple[UdpIn, int], peers: list[Peer]
+) -> None:
+    device, port = listening
+    station, stranger, _, _ = peers
+    station.send(heartbeat(0).raw, port)
+    device.accept_sender(device.read()[0])
+    stranger.send(heartbeat(1).raw, port)
+    assert device.read() == [heartbeat(1)]  # judged by the caller, who does not call it genuine
+    device.write(b"telemetry")
+    assert (station.received(), stranger.received()) == ([b"telemetry"], [])
+
+
+def test_of_two_equal_frames_the_sender_of_the_genuine_one_is_answered(
+    listening: tuple[UdpIn, int], peers: list[Peer]
+) -> None:
+    device, port = listening
+    stranger, station, _, _ = peers
+    stranger.send(heartbeat().raw, port)
+    station.send(heartbeat().raw, port)
+    first, second = device.read()
+    assert first == second
+    device.accept_sender(second)
+    device.write(b"telemetry")
+    assert (station.received(), stranger.received()) == ([b"telemetry"], [])
+
+
+def test_who_repeats_a_stations_frames_gets_no_downlink_while_the_station_speaks(
+    listening: tuple[UdpIn, int], peers: list[Peer], clock: Clock
+) -> None:
+    device, port = listening
+    station, repeater, _, _ = peers
+    for second in range(5):
+        clock.now = 100.0 + second
+        for peer in (station, repeater):
+            peer.send(heartbeat(second).raw, port)
+            device.accept_sender(device.read()[0])
+        device.write(b"telemetry")
+    assert (len(station.received()), repeater.received()) == (5, [])
+
+
+def test_a_station_that_comes_back_from_another_port_is_answered_there(
+    listening: tuple[UdpIn, int], peers: list[Peer], clock: Clock
+) -> None:
+    device, port = listening
+    before, after, _, _ = peers
+    before.send(heartbeat().raw, port)
+    device.accept_sender(device.read()[0])
+    clock.now += 1.6
+    after.send(heartbeat().raw, port)
+    device.accept_sender(device.read()[0])
+    device.write(b"telemetry")
+    assert (before.received(), after.received()) == ([], [b"telemetry"])
+
+
+def test_a_frame_of_the_read_before_last_moves_nothing(listening: tuple[UdpIn, int], peers: list[Peer]) -> None:
+    device, port = listening
+    peers[0].send(heartbeat().raw, port)
+    (old,) = device.read()
+    assert device.read() == []
+    device.accept_sender(old)
+    assert not device.open
+
+
+def test_frames_of_the_peer_may_be_cut_anywhere(listening: tuple[UdpIn, int], peers: list[Peer]) -> None:
+    device, port = listening
+    peers[0].send(heartbeat(0).raw, port)
+    device.accept_sender(device.read()[0])
+    raw = heartbeat(1).raw + command(2).raw
+    for part in (raw[:5], raw[5:30], raw[30:]):
+        peers[0].send(part, port)
+    assert device.read() == [heartbeat(1), command(2)]
+
+
+def test_a_forged_frame_start_from_the_peers_address_delays_none_of_its_frames(
+    listening: tuple[UdpIn, int], peers: list[Peer]
+) -> None:
+    device, port = listening
+    peers[0].send(heartbeat(0).raw, port)
+    device.accept_sender(device.read()[0])
+    peers[0].send(bytes([0xFD, 255, 0, 0, 0, 251, 190, 0, 0, 0]), port)  # 257 bytes are missing
+    peers[0].send(command(1).raw, port)
+    peers[0].send(heartbeat(2).raw + command(3).raw, port)
+    assert device.read() == [command(1), heartbeat(2), command(3)]
+
+
+def test_half_frames_of_strangers_are_not_kept_and_spoil_nothing(
+    listening: tuple[UdpIn, int], peers: list[Peer]
+) -> None:
+    device, port = listening
+    station, stranger, _, _ = peers
+    station.send(heartbeat(0).raw, port)
+    device.accept_sender(device.read()[0])
+    raw = heartbeat(1).raw
+    station.send(raw[:9], port)
+    stranger.send(heartbeat(2).raw[:9], port)
+    station.send(raw[9:], port)
+    stranger.send(heartbeat(2).raw[9:], port)
+    assert device.read() == [heartbeat(1)]
+    assert device.counters.strangers == 1  # the rest of a frame does not begin with one
+
+
+def test_udpout_hears_only_the_address_it_sends_to(peers: list[Peer], clock: Clock) -> None:
+    station, stranger, _, _ = peers
+    device = open_device(f"udpout:{LOOPBACK}:{station.address[1]}", clock)
+    assert isinstance(device, UdpOut)
+    assert device.open  # nobody has to be there
+    assert device.write(b"hello")
+    assert station.received() == [b"hello"]
+    with socket.socket(fileno=socket.dup(device.fileno())) as same:
+        port = same.getsockname()[1]
+    stranger.send(heartbeat(1).raw, port)
+    station.send(heartbeat(2).raw, port)
+    assert device.read() == [heartbeat(2)]
+    assert device.counters.strangers == 1
+    device.close()
+
+
+def test_a_station_that_is_not_there_is_no_error(clock: Clock) -> None:
+    closed = Peer()
+    closed.socket.close()
+    device = open_device(f"udpout:{LOOPBACK}:{closed.address[1]}", clock)
+    for _ in range(5):
+        assert device.write(b"hello")
+        assert device.read() == []
+    assert device.counters.errors == 0
+    device.close()
+
+
+def test_a_port_in_use_is_one_line_that_names_the_link(peers: list[Peer]) -> None:
+    port = peers[0].address[1]
+    with pytest.raises(LinkError, match=f"^link udpin:{LOOPBACK}:{port} cannot be opened: Address already in use$"):
+        open_device(f"udpin:{LOOPBACK}:{port}")
+
+
+def test_a_closed_link_is_silent_and_raises_nothing(listening: tuple[UdpIn, int], peers: list[Peer]) -> None:
+    device, port = listening
+    peers[0].send(heartbeat().raw, port)
+    device.accept_sender(device.read()[0])
+    device.close()
+    device.close()
+    assert (device.read(), device.write(b"late"), device.open, device.fileno()) == ([], False, False, -1)
+
+
+def test_datagrams_longer_than_any_station_sends_are_dropped_and_counted(
+    listening: tuple[UdpIn, int], peers: list[Peer]
+) -> None:
+    device, port = listening
+    peers[0].send(b"\xfe" * 60000, port)
+    peers[0].send(heartbeat().raw, port)
+    assert device.read() == [heartbeat()]
+    assert device.counters.oversize == 1
+
+
+def test_a_flood_of_strangers_does_not_keep_the_peer_waiting(listening: tuple[UdpIn, int], peers: list[Peer]) -> None:
+    device, port = listening
+    station, *strangers = peers
+    station.send(heartbeat(0).raw, port)
+    device.accept_sender(device.read()[0])
+    for _ in range(30):
+        for stranger in strangers:
+            stranger.send(heartbeat(9).raw, port)
+    station.send(command(1).raw, port)
+    frames = device.read()
+    assert frames.count(heartbeat(9)) == 16  # as many as are looked at in one go
+    assert frames[-1] == command(1)  # behind ninety of theirs, in the same read
+    assert device.counters.strangers == 74
+
+
+def test_50000_datagrams_of_garbage_cost_bounded_work_and_no_memory(
+    listening: tuple[UdpIn, int], peers: list[Peer]
+) -> None:
+    device, port = listening
+    station, *strangers = peers
+    station.send(heartbeat(0).raw, port)
+    device.accept_sender(device.read()[0])
+    rubbish = [b"\xfd" * 40, b"\xfe" * 40, bytes(range(256)), heartbeat(3).raw[:-1], heartbeat(4).raw + b"\x00"]
+    # frames of ids that no dialect has: a splitter can only wait for what follows them
+    rubbish.append(bytes([0xFD, 2, 0, 0, 0, 251, 190, 0xFF, 0xFF, 0x7F, 1, 2, 3, 4]))
+
+    def flood(rounds: int) -> int:
+        most = 0
+        for number in range(rounds):
+            for _ in range(40):
+                for place, stranger in enumerate(strangers):
+                    stranger.send(rubbish[(number + place) % len(rubbish)], port)
+                station.send(rubbish[number % len(rubbish)], port)
+            frames = device.read()
+            most = max(most, len(frames))
+        return most
+
+    most = flood(293)
+    # the last 3200 of 50080 datagrams: whatever were kept of them would show
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    most = max(most, flood(20))
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    # a read looks at 64 datagrams of the peer and 16 of strangers, none of which holds more than one frame
+    assert 0 < most <= 80
+    assert grown < 16384
+    assert device.counters.strangers > 20000
+    while device.read():
+        pass
+    station.send(heartbeat(5).raw, port)
+    assert device.read() == [heartbeat(5)]

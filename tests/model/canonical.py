@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The state of the shipping objects as one hashable value, and the objects made again from it.
+
+`pack` turns an `Arbiter` or a `StationCore` into nested tuples; `unpack` makes an object from them that behaves the
+same. Two states that differ only in what cannot matter pack to the same value:
+
+* Times become relative: a packed state always lives at `NOW`. What is longer ago than every limit that looks at it is
+  moved to that limit (`Limits` of the exploration are passed in).
+* The vehicle's epoch and its last transfer number become `EPOCH` and `NUMBER`; whatever carries such a number moves
+  with it. Numbers more than `MEMORY` behind are all the same: older than anything. Nonces all become `NONCE`.
+* Counters of dropped messages, attempt numbers and start times feed the journal alone: they are left out.
+
+Each field of each class is listed here with what it is. A field that is not listed stops the exploration: whoever adds
+one to the rules says here whether it is a time, a number, or plain.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
+from math import inf
+from typing import Any
+
+from gcs_module.core import StationCore, _Part
+from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.results import Results, _Pending
+from mavproxy_handover.core.transfer import Transfer
+from mavproxy_handover.core.zones import ZoneTracker
+
+__all__ = ["EPOCH", "MEMORY", "NONCE", "NOW", "NUMBER", "STILL", "Packed", "Packer", "Shift", "shifted"]
+
+NOW = 1000.0
+EPOCH = 100
+NUMBER = 1000
+NONCE = 10_000
+#: how many epochs and transfers back the exploration tells apart
+MEMORY = 3
+
+Packed = tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """How far the frame of reference moves: it is subtracted from every time and number."""
+
+    time_s: float = 0.0
+    epoch: int = 0
+    number: int = 0
+
+
+STILL = Shift()
+
+
+def _behind(value: int, base: int) -> int:
+    return max(value, base - MEMORY - 1)
+
+
+@cache
+def shifted(value: Any, shift: Shift) -> Any:
+    """A message, key or view in the moved frame; values without numbers come back as they are."""
+    if not is_dataclass(value):
+        return value
+    changes: dict[str, Any] = {}
+    for field in fields(value):
+        old = getattr(value, field.name)
+        if field.name == "epoch":
+            new: Any = _behind(old - shift.epoch, EPOCH)
+        elif field.name == "handover_id":
+            new = _behind(old - shift.number, NUMBER)
+        elif field.name == "nonce":
+            new = old and NONCE  # questions are answered at once or never, so which one it was does not matter
+        elif is_dataclass(old):
+            new = shifted(old, shift)
+        else:
+            continue
+        if new != old:
+            changes[field.name] = new
+    return replace(value, **changes) if changes else value  # type: ignore[type-var]
+
+
+class _Kind:
+    """How one field is packed and made again."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return value
+
+    def unpack(self, value: Any) -> Any:
+        return value
+
+
+class _Value(_Kind):
+    """Immutable; may carry epochs, transfer numbers, nonces."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return value if value is None else shifted(value, shift)
+
+
+class _Time(_Kind):
+    """A monotonic time; earlier than `oldest_s` ago is as good as that."""
+
+    def __init__(self, oldest_s: float) -> None:
+        self._oldest = NOW - oldest_s
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return value if value is None or value in (inf, -inf) else max(value - shift.time_s, self._oldest)
+
+
+class _Ago(_Time):
+    """A time that only ever counts as past: never is as good as long ago."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return max(value - shift.time_s, self._oldest)
+
+
+class _Number(_Kind):
+    def __init__(self, which: str, base: int) -> None:
+        self._which, self._base = which, base
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return _behind(value - getattr(shift, self._which), self._base)
+
+
+class _Times(_Kind):
+    """A map to times in the future; what has passed is gone. With `oldest_s`: a map to times in the past."""
+
+    def __init__(self, oldest_s: float = 0.0, *, forget: bool = True) -> None:
+        self._oldest, self._forget = NOW - oldest_s, forget
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        moved = ((key, max(time - shift.time_s, self._oldest)) for key, time in value.items())
+        return tuple(sorted(pair for pair in moved if not self._forget or pair[1] > self._oldest))
+
+    def unpack(self, value: Any) -> Any:
+        return dict(value)
+
+
+class _Set(_Kind):
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return tuple(sorted(value))
+
+    def unpack(self, value: Any) -> Any:
+        return set(value)
+
+
+class _Facts(_Kind):
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return tuple(value.items())
+
+    def unpack(self, value: Any) -> Any:
+        return dict(value)
+
+
+class _Fixed(_Kind):
+    """Left out: made anew, the same for all states."""
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self._make = make
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return None
+
+    def unpack(self, value: Any) -> Any:
+        return self._make()
+
+
+class _Asked(_Kind):
+    """Open questions of CONNECT. The exploration answers the last one at once or never: the older ones stay open."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return bool(value)
+
+    def unpack(self, value: Any) -> Any:
+        return deque([NONCE] if value else [], maxlen=5)
+
+
+class _Object(_Kind):
+    def __init__(self, packer: _Class) -> None:
+        self._packer = packer
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return None if value is None else self._packer.pack(value, shift)
+
+    def unpack(self, value: Any) -> Any:
+        return None if value is None else self._packer.unpack(value)
+
+
+class _Objects(_Object):
+    """A map of objects, in its order."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return tuple((key, self._packer.pack(each, shift)) for key, each in value.items())
+
+    def unpack(self, value: Any) -> Any:
+        return {key: self._packer.unpack(each) for key, each in value}
+
+
+class _Class:
+    """One class of the rules: its fields and what they are."""
+
+    def __init__(self, cls: type, **kinds: _Kind) -> None:
+        self._cls = cls
+        self._kinds = tuple(kinds.items())
+        self._names = frozenset(kinds)
+
+    def pack(self, value: Any, shift: Shift) -> Packed:
+        present = frozenset(getattr(value, "__dict__", None) or self._cls.__slots__)  # type: ignore[attr-defined]
+        if present != self._names:
+            odd = ", ".join(sorted(present ^ self._names))
+            raise TypeError(f"{self._cls.__name__}: say in canonical.py what {odd} is")
+        return tuple(kind.pack(getattr(value, name), shift) for name, kind in self._kinds)
+
+    def unpack(self, packed: Packed) -> Any:
+        value = object.__new__(self._cls)
+        for (name, kind), each in zip(self._kinds, packed, strict=True):
+            object.__setattr__(value, name, kind.unpack(each))
+        return value
+
+
+class Packer:
+    """Packs and unpacks the objects of one exploration."""
+
+    def __init__(self, limits: Limits, names: dict[int, str]) -> None:
+        plain, value = _Kind(), _Value()
+        epoch, number = _Number("epoch", EPOCH), _Number("number", NUMBER)
+        longest_s = max(limits.heartbeat_lost_s, limits.connect_lost_s, limits.dwell_s) + 1.0
+        time = _Time(longest_s)
+        names_fixed = _Fixed(lambda: names)
+        presence = _Class(
+            Presence,
+            _limits=plain,
+            station=plain,
+            heard_at=_Ago(limits.heartbeat_lost_s),
+            answered_at=_Ago(limits.connect_lost_s),
+            answer=value,
+            ask_at=_Time(0.0),
+            asked=_Asked(),
+            told_why=_Fixed(lambda: None),
+        )
+        transfer = _Class(
+            Transfer,
+            _limits=plain,
+            _operator_timeout_s=plain,
+            _pause_s=plain,
+            attempt=_Fixed(lambda: 1),
+            consented=plain,
+            forced=plain,
+            forced_until=time,
+            key=value,
+            operator_asked=plain,
+            reason=plain,
+            retry_at=_Time(0.0),
+            started_at=_Fixed(lambda: NOW),
+            step=plain,
+            timeout_at=_Time(0.0),
+        )
+        pending = _Class(
+            _Pending,
+            result=value,
+            retry_at=_Time(0.0),
+            pause_s=plain,
+            give_up_at=_Time(0.0),
+            attempt=_Fixed(lambda: 1),
+        )
+        results = _Class(Results, _limits=plain, _pending=_Objects(pending), last=value)
+        zones = _Class(
+            ZoneTracker,
+            _facts=_Facts(),
+            _fresh=_Set(),
+            _inside=_Set(),
+            _limits=plain,
+            _moved_at=_Ago(limits.dwell_s),
+            out_since=_Time(limits.out_hold_s),
+        )
+        self._arbiter = _Class(
+            Arbiter,
+            _identity=plain,
+            _limits=plain,
+            _names=names_fixed,
+            _presence=_Objects(presence),
+            _zones=_Object(zones),
+            _nonce=_Fixed(lambda: NONCE - 1),
+            _owner=plain,
+            _owner_lost=plain,
+            _epoch=epoch,
+            _phase=plain,
+            _transfer=_Object(transfer),
+            _handover_id=number,
+            _results=_Object(results),
+            _retry_after=_Times(),
+            _route=plain,
+            _route_at=plain,
+            _digest=plain,
+            _armed=plain,
+            _flying=plain,
+            _autopilot_at=_Ago(limits.autopilot_lost_s),
+            _position_at=_Ago(limits.position_stale_s),
+            _guard=plain,
+            _guard_ours=plain,
+            _guard_at=_Ago(limits.guard_lost_s),
+            _starting=plain,
+            _emergency=value,
+            _judged_at=_Ago(limits.out_hold_s),
+            _stale_told=plain,
+            _takeover_allowed=plain,
+            _released=plain,
+            _recover_until=_Time(0.0),
+            _view=value,
+            dropped=_Fixed(Counter),
+        )
+        part = _Class(_Part, key=value, as_partner=plain, consent=plain, connected=plain)
+        self._station = _Class(
+            StationCore,
+            _station=plain,
+            _vehicle_name=plain,
+            _operator_consents=plain,
+            _names=names_fixed,
+            _peers_heard=_Times(StationCore.PEER_LOST_S, forget=False),
+            _vehicle_heard=_Ago(StationCore.VEHICLE_LOST_S),
+            _vehicle_lost=plain,
+            _part=_Object(part),
+            _wishes=_Times(),
+            _latest=value,
+            digest=plain,
+            vehicle_digest=plain,
+            _stage=plain,
+            epoch=epoch,
+            commander=plain,
+            partner=plain,
+            phase=plain,
+        )
+
+    def pack_arbiter(self, arbiter: Arbiter, shift: Shift = STILL) -> Packed:
+        """The arbiter's state, in a frame moved by `shift`."""
+        return self._arbiter.pack(arbiter, shift)
+
+    def unpack_arbiter(self, packed: Packed) -> Arbiter:
+        """An arbiter in this state."""
+        arbiter: Arbiter = self._arbiter.unpack(packed)
+        return arbiter
+
+    def pack_station(self, core: StationCore, shift: Shift = STILL) -> Packed:
+        """The station's state, in a frame moved by `shift`."""
+        return self._station.pack(core, shift)
+
+    def unpack_station(self, packed: Packed) -> StationCore:
+        """A station in this state."""
+        core: StationCore = self._station.unpack(packed)
+        return core

@@ -1,0 +1,392 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What must hold, checked at every step of an exploration.
+
+The books are kept apart from the rules: they know what was said and heard, and judge by DESIGN.md section 5 what the
+rules make of it. Nothing is asked of an arbiter but its view, the gate's word on who commands.
+
+1. Every change of the view is announced, and nobody is told of an epoch before the gate is.
+2. The commander changes for one of these causes only. To nobody: it was not heard for the heartbeat limit, or released
+   on the ground. To a station: the ground grant; the return of the one that had authority; a committed transfer, after
+   the partner's word and the commander's consent and release, the release being overdue, or with no commander left
+   (forced), the aircraft in the partner's zone and the partner alive.
+3. The epoch grows by one with every such change but the first return after a restart, and never otherwise.
+4. What carries another epoch or transfer number does no more than a heartbeat would, and neither does what has been
+   heard already.
+5. LOST means that the commander was not heard for that long and no forced transfer is running; then the aircraft is
+   being brought home.
+6. No transfer is begun for a zone's sake unless the zone was entered since authority last changed, or the commander's
+   zone has ended.
+7. A station's epoch does not fall; it releases, and consents to, only what it may; it never speaks of an old epoch.
+8. A station that believes to command in the vehicle's epoch is the commander, or nobody is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from gcs_module import core as gcs
+from mavproxy_handover.core.events import (
+    Action,
+    AutopilotState,
+    ControlRequested,
+    Event,
+    Flush,
+    Fly,
+    PositionSeen,
+    Send,
+    StationHeard,
+    StationMessage,
+    ViewChanged,
+)
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import (
+    Connect,
+    ConnectAck,
+    DisconnectHandover,
+    DroneConnected,
+    HandoverResult,
+    OkHandover,
+    OnHandover,
+    TransferKey,
+)
+from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Phase, Reason
+
+__all__ = [
+    "Books",
+    "StationBefore",
+    "StationBooks",
+    "Violation",
+    "Words",
+    "check_beliefs",
+    "check_station",
+    "check_vehicle",
+    "is_old",
+]
+
+Words = frozenset[tuple[int, str]]
+
+
+class Violation(AssertionError):
+    """Something that must hold does not."""
+
+
+def demand(condition: object, text: str) -> None:
+    """Raise `Violation` with this text unless the condition holds."""
+    if not condition:
+        raise Violation(text)
+
+
+@dataclass(frozen=True, slots=True)
+class Books:
+    """What the world knows of the vehicle. Ages are whole ticks, not counted beyond what matters."""
+
+    #: who had authority last
+    had: int | None = None
+    #: station -> ticks since it was heard
+    silent: tuple[tuple[int, int], ...] = ()
+    #: what stations have said in the present transfer: station, word
+    words: Words = frozenset()
+    #: the commander agreed to the present transfer by other means than OK_HANDOVER
+    agreed: bool = False
+    #: ticks since the partner's DRONE_CONNECTED in the present transfer
+    connected: int | None = None
+    #: stations whose zone holds the aircraft, and those of them entered since authority last changed
+    zones: frozenset[int] = frozenset()
+    entered: frozenset[int] = frozenset()
+    flying: bool = False
+    grounded: bool = False
+    #: ticks since a restart from which the commander has not yet been heard
+    recovering: int | None = None
+    #: the state file was lost: nobody commands until the next flight
+    blank: bool = False
+
+    def later(self, limits: Limits) -> Books:
+        """One tick later."""
+        most = int(limits.heartbeat_lost_s)
+        return replace(
+            self,
+            silent=tuple((station, min(age + 1, most)) for station, age in self.silent),
+            connected=None if self.connected is None else min(self.connected + 1, int(limits.release_timeout_s)),
+            recovering=None if self.recovering is None else min(self.recovering + 1, most),
+        )
+
+    def restarted(self, *, blank: bool) -> Books:
+        """The companion begins anew: what was said to the one before does not count."""
+        if blank:
+            return Books(zones=self.zones, entered=self.entered, flying=self.flying, blank=True)
+        return replace(
+            self, words=frozenset(), agreed=False, connected=None, grounded=False, recovering=0 if self.had else None
+        )
+
+    def age(self, station: int, limits: Limits) -> int:
+        """Ticks since the station was heard."""
+        return dict(self.silent).get(station, int(limits.heartbeat_lost_s))
+
+
+def _key(view: AuthorityView, had: int | None) -> TransferKey | None:
+    """The transfer under way, as far as the view tells."""
+    if view.partner is None or had is None:
+        return None
+    return TransferKey(had, view.partner, view.handover_id, view.epoch)
+
+
+def _word(event: StationMessage) -> str:
+    consent = getattr(event.message, "consent", Consent.GRANTED)
+    return type(event.message).__name__ + ("" if consent is Consent.GRANTED else f" {consent.name}")
+
+
+def is_old(event: Event, view: AuthorityView, had: int | None) -> bool:
+    """Whether the event is a transfer message that is not of the present transfer."""
+    if not isinstance(event, StationMessage) or isinstance(event.message, (Connect, ConnectAck)):
+        return False
+    return event.message.key != _key(view, had)
+
+
+def _note(books: Books, view: AuthorityView, event: Event) -> Books:
+    """The books after what the event brought, before what the vehicle makes of it."""
+    if isinstance(event, (StationHeard, StationMessage)):
+        books = replace(books, silent=tuple(sorted({**dict(books.silent), event.station: 0}.items())))
+    if isinstance(event, AutopilotState):
+        books = replace(books, flying=event.armed and event.flying, grounded=not event.armed)
+    if isinstance(event, PositionSeen):
+        zones = frozenset(fact.station for fact in event.zones if fact.margin_m > 0)
+        entered = (books.entered | (zones - books.zones)) & zones
+        books = replace(books, zones=zones, entered=entered if books.flying else frozenset())
+    key = _key(view, books.had)
+    if isinstance(event, StationMessage) and key is not None and getattr(event.message, "key", None) == key:
+        connected = books.connected
+        if isinstance(event.message, DroneConnected) and event.station == key.to_station and connected is None:
+            connected = 0
+        books = replace(books, words=books.words | {(event.station, _word(event))}, connected=connected)
+    if isinstance(event, ControlRequested) and key is not None and not books.agreed:
+        by_commander = event.station == view.commander and (
+            event.takeover or not event.request or event.for_station == key.to_station
+        )
+        by_partner = event.station == key.to_station and view.takeover_allowed
+        books = replace(books, agreed=by_commander or by_partner)
+    return books
+
+
+def check_vehicle(
+    books: Books,
+    before: AuthorityView,
+    event: Event,
+    actions: Iterable[Action],
+    after: AuthorityView,
+    limits: Limits,
+    standard: frozenset[int] = frozenset(),
+) -> Books:
+    """Judge what the vehicle made of one event; returns the books after it."""
+    old_books, books = books, _note(books, before, event)
+    gate = before
+    for action in actions:
+        if isinstance(action, ViewChanged):
+            _check_change(books, old_books, gate, action.view, event, limits, standard)
+            books = _change(books, gate, action.view, event)
+            gate = action.view
+        elif isinstance(action, Send):
+            epoch = getattr(action.message, "epoch", None) or action.message.key.epoch  # type: ignore[union-attr]
+            exact = not isinstance(action.message, HandoverResult)
+            told = epoch == gate.epoch if exact else epoch <= gate.epoch
+            demand(told, f"station {action.station} is told of epoch {epoch} while the gate has {gate.epoch}")
+        elif isinstance(action, Flush):
+            demand(gate.commander not in (before.commander, None), "flushed without a change of commander")
+        elif isinstance(action, Fly) and action.reason is Reason.COMMANDER_LOST:
+            demand(gate.lease is LeaseState.LOST, f"{action.action.name} for a lost commander, but it is not lost")
+    demand(gate == after, "a change of the view was not announced")
+    _check_view(books, after)
+    said = isinstance(event, StationMessage) and (event.station, _word(event)) in old_books.words
+    if said and not is_old(event, before, old_books.had) and old_books.silent == books.silent:
+        demand(gate == before, "a message heard already changed something")
+    return books
+
+
+def _check_view(books: Books, view: AuthorityView) -> None:
+    forced = view.commander is None and view.partner is not None
+    demand((view.phase is Phase.ON_HANDOVER) is (view.partner is not None) or forced, f"phase and partner: {view}")
+    demand(view.partner is None or view.partner != view.commander, f"commander and partner are one: {view}")
+    leases = {LeaseState.HELD, LeaseState.TRANSFER} if view.commander else {LeaseState.LOST, LeaseState.RECOVERING}
+    demand(view.lease in leases, f"lease and commander: {view}")
+    if view.lease is LeaseState.RECOVERING:
+        demand(books.recovering is not None, "RECOVERING without a restart")
+    if view.lease is LeaseState.LOST and books.flying and view.partner is None:
+        demand(view.phase is Phase.EMERGENCY, f"LOST in flight, and no emergency: {view}")
+
+
+def _check_change(
+    books: Books,
+    before: Books,
+    old: AuthorityView,
+    new: AuthorityView,
+    event: Event,
+    limits: Limits,
+    standard: frozenset[int],
+) -> None:
+    begun = new.partner is not None and (old.partner is None or old.handover_id != new.handover_id)
+    if begun:
+        _check_begun(books, old, new, event)
+    if new.commander == old.commander:
+        demand(new.epoch == old.epoch, f"the epoch changed with nothing: {old.epoch} -> {new.epoch}")
+        return
+    silent_limit = int(limits.heartbeat_lost_s)
+    if new.commander is None:
+        assert old.commander is not None
+        released = isinstance(event, ControlRequested) and not event.request and event.station == old.commander
+        if released and books.grounded:
+            demand(new.epoch == old.epoch + 1, "a release that raises no epoch")
+            return
+        age = before.age(old.commander, limits)
+        demand(age >= silent_limit, f"station {old.commander} lost authority, heard {age} s ago")
+        demand(new.epoch == old.epoch, "a loss that changes the epoch")
+        return
+    if _ground_grant(books, old, new, event, limits):
+        demand(new.epoch == old.epoch + 1, "a grant that does not raise the epoch by one")
+        return
+    came = getattr(event, "station", None) if isinstance(event, (StationHeard, StationMessage)) else None
+    if old.commander is None and new.commander == books.had and came == new.commander:
+        rise = 0 if books.recovering is not None else 1
+        demand(new.epoch == old.epoch + rise, f"a return that changes the epoch by {new.epoch - old.epoch}")
+        return
+    demand(new.epoch == old.epoch + 1, "a commit that does not raise the epoch by one")
+    _check_commit(books, before, old, new.commander, limits, standard)
+
+
+def _ground_grant(books: Books, old: AuthorityView, new: AuthorityView, event: Event, limits: Limits) -> bool:
+    if old.commander is not None or not books.grounded:
+        return False
+    if isinstance(event, ControlRequested):
+        return event.request and event.station == new.commander
+    free = books.had is None or books.age(books.had, limits) >= int(limits.heartbeat_lost_s)
+    return new.commander == 251 and free and new.commander != books.had
+
+
+def _check_begun(books: Books, old: AuthorityView, new: AuthorityView, event: Event) -> None:
+    if isinstance(event, ControlRequested):
+        return
+    demand(new.partner in books.zones, f"a transfer to station {new.partner}, whose zone does not hold the aircraft")
+    if new.commander is not None:
+        wanted = new.partner in books.entered or new.commander not in books.zones
+        demand(wanted, f"authority wanders to station {new.partner}: no zone was entered, none has ended")
+
+
+def _check_commit(
+    books: Books, before: Books, old: AuthorityView, new: int, limits: Limits, standard: frozenset[int]
+) -> None:
+    had = books.had
+    assert had is not None, "a commit, and nobody had authority"
+    key = _key(old, had)
+    demand(key is not None and key.to_station == new, f"station {new} commands, and there was no transfer to it")
+    limit = int(limits.heartbeat_lost_s)
+    said = {word for station, word in books.words if station == new}
+    answered = {word for station, word in books.words if station == had}
+    demand(before.age(new, limits) < limit, f"committed to station {new}, which is lost itself")
+    demand(new in standard or "DroneConnected" in said, f"committed without the word of station {new}")
+    demand(books.grounded or new in books.zones, f"committed to station {new}, whose zone does not hold the aircraft")
+    ready = new in standard or "OnHandover" in said or "OkHandover" in answered
+    demand(ready, f"committed before station {new} was ready")
+    if before.age(had, limits) >= limit:
+        return  # nobody is left to ask, or both had agreed
+    demand(old.commander == had, f"a forced transfer while station {had} lives")
+    demand(books.agreed or "OkHandover" in answered, f"committed without the consent of station {had}")
+    overdue = books.connected is not None and books.connected >= int(limits.release_timeout_s)
+    released = had in standard or "DisconnectHandover" in answered
+    demand(released or overdue, f"committed before station {had} released")
+
+
+def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event) -> Books:
+    """The books after a change of the view."""
+    if new.partner is None or old.partner is None or new.handover_id != old.handover_id:
+        agreed = new.partner is not None and (old.takeover_allowed or new.takeover_allowed)
+        if new.partner is not None and isinstance(event, ControlRequested) and event.station == old.commander:
+            agreed = True
+        books = replace(books, words=frozenset(), agreed=agreed, connected=None)
+    if new.commander is None and old.commander is not None and new.epoch > old.epoch:
+        return replace(books, had=None)
+    if new.commander is not None and new.commander != old.commander:
+        books = replace(books, recovering=None, blank=False)
+        if new.commander != books.had:
+            books = replace(books, had=new.commander, entered=frozenset())
+    if new.lease is LeaseState.LOST:
+        books = replace(books, recovering=None)
+    return books
+
+
+# ---- stations -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class StationBooks:
+    """What a station has said since it started: the transfer it consented to, and the one its operator agreed to."""
+
+    granted: TransferKey | None = None
+    agreed: TransferKey | None = None
+    #: whom its operator wished to command
+    wished: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class StationBefore:
+    """What a station was before an event. `asked`: its operator decides."""
+
+    station: int
+    asked: bool
+    epoch: int
+    question: TransferKey | None
+
+
+def check_station(
+    books: StationBooks, before: StationBefore, event: gcs.Event, said: Iterable[gcs.Action], core: gcs.StationCore
+) -> StationBooks:
+    """Judge what a station made of one event; returns its books after it."""
+    station = before.station
+    demand(core.epoch >= before.epoch, "a station's epoch fell")
+    if isinstance(event, gcs.Answer) and event.yes and before.question is not None:
+        books = replace(books, agreed=before.question)
+    if isinstance(event, gcs.Wish):
+        books = replace(books, wished=books.wished | {event.station})
+    for action in said:
+        if not isinstance(action, (gcs.ToVehicle, gcs.ToPeer)):
+            continue
+        word = action.message
+        if isinstance(word, (Connect, ConnectAck)):
+            continue
+        key = word.key
+        demand(key.epoch >= core.epoch, f"{type(word).__name__} about an old epoch")
+        if isinstance(word, (OkHandover, DisconnectHandover)):
+            demand(key.from_station == station, f"{type(word).__name__} for another commander")
+        if isinstance(word, (OnHandover, DroneConnected)):
+            demand(key.to_station == station, f"{type(word).__name__} for another partner")
+        granting = isinstance(word, (OkHandover, OnHandover)) and word.consent is Consent.GRANTED
+        if before.asked and (granting or isinstance(word, DroneConnected)):
+            agreed = books.agreed == key or key.to_station in books.wished
+            demand(agreed, f"{type(word).__name__} without the operator's word")
+        if isinstance(word, OkHandover) and granting:
+            books = replace(books, granted=key)
+        if isinstance(word, DisconnectHandover):
+            demand(books.granted == key, "released what it had not consented to")
+    return books
+
+
+class Believer(Protocol):
+    """What a station believes."""
+
+    @property
+    def station(self) -> int: ...
+    @property
+    def commander(self) -> int | None: ...
+    @property
+    def epoch(self) -> int: ...
+
+
+def check_beliefs(commander: int | None, epoch: int, blank: bool, beliefs: Iterable[Believer]) -> None:
+    """No station is ahead of the vehicle, and none commands beside it."""
+    if blank:
+        return
+    for each in beliefs:
+        demand(each.epoch <= epoch, f"station {each.station} is ahead of the vehicle")
+        if each.commander == each.station and each.epoch == epoch:
+            here = commander in (each.station, None)
+            demand(here, f"station {each.station} believes to command in the vehicle's own epoch")

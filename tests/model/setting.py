@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What an exploration is about: how many stations, where the aircraft flies, what may go wrong and how often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from mavproxy_handover.core.limits import Limits
+
+__all__ = ["FAULTS", "LIMITS", "PARENT", "Fault", "Request", "Setting"]
+
+PARENT = 251
+
+
+class Fault(Enum):
+    """What can go wrong. Each time costs one of the faults that a schedule may have."""
+
+    LOSE = "a message is lost"
+    DOUBLE = "a message arrives twice, the copy at any later time"
+    HOLD = "a message is held back: it arrives at any later time, or never"
+    RESTART_STATION = "a station's program restarts at once and knows nothing"
+    KILL_STATION = "a station dies; it may come back, knowing nothing"
+    RESTART_VEHICLE = "the companion restarts at once from its state file"
+    KILL_VEHICLE = "the companion dies; it may come back from its state file"
+    BLANK_VEHICLE = "the companion restarts and its state file is lost"
+    CUT = "a link is cut in one direction; it may heal"
+    LIE = "a station says a word of the present transfer that may not be its to say"
+
+
+#: what is explored by default
+FAULTS = frozenset(Fault) - {Fault.BLANK_VEHICLE, Fault.LIE}
+
+
+class Request(Enum):
+    """What an operator may ask for on his own."""
+
+    CONTROL = "asks for control"
+    ALLOW = "asks for control and allows takeover"
+    RELEASE = "releases control"
+    GIVE = "gives control to another station"
+    CANCEL = "cancels the transfer"
+    WISH = "wishes, at his own station, to have control"
+
+
+#: The limits of flight, where retransmission is once a tick; the long ones are shortened, and keep their order.
+LIMITS = Limits(
+    retry_first_s=1.0,
+    retry_growth=1.0,
+    retry_max_s=1.0,
+    operator_timeout_s=6.0,
+    denied_pause_s=3.0,
+    result_timeout_s=3.0,
+    dwell_s=3.0,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What is explored. A position is written as the letters of the stations whose zones hold the aircraft."""
+
+    name: str
+    stations: int = 2
+    #: the aircraft's path, begun at its first position with GCSA in command; "_A": on the ground there
+    path: tuple[str, ...] = ("A", "AB")
+    #: how many faults a schedule may have, and of which kinds
+    faults: int = 2
+    kinds: frozenset[Fault] = FAULTS
+    #: stations whose operator is asked
+    operators: str = ""
+    #: stations that speak the MAVLink standard only
+    standard: str = ""
+    #: how many requests the operators may make in all, and which
+    requests: int = 0
+    wishes: frozenset[Request] = frozenset()
+    limits: Limits = LIMITS
+    #: no further than this many steps; None: until nothing is new
+    depth: int | None = None

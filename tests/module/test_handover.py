@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A whole flight through the real module: the stations' own rules at the other end of real sockets.
+
+Zone A ends at longitude 5.9285 on latitude 52.679, zone B begins at 5.9262 and ends at 5.9341.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from gcs_module.core import FromVehicle, MissionHeld, StationCore, ToVehicle
+from mavproxy_handover.core.model import LeaseState, Phase, Station
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.wire import codec
+from tests.module import vehicle
+from tests.module.conftest import Bench
+from tests.module.vehicle import RTL
+
+START, LAND = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_LAND
+NOT_IN_CONTROL = 10
+IN_A, IN_BOTH, IN_B, OUTSIDE = (52.679, 5.924), (52.679, 5.9272), (52.679, 5.931), (52.679, 5.936)
+
+
+def give_rules(station: vehicle.Station, core: StationCore, bench: Bench) -> None:
+    """From here on the station answers what its rules say, and not only CONNECT."""
+    seen = len(station.received)
+    original = station.step
+
+    def step(now: float) -> None:
+        nonlocal seen
+        original(now)
+        while seen < len(station.received):
+            message, seen = codec.decode(station.received[seen]), seen + 1
+            if message is None or not station.alive:
+                continue
+            for action in core.handle(FromVehicle(message), bench.clock.now):
+                if isinstance(action, ToVehicle):
+                    station.send(codec.encode(action.message, (1, 191), 1))
+
+    station._answer = lambda message: None  # type: ignore[method-assign]
+    station.step = step  # type: ignore[method-assign]
+
+
+@pytest.fixture
+def flight(bench: Bench, delivery: MissionPackage) -> Bench:
+    """On its way in zone A, GCSA in command, no ground link between the stations."""
+    bench.connect()
+    bench.share(delivery)
+    for station, other in ((bench.a, bench.b), (bench.b, bench.a)):
+        core = StationCore(
+            Station(station.sysid, station.name),
+            "drone-1",
+            (Station(other.sysid, other.name),),
+            operator_consents=False,
+        )
+        core.handle(MissionHeld(delivery.digest), bench.clock.now)
+        give_rules(station, core, bench)
+    bench.run(1.5)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.run(0.5)
+    return bench
+
+
+def commander(bench: Bench) -> Any:
+    return bench.companion.view.commander
+
+
+def hand_over(bench: Bench) -> None:
+    bench.autopilot.position = IN_BOTH
+    bench.until(lambda: commander(bench) == 252)
+
+
+def test_authority_moves_where_the_zones_overlap(flight: Bench) -> None:
+    hand_over(flight)
+    messages = [(entry["direction"], entry["name"], entry["station"]) for entry in flight.journal("message")]
+    assert messages[:9] == [
+        ("out", "HANDOVER_REQUEST", "GCSB"),
+        ("in", "ON_HANDOVER", "GCSB"),
+        ("out", "ON_HANDOVER", "GCSA"),
+        ("in", "OK_HANDOVER", "GCSA"),
+        ("out", "CONNECT_HANDOVER", "GCSB"),
+        ("in", "DRONE_CONNECTED", "GCSB"),
+        ("out", "DRONE_CONNECTED", "GCSA"),
+        ("in", "DISCONNECT_HANDOVER", "GCSA"),
+        ("out", "HANDOVER_RESULT", "GCSA"),
+    ]
+    (committed,) = flight.journal("transfer_committed")
+    assert (committed["station"], committed["epoch"], committed["reason"]) == ("GCSB", 2, "zone")
+    assert committed["duration_s"] < 1.0
+    flight.run(0.5)
+    status = flight.b.got("AUTHORITY_STATUS")[-1]
+    assert (status.commander, status.partner, status.epoch, status.lease) == (252, 0, 2, LeaseState.HELD)
+    assert flight.autopilot.leases()[-1][1:3] == (1, 252)
+    assert flight.autopilot.leases()[-1][6] == 2
+
+
+def test_commands_of_the_new_commander_pass_and_those_of_the_old_one_do_not(flight: Bench) -> None:
+    flight.b.command(LAND)
+    flight.run(0.2)
+    assert flight.b.acks(LAND) == [NOT_IN_CONTROL]
+    hand_over(flight)
+    flight.autopilot.received.clear()
+    flight.a.command(LAND)
+    flight.b.command(LAND, 1.0)
+    flight.run(2.5)
+    assert flight.a.acks(LAND) == [NOT_IN_CONTROL]
+    assert [(m.get_srcSystem(), m.param1) for m in flight.autopilot.got("COMMAND_LONG") if m.command == LAND] == [
+        (252, 1.0)
+    ]
+    assert {m.get_srcSystem() for m in flight.autopilot.got("HEARTBEAT")} == {1, 252}
+
+
+def test_during_the_transfer_the_old_commander_still_commands_and_the_lease_says_transfer(flight: Bench) -> None:
+    silent = partial(vehicle.Station.step, flight.a)
+    flight.a._answer = lambda message: None  # type: ignore[method-assign]
+    flight.a.step = silent  # type: ignore[method-assign]
+    flight.autopilot.position = IN_BOTH
+    flight.until(lambda: flight.companion.view.partner == 252)
+    flight.run(0.5)
+    assert commander(flight) == 251
+    assert flight.autopilot.leases()[-1][1:3] == (2, 251)
+    flight.a.command(LAND)
+    flight.run(0.2)
+    assert [m.get_srcSystem() for m in flight.autopilot.got("COMMAND_LONG") if m.command == LAND] == [251]
+    flight.run(5.0)
+    assert flight.companion.view.partner is None
+    assert flight.journal("transfer_aborted")[0]["reason"] == "commander_silent"
+    assert commander(flight) == 251
+
+
+def test_telemetry_goes_to_the_commander_and_to_a_partner(flight: Bench) -> None:
+    flight.run(2.0)
+    assert flight.b.got("HANDOVER_TELEMETRY") == []
+    telemetry = flight.a.got("HANDOVER_TELEMETRY")
+    assert (telemetry[-1].lat, telemetry[-1].lon, telemetry[-1].zone) == (526790000, 59240000, 251)
+    hand_over(flight)
+    flight.a.received.clear()
+    flight.run(2.5)
+    assert flight.a.got("HANDOVER_TELEMETRY") == []
+    assert len(flight.b.got("HANDOVER_TELEMETRY")) >= 2
+
+
+def test_there_and_back_again_is_two_epochs(flight: Bench) -> None:
+    hand_over(flight)
+    flight.autopilot.position = IN_B
+    flight.run(6.0)
+    flight.autopilot.position = IN_BOTH
+    flight.until(lambda: commander(flight) == 251)
+    assert flight.companion.view.epoch == 3
+    assert [entry["station"] for entry in flight.journal("transfer_committed")] == ["GCSB", "GCSA"]
+
+
+def test_outside_every_zone_the_aircraft_is_brought_home(flight: Bench) -> None:
+    hand_over(flight)
+    flight.autopilot.position = OUTSIDE
+    flight.until(lambda: flight.autopilot.mode == RTL)
+    flight.run(1.5)
+    assert flight.companion.view.phase is Phase.EMERGENCY
+    assert flight.journal("emergency")[-1]["reason"] == "out_of_coverage"
+    (fly,) = flight.journal("fly")
+    assert (fly["action"], fly["obeyed"], fly["text"]) == ("return", True, "the autopilot flies RTL")
+    assert commander(flight) == 252, "the commander keeps its authority"
+
+
+def test_a_waypoint_and_the_delivery_are_told(flight: Bench) -> None:
+    for message in (
+        mavlink.MAVLink_mission_current_message(8),
+        mavlink.MAVLink_mission_item_reached_message(8),
+    ):
+        flight.autopilot.say(message)
+        flight.mpstate.deliver(flight.autopilot._out[-1])
+    assert flight.journal("waypoint")[-1]["number"] == 8
+    assert flight.journal("delivery")[-1]["number"] == 8
+    assert flight.mpstate.console.said("Delivery point reached, waypoint 8.")
+
+
+def test_a_transfer_can_be_called_off_at_the_vehicle(flight: Bench) -> None:
+    flight.b.alive = True
+    flight.b.step = partial(vehicle.Station.step, flight.b)  # type: ignore[method-assign]
+    flight.autopilot.position = IN_BOTH
+    flight.until(lambda: flight.companion.view.partner == 252)
+    flight.mpstate.type("handover cancel")
+    assert flight.companion.view.partner is None
+    assert flight.journal("transfer_aborted")[-1]["reason"] == "cancelled"
+
+
+def test_the_sticks_of_the_former_commander_are_let_go(flight: Bench) -> None:
+    flight.a.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, 1500, 1400, 1500, 0, 0, 0, 0))
+    flight.run(0.1)
+    flight.autopilot.received.clear()
+    hand_over(flight)
+    flight.run(0.2)
+    (release,) = [m for m in flight.autopilot.got("RC_CHANNELS_OVERRIDE", 251) if m.chan1_raw != 1500]
+    assert [getattr(release, f"chan{number}_raw") for number in (1, 2, 3, 4)] == [0, 0, 0, 0]
+    assert flight.journal("flush")[0]["station"] == "GCSA"
+
+
+def test_landing_ends_the_flight_and_the_next_can_begin(flight: Bench) -> None:
+    flight.autopilot.armed = flight.autopilot.airborne = False
+    flight.autopilot.mode = RTL
+    flight.until(lambda: flight.companion.view.phase is Phase.ON_LOAD)
+    flight.run(1.0)
+    assert flight.journal("landed")
+    flight.a.received.clear()
+    flight.a.command(START)
+    flight.until(lambda: flight.companion.view.phase is Phase.ON_MISSION)

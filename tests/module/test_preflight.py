@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the companion says of guard, parameters and firmware before a flight, and when it looks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as stock
+
+from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.preflight import NAMES, Finding, Found, judge, reading
+from tests.module.conftest import Bench, Clock
+from tests.module.test_conversations import talk
+from tests.module.vehicle import Autopilot
+
+PARAMETER_FILE = Path(__file__).parents[2] / "ardupilot_lua" / "handover.parm"
+#: an ArduCopter 4.7 with handover.parm and the guard's defaults
+GOOD = {
+    "SCR_ENABLE": 1.0,
+    "HNDO_ENABLE": 1.0,
+    "HNDO_CHAN": 1.0,
+    "HNDO_COMPID": 191.0,
+    "HNDO_TIMEOUT": 3.0,
+    "HNDO_LOST_T": 3.0,
+    "HNDO_SYSID_SW": 1.0,
+    "FS_GCS_ENABLE": 1.0,
+    "FS_GCS_TIMEOUT": 10.0,
+    "FS_OPTIONS": 8.0,
+    "RALLY_LIMIT_KM": 0.0,
+    "MAV_OPTIONS": 0.0,
+    "ARMING_SKIPCHK": 0.0,
+}
+
+
+class ParameterAutopilot(Autopilot):
+    """An autopilot with parameters. It says nothing to a name that it does not have."""
+
+    def __init__(self, parameters: dict[str, float]) -> None:
+        super().__init__()
+        self.parameters = parameters
+        #: requests that get lost before one is answered
+        self.deaf_for = 0
+        self.asked: list[str] = []
+        #: firmware that has PARAM_ERROR says so of a name that it does not have
+        self.says_error = False
+
+    def _take(self, m: Any) -> None:
+        if m.get_type() != "PARAM_REQUEST_READ":
+            super()._take(m)
+            return
+        self.asked.append(m.param_id)
+        if self.deaf_for > 0:
+            self.deaf_for -= 1
+        elif m.param_id in self.parameters:
+            value = self.parameters[m.param_id]
+            self.say(stock.MAVLink_param_value_message(m.param_id.encode(), value, 9, 900, 65535))
+        elif self.says_error:
+            self.say(stock.MAVLink_param_error_message(1, 191, m.param_id.encode(), -1, 1))
+
+
+# ---- reading ------------------------------------------------------------------------------------------------------
+
+
+def test_every_parameter_that_is_there_is_read_and_a_missing_one_costs_a_time_out() -> None:
+    autopilot = ParameterAutopilot(dict(GOOD))
+    dialogue = talk(reading(1), autopilot, limit_s=5.0)
+    assert dialogue.finished
+    assert dialogue.result == GOOD
+    assert {name: autopilot.asked.count(name) for name in ("SYSID_ENFORCE", "HNDO_CHAN")} == {
+        "SYSID_ENFORCE": 3,
+        "HNDO_CHAN": 1,
+    }
+
+
+def test_a_request_that_got_lost_is_repeated() -> None:
+    autopilot = ParameterAutopilot(dict.fromkeys(NAMES, 7.0))
+    autopilot.deaf_for = 8
+    dialogue = talk(reading(1), autopilot, limit_s=5.0)
+    assert dialogue.result == dict.fromkeys(NAMES, 7.0)
+
+
+def test_a_firmware_that_says_that_it_lacks_a_name_is_not_asked_again() -> None:
+    autopilot = ParameterAutopilot({"SCR_ENABLE": 1.0})
+    autopilot.says_error = True
+    dialogue = talk(reading(1), autopilot, limit_s=1.0)
+    assert dialogue.result == {"SCR_ENABLE": 1.0}
+    assert sorted(autopilot.asked) == sorted(NAMES)
+
+
+def test_other_parameters_and_nonsense_are_no_answers() -> None:
+    autopilot = ParameterAutopilot({"SCR_ENABLE": float("nan"), "HNDO_ENABLE": float("inf")})
+    assert talk(reading(1), autopilot, limit_s=6.0).result == {}
+
+
+def test_no_more_is_asked_at_once_than_the_autopilot_keeps() -> None:
+    first = next(reading(1))
+    assert len(first.messages) <= 20
+
+
+# ---- judging ------------------------------------------------------------------------------------------------------
+
+
+def found(guard: GuardState = GuardState.LIVE, firmware: tuple[int, int] | None = (4, 7), **changes: Any) -> Found:
+    """GOOD with changes; a parameter that is None is not there."""
+    heard_on = changes.pop("heard_on", None)
+    parameters = {name: value for name, value in {**GOOD, **changes}.items() if value is not None}
+    return Found(parameters, guard, firmware, heard_on)
+
+
+def test_what_is_recommended_fits() -> None:
+    assert judge(found(), Limits()) == ()
+    older = found(firmware=(4, 5), MAV_OPTIONS=None, SYSID_ENFORCE=0.0, ARMING_SKIPCHK=None, ARMING_CHECK=1.0)
+    assert judge(older, Limits()) == ()
+
+
+def test_the_parameter_file_that_ships_fits() -> None:
+    lines = [line.split() for line in PARAMETER_FILE.read_text().splitlines() if line and not line.startswith("#")]
+    shipped = {name: float(value) for name, value in lines if name in NAMES}
+    assert len(shipped) >= 6
+    assert judge(found(**shipped), Limits()) == ()
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"HNDO_ENABLE": 0.0}, "the guard is switched off"),
+        ({"HNDO_CHAN": -1.0}, "the guard takes leases from any port: whoever reaches one can send them"),
+        ({"HNDO_COMPID": 190.0}, "HNDO_COMPID is 190, must be 191"),
+        (
+            {"HNDO_TIMEOUT": 0.5},
+            "HNDO_TIMEOUT is 0.5 s: a few lost leases (there are five a second) end the flight",
+        ),
+        (
+            {"HNDO_TIMEOUT": 10.0},
+            "HNDO_TIMEOUT is 10 s, not shorter than FS_GCS_TIMEOUT: the guard would not be the first to act",
+        ),
+        (
+            {"HNDO_LOST_T": 1.0},
+            "HNDO_LOST_T is 1 s: the guard acts while the companion still looks for a partner, up to 2 s",
+        ),
+        (
+            {"HNDO_SYSID_SW": 0.0},
+            "HNDO_SYSID_SW is 0: the autopilot's GCS failsafe goes on watching one station, whoever commands",
+        ),
+        (
+            {"FS_GCS_ENABLE": 0.0},
+            "FS_GCS_ENABLE is 0: nothing brings the aircraft home if companion and guard both fail",
+        ),
+        (
+            {"FS_GCS_TIMEOUT": 5.0},
+            "FS_GCS_TIMEOUT is 5 s: the autopilot returns before a partner can take over (7 s)",
+        ),
+        ({"FS_OPTIONS": 10.0}, "FS_OPTIONS is 10: bit 1 lets a mission go on without a ground station"),
+        ({"FS_OPTIONS": 16.0}, "FS_OPTIONS is 16: bit 4 is for flights with a safety pilot at hand"),
+        ({"RALLY_LIMIT_KM": 0.3}, "RALLY_LIMIT_KM is 0.3: rally points farther away are ignored"),
+        ({"MAV_OPTIONS": 1.0}, "MAV_OPTIONS is 1: bit 0 makes the autopilot not answer observers"),
+        ({"SYSID_ENFORCE": 1.0}, "SYSID_ENFORCE is 1: the autopilot does not answer observers"),
+        ({"ARMING_CHECK": 0.0}, "ARMING_CHECK is 0: the guard cannot refuse arming, only disarm"),
+        ({"ARMING_SKIPCHK": -1.0}, "ARMING_SKIPCHK is -1: the guard cannot refuse arming, only disarm"),
+        ({"firmware": (4, 4)}, "firmware 4.4 is older than the oldest that this was made for, 4.5"),
+        ({"firmware": (4, 8)}, "firmware 4.8 is newer than the newest that this was made for, 4.7"),
+        ({"heard_on": 2}, "HNDO_CHAN is 1, but this companion is on channel 2"),
+        (
+            {"guard": GuardState.SILENT, "firmware": None},
+            "HNDO_CHAN is 1 and the guard is silent here: is that the port of this companion?",
+        ),
+    ],
+)
+def test_each_thing_that_does_not_fit_is_said_alone(changes: dict[str, Any], text: str) -> None:
+    assert [finding.text for finding in judge(found(**changes), Limits())] == [text]
+
+
+def without_guard(**changes: Any) -> Found:
+    lacking = {name: None for name in GOOD if name.startswith("HNDO_")}
+    return found(GuardState.SILENT, None, **{**lacking, **changes})
+
+
+def test_an_autopilot_without_the_guard() -> None:
+    text = "the guard is not loaded; 'handover guard' puts it on the SD card"
+    assert judge(without_guard(), Limits()) == (Finding("", text),)
+    assert [finding.text for finding in judge(without_guard(SCR_ENABLE=0.0), Limits())] == [
+        "scripting is off: the guard does not run"
+    ]
+
+
+def test_a_vehicle_that_needs_no_guard_hears_nothing_of_one() -> None:
+    assert judge(without_guard(), Limits(guard_required=False)) == ()
+    assert len(judge(without_guard(FS_GCS_ENABLE=0.0), Limits(guard_required=False))) == 1
+
+
+def test_an_autopilot_that_answers_nothing_is_one_finding_and_no_reason_for_more() -> None:
+    assert [finding.text for finding in judge(Found({}, GuardState.SILENT), Limits())] == [
+        "the autopilot answers no request for parameters: nothing could be checked"
+    ]
+
+
+def test_limits_that_were_changed_count() -> None:
+    limits = Limits(heartbeat_lost_s=9.0, forced_timeout_s=4.0)
+    assert [finding.parameter for finding in judge(found(), limits)] == ["HNDO_LOST_T", "FS_GCS_TIMEOUT"]
+
+
+# ---- in the companion ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def flown(clock: Clock, tmp_path: Path) -> Iterator[Bench]:
+    """A bench whose autopilot has parameters, all of them good."""
+    bench = Bench(tmp_path, clock)
+    bench.autopilot = ParameterAutopilot(dict(GOOD))
+    yield bench
+    bench.close()
+    assert bench.mpstate.escaped == []
+
+
+def said(bench: Bench) -> list[tuple[str, bool]]:
+    return [(entry["text"], entry["fits"]) for entry in bench.journal("preflight")]
+
+
+def test_all_is_well_is_said_once(flown: Bench) -> None:
+    flown.connect()
+    flown.run(60.0)
+    assert said(flown) == [("guard, parameters and firmware fit", True)]
+    assert flown.autopilot.asked.count("HNDO_CHAN") == 1  # type: ignore[attr-defined]
+    flown.mpstate.type("handover status")
+    assert "preflight guard, parameters and firmware fit" in flown.mpstate.console.lines
+
+
+def test_what_does_not_fit_is_journalled_shown_and_in_the_status_until_it_is_put_right(flown: Bench) -> None:
+    flown.autopilot.parameters["RALLY_LIMIT_KM"] = 0.3  # type: ignore[attr-defined]
+    flown.connect()
+    flown.run(90.0)
+    text = "RALLY_LIMIT_KM is 0.3: rally points farther away are ignored"
+    assert said(flown) == [(text, False)]
+    assert flown.journal("preflight")[0]["parameter"] == "RALLY_LIMIT_KM"
+    assert len([line for line in flown.mpstate.console.lines if f"Preflight WARNING: {text}." in line]) == 1
+    flown.mpstate.type("handover status")
+    assert flown.mpstate.console.lines[-1] == f"preflight WARNING: {text}"
+    flown.autopilot.parameters["RALLY_LIMIT_KM"] = 0.0  # type: ignore[attr-defined]
+    flown.run(40.0)
+    assert said(flown)[1:] == [("guard, parameters and firmware fit", True)]
+
+
+def test_the_guards_own_words_name_the_right_channel(flown: Bench) -> None:
+    flown.autopilot.guard_state = None
+    flown.connect()
+    flown.autopilot.say(stock.MAVLink_statustext_message(4, b"HNDO: lease refused, channel 2 not 1"))
+    for message in flown.autopilot._out:
+        flown.mpstate.deliver(message)
+    flown.run(15.0)
+    assert said(flown) == [("HNDO_CHAN is 1, but this companion is on channel 2", False)]
+
+
+def test_nothing_is_asked_while_armed(flown: Bench) -> None:
+    flown.autopilot.armed = True
+    flown.connect()
+    flown.run(30.0)
+    assert flown.autopilot.asked == []  # type: ignore[attr-defined]
+    flown.autopilot.armed = False
+    flown.run(10.0)
+    assert said(flown) == [("guard, parameters and firmware fit", True)]
+
+
+def test_an_autopilot_that_was_started_anew_is_read_again(flown: Bench) -> None:
+    flown.connect()
+    flown.run(20.0)
+    flown.autopilot.silent = True
+    flown.run(6.0)
+    flown.autopilot.silent = False
+    flown.autopilot.parameters["FS_GCS_ENABLE"] = 0.0  # type: ignore[attr-defined]
+    flown.run(20.0)
+    assert [text for text, _fits in said(flown)] == [
+        "guard, parameters and firmware fit",
+        "FS_GCS_ENABLE is 0: nothing brings the aircraft home if companion and guard both fail",
+    ]

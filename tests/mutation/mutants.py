@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Small faults in a module's source, one at a time.
+
+Operators: a condition is negated, a comparison is turned around or loses its edge, `and` becomes `or`, an early
+`return` is dropped, a statement that only calls something is dropped, a whole number is one more. A mutant is named
+by function, operator and source text, so that its name survives an edit elsewhere in the file.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+__all__ = ["Mutant", "mutants"]
+
+_COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Mutant:
+    """A module's source with one fault in it."""
+
+    name: str
+    source: str
+
+
+def mutants(source: str) -> Iterator[Mutant]:
+    """Every mutant of the functions in a module's source."""
+    seen: Counter[str] = Counter()
+    size = sum(1 for _ in ast.walk(ast.parse(source)))
+    for index in range(size):
+        for choice in range(3):
+            tree = ast.parse(source)
+            node = _nth(tree, index)
+            before = ast.unparse(node) if isinstance(node, (ast.expr, ast.stmt)) else ""
+            function = _function(tree, node)
+            operator = _mutate(tree, node, choice) if function else ""
+            if not operator:
+                continue
+            name = f"{function}: {operator}: {' '.join(before.split())[:90]}"
+            seen[name] += 1
+            if seen[name] > 1:
+                name += f" (number {seen[name]})"
+            yield Mutant(name, ast.unparse(ast.fix_missing_locations(tree)))
+
+
+def _nth(tree: ast.AST, index: int) -> ast.AST:
+    for number, node in enumerate(ast.walk(tree)):
+        if number == index:
+            return node
+    raise IndexError(index)
+
+
+def _function(tree: ast.AST, wanted: ast.AST) -> str:
+    """The innermost function around a node; nothing outside of functions is mutated."""
+    found = ""
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.Lambda)) and any(child is wanted for child in ast.walk(node)):
+            found = getattr(node, "name", found)
+    return found
+
+
+def _mutate(tree: ast.AST, node: ast.AST, choice: int) -> str:
+    """Change the tree at a node; the operator's name, or "" if this node has no such fault."""
+    if choice == 0 and isinstance(node, (ast.If, ast.IfExp, ast.While)):
+        node.test = ast.UnaryOp(ast.Not(), node.test)
+        return "condition negated"
+    if choice == 0 and isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in _COMPARISONS:
+        node.ops = [_COMPARISONS[type(node.ops[0])]()]
+        return "comparison turned"
+    if choice == 0 and isinstance(node, ast.BoolOp):
+        node.op = ast.And() if isinstance(node.op, ast.Or) else ast.Or()
+        return "and/or swapped"
+    if choice == 0 and isinstance(node, ast.Constant) and type(node.value) is int and not _annotation(tree, node):
+        node.value += 1
+        return "number one more"
+    if choice == 0 and isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+        return _replace(tree, node, "call dropped")
+    if choice == 0 and isinstance(node, ast.Return) and not _last(tree, node):
+        return _replace(tree, node, "return dropped")
+    return ""
+
+
+def _annotation(tree: ast.AST, node: ast.AST) -> bool:
+    """Whether a number stands in an annotation or as a default that a docstring-like place holds."""
+    for parent in ast.walk(tree):
+        annotation = getattr(parent, "annotation", None) or getattr(parent, "returns", None)
+        if annotation is not None and any(child is node for child in ast.walk(annotation)):
+            return True
+    return False
+
+
+def _last(tree: ast.AST, node: ast.Return) -> bool:
+    """Whether a return is the last statement of its function: to drop it is another fault than to fall through."""
+    return any(isinstance(parent, ast.FunctionDef) and parent.body[-1] is node for parent in ast.walk(tree))
+
+
+def _replace(tree: ast.AST, node: ast.stmt, operator: str) -> str:
+    for parent in ast.walk(tree):
+        for field in ("body", "orelse", "finalbody"):
+            block = getattr(parent, field, None)
+            if isinstance(block, list) and any(statement is node for statement in block):
+                place = next(number for number, statement in enumerate(block) if statement is node)
+                block[place] = copy.copy(ast.Pass())
+                return operator
+    return ""

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Tests the gate's tests: `make mutants`, or
+
+    python tests/mutation/run.py [tables] [judge] [policy] ...        (default: all of them)
+
+Each fault (`tables`, `mutants`) must be noticed by the tests of `tests/gate`. One that is not is a survivor; survivors
+that are no faults are listed in `survivors.py` with the reason, and any other ends this with exit code 1. So does one
+that is listed and does not survive any more.
+"""
+
+from __future__ import annotations
+
+import importlib.abc
+import importlib.machinery
+import importlib.util
+import io
+import os
+import pickle
+import signal
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))
+
+from tests.mutation.mutants import mutants  # noqa: E402
+from tests.mutation.survivors import KNOWN_SURVIVORS  # noqa: E402
+
+TIMEOUT_S = 120
+#: Module -> tests that are to notice its faults.
+TESTED = {
+    "judge": ("test_judge.py", "test_flight_log.py"),
+    "policy": ("test_judge.py", "test_policy.py"),
+    "parameters": ("test_judge.py", "test_policy.py"),
+    "files": ("test_judge.py", "test_flush.py"),
+    "flush": ("test_flush.py",),
+    "observers": ("test_observers.py",),
+    "downlink": ("test_downlink.py",),
+    "refusals": ("test_refusals.py",),
+    "explain": ("test_explain.py",),
+}
+
+
+class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Imports one module from another source than its file."""
+
+    def __init__(self, name: str, source: str, path: Path) -> None:
+        self._name, self._source, self._path = name, source, path
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> Any:
+        if name != self._name:
+            return None
+        return importlib.util.spec_from_loader(name, self, origin=str(self._path))
+
+    def exec_module(self, module: ModuleType) -> None:
+        exec(compile(self._source, str(self._path), "exec"), vars(module))
+
+
+def in_child(task: Callable[[], Any]) -> Any:
+    """The task's result, worked out in a process of its own; None if it took too long."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reader)
+        signal.alarm(TIMEOUT_S)  # ends the process: an endless loop is noticed, too
+        try:
+            result = task()
+        except BaseException as error:
+            result = error
+        with os.fdopen(writer, "wb") as pipe:
+            pickle.dump(result, pipe)
+        os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, "rb") as pipe:
+        data = pipe.read()
+    os.waitpid(child, 0)
+    return pickle.loads(data) if data else None
+
+
+def tests_pass(module: str, source: str | None) -> bool:
+    """Whether the tests of a module pass with this source in its place."""
+    import pytest
+
+    if source is not None:
+        path = ROOT / "mavproxy_handover" / "gate" / f"{module}.py"
+        sys.meta_path.insert(0, _Mutated(f"mavproxy_handover.gate.{module}", source, path))
+    files = [str(ROOT / "tests" / "gate" / name) for name in TESTED[module]]
+    quiet = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--rootdir", str(ROOT)]
+    # The parent has imported hypothesis already, which pytest remarks upon.
+    options = [*quiet, "--hypothesis-seed=0", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        return int(pytest.main([*options, *files])) == 0
+
+
+def of_module(module: str) -> tuple[int, list[str]]:
+    """How many mutants a module has, and the survivors."""
+    assert in_child(lambda: tests_pass(module, None)) is True, f"the tests of {module} fail without any mutant"
+    source = (ROOT / "mavproxy_handover" / "gate" / f"{module}.py").read_text(encoding="utf-8")
+    total, alive = 0, []
+    for mutant in mutants(source):
+        total += 1
+        if in_child(lambda mutated=mutant.source: tests_pass(module, mutated)) is True:
+            alive.append(mutant.name)
+            print(f"  survived: {module}: {mutant.name}", flush=True)
+    return total, alive
+
+
+def of_tables() -> tuple[int, list[str]]:
+    """The same for the tables."""
+
+    def task() -> tuple[int, list[str]]:
+        from tests.mutation.tables import survivors
+
+        return survivors()
+
+    global TIMEOUT_S  # noqa: PLW0603
+    TIMEOUT_S *= 10  # all of them in one process
+    result = in_child(task)
+    TIMEOUT_S //= 10
+    if isinstance(result, BaseException):
+        raise result
+    assert result is not None, "the tables took too long"
+    total, alive = result
+    for name in alive:
+        print(f"  survived: tables: {name}", flush=True)
+    return total, alive
+
+
+def main(wanted: Sequence[str]) -> int:
+    """Run the mutants of the parts asked for; 1 if a survivor is not known, or a known one died."""
+    parts = list(wanted) or ["tables", *TESTED]
+    unknown = [part for part in parts if part not in ("tables", *TESTED)]
+    if unknown:
+        print(f"mutants: unknown {', '.join(unknown)}; known are tables, {', '.join(TESTED)}")
+        return 2
+    import hypothesis  # noqa: F401  (once, for all children)
+    from pymavlink.dialects.v20 import handover  # noqa: F401
+
+    wrong = 0
+    for part in parts:
+        begun = time.monotonic()
+        total, alive = of_tables() if part == "tables" else of_module(part)
+        known = KNOWN_SURVIVORS.get(part, {})
+        surprising = [name for name in alive if name not in known]
+        stale = [name for name in known if name not in alive]
+        for name in stale:
+            print(f"  listed, but killed: {part}: {name}")
+        wrong += len(surprising) + len(stale)
+        spent_s = time.monotonic() - begun
+        print(
+            f"{part}: {total} mutants, {total - len(alive)} killed, {len(alive) - len(surprising)} known survivors, "
+            f"{len(surprising)} unknown, {spent_s:.0f} s",
+            flush=True,
+        )
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

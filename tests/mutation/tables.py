@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Faults in the policy's tables and in the judge's outcomes, each checked by the exhaustive test of the judge.
+
+Every row of every table gets every other class; every parameter and file pattern is taken away; every outcome of a
+class becomes every other outcome. A fault in one row is checked with the frames of that row alone: what fails there
+fails in the whole test, which compares those frames as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+__all__ = ["survivors"]
+
+
+def survivors() -> tuple[int, list[str]]:
+    """How many mutants there were, and those that no check noticed."""
+    # Imported here: the runner mutates these modules in processes of their own.
+    from mavproxy_handover.gate import files, judge, parameters, policy
+    from mavproxy_handover.gate.access import Access
+    from tests.gate.frames import make_frame
+    from tests.gate.ledger import CASES, SENDERS, Case
+    from tests.gate.test_judge import check
+
+    @cache
+    def made(name: str, sysid: int, version: int, fields: str) -> Any:
+        return make_frame(name, sysid=sysid, version=version, **frames[fields])
+
+    frames: dict[str, dict[str, Any]] = {}
+
+    def make(name: str, sysid: int, version: int, **fields: Any) -> Any:
+        key = repr(sorted(fields.items()))
+        frames[key] = fields
+        return made(name, sysid, version, key)
+
+    def killed(cases: list[Case]) -> bool:
+        try:
+            for case in cases:
+                for sender in SENDERS:
+                    check(case, *sender, make)
+        except (AssertionError, KeyError):
+            return True
+        return False
+
+    def row_of(case: Case) -> policy.Row:
+        frame = make(case.name, 251, 2, **dict(case.fields))
+        return policy.classify(frame)
+
+    by_message: dict[str, list[Case]] = {}
+    by_row: dict[str, list[Case]] = {}
+    for case in CASES:
+        by_message.setdefault(case.name, []).append(case)
+        by_row.setdefault(row_of(case).what, []).append(case)
+    assert not killed(CASES), "the checks fail without any mutant"
+
+    @contextmanager
+    def patched(target: Any, key: Any, value: Any) -> Iterator[None]:
+        mapping = target if isinstance(target, dict) else vars(target)
+        before = mapping[key]
+        mapping[key] = value
+        try:
+            yield
+        finally:
+            mapping[key] = before
+
+    total, alive = 0, []
+
+    def judge_mutant(name: str, target: Any, key: Any, value: Any, cases: list[Case]) -> None:
+        nonlocal total
+        total += 1
+        with patched(target, key, value):
+            if not killed(cases):
+                alive.append(name)
+
+    others: Callable[[Any], list[Access]] = lambda access: [a for a in Access if a is not access]  # noqa: E731
+    for msgid, row in policy._MESSAGE_ROWS.items():
+        for access in others(row.access):
+            mutant = replace(row, access=access)
+            judge_mutant(f"{row.what} as {access.value}", policy._MESSAGE_ROWS, msgid, mutant, by_row[row.what])
+    for rows in policy._PART_ROWS.values():
+        for part, row in rows.items():
+            for access in others(row.access):
+                judge_mutant(f"{row.what} as {access.value}", rows, part, replace(row, access=access), by_row[row.what])
+    for msgid, default in policy._PART_DEFAULTS.items():
+        message = policy._MESSAGE_NAMES[msgid]
+        for access in others(default):
+            judge_mutant(f"{message}/* as {access.value}", policy._PART_DEFAULTS, msgid, access, by_message[message])
+
+    named = [case for name in parameters.PARAMETER_MESSAGES for case in by_message[name]]
+    rules = parameters.PARAMETER_RULES
+    for number, rule in enumerate(rules):
+        for access in others(rule.access):
+            changed = (*rules[:number], replace(rule, access=access), *rules[number + 1 :])
+            judge_mutant(f"{rule.names} as {access.value}", parameters, "PARAMETER_RULES", changed, named)
+        for pattern in rule.names:
+            kept = tuple(name for name in rule.names if name != pattern) or ("no such parameter",)
+            matcher = parameters._matcher((*rules[:number], replace(rule, names=kept), *rules[number + 1 :]))
+            judge_mutant(f"without {pattern}", parameters, "_MATCHER", matcher, named)
+    for access in others(parameters.OTHER_PARAMETERS.access):
+        changed_rule = replace(parameters.OTHER_PARAMETERS, access=access)
+        judge_mutant(f"other parameters as {access.value}", parameters, "OTHER_PARAMETERS", changed_rule, named)
+
+    transfers = by_message["FILE_TRANSFER_PROTOCOL"]
+    for number, file in enumerate(files.FILE_RULES):
+        changes = {f"{file.name} as {access.value}": replace(file, access=access) for access in others(file.access)}
+        changes[f"{file.name} with reads turned"] = replace(file, reads=not file.reads)
+        for pattern in file.patterns:
+            kept = tuple(other for other in file.patterns if other != pattern)
+            changes[f"{file.name} without {pattern}"] = replace(file, patterns=kept)
+        for name, mutant_file in changes.items():
+            changed_files = (*files.FILE_RULES[:number], mutant_file, *files.FILE_RULES[number + 1 :])
+            judge_mutant(name, files, "FILE_RULES", changed_files, transfers)
+    for name in ("_WRITES", "_READS"):
+        for opcode in getattr(files, name):
+            judge_mutant(f"{name} without {opcode}", files, name, getattr(files, name) - {opcode}, transfers)
+
+    tables = {"commander": judge._FOR_COMMANDER, "while armed": judge._WHILE_ARMED, "others": judge._FOR_OTHERS}
+    outcomes = sorted({outcome for table in tables.values() for outcome in table.values()}, key=repr)
+    for who, table in tables.items():
+        for access, outcome in table.items():
+            for other in outcomes:
+                if other != outcome:
+                    name = f"{access.value} of {who}: {other[0].value}, {other[1].value}"
+                    judge_mutant(name, table, access, other, CASES)
+    return total, alive

@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The benchmark's own parts: arithmetic, results, traffic, fake ends. What it measures is not tested here."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import shapely
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView, Phase
+from mavproxy_handover.gate.judge import Action, StationIdentity, judge
+from mavproxy_handover.wire.frames import parse_one
+from sitl.bench import zones
+from sitl.bench.autopilot import FakeAutopilot
+from sitl.bench.durations import Committed, read_journal, transfers
+from sitl.bench.loop import BenchError, Loop, cpu_s
+from sitl.bench.main import main
+from sitl.bench.numbers import Pair, abba, compare, median, quantile, settled
+from sitl.bench.results import Measurement, Results, from_comparison, table
+from sitl.bench.shuttle import Shuttle
+from sitl.bench.station import FakeStation
+from sitl.bench.traffic import DOWNLINK, UPLINK_MIX, Place, downlink_message, frame_key, split, uplink_message
+
+PLACE = Place(52.68, 5.92)
+KEY = bytes(range(32))
+
+# ---- arithmetic ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("part", "value"), [(0.0, 1.0), (0.25, 2.0), (0.5, 3.0), (0.99, 4.96), (1.0, 5.0)])
+def test_quantiles_are_interpolated_between_neighbours(part: float, value: float) -> None:
+    assert quantile([5, 1, 4, 2, 3], part) == pytest.approx(value)
+
+
+def test_the_quantile_of_nothing_is_an_error() -> None:
+    with pytest.raises(ValueError):
+        quantile([], 0.5)
+
+
+def test_a_comparison_is_the_median_of_the_ratios_and_not_the_ratio_of_the_medians() -> None:
+    result = compare([Pair(1.0, 2.0), Pair(30.0, 40.0), Pair(9.0, 9.0)])
+    assert (result.ours, result.baseline, result.ratio) == (9.0, 9.0, 0.75)
+    assert (result.low, result.high, result.pairs) == (0.625, 0.875, 3)
+
+
+def test_a_baseline_lost_in_the_noise_gives_no_ratio_and_is_counted() -> None:
+    result = compare([Pair(1.0, 2.0), Pair(1.0, 0.0), Pair(1.0, -3.0)])
+    assert (result.ratio, result.pairs, result.unusable) == (0.5, 1, 2)
+    with pytest.raises(ValueError):
+        compare([Pair(1.0, 0.0)])
+
+
+def test_it_is_settled_when_there_are_enough_pairs_that_agree() -> None:
+    agreeing = [Pair(1.0, 2.0), Pair(1.01, 2.0), Pair(0.99, 2.0)]
+    assert settled(agreeing, least=3, uncertainty=0.01)
+    assert not settled(agreeing, least=4, uncertainty=0.01)
+    assert not settled([Pair(1.0, 2.0), Pair(2.0, 2.0), Pair(0.2, 2.0)], least=3, uncertainty=0.1)
+    assert not settled([Pair(1.0, 0.0)] * 5, least=1, uncertainty=1.0)
+
+
+def test_ours_and_the_baseline_take_turns_at_being_first() -> None:
+    turns = abba()
+    assert [next(turns) for _ in range(4)] == [(True, False), (False, True), (True, False), (False, True)]
+
+
+def test_processor_time_of_a_process_is_that_of_all_its_work() -> None:
+    before, own = cpu_s(os.getpid()), time.process_time()
+    while time.process_time() - own < 0.02:
+        pass
+    spent = time.process_time() - own
+    assert cpu_s(os.getpid()) - before >= spent - 0.001
+
+
+def test_processor_time_of_no_process_is_an_error() -> None:
+    with pytest.raises(BenchError):
+        cpu_s(2**22 + 1)  # above the highest process id there can be
+
+
+# ---- results ------------------------------------------------------------------------------------------------------
+
+
+def test_a_target_is_on_the_ratio_or_on_our_own_number() -> None:
+    ratio = Measurement("p", "w", "us", {}, ours=9.0, baseline=10.0, ratio=0.9, limit=1.0)
+    assert ratio.met is True
+    own = Measurement("p", "w", "ms", {}, ours=12.0, limit=10.0, judged="ours")
+    assert own.met is False
+    assert Measurement("p", "w", "ms", {}, ours=12.0).met is None
+    assert Measurement("p", "w", "ms", {}, limit=1.0).met is None
+
+
+def test_a_line_of_the_file_has_everything_that_was_measured(tmp_path: Path) -> None:
+    results = Results(tmp_path / "deep" / "bench.jsonl")
+    comparison = compare([Pair(1.0, 4.0), Pair(2.0, 4.0), Pair(1.0, -1.0)])
+    results.add(
+        from_comparison("uplink", "CPU", "us", {"rate": 200}, comparison, limit=0.3, details={"more": [1.23456789]})
+    )
+    first, second = (json.loads(line) for line in results.path.read_text().splitlines())
+    assert first["part"] == "machine"
+    assert first["processors"] == os.cpu_count()
+    assert second == {
+        "part": "uplink", "what": "CPU", "unit": "us", "rate": 200, "ours": 1.5, "baseline": 4.0, "ratio": 0.375,
+        "ratio_quartiles": [0.3125, 0.4375], "pairs": 2, "target": 0.3, "target_of": "ratio", "met": False,
+        "more": [1.2346], "pairs_lost_in_noise": 1,
+    }  # fmt: skip
+    assert [entry.what for entry in results.missed] == ["CPU"]
+
+
+def test_the_table_says_which_targets_are_missed_and_gives_each_note_once() -> None:
+    lines = table(
+        [
+            Measurement("p", "one", "ms", {"n": 1}, ours=12.0, limit=10.0, judged="ours", note="mind the gap"),
+            Measurement("p", "two", "ms", {}, ours=2.0, baseline=4.0, ratio=0.5, limit=0.5, note="mind the gap"),
+        ]
+    ).splitlines()
+    assert "MISSED" in lines[2]
+    assert "held" in lines[3]
+    assert [line for line in lines if "mind the gap" in line] == ["[1] mind the gap"]
+
+
+@pytest.mark.parametrize("argv", [["nonsense"], ["--out"]])
+def test_bad_usage_is_exit_code_2(argv: list[str]) -> None:
+    assert main(argv) == 2
+
+
+def test_a_folder_with_something_in_it_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bench.jsonl").write_text("")
+    assert main(["--out", str(tmp_path), "zones"]) == 2
+    assert "is not empty" in capsys.readouterr().err
+
+
+# ---- traffic ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("total", [50, 200])
+def test_a_stream_has_as_many_frames_a_second_as_it_says(total: int) -> None:
+    assert sum(DOWNLINK[total].values()) == total
+    assert DOWNLINK[total]["GLOBAL_POSITION_INT"] == 20  # the zone check's rate
+
+
+@pytest.mark.parametrize("name", sorted({name for table in DOWNLINK.values() for name in table}))
+def test_every_message_of_a_stream_is_what_its_name_says(name: str) -> None:
+    raw = bytes(downlink_message(name, PLACE, 123456, True, True).pack(mavlink.MAVLink(None, 1, 1)))
+    message = mavlink.MAVLink(None).decode(bytearray(raw))
+    assert message.get_type() == name
+
+
+def test_the_mix_has_its_shares_in_every_period() -> None:
+    names = [uplink_message(number).get_type() for number in range(40, 60)]
+    assert {name: names.count(name) for name in UPLINK_MIX} == UPLINK_MIX
+
+
+def test_the_gate_passes_every_frame_of_the_mix_from_the_commander() -> None:
+    own = mavlink.MAVLink(None, 251, 190)
+    view = AuthorityView(phase=Phase.ON_MISSION, commander=251, epoch=1)
+    for number in range(20):
+        frame = parse_one(bytes(uplink_message(number).pack(own)))
+        assert frame is not None
+        assert judge(frame, StationIdentity(251), view, 1).action is Action.FORWARD, number
+
+
+def test_no_two_frames_of_thousands_have_the_same_key() -> None:
+    own = mavlink.MAVLink(None, 251, 190)
+    keys = set()
+    for number in range(5000):
+        own.seq = number % 256
+        keys.add(frame_key(bytes(uplink_message(number).pack(own))))
+    assert len(keys) == 5000
+
+
+def test_a_frame_has_the_same_key_signed_and_unsigned() -> None:
+    plain, signing = mavlink.MAVLink(None, 251, 190), mavlink.MAVLink(None, 251, 190)
+    signing.signing.secret_key, signing.signing.sign_outgoing = KEY, True
+    one, other = bytes(uplink_message(3).pack(plain)), bytes(uplink_message(3).pack(signing))
+    assert one != other
+    assert frame_key(one) == frame_key(other)
+
+
+def test_frames_are_found_however_the_stream_is_cut() -> None:
+    own = mavlink.MAVLink(None, 1, 1)
+    whole = [bytes(downlink_message(name, PLACE, 1, True, True).pack(own)) for name in DOWNLINK[50]]
+    stream = b"".join(whole)
+    for cut in range(len(stream)):
+        first, rest = split(stream[:cut])
+        second, rest = split(rest + stream[cut:])
+        assert first + second == whole
+        assert rest == b""
+
+
+# ---- the fake ends ------------------------------------------------------------------------------------------------
+
+
+class Wire:
+    """A fake autopilot with its wire in the hand, and the companion's voice."""
+
+    def __init__(self) -> None:
+        self.out: list[Any] = []
+        self.autopilot = FakeAutopilot(Loop(), self._sent, PLACE)
+        self._own = mavlink.MAVLink(None, 1, 191)
+
+    def _sent(self, raw: bytes) -> None:
+        self.out.append(mavlink.MAVLink(None).decode(bytearray(raw)))
+
+    def say(self, message: Any) -> Any:
+        """Say it as the companion; returns the answer."""
+        self.out.clear()
+        self.autopilot.take(bytes(message.pack(self._own)))
+        return self.out[-1] if self.out else None
+
+    def lease(self, state: int, commander: int) -> None:
+        payload = [1, state, commander] + [0] * 125
+        self.say(mavlink.MAVLink_tunnel_message(1, 1, 47116, 20, payload))
+
+
+def item(seq: int) -> Any:
+    return mavlink.MAVLink_mission_item_int_message(
+        1, 1, seq, 3, 16, 0, 1, 0, 0, 0, 0, 520000000 + seq, 59000000, 30, 0
+    )
+
+
+def test_the_autopilot_takes_a_mission_and_gives_it_back() -> None:
+    wire = Wire()
+    asked = wire.say(mavlink.MAVLink_mission_count_message(1, 1, 2, 0))
+    assert (asked.get_type(), asked.seq, asked.target_component) == ("MISSION_REQUEST_INT", 0, 191)
+    assert wire.say(item(0)).seq == 1
+    assert wire.say(item(1)).get_type() == "MISSION_ACK"
+    assert wire.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0)).count == 2
+    assert wire.say(mavlink.MAVLink_mission_request_int_message(1, 1, 1, 0)).x == 520000001
+    wire.say(mavlink.MAVLink_mission_clear_all_message(1, 1, 0))
+    assert wire.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0)).count == 0
+
+
+def test_what_a_station_says_is_measured_and_not_answered() -> None:
+    wire = Wire()
+    arrived: list[bytes] = []
+    wire.autopilot.on_frame = arrived.append
+    raw = bytes(mavlink.MAVLink_mission_request_list_message(1, 1, 0).pack(mavlink.MAVLink(None, 251, 190)))
+    wire.autopilot.take(raw)
+    assert arrived == [raw]
+    assert wire.out == []
+
+
+def test_the_shuttle_waits_for_the_lease_and_goes_on_to_the_other_side() -> None:
+    wire = Wire()
+    shuttle = Shuttle(wire.autopilot, 0.0, 1)
+    wire.lease(1, 251)
+    shuttle.step()
+    region = wire.autopilot.place
+    shuttle.step()
+    assert wire.autopilot.place == region  # nothing was handed over yet
+    wire.lease(2, 251)
+    shuttle.step()
+    assert wire.autopilot.place == region
+    wire.lease(1, 252)
+    shuttle.step()
+    beyond = wire.autopilot.place
+    assert beyond.lon_deg > region.lon_deg
+    assert (shuttle.commits, shuttle.given_up) == (1, 0)
+    shuttle.step()
+    wire.lease(1, 251)
+    shuttle.step()
+    assert wire.autopilot.place.lon_deg < region.lon_deg
+    assert shuttle.commits == 2
+
+
+def test_a_station_answers_connect_with_its_nonce_and_digest() -> None:
+    loop = Loop()
+    station = FakeStation(loop, "GCSA", 251)
+    station.digest = b"d" * 32
+    vehicle = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    vehicle.bind(("127.0.0.1", 0))
+    vehicle.setblocking(False)
+    answers: list[Any] = []
+
+    def read() -> None:
+        message = mavlink.MAVLink(None).decode(bytearray(vehicle.recv(1024)))
+        answers.extend([message] if message.get_type() == "CONNECT_ACK" else [])
+
+    loop.add_reader(vehicle.fileno(), read)
+    question = mavlink.MAVLink_connect_message(251, 190, 1, 251, 1, 77, 3, 251, b"drone-1", [0] * 32)
+    vehicle.sendto(question.pack(mavlink.MAVLink(None, 1, 191)), ("127.0.0.1", station.port))
+    loop.run_until(lambda: bool(answers), 5.0, "the answer comes")
+    station.close()
+    vehicle.close()
+    assert (answers[0].nonce, bytes(answers[0].mission_digest)) == (77, b"d" * 32)
+
+
+def test_waiting_for_what_never_comes_says_what_it_was() -> None:
+    with pytest.raises(BenchError, match="the moon: not within 0 s"):
+        Loop().run_until(lambda: False, 0.0, "the moon")
+
+
+# ---- zones --------------------------------------------------------------------------------------------------------
+
+
+def test_the_check_and_its_baseline_agree_on_the_zones_that_hold_a_place() -> None:
+    row = zones.Row(4, 50)
+    held = []
+    for place in row.places[::9]:
+        inside = {1 + n for n, polygon in enumerate(row.polygons) if shapely.contains_xy(polygon, place, 52.68)}
+        assert row.finder.holding(52.68, place) == inside
+        held.append(len(inside))
+    assert set(held) == {1, 2}  # zones overlap, and none is passed over
+
+
+# ---- journals -----------------------------------------------------------------------------------------------------
+
+
+def begun(t: float, number: int) -> dict[str, Any]:
+    return {"t": t, "event": "transfer_begun", "station": "GCSB", "handover_id": number}
+
+
+def said(t: float, number: int, name: str = "HANDOVER_REQUEST", direction: str = "out") -> dict[str, Any]:
+    return {"t": t, "event": "message", "direction": direction, "name": name, "handover_id": number}
+
+
+def test_a_transfer_is_read_from_the_journals() -> None:
+    companion = [
+        {"t": 10.0, "event": "zone_entered", "station": "GCSB"},
+        begun(10.0001, 1),
+        said(10.0002, 1),
+        said(10.0007, 1, "ON_HANDOVER", "in"),
+        {
+            "t": 10.009, "event": "transfer_committed", "station": "GCSB", "handover_id": 1, "duration_s": 0.0088,
+            "reason": "zone",
+        },
+        said(10.01, 1, "HANDOVER_RESULT"),
+    ]  # fmt: skip
+    stations = [[said(10.0005, 1, "ON_HANDOVER"), said(10.02, 1, "ON_HANDOVER")], [said(10.001, 1, "OK_HANDOVER")]]
+    assert transfers(companion, stations) == [Committed(0.0088, 0.0088, 3, 0, False)]
+
+
+def test_a_failed_attempt_counts_into_the_time_since_the_entry() -> None:
+    companion = [
+        {"t": 5.0, "event": "zone_entered", "station": "GCSB"},
+        begun(5.0, 1),
+        {"t": 9.0, "event": "transfer_aborted", "station": "GCSB", "handover_id": 1, "reason": "partner_silent"},
+        begun(11.0, 2),
+        {
+            "t": 13.5, "event": "transfer_committed", "station": "GCSB", "handover_id": 2, "duration_s": 2.5,
+            "reason": "release_timeout",
+        },
+    ]  # fmt: skip
+    (one,) = transfers(companion, [])
+    assert one.since_entry_s == pytest.approx(8.5)
+    assert (one.duration_s, one.failed_attempts, one.by_timeout) == (2.5, 1, True)
+
+
+def test_a_cut_line_of_a_journal_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "j.jsonl"
+    path.write_text('{"event": "loaded"}\n{"event": "unl')
+    assert read_journal(path) == [{"event": "loaded"}]
+
+
+def test_the_median_is_the_value_in_the_middle() -> None:
+    assert median([9.0, 1.0, 2.0]) == 2.0

@@ -1,0 +1,253 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The programs that scenarios put beside and between the real ones, as processes: the station of the standard, the
+rogue, the proxy's orders. The other end is a socket of the test."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from sitl.ports import LOOPBACK, PortPicker
+from sitl.processes import Child, Processes
+from sitl.proxy import give_orders
+from sitl.rogue import repertoire
+from sitl.steps import StepFailed
+
+pytestmark = pytest.mark.process
+
+COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+CONTROL = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
+
+
+class Companion:
+    """The vehicle's end of a link."""
+
+    def __init__(self, port: int, key: bytes | None = None) -> None:
+        self.socket = udp()
+        self.socket.connect((LOOPBACK, port))
+        self.mav: Any = mavlink.MAVLink(None, srcSystem=1, srcComponent=COMPANION)
+        self.mav.robust_parsing = True
+        if key is not None:
+            self.mav.signing.secret_key = key
+            self.mav.signing.sign_outgoing = True
+            self.mav.signing.timestamp = int((time.time() - 1420070400) * 1e5)
+
+    def say(self, message: Any) -> None:
+        self.socket.send(message.pack(self.mav))
+
+    def hear(self, kind: str, where: Callable[[Any], bool] = lambda message: True) -> Any:
+        """The next message of a kind."""
+        for _ in range(200):
+            for message in self.mav.parse_buffer(self.socket.recv(65536)) or ():
+                if message.get_type() == kind and where(message):
+                    return message
+        raise AssertionError(f"no {kind}")
+
+
+#: sockets of the test under way
+_OPEN: list[socket.socket] = []
+
+
+def udp() -> socket.socket:
+    """A socket that is closed with the test."""
+    _OPEN.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    _OPEN[-1].settimeout(5.0)
+    return _OPEN[-1]
+
+
+@pytest.fixture
+def processes() -> Iterator[Processes]:
+    with Processes() as running:
+        yield running
+    while _OPEN:
+        _OPEN.pop().close()
+
+
+def lines_of(journal: Path, event: str) -> list[dict[str, Any]]:
+    """Wait for an event in a journal; every entry of it."""
+    until = time.monotonic() + 10
+    while time.monotonic() < until:
+        entries = [json.loads(line) for line in journal.read_text().splitlines()] if journal.exists() else []
+        found = [entry for entry in entries if entry["event"] == event]
+        if found:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"no {event} in {journal}")
+
+
+def begin_standard(processes: Processes, folder: Path, *more: str) -> tuple[Child, int]:
+    port = PortPicker().udp()
+    argv = [sys.executable, "-m", "sitl.standard_gcs", "--name", "GCSA", "--sysid", "251", "--listen", str(port)]
+    child = processes.start("GCSA", [*argv, "--journal", str(folder / "GCSA.jsonl"), *more], folder)
+    lines_of(folder / "GCSA.jsonl", "loaded")
+    return child, port
+
+
+def status(owner: int, flags: int = mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER) -> Any:
+    return mavlink.MAVLink_control_status_message(flags, owner, [0] * 10)
+
+
+def test_a_station_of_the_standard_commands_and_answers_the_question(processes: Processes, tmp_path: Path) -> None:
+    child, port = begin_standard(processes, tmp_path)
+    companion = Companion(port)
+    companion.say(status(0, flags=0))  # not the system manager's
+    companion.say(status(251))
+    assert companion.hear("HEARTBEAT").get_srcSystem() == 251
+    (control,) = lines_of(tmp_path / "GCSA.jsonl", "control")
+    assert (control["owner"], control["own"]) == (251, True)
+    child.type("pause")
+    pause = companion.hear("COMMAND_LONG")
+    assert (pause.command, pause.target_component, pause.param1) == (mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 1, 0)
+    again = companion.hear("COMMAND_LONG")
+    assert again.command == pause.command, "repeated until acknowledged"
+    companion.say(mavlink.MAVLink_command_ack_message(pause.command, mavlink.MAV_RESULT_NOT_IN_CONTROL, 0, 0, 251, 190))
+    assert lines_of(tmp_path / "GCSA.jsonl", "command")[0]["result"] == "not_in_control"
+    companion.say(mavlink.MAVLink_command_long_message(251, 190, CONTROL, 0, 1, 0, 30, 252, 0, 0, 0))
+    assert companion.hear("COMMAND_ACK").result == mavlink.MAV_RESULT_ACCEPTED
+    assert lines_of(tmp_path / "GCSA.jsonl", "notified")[0]["asker"] == 252
+    child.type("allow")
+    allow = companion.hear("COMMAND_LONG", lambda message: message.command == CONTROL)
+    assert (allow.param1, allow.param2, allow.param4, allow.target_component) == (1, 1, 251, COMPANION)
+
+
+def test_a_station_of_the_standard_counts_what_is_not_acknowledged(processes: Processes, tmp_path: Path) -> None:
+    child, port = begin_standard(processes, tmp_path)
+    companion = Companion(port)
+    companion.say(status(251))
+    companion.hear("HEARTBEAT")
+    child.type("measure 3 0.05")
+    for number in range(3):
+        asked = companion.hear("COMMAND_LONG")
+        if number < 2:
+            companion.say(mavlink.MAVLink_command_ack_message(asked.command, 0, 0, 0, 251, 190))
+    (measured,) = lines_of(tmp_path / "GCSA.jsonl", "measured")
+    assert (measured["count"], measured["lost"]) == (2, 1)
+    assert 0 < measured["median_ms"] <= measured["p99_ms"] <= measured["max_ms"]
+
+
+def test_a_station_with_a_key_signs_and_believes_no_unsigned_word(processes: Processes, tmp_path: Path) -> None:
+    key = bytes(range(32))
+    (tmp_path / "GCSA.key").write_text(key.hex(), encoding="ascii")
+    _, port = begin_standard(processes, tmp_path, "--key", str(tmp_path / "GCSA.key"))
+    Companion(port).say(status(99))
+    companion = Companion(port, key)
+    companion.say(status(251))
+    assert companion.hear("HEARTBEAT").get_signed()
+    assert [entry["owner"] for entry in lines_of(tmp_path / "GCSA.jsonl", "control")] == [251]
+
+
+def begin_rogue(processes: Processes, folder: Path) -> tuple[Child, Companion, socket.socket]:
+    """The rogue between a companion and a station."""
+    ports = PortPicker()
+    listen, target = ports.udp(), ports.udp()
+    station = udp()
+    station.bind((LOOPBACK, target))
+    config = folder / "rogue.toml"
+    journal = folder / "rogue.jsonl"
+    link = f'[[link]]\nname = "GCSB"\nlisten = {listen}\ntarget = {target}\n'
+    config.write_text(f'journal = "{journal}"\nvehicle = 1\n{link}', encoding="utf-8")
+    child = processes.start("rogue", [sys.executable, "-m", "sitl.rogue", "--config", str(config)], folder)
+    lines_of(journal, "loaded")
+    return child, Companion(listen), station
+
+
+def test_the_rogue_passes_on_and_plays_again_what_it_kept(processes: Processes, tmp_path: Path) -> None:
+    child, companion, station = begin_rogue(processes, tmp_path)
+    companion.socket.send(b"down")
+    data, rogue = station.recvfrom(100)
+    assert data == b"down"
+    child.type("record GCSB")
+    lines_of(tmp_path / "rogue.jsonl", "recording")
+    for word in (b"one", b"two"):
+        station.sendto(word, rogue)
+        assert companion.socket.recv(100) == word
+    child.type("replay GCSB")
+    assert [companion.socket.recv(100), companion.socket.recv(100)] == [b"one", b"two"]
+    assert lines_of(tmp_path / "rogue.jsonl", "replay_ended")[0]["datagrams"] == 2
+
+
+def test_the_rogue_sends_every_kind_of_message_once_under_the_name_it_is_told(
+    processes: Processes, tmp_path: Path
+) -> None:
+    child, companion, station = begin_rogue(processes, tmp_path)
+    companion.socket.send(b"down")
+    station.recv(100)
+    child.type("attack GCSB 77")
+    kinds = [message.get_msgId() for message in repertoire(1)]
+    assert len(set(kinds)) == len(kinds) == 15
+    heard: list[Any] = []
+    while len(heard) < len(kinds):
+        heard += companion.mav.parse_buffer(companion.socket.recv(1000)) or []
+    assert [message.get_msgId() for message in heard] == kinds
+    assert {message.get_srcSystem() for message in heard} == {77}
+
+
+def test_a_flood_has_the_rate_that_was_asked_for_valid_and_broken(processes: Processes, tmp_path: Path) -> None:
+    child, companion, station = begin_rogue(processes, tmp_path)
+    companion.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+    companion.socket.send(b"down")
+    station.recv(100)
+    child.type("flood GCSB 252 2000 0.5")
+    assert lines_of(tmp_path / "rogue.jsonl", "flood_ended")[0]["datagrams"] == 1000
+    received = [companion.socket.recv(1000) for _ in range(200)]
+    good = []
+    for data in received:
+        parser: Any = mavlink.MAVLink(None)
+        parser.robust_parsing = True
+        good += [m for m in parser.parse_buffer(data) or [] if m.get_type() == "COMMAND_LONG"]
+    assert 60 <= len(good) <= 70, "one in three is a command"
+
+
+def test_orders_reach_every_link_that_a_pattern_means(processes: Processes, tmp_path: Path) -> None:
+    ports = PortPicker()
+    names = ("ground-A-B", "ground-B-A", "air-A")
+    links = [f'[[link]]\nname = "{name}"\nlisten = {ports.udp()}\ntarget = {ports.udp()}\n' for name in names]
+    (tmp_path / "links.toml").write_text("".join(links), encoding="utf-8")
+    argv = [sys.executable, "-m", "sitl.impairment", "--config", str(tmp_path / "links.toml")]
+    child = processes.start("impairment", argv, tmp_path)
+    until = time.monotonic() + 10
+    while "ready" not in child.console():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    done = give_orders(child, names, ["cut ground-*", "loss air-A 0.2"])
+    while not done():
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    assert child.console()[1:] == ["ok cut ground-A-B", "ok cut ground-B-A", "ok loss air-A 0.2"]
+    with pytest.raises(StepFailed, match=r"'cut sea-\*': no link through the proxy is called so: ground-A-B"):
+        give_orders(child, names, ["cut sea-*"])
+    done = give_orders(child, names, ["loss air-A 2"])
+    while len(child.console()) < 5:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    with pytest.raises(StepFailed, match=r"loss = 2\.0: must be 0 to 1"):
+        done()
+
+
+def test_a_killed_process_starts_again_and_its_console_goes_on(processes: Processes, tmp_path: Path) -> None:
+    argv = [sys.executable, "-c", "print('here', flush=True); input()"]
+    first = processes.start("one", argv, tmp_path)
+    with pytest.raises(ValueError, match="'one' still runs"):
+        processes.restart("one")
+    until = time.monotonic() + 10
+    while first.console() != ["here"]:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    first.kill()
+    second = processes.restart("one")
+    while second.console() != ["here", "here"]:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    assert processes["one"] is second
+    assert second.pid != first.pid
+    assert processes.dead() == []
+    assert (second.resident_kb() or 0) > 1000

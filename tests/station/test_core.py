@@ -1,0 +1,525 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Each rule at the head of `gcs_module/core.py`."""
+
+from __future__ import annotations
+
+import pytest
+
+from gcs_module.core import (
+    Action,
+    Answer,
+    AuthorityHeard,
+    Event,
+    FromPeer,
+    FromVehicle,
+    MissionHeld,
+    Notice,
+    PeerHeard,
+    Role,
+    StationCore,
+    ToPeer,
+    ToVehicle,
+    VehicleHeard,
+)
+from mavproxy_handover.core.messages import (
+    Connect,
+    ConnectAck,
+    ConnectHandover,
+    DisconnectHandover,
+    DroneConnected,
+    HandoverRequest,
+    HandoverResult,
+    Message,
+    OkHandover,
+    OnHandover,
+    TransferKey,
+)
+from mavproxy_handover.core.model import Consent, Outcome, Phase, Reason, Station
+
+A, B, C = 251, 252, 253
+NAMES = {A: "GCSA", B: "GCSB", C: "GCSC"}
+#: from A to B, number 7, in epoch 3
+KEY = TransferKey(A, B, 7, 3)
+DIGEST = bytes(range(32))
+NOW = 100.0
+
+
+def station(sysid: int, *, asks: bool = False, commander: int | None = A, epoch: int = 3) -> StationCore:
+    """A station that has heard who commands."""
+    peers = tuple(Station(other, name) for other, name in NAMES.items() if other != sysid)
+    core = StationCore(Station(sysid, NAMES[sysid]), "drone", peers, operator_consents=asks)
+    core.handle(AuthorityHeard(Phase.ON_MISSION, commander, None, epoch), NOW)
+    core.handle(VehicleHeard(), NOW)
+    return core
+
+
+def partner(*, asks: bool = False, ground: bool = True) -> StationCore:
+    core = station(B, asks=asks)
+    if ground:
+        core.handle(PeerHeard(A), NOW)
+    return core
+
+
+def from_vehicle(core: StationCore, message: Message, now: float = NOW) -> list[Action]:
+    return core.handle(FromVehicle(message), now)
+
+
+def words(actions: list[Action]) -> list[Action]:
+    """What goes out, without what the operator reads."""
+    return [action for action in actions if not isinstance(action, Notice)]
+
+
+def notices(actions: list[Action]) -> list[str]:
+    return [action.text for action in actions if isinstance(action, Notice)]
+
+
+class TestWhoCommands:
+    """The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else."""
+
+    def test_at_first_nobody(self) -> None:
+        core = StationCore(Station(A, "GCSA"), "drone", (), operator_consents=False)
+        assert (core.commander, core.epoch, core.role) == (None, 0, Role.OBSERVER)
+
+    @pytest.mark.parametrize(
+        ("sysid", "commander", "partner", "role"),
+        [
+            (A, A, None, Role.COMMANDER),
+            (A, A, B, Role.COMMANDER),
+            (B, A, B, Role.PARTNER),
+            (C, A, B, Role.OBSERVER),
+            (C, None, None, Role.OBSERVER),
+        ],
+    )
+    def test_role(self, sysid: int, commander: int | None, partner: int | None, role: Role) -> None:
+        core = station(sysid, epoch=0)
+        core.handle(AuthorityHeard(Phase.ON_HANDOVER, commander, partner, 5), NOW)
+        assert core.role is role
+
+    @pytest.mark.parametrize("how", ["status", "connect", "result"])
+    def test_every_word_of_the_vehicle_tells(self, how: str) -> None:
+        core = station(A)
+        events: dict[str, Event] = {
+            "status": AuthorityHeard(Phase.ON_MISSION, B, None, 4),
+            "connect": FromVehicle(Connect(A, 1, 9, 4, B, "drone", DIGEST)),
+            "result": FromVehicle(HandoverResult(TransferKey(A, B, 7, 4), B, Outcome.COMMITTED, Reason.ZONE)),
+        }
+        actions = core.handle(events[how], NOW)
+        assert (core.commander, core.epoch, core.role) == (B, 4, Role.OBSERVER)
+        assert notices(actions) == ["GCSB commands now, epoch 4."]
+
+    @pytest.mark.parametrize("epoch", [0, 1, 2])
+    def test_an_older_epoch_is_stale(self, epoch: int) -> None:
+        core = station(A)
+        for event in (
+            AuthorityHeard(Phase.ON_MISSION, B, None, epoch),
+            FromVehicle(Connect(A, 1, 9, epoch, B, "drone", DIGEST)),
+            FromVehicle(HandoverResult(TransferKey(A, B, 7, epoch), B, Outcome.COMMITTED, Reason.ZONE)),
+        ):
+            assert notices(core.handle(event, NOW)) == []
+        assert (core.commander, core.epoch) == (A, 3)
+
+    def test_within_an_epoch_only_that_nobody_commands_any_more(self) -> None:
+        core = station(A)
+        assert notices(core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 3), NOW)) == []
+        assert core.commander == A
+        lost = core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 3), NOW)
+        assert notices(lost) == ["nobody commands now, epoch 3."]
+        # a status from before the loss comes late
+        assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW) == []
+        assert core.role is Role.OBSERVER
+        back = core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW)
+        assert notices(back) == ["GCSA is the commander now, epoch 4."]
+
+    def test_the_operator_hears_of_his_own_authority_aloud(self) -> None:
+        core = station(B)
+        assert core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 4), NOW) == [
+            Notice("authority", "GCSB is the commander now, epoch 4.", urgent=True)
+        ]
+        assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 5), NOW) == [
+            Notice("authority", "GCSA commands now, epoch 5.", urgent=True)
+        ]
+        assert core.handle(AuthorityHeard(Phase.ON_MISSION, C, None, 6), NOW) == [
+            Notice("authority", "GCSC commands, epoch 6.")
+        ]
+
+    def test_no_peer_can_tell(self) -> None:
+        core = station(A)
+        for message in (
+            HandoverResult(TransferKey(A, B, 7, 4), B, Outcome.COMMITTED, Reason.ZONE),
+            Connect(A, 1, 9, 4, B, "drone", DIGEST),
+            HandoverRequest(KEY),
+            ConnectHandover(KEY),
+            DisconnectHandover(KEY),
+            OkHandover(KEY),
+        ):
+            assert core.handle(FromPeer(B, message), NOW) == []
+        assert (core.commander, core.epoch, core.question) == (A, 3, None)
+
+
+class TestConnect:
+    def test_is_answered_with_what_the_station_knows(self) -> None:
+        core = station(B)
+        core.handle(MissionHeld(DIGEST), NOW)
+        answers = words(from_vehicle(core, Connect(B, 1, 0xFFFFFFFF, 3, A, "drone", DIGEST)))
+        assert answers == [ToVehicle(ConnectAck(B, 1, 0xFFFFFFFF, 3, A, "GCSB", DIGEST))]
+
+    def test_again_and_again(self) -> None:
+        core = station(B)
+        question = Connect(B, 1, 77, 3, A, "drone", b"")
+        assert from_vehicle(core, question) == from_vehicle(core, question) != []
+
+    def test_the_answer_shows_the_epoch_that_the_question_brought(self) -> None:
+        core = station(B)
+        answers = words(from_vehicle(core, Connect(B, 1, 1, 9, B, "drone", b"")))
+        assert answers == [ToVehicle(ConnectAck(B, 1, 1, 9, B, "GCSB", b""))]
+
+    def test_the_vehicles_mission_is_known(self) -> None:
+        core = station(B)
+        from_vehicle(core, Connect(B, 1, 1, 3, A, "drone", DIGEST))
+        assert core.vehicle_digest == DIGEST
+
+
+class TestPartner:
+    """It answers HANDOVER_REQUEST with ON_HANDOVER, CONNECT_HANDOVER with DRONE_CONNECTED, to commander and vehicle."""
+
+    def test_request(self) -> None:
+        core = partner()
+        actions = from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
+        assert words(actions) == [ToPeer(A, OnHandover(KEY)), ToVehicle(OnHandover(KEY))]
+        assert notices(actions) == ["Handover requested: GCSA -> GCSB."]
+
+    def test_connect(self) -> None:
+        core = partner()
+        from_vehicle(core, HandoverRequest(KEY))
+        actions = from_vehicle(core, ConnectHandover(KEY))
+        assert words(actions) == [ToPeer(A, DroneConnected(KEY)), ToVehicle(DroneConnected(KEY))]
+        assert notices(actions) == ["Set up as commander: Drone Connected."]
+
+    def test_without_a_ground_link_the_vehicle_is_asked_to_pass_it_on(self) -> None:
+        core = partner(ground=False)
+        assert words(from_vehicle(core, HandoverRequest(KEY))) == [ToVehicle(OnHandover(KEY, relay=True))]
+        assert words(from_vehicle(core, ConnectHandover(KEY))) == [ToVehicle(DroneConnected(KEY, relay=True))]
+
+    def test_a_ground_link_counts_as_dead_after_three_seconds(self) -> None:
+        core = partner()
+        assert core.peer_alive(A, NOW + 2.999)
+        assert words(from_vehicle(core, HandoverRequest(KEY), NOW + 2.999))[0] == ToPeer(A, OnHandover(KEY))
+        assert not core.peer_alive(A, NOW + 3.0)
+        assert words(from_vehicle(core, HandoverRequest(KEY), NOW + 3.0)) == [ToVehicle(OnHandover(KEY, relay=True))]
+
+    def test_the_ground_link_to_a_third_station_does_not_help(self) -> None:
+        core = partner(ground=False)
+        core.handle(PeerHeard(C), NOW)
+        assert words(from_vehicle(core, HandoverRequest(KEY))) == [ToVehicle(OnHandover(KEY, relay=True))]
+
+    def test_the_same_question_gets_the_same_answer_and_the_operator_reads_it_once(self) -> None:
+        core = partner()
+        for message in (HandoverRequest(KEY, Reason.ZONE), ConnectHandover(KEY)):
+            first = from_vehicle(core, message)
+            for _ in range(3):
+                assert from_vehicle(core, message) == words(first)
+
+    def test_a_request_for_another_station_is_not_answered(self) -> None:
+        for key in (TransferKey(A, C, 7, 3), TransferKey(B, A, 7, 3)):
+            core = partner()
+            assert from_vehicle(core, HandoverRequest(key)) == []
+            assert from_vehicle(core, ConnectHandover(key)) == []
+
+    @pytest.mark.parametrize("epoch", [0, 1, 2])
+    def test_a_request_of_an_older_epoch_is_not_answered(self, epoch: int) -> None:
+        core = partner()
+        assert from_vehicle(core, HandoverRequest(TransferKey(A, B, 7, epoch))) == []
+        assert from_vehicle(core, ConnectHandover(TransferKey(A, B, 7, epoch))) == []
+
+    def test_a_request_of_a_newer_epoch_is_answered_the_news_just_has_not_come(self) -> None:
+        core = partner()
+        key = TransferKey(A, B, 8, 4)
+        assert words(from_vehicle(core, HandoverRequest(key))) == [
+            ToPeer(A, OnHandover(key)),
+            ToVehicle(OnHandover(key)),
+        ]
+        assert core.epoch == 3
+
+    def test_connect_without_a_request_first(self) -> None:
+        # the request was answered before this station was started anew
+        core = partner()
+        assert words(from_vehicle(core, ConnectHandover(KEY))) == [
+            ToPeer(A, DroneConnected(KEY)),
+            ToVehicle(DroneConnected(KEY)),
+        ]
+
+
+class TestCommander:
+    """ON_HANDOVER is answered with OK_HANDOVER; DRONE_CONNECTED with DISCONNECT_HANDOVER, if it has consented."""
+
+    @pytest.mark.parametrize("relayed", [False, True])
+    def test_consent_and_release(self, relayed: bool) -> None:
+        core = station(A)
+
+        def hear(message: Message) -> list[Action]:
+            return core.handle(FromVehicle(message) if relayed else FromPeer(B, message), NOW)
+
+        actions = hear(OnHandover(KEY, relayed=relayed))
+        assert words(actions) == [ToVehicle(OkHandover(KEY))]
+        assert notices(actions) == ["Handover Authorized."]
+        actions = hear(DroneConnected(KEY, relayed=relayed))
+        assert words(actions) == [ToVehicle(DisconnectHandover(KEY))]
+        assert notices(actions) == ["GCSB has the drone: Disconnect."]
+
+    def test_doubled_over_both_ways_it_is_answered_again_and_read_once(self) -> None:
+        core = station(A)
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY))]
+        core.handle(FromPeer(B, DroneConnected(KEY)), NOW)
+        assert from_vehicle(core, DroneConnected(KEY, relayed=True)) == [ToVehicle(DisconnectHandover(KEY))]
+        assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == [ToVehicle(OkHandover(KEY))]
+
+    @pytest.mark.parametrize("relayed", [False, True])
+    def test_no_release_without_consent(self, relayed: bool) -> None:
+        message = DroneConnected(KEY)
+        event = FromVehicle(message) if relayed else FromPeer(B, message)
+        assert station(A).handle(event, NOW) == []
+        waiting = station(A, asks=True)
+        waiting.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        assert waiting.handle(event, NOW) == []
+        denied = station(A, asks=True)
+        denied.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        denied.handle(Answer(False), NOW)
+        assert denied.handle(event, NOW) == []
+
+    def test_consent_to_one_transfer_is_no_consent_to_another(self) -> None:
+        core = station(A)
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        for key in (TransferKey(A, B, 8, 3), TransferKey(A, C, 7, 3), TransferKey(A, B, 7, 4)):
+            assert from_vehicle(core, DroneConnected(key)) == []
+
+    def test_consent_as_partner_is_no_consent_as_commander(self) -> None:
+        core = station(A)
+        key = TransferKey(A, A, 7, 3)
+        from_vehicle(core, HandoverRequest(key))
+        assert from_vehicle(core, DroneConnected(key)) == []
+
+    def test_not_its_transfer(self) -> None:
+        core = station(A)
+        for key in (TransferKey(B, C, 7, 3), TransferKey(C, B, 7, 3), TransferKey(A, B, 7, 2)):
+            assert from_vehicle(core, OnHandover(key)) == []
+            assert core.handle(FromPeer(key.to_station, OnHandover(key)), NOW) == []
+
+
+class TestGroundLink:
+    """A peer speaks for itself, in the present epoch, and only to the station that commands."""
+
+    def test_for_another_station(self) -> None:
+        core = station(A)
+        assert core.handle(FromPeer(C, OnHandover(KEY)), NOW) == []
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        assert core.handle(FromPeer(C, DroneConnected(KEY)), NOW) == []
+
+    @pytest.mark.parametrize("epoch", [0, 2, 4, 0xFFFFFFFF])
+    def test_of_another_epoch(self, epoch: int) -> None:
+        core = station(A)
+        assert core.handle(FromPeer(B, OnHandover(TransferKey(A, B, 7, epoch))), NOW) == []
+
+    def test_to_a_station_that_does_not_command(self) -> None:
+        core = station(A, commander=C)
+        assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
+        lost = station(A, commander=None)
+        assert lost.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
+
+    def test_what_the_vehicle_passes_on_counts_even_so(self) -> None:
+        # the news of its own authority has not come yet
+        core = station(A, commander=C, epoch=2)
+        assert words(from_vehicle(core, OnHandover(KEY, relayed=True))) == [ToVehicle(OkHandover(KEY))]
+
+    def test_a_peer_cannot_make_the_transfer_under_way_stale(self) -> None:
+        core = station(A)
+        core.handle(FromPeer(B, OnHandover(TransferKey(A, B, 30000, 3))), NOW)
+        assert words(from_vehicle(core, OnHandover(KEY, relayed=True))) == [ToVehicle(OkHandover(KEY))]
+
+    def test_is_announced_when_it_comes_up(self) -> None:
+        core = station(A)
+        assert notices(core.handle(PeerHeard(B), NOW)) == ["Ground link to GCSB is up."]
+        assert core.handle(PeerHeard(B), NOW + 2.9) == []
+        assert notices(core.handle(PeerHeard(B), NOW + 6.0)) == ["Ground link to GCSB is up."]
+
+
+class TestLate:
+    """What comes late from a transfer before the vehicle's latest is no question any more."""
+
+    def test_request(self) -> None:
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY))
+        later = TransferKey(A, B, 8, 3)
+        from_vehicle(core, HandoverRequest(later))
+        core.handle(Answer(True), NOW)
+        assert from_vehicle(core, HandoverRequest(KEY)) == []
+        assert from_vehicle(core, ConnectHandover(KEY)) == []
+        # and the answer given stands
+        assert words(from_vehicle(core, HandoverRequest(later))) == [
+            ToPeer(A, OnHandover(later)),
+            ToVehicle(OnHandover(later)),
+        ]
+
+    def test_partners_word(self) -> None:
+        core = station(A, asks=True)
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        later = TransferKey(A, C, 8, 3)
+        from_vehicle(core, OnHandover(later, relayed=True))
+        core.handle(Answer(True), NOW)
+        assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
+        assert core.handle(FromPeer(B, DroneConnected(KEY)), NOW) == []
+        assert from_vehicle(core, OnHandover(later, relayed=True)) == [ToVehicle(OkHandover(later))]
+
+    def test_the_number_wraps(self) -> None:
+        core = partner()
+        from_vehicle(core, HandoverRequest(TransferKey(A, B, 65535, 3)))
+        assert from_vehicle(core, HandoverRequest(TransferKey(A, B, 1, 3))) != []
+        assert from_vehicle(core, HandoverRequest(TransferKey(A, B, 65535, 3))) == []
+
+    def test_a_new_epoch_begins_anew(self) -> None:
+        core = partner()
+        from_vehicle(core, HandoverRequest(TransferKey(A, B, 65535, 3)))
+        assert from_vehicle(core, HandoverRequest(TransferKey(A, B, 5, 4))) != []
+
+
+class TestOperator:
+    """Consent is automatic, or the operator's: then the answer is "waiting" until there is one."""
+
+    def test_partner_waits(self) -> None:
+        core = partner(asks=True)
+        actions = from_vehicle(core, HandoverRequest(KEY))
+        # only the vehicle: the commander is not to be asked for a transfer that may not be wanted
+        assert words(actions) == [ToVehicle(OnHandover(KEY, Consent.WAITING))]
+        assert notices(actions) == [
+            "Handover requested: GCSA -> GCSB. Type 'handover accept' or 'handover deny'.",
+        ]
+        assert core.question == KEY
+
+    def test_partner_says_yes(self) -> None:
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY))
+        assert core.handle(Answer(True), NOW) == [
+            Notice("consent", "Handover Authorized."),
+            ToPeer(A, OnHandover(KEY)),
+            ToVehicle(OnHandover(KEY)),
+        ]
+        assert core.question is None
+
+    def test_partner_says_no(self) -> None:
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY))
+        refusal = ToVehicle(OnHandover(KEY, Consent.DENIED, Reason.OPERATOR))
+        assert core.handle(Answer(False), NOW) == [Notice("consent", "Handover Denied."), refusal]
+        assert from_vehicle(core, HandoverRequest(KEY)) == [refusal]
+        assert from_vehicle(core, ConnectHandover(KEY)) == [refusal]
+
+    def test_a_partner_whose_operator_has_not_answered_does_not_connect(self) -> None:
+        core = partner(asks=True)
+        actions = from_vehicle(core, ConnectHandover(KEY))
+        assert words(actions) == [ToVehicle(OnHandover(KEY, Consent.WAITING))]
+
+    def test_commander_waits(self) -> None:
+        core = station(A, asks=True)
+        actions = core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        assert words(actions) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
+        assert notices(actions) == [
+            "GCSB is ready to take drone. Type 'handover accept' or 'handover deny'.",
+        ]
+        assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
+
+    def test_commander_says_yes(self) -> None:
+        core = station(A, asks=True)
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        assert core.handle(Answer(True), NOW) == [
+            Notice("consent", "Handover Authorized."),
+            ToVehicle(OkHandover(KEY)),
+        ]
+        assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY))]
+
+    def test_commander_says_no(self) -> None:
+        core = station(A, asks=True)
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        refusal = ToVehicle(OkHandover(KEY, Consent.DENIED, Reason.OPERATOR))
+        assert core.handle(Answer(False), NOW) == [Notice("consent", "Handover Denied."), refusal]
+        assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [refusal]
+
+    @pytest.mark.parametrize("yes", [False, True])
+    def test_an_answer_to_nothing(self, yes: bool) -> None:
+        core = station(A, asks=True)
+        assert core.handle(Answer(yes), NOW) == [Notice("question", "There is no question to answer.")]
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        core.handle(Answer(True), NOW)
+        assert core.handle(Answer(False), NOW) == [Notice("question", "There is no question to answer.")]
+
+
+class TestResult:
+    def test_is_acknowledged_by_state_every_time(self) -> None:
+        core = partner()
+        committed = HandoverResult(TransferKey(A, B, 7, 4), B, Outcome.COMMITTED, Reason.ZONE)
+        ack = ToVehicle(ConnectAck(B, 1, 0, 4, B, "GCSB", b""))
+        assert from_vehicle(core, committed) == [
+            Notice("authority", "GCSB is the commander now, epoch 4.", urgent=True),
+            ack,
+        ]
+        assert from_vehicle(core, committed) == [ack]
+
+    def test_an_abort_is_told_once_and_closes_the_question(self) -> None:
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY))
+        aborted = HandoverResult(KEY, A, Outcome.ABORTED, Reason.LEFT_REGION)
+        assert notices(from_vehicle(core, aborted)) == ["Handover 7 aborted: left region."]
+        assert core.question is None
+        assert notices(from_vehicle(core, aborted)) == []
+        assert notices(core.handle(Answer(True), NOW)) == ["There is no question to answer."]
+
+    def test_a_new_epoch_closes_the_question_of_an_older_one(self) -> None:
+        # the abort was lost; since then the commander was lost and has come back
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY))
+        core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 3), NOW)
+        assert core.question == KEY
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW)
+        assert core.question is None
+        assert words(core.handle(Answer(True), NOW)) == []
+
+    def test_of_another_transfer_leaves_the_question_open(self) -> None:
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY))
+        from_vehicle(core, HandoverResult(TransferKey(A, B, 6, 3), A, Outcome.ABORTED, Reason.CANCELLED))
+        assert core.question == KEY
+
+
+class TestVehicle:
+    def test_is_announced_and_missed_once(self) -> None:
+        core = StationCore(Station(A, "GCSA"), "drone", (), operator_consents=False)
+        assert core.tick(0.0) == []
+        assert core.handle(VehicleHeard(), 10.0) == [Notice("connected", "drone is connected.")]
+        assert core.handle(VehicleHeard(), 11.0) == []
+        assert core.vehicle_alive(15.999)
+        assert core.tick(15.999) == []
+        assert core.tick(16.0) == [Notice("lost", "drone is not heard any more.", urgent=True)]
+        assert core.tick(17.0) == []
+        assert core.handle(VehicleHeard(), 20.0) == [Notice("connected", "drone is connected.")]
+
+    def test_every_message_of_its_companion_is_a_sign_of_life(self) -> None:
+        core = StationCore(Station(A, "GCSA"), "drone", (), operator_consents=False)
+        actions = from_vehicle(core, Connect(A, 1, 5, 0, None, "drone", b""), 10.0)
+        assert notices(actions) == ["drone is connected."]
+        assert core.vehicle_alive(14.0)
+
+    def test_its_phases_are_read_once(self) -> None:
+        core = station(A)
+        event = AuthorityHeard(Phase.ON_HANDOVER, A, B, 3)
+        assert core.handle(event, NOW) == [Notice("phase", "drone is on handover.")]
+        assert core.handle(event, NOW) == []
+
+    def test_silence_changes_no_belief(self) -> None:
+        core = station(A)
+        core.tick(NOW + 60.0)
+        assert core.role is Role.COMMANDER
+
+
+def test_a_stranger_has_a_name_all_the_same() -> None:
+    core = station(A)
+    assert [core.name(sysid) for sysid in (A, B, 77, 0, None)] == ["GCSA", "GCSB", "station 77", "nobody", "nobody"]

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The wheel: everything a user needs is in it, and nothing lands outside our packages but what has to."""
+
+from __future__ import annotations
+
+import configparser
+import importlib.util
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("mavproxy_handover/", "gcs_module/", "sitl/")
+ELSEWHERE = {
+    "MAVProxy/modules/mavproxy_handover.py",
+    "MAVProxy/modules/mavproxy_handover_gcs.py",
+    "pymavlink/dialects/v20/handover.py",
+}
+NOT_COPIED = shutil.ignore_patterns(".git", ".venv", "runs", "build", "*.egg-info", ".*_cache", ".hypothesis", "tests")
+
+pytestmark = [
+    pytest.mark.process,
+    pytest.mark.skipif(importlib.util.find_spec("setuptools") is None, reason="needs setuptools to build a wheel"),
+]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """Built from a copy, so that nothing is left behind in the source."""
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
+    shutil.copytree(ROOT, source, ignore=NOT_COPIED)
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", str(folder)]
+    done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False, timeout=200)
+    assert done.returncode == 0, done.stderr
+    (path,) = folder.glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+@pytest.fixture(scope="module")
+def names(wheel: zipfile.ZipFile) -> set[str]:
+    return {name for name in wheel.namelist() if ".dist-info/" not in name}
+
+
+def test_outside_our_packages_there_are_the_dialect_and_two_shims(names: set[str]) -> None:
+    assert {name for name in names if not name.startswith(PACKAGES)} == ELSEWHERE
+
+
+def test_a_shim_does_nothing_but_import_its_module(wheel: zipfile.ZipFile) -> None:
+    for shim, module in (("handover", "mavproxy_handover"), ("handover_gcs", "gcs_module")):
+        lines = wheel.read(f"MAVProxy/modules/mavproxy_{shim}.py").decode().splitlines()
+        assert lines[-1] == f"from {module}.module import init  # noqa: F401"
+        assert len(lines) == 3
+
+
+def test_the_dialect_in_the_wheel_knows_our_messages(wheel: zipfile.ZipFile) -> None:
+    text = wheel.read("pymavlink/dialects/v20/handover.py").decode()
+    for line in ("MAVLINK_MSG_ID_CONNECT = 47100", "MAVLINK_MSG_ID_AUTHORITY_STATUS = 47113"):
+        assert f"\n{line}\n" in text
+    assert "\nMAVLINK_MSG_ID_CONTROL_STATUS = 512\n" in text
+    assert "\nMAVLINK_MSG_ID_HEARTBEAT = 0\n" in text
+
+
+def test_every_module_of_ours_is_in_it(names: set[str]) -> None:
+    for package in ("mavproxy_handover", "gcs_module", "sitl"):
+        sources = {str(path.relative_to(ROOT)) for path in (ROOT / package).rglob("*.py")}
+        assert len(sources) > 4
+        assert sources <= names
+
+
+def test_missions_guard_parameters_definitions_and_samples_are_in_it(names: set[str]) -> None:
+    data = "mavproxy_handover/data/"
+    wanted = {
+        data + "missions/delivery/mission.toml",
+        data + "missions/delivery/delivery.plan",
+        data + "missions/delivery/zones.geojson",
+        data + "missions/linear/mission.toml",
+        data + "missions/corridor/mission.toml",
+        data + "ardupilot_lua/handover_guard.lua",
+        data + "ardupilot_lua/handover_guard.md",
+        data + "ardupilot_lua/handover.parm",
+        "mavproxy_handover/wire/handover.xml",
+        "mavproxy_handover/wire/operator_control.xml",
+        "mavproxy_handover/deploy/vehicle.toml",
+        "mavproxy_handover/deploy/station.toml",
+        "mavproxy_handover/deploy/demo/handover.toml",
+        "mavproxy_handover/deploy/mavproxy_modules/mavproxy_handover.py",
+        "sitl/scenarios/nominal.toml",
+    }
+    assert wanted - names == set()
+
+
+def test_the_guard_in_the_wheel_is_the_guard_of_the_source(wheel: zipfile.ZipFile) -> None:
+    packed = wheel.read("mavproxy_handover/data/ardupilot_lua/handover_guard.lua")
+    assert packed == (ROOT / "ardupilot_lua" / "handover_guard.lua").read_bytes()
+
+
+def test_no_caches_keys_tests_or_journals_are_in_it(names: set[str]) -> None:
+    for name in names:
+        assert "__pycache__" not in name
+        assert not name.endswith((".pyc", ".jsonl", ".tlog", ".key", ".keys", ".bin"))
+        assert "test" not in name.split("/")[0]
+
+
+def test_the_command_handover_is_installed(wheel: zipfile.ZipFile) -> None:
+    (path,) = [name for name in wheel.namelist() if name.endswith(".dist-info/entry_points.txt")]
+    parser = configparser.ConfigParser()
+    parser.read_string(wheel.read(path).decode())
+    assert parser["console_scripts"]["handover"] == "mavproxy_handover.cli:main"
+
+
+def test_the_metadata_names_licence_version_and_what_the_vehicle_needs(wheel: zipfile.ZipFile) -> None:
+    from mavproxy_handover.version import VERSION
+
+    (path,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
+    lines = wheel.read(path).decode().splitlines()
+    assert f"Version: {VERSION}" in lines
+    assert "License-Expression: GPL-3.0-or-later" in lines
+    assert "Requires-Python: >=3.10" in lines
+    needs = {
+        line.split(": ")[1].split(">")[0] for line in lines if line.startswith("Requires-Dist") and "extra" not in line
+    }
+    assert needs == {"MAVProxy", "future", "pymavlink", "pyserial", "shapely", "tomli"}
