@@ -59,7 +59,7 @@ bench: $(VENV)/installed
 
 fuzz: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet atheris
-	$(BIN)/python tests/fuzz/fuzz_gate.py $(ARGS)
+	$(BIN)/python tests/fuzz/fuzz_gate.py $(or $(FUZZ_SECONDS),60)
 
 explore: $(VENV)/installed
 	$(BIN)/python tests/model/explore.py $(ARGS)
@@ -68,7 +68,7 @@ mutants: $(VENV)/installed
 	$(BIN)/python tests/mutation/run.py $(ARGS)
 
 scenarios: $(VENV)/installed
-	$(BIN)/python -m sitl.scenarios_table $(ARGS)
+	$(BIN)/python -m sitl.fly_all $(ARGS)
 
 format: $(VENV)/installed
 	$(BIN)/ruff format .

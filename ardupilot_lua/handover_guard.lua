@@ -19,6 +19,7 @@
 --   1. copy this file to the scripts directory of the autopilot's SD card (APM/scripts)
 --   2. load handover.parm, set HNDO_CHAN to the port of the companion, reboot
 --   3. start the companion; "HNDO: lease live" appears and the vehicle can be armed
+--   Where other than the companion may write to its port: put a key beside this file, see handover_guard.md.
 --
 -- How to test in SITL
 --   1. copy this file to "scripts" in the working directory of the simulation, load handover.parm
@@ -53,12 +54,12 @@ local MS = {
 }
 
 -- Work per call. A script that uses more than 10000 VM instructions in a call is removed for good, pcall or not; a
--- frame costs about 60 of them, one whose CRC is computed up to 1000.
+-- frame costs about 60 of them, one whose CRC is computed up to 1000, and the tag of a lease as much again.
 local WORK = {
     QUEUE_FRAMES = 25,
     FRAMES_PER_CALL = 12,
-    CRCS_PER_CALL = 3,
-    CATCH_UP_CALLS = 9,             -- after a stall: empties a full queue of leases before anything is judged (0.1 s)
+    SUMS_PER_CALL = 3,              -- CRCs and tags; the frame that reaches it is read to its end
+    CATCH_UP_CALLS = 13,            -- after a stall: empties a full queue of leases before anything is judged (0.15 s)
 }
 
 local MODE = {LAND=9, RTL=6, SMART_RTL=21, AUTO_RTL=27}
@@ -102,7 +103,7 @@ local MAV = {
 }
 
 -- the lease and the answer to it
-local LEASE = {TYPE=47116, BYTES=20, VERSION=1, HELD=1, TRANSFER=2, LOST=3, RECOVERING=4}
+local LEASE = {TYPE=47116, BYTES=20, VERSION=1, HELD=1, TRANSFER=2, LOST=3, RECOVERING=4, TAG_BYTES=8, TAGGED=1}
 local STATUS = {TYPE=47117, BYTES=20, VERSION=1}
 local STATE = {DISABLED=0, WAITING=1, LIVE=2, EXPIRED=3, LOST=4}
 
@@ -145,7 +146,7 @@ HNDO.TIMEOUT = bind_add_param("TIMEOUT", 2, 3)
   // @Units: s
   // @User: Standard
 --]]
-HNDO.LOST_T = bind_add_param("LOST_T", 3, 1)
+HNDO.LOST_T = bind_add_param("LOST_T", 3, 3)
 
 --[[
   // @Param: HNDO_ACTION
@@ -649,7 +650,89 @@ local function accept(now, chan, stamp, lease_state, commander, nonce, sequence,
     refused.reason = nil
 end
 
--- returns true when a CRC was computed
+-- HalfSipHash-2-4 with 64 bits of result (Aumasson and Bernstein): adds, turns and xors of 32-bit words, made for small
+-- processors. A lease costs it about 950 VM instructions. Unlike a CRC it cannot be computed without the key.
+local function half_siphash(k0, k1, text)
+    local mask = 0xFFFFFFFF
+    local v0, v1, v2, v3 = k0, k1 ~ 0xEE, 0x6C796765 ~ k0, 0x74656462 ~ k1
+    local function rounds(n)
+        local a, b, c, d = v0, v1, v2, v3
+        for _ = 1, n do
+            a = (a + b) & mask
+            b = ((b << 5 | b >> 27) & mask) ~ a
+            a = (a << 16 | a >> 16) & mask
+            c = (c + d) & mask
+            d = ((d << 8 | d >> 24) & mask) ~ c
+            a = (a + d) & mask
+            d = ((d << 7 | d >> 25) & mask) ~ a
+            c = (c + b) & mask
+            b = ((b << 13 | b >> 19) & mask) ~ c
+            c = (c << 16 | c >> 16) & mask
+        end
+        v0, v1, v2, v3 = a, b, c, d
+    end
+    local size = #text
+    local whole = size - size % 4
+    local tail = string.sub(text, whole + 1) .. string.rep("\0", 3 - size % 4) .. string.char(size & 0xFF)
+    text = string.sub(text, 1, whole) .. tail       -- the last word: what is left over, and the length
+    for i = 1, whole + 1, 4 do
+        local word = string.unpack("<I4", text, i)
+        v3 = v3 ~ word
+        rounds(2)
+        v0 = v0 ~ word
+    end
+    v2 = v2 ~ 0xEE
+    rounds(4)
+    local low = v1 ~ v3
+    v1 = v1 ~ 0xDD
+    rounds(4)
+    return low, v1 ~ v3
+end
+
+-- The key of the tag: the first 8 of the 32 bytes in a file beside this one, written as 64 hexadecimal digits. No file:
+-- no tag is asked for. A file that cannot be used: no lease is good, because somebody wanted them checked.
+local key = {required=false, k0=nil, k1=nil}
+
+local function read_key()
+    for _, path in ipairs({"/APM/scripts/handover.key", "scripts/handover.key"}) do
+        local file = io and io.open(path, "r")
+        if file then
+            key.required = true
+            local digits = string.match(file:read(80) or "", "^%s*(%x+)%s*$")
+            file:close()
+            if digits and #digits == 64 then
+                local bytes = {}
+                for i = 1, 8 do
+                    bytes[i] = string.char(tonumber(string.sub(digits, 2 * i - 1, 2 * i), 16))
+                end
+                key.k0, key.k1 = string.unpack("<I4I4", table.concat(bytes))
+            else
+                say(MAV_SEVERITY.ERROR, "key", 0, "handover.key cannot be used")
+            end
+            return
+        end
+    end
+end
+
+-- The tag covers payload type, target and the lease: what is right for one vehicle is wrong for any other.
+local function tag_objection(body, flags)
+    if not key.required then
+        return nil
+    end
+    if flags & LEASE.TAGGED == 0 then
+        return "no tag"
+    end
+    if not key.k0 then
+        return "key file"
+    end
+    local low, high = half_siphash(key.k0, key.k1, string.sub(body, 1, 4) .. string.sub(body, 6, 25))
+    if string.pack("<I4I4", low, high) ~= string.sub(body, 26, 33) then
+        return "tag"
+    end
+    return nil
+end
+
+-- returns how many sums were computed
 local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     local objection = channel_objection(chan)
     if not objection then
@@ -657,83 +740,83 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
             objection = string.format("system %d", sysid)
         elseif compid ~= config.compid then
             objection = string.format("component %d", compid)
-        elseif len > MAV.TUNNEL_HEAD_BYTES + LEASE.BYTES then
+        elseif len > MAV.TUNNEL_HEAD_BYTES + LEASE.BYTES + LEASE.TAG_BYTES then
             objection = "length"
         end
     end
     if objection then
         refuse(objection)
-        return false
+        return 0
     end
     if not crc_fits(msg, magic, len, MAV.TUNNEL, crc) then
         refuse("CRC")
-        return true
+        return 1
     end
     -- trailing zeros are not sent, and what stands behind the end of the message is not to be trusted
-    local body = string.sub(msg, 13, 12 + len) .. string.rep("\0", MAV.TUNNEL_HEAD_BYTES + LEASE.BYTES - len)
-    local _, target, component, length, version, lease_state, commander, _, nonce, sequence, epoch, ttl_ms =
+    local full = MAV.TUNNEL_HEAD_BYTES + LEASE.BYTES + LEASE.TAG_BYTES
+    local body = string.sub(msg, 13, 12 + len) .. string.rep("\0", full - len)
+    local _, target, component, length, version, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms =
         string.unpack("<I2BBBBBBBI4I4I4I2", body)
+    local tagged = flags & LEASE.TAGGED
     if target ~= own_sysid or component ~= MAV.AUTOPILOT_COMPID then
         objection = "target"
-    elseif length ~= LEASE.BYTES then
+    elseif length ~= LEASE.BYTES + LEASE.TAG_BYTES * tagged or len > MAV.TUNNEL_HEAD_BYTES + length then
         objection = "length"
     elseif version ~= LEASE.VERSION then
         objection = string.format("version %d", version)
     elseif lease_state < LEASE.HELD or lease_state > LEASE.RECOVERING then
         objection = string.format("state %d", lease_state)
     else
-        objection = freshness_objection(nonce, sequence, epoch)
+        objection = tag_objection(body, flags) or freshness_objection(nonce, sequence, epoch)
     end
     if objection then
         refuse(objection)
     else
         accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms)
     end
-    return true
+    return key.required and 2 or 1
 end
 
 -- MAV_CMD_SCRIPTING would stop this script. The firmware ignores it without an answer once it is blocked; answer here.
 local function read_command(msg, chan, crc, magic, len, msgid, sysid, compid)
     if string.unpack("<I2", msg, 41) ~= MAV.CMD_SCRIPTING then
-        return false
+        return 0
     end
     if not crc_fits(msg, magic, len, msgid, crc) then
-        return true
+        return 1
     end
     mavlink:send_chan(chan, MAV.COMMAND_ACK, string.pack("<I2BBi4BB", MAV.CMD_SCRIPTING, MAV.RESULT_DENIED, 0, 0,
                                                      sysid, compid))
     tampering.seen = true
     say(MAV_SEVERITY.WARNING, "command", 10000, string.format("scripting command of %d/%d denied", sysid, compid))
-    return true
+    return 1
 end
 
 local function read_frame(now, msg, chan, stamp)
     local crc, magic, len, _, _, _, sysid, compid, msgid = string.unpack("<I2BBBBBBBI3", msg)
     if msgid == MAV.TUNNEL then
         if len < MAV.TUNNEL_HEAD_BYTES or string.unpack("<I2", msg, 13) ~= LEASE.TYPE then
-            return false
+            return 0
         end
         return read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     end
     if msgid == MAV.COMMAND_LONG or msgid == MAV.COMMAND_INT then
         return read_command(msg, chan, crc, magic, len, msgid, sysid, compid)
     end
-    return false
+    return 0
 end
 
 -- returns true when frames may be left
 local function read_frames(now)
-    local crcs = 0
+    local sums = 0
     for _ = 1, WORK.FRAMES_PER_CALL do
         local msg, chan, stamp = mavlink:receive_chan()
         if not msg then
             return false
         end
-        if read_frame(now, msg, chan, stamp) then
-            crcs = crcs + 1
-            if crcs >= WORK.CRCS_PER_CALL then
-                return true
-            end
+        sums = sums + read_frame(now, msg, chan, stamp)
+        if sums >= WORK.SUMS_PER_CALL then
+            return true
         end
     end
     return true
@@ -931,9 +1014,10 @@ local function update()
     return update, MS.UPDATE
 end
 
+read_key()
 take_rx()
 assert_registrations(since.start, true)
 own_sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)
-say(MAV_SEVERITY.INFO, "loaded", 0, "handover guard " .. TEXT.VERSION .. " loaded")
+say(MAV_SEVERITY.INFO, "loaded", 0, "handover guard " .. TEXT.VERSION .. (key.required and " loaded, key" or " loaded"))
 
 return update, MS.UPDATE

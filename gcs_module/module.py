@@ -167,8 +167,6 @@ class HandoverGcsModule(mp_module.MPModule):
         if frame.compid == COMPANION_COMPID:
             if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._handle(VehicleHeard())
-            elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:  # it manages control itself
-                self.commands.on_message(m, time.monotonic())
             elif frame.msgid in _OURS and self._proven(frame):
                 self._on_ours(frame)
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:  # of a request for control

@@ -19,17 +19,18 @@ _LEASE_TTL_MS = 3000
 
 
 class LeaseSequence:
-    """Numbers the leases of one run of the companion. `nonce` is never 0."""
+    """Numbers the leases of one run of the companion. `nonce` is never 0; with a `key` each lease has a tag."""
 
-    def __init__(self, nonce: int) -> None:
+    def __init__(self, nonce: int, key: bytes | None = None) -> None:
         self.nonce = nonce
+        self._key = key
         self.sequence = 0
 
     def next(self, view: AuthorityView, vehicle: int) -> Any:
         """The next lease, as the TUNNEL message to the autopilot."""
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
         lease = Lease(view.lease, view.commander or 0, self.nonce, self.sequence, view.epoch, _LEASE_TTL_MS)
-        return pack_lease(lease, vehicle)
+        return pack_lease(lease, vehicle, self._key)
 
 
 def heartbeat(view: AuthorityView) -> Any:

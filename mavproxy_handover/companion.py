@@ -41,6 +41,8 @@ from mavproxy_handover.gate.judge import Action, Verdict, judge
 from mavproxy_handover.gate.refusals import RefusalLimiter, refusal
 from mavproxy_handover.gate.tables import COMPANION_COMPID, Access
 from mavproxy_handover.journal import Journal
+from mavproxy_handover.keys import load_key
+from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.loading import MissionLoader
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.operator_control import notification, read_request
@@ -109,7 +111,8 @@ class Companion:
         self._flusher = FlushTracker(config.sysid)
         self._limiter = RefusalLimiter()
         self._rate_answers = RefusalLimiter(per_second=20)
-        self._lease = broadcast.LeaseSequence(nonce)
+        guard_key = None if config.guard_key is None else load_key(config.guard_key)
+        self._lease = broadcast.LeaseSequence(nonce, guard_key)
         self._reason = Reason.NONE
         self._conversations = Conversations(self._to_autopilot, self.fault)
         self.preflight = Preflight(config.sysid, config.limits, self._conversations, self._on_preflight)
@@ -185,6 +188,20 @@ class Companion:
                 self._on_frame(port, frame, now)
             except Exception:
                 self.fault("frame of a station", traceback.format_exc(limit=-3))
+
+    def on_links(self, port: StationPort, changes: list[LinkEvent], now: float) -> None:
+        """What the measuring of a station's links has brought to light."""
+        for change in changes:
+            self.journal.write(
+                "link",
+                change.text,
+                station=port.name,
+                link=change.device,
+                change=change.kind.value,
+                measure=None if change.measure is None else change.measure.value,
+                value=None if change.value is None else round(change.value, 3),
+            )
+            self.handle(events.LinkJudged(port.sysid, port.weak, port.attacked, change.text), now)
 
     def _on_frame(self, port: StationPort, frame: Frame, now: float) -> None:
         verdict = judge(frame, port.identity, self.view, self.config.sysid)

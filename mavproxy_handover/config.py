@@ -79,6 +79,8 @@ class VehicleConfig:
     mission: Path | None = None
     #: file of the key that the autopilot was set up with; None: its link is not signed
     autopilot_key: Path | None = None
+    #: file of the key on the guard's card; None: leases have no tag
+    guard_key: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,6 +312,7 @@ def load_vehicle(path: Path) -> VehicleConfig:
     mission = vehicle.get("mission", str)
     unsigned = vehicle.get("allow_unsigned", bool, False)
     autopilot_key = vehicle.get("autopilot_key", str)
+    guard_key = vehicle.get("guard_key", str)
     vehicle.done()
     stations = tuple(_station_links(table, path.parent, unsigned) for table in _list_of_tables(data, "station", path))
     _unique(path, "station", stations, sysid)
@@ -329,6 +332,7 @@ def load_vehicle(path: Path) -> VehicleConfig:
         state=path.parent / state,
         mission=None if mission is None else path.parent / mission,
         autopilot_key=None if autopilot_key is None else path.parent / autopilot_key,
+        guard_key=None if guard_key is None else path.parent / guard_key,
     )
 
 

@@ -162,16 +162,7 @@ class HandoverModule(mp_module.MPModule):
             self.companion.on_station(port, frames, now)
 
     def _measure(self, port: StationPort, now: float) -> None:
-        for event in port.tick(now):
-            self.companion.journal.write(
-                "link",
-                event.text,
-                station=port.name,
-                link=event.device,
-                change=event.kind.value,
-                measure=None if event.measure is None else event.measure.value,
-                value=None if event.value is None else round(event.value, 3),
-            )
+        self.companion.on_links(port, port.tick(now), now)
 
     def _watch(self, port: StationPort, link: Device) -> None:
         """Have MAVProxy wait for the descriptor that the link has now: a new connection has a new one."""

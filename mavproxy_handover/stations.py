@@ -18,7 +18,7 @@ from mavproxy_handover.gate.tables import COMPANION_COMPID
 from mavproxy_handover.keys import KeysError, StationKeys, load_station_keys
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_device
-from mavproxy_handover.link.quality import LinkEvent, LinkQuality
+from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
 from mavproxy_handover.link.timesync import PROBE_COMPID, probe_message
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
@@ -52,6 +52,7 @@ class StationPort:
         self.peer = None if keys is None else SignedPeer(keys.current, keys.previous)
         #: frames whose signature did not hold, with the verdict, newest last
         self.rejected: deque[tuple[Frame, SignatureVerdict]] = deque(maxlen=_REJECTED)
+        self._over: dict[str, set[Measure]] = {}
         self._encoder = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=COMPANION_COMPID)
         self._probers = [mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID) for _ in links]
         self._bundle = LinkBundle(links, self._probe, secrets.randbits)
@@ -117,7 +118,22 @@ class StationPort:
 
     def tick(self, now: float) -> list[LinkEvent]:
         """Probe the links and look at what was measured; to be called often. What changed."""
-        return self._bundle.tick(now)
+        events = self._bundle.tick(now)
+        for event in events:
+            if event.kind is not LinkEventKind.SWITCHED and event.measure is not None:
+                over = self._over.setdefault(event.device, set())
+                (over.add if event.kind is LinkEventKind.DEGRADED else over.discard)(event.measure)
+        return events
+
+    @property
+    def weak(self) -> bool:
+        """Every link is over a limit of its quality."""
+        return all(self._over.get(link.device, set()) - {Measure.BAD_SIGNATURES} for link in self.links)
+
+    @property
+    def attacked(self) -> bool:
+        """Bad signatures come in by some link at a rate that is no accident."""
+        return any(Measure.BAD_SIGNATURES in over for over in self._over.values())
 
     def quality(self, link: Device, now: float) -> LinkQuality:
         """What was measured on one link."""

@@ -78,9 +78,15 @@ class Evidence:
         return str(value)
 
     def commanders(self) -> list[CommanderChange]:
-        """Who commanded from when, from the vehicle's own views; begins with the first commander."""
+        """Who commanded from when, from the vehicle's own views; begins with the first commander.
+
+        A companion that was restarted in flight obeys nobody until it has heard the one who commanded, whether it has
+        said so by a view or not.
+        """
         changes: list[CommanderChange] = []
-        for entry in self.of(event="view"):
+        for entry in self.entries:
+            if entry.event not in ("view", "restarted"):
+                continue
             commander = self.station_name(entry.get("commander"))
             epoch = entry.get("epoch")
             if not changes and commander == NOBODY:

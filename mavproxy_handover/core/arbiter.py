@@ -38,6 +38,7 @@ from mavproxy_handover.core.events import (
     Fly,
     GuardSeen,
     GuardState,
+    LinkJudged,
     MissionLoaded,
     NotifyOwner,
     PositionSeen,
@@ -92,12 +93,14 @@ class Identity:
 
 #: least and longest time that a request of operator control may wait for the owner (MAVLink: 3 to 60 s)
 _REQUEST_S = (3.0, 60.0)
+#: beyond this an epoch is nobody's memory (it travels in 32 bits)
+_EPOCH_MAX = 0x7FFF_FFFF
 #: a transfer that ended because somebody did not want it
 _OPERATORS_WORD = (Reason.COMMANDER_DENIED, Reason.PARTNER_REFUSED, Reason.CANCELLED)
 
 
 def _request_s(wanted_s: float) -> float:
-    return min(max(wanted_s, _REQUEST_S[0]), _REQUEST_S[1])
+    return min(_REQUEST_S[1], max(_REQUEST_S[0], wanted_s))  # in this order what is no number is the least
 
 
 class Arbiter:
@@ -136,6 +139,9 @@ class Arbiter:
         self._emergency: Decision = NOTHING_WRONG
         self._judged_at = -inf
         self._stale_told = False
+        #: stations whose links are all over a limit, and those under whose name bad signatures come in
+        self._weak: set[int] = set()
+        self._attacked: set[int] = set()
         self._takeover_allowed = False
         #: the owner gave up control on the ground: nobody gets it without asking
         self._released = False
@@ -246,6 +252,8 @@ class Arbiter:
             self._on_cancel(event.station, now, actions)
         elif isinstance(event, ControlRequested):
             self._on_control(event, now, actions)
+        elif isinstance(event, LinkJudged):
+            self._on_link(event, now, actions)
         self._speak(now, actions)
         self._judge_safety(now, actions)
         self._ask_around(now, actions)
@@ -310,6 +318,19 @@ class Arbiter:
         else:
             self._on_transfer_message(event, now, actions)
 
+    def _on_link(self, event: LinkJudged, now: float, actions: list[Action]) -> None:
+        """Quality below its limits is a reason to move on while somebody better is there; an attack is a warning."""
+        name = self.name(event.station)
+        if event.weak is not (event.station in self._weak):
+            (self._weak.add if event.weak else self._weak.discard)(event.station)
+            text = f"links of {name} are {'weak' if event.weak else 'good again'}: {event.text}"
+            actions.append(Record("link_quality", text, Reason.LINK_QUALITY, event.station))
+        if event.attacked is not (event.station in self._attacked):
+            (self._attacked.add if event.attacked else self._attacked.discard)(event.station)
+            text = f"somebody {'speaks' if event.attacked else 'no longer speaks'} in the name of {name}: {event.text}"
+            actions.append(Record("attack", text, Reason.AUTHENTICATION, event.station))
+        self._seek_transfer(now, actions)
+
     def _on_connect(self, station: int, message: Connect, actions: list[Action]) -> None:
         accepted = message.protocol_version == PROTOCOL_VERSION
         answer = ConnectAck(
@@ -338,7 +359,20 @@ class Arbiter:
         presence.answer = message
         if not was_connected:
             actions.append(Record("connected", f"{self.name(station)} is connected", station=station))
+        self._learn_epoch(station, message.epoch, actions)
         self._grant_parent(now, actions)
+
+    def _learn_epoch(self, station: int, epoch: int, actions: list[Action]) -> None:
+        """A station remembers a later epoch than the present one: without it nothing said here would be news there.
+
+        That takes a lost state file. Who commands stays; a transfer under way ends first, it carries the old epoch.
+        """
+        if self._transfer is not None or not self._epoch < epoch <= _EPOCH_MAX:
+            return
+        text = f"{self.name(station)} remembers epoch {epoch}: the state of an earlier run was lost"
+        actions.append(Record("epoch_learnt", text, Reason.RESTARTED, station))
+        self._epoch = epoch if self._owner is None else epoch + 1
+        self._refresh(Reason.RESTARTED, actions)
 
     def _grant_parent(self, now: float, actions: list[Action]) -> None:
         parent = self._identity.parent
@@ -422,7 +456,7 @@ class Arbiter:
             partner_standard=self._standard(key.to_station), commander_standard=self._standard(key.from_station)
         )
         if cause is not None:
-            self._move_transfer(cause, now, actions)
+            self._move_transfer(cause, now, actions, relay=True)  # nobody else passes on what nobody has said
         elif transfer.step is Step.CONSENT and self._standard(key.from_station):
             transfer.ask_operator(now)
 
@@ -600,7 +634,10 @@ class Arbiter:
     def _on_position(self, event: PositionSeen, now: float, actions: list[Action]) -> None:
         self._position_at = now
         self._stale_told = False
+        first = not self._zones.known
         change = self._zones.update(event.zones, now)
+        if first:  # after a restart: there the aircraft has been all along
+            self._zones.forget_entries()
         for station in change.entered:
             actions.append(Record("zone_entered", f"zone of {self.name(station)} entered", station=station))
         for station in change.left:
@@ -618,9 +655,11 @@ class Arbiter:
             self._seek_successor(now, actions)
         elif self._phase is Phase.ON_MISSION:
             usable = self._usable(now, actions)
-            partner = self._zones.next_commander(self._owner, usable, self._route_next(), now)
+            better = [station for station in usable if station not in self._weak] if self._owner in self._weak else []
+            partner = self._zones.next_commander(self._owner, usable, self._route_next(), now, better)
             if partner is not None:
-                self._begin_transfer(partner, Reason.ZONE, now, actions, consented=self._takeover_allowed)
+                reason = Reason.LINK_QUALITY if partner in better else Reason.ZONE
+                self._begin_transfer(partner, reason, now, actions, consented=self._takeover_allowed)
 
     def _seek_successor(self, now: float, actions: list[Action]) -> None:
         """The commander is lost in flight: a station whose zone holds the aircraft may take it, without asking."""
@@ -761,6 +800,7 @@ class Arbiter:
         if self._owner != owner:  # the partner had confirmed and the commander consented: committed
             return
         self._owner_lost = True
+        self._retry_after.clear()  # what was agreed or denied under it
         text = f"{self.name(owner)} is lost: nobody commands"
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self._refresh(Reason.COMMANDER_LOST, actions)

@@ -29,6 +29,7 @@ __all__ = [
     "Flush",
     "GuardSeen",
     "GuardState",
+    "LinkJudged",
     "MissionLoaded",
     "NotifyOwner",
     "PositionSeen",
@@ -160,6 +161,20 @@ class ControlRequested:
     for_station: int
 
 
+@dataclass(frozen=True, slots=True)
+class LinkJudged:
+    """What was measured on a station's links went over a limit, or came back.
+
+    `weak`: every link of the station is over a limit of loss, round trip or silence. `attacked`: frames with bad
+    signatures arrive at a rate that is no accident. `text`: the measurement, for people.
+    """
+
+    station: int
+    weak: bool
+    attacked: bool
+    text: str
+
+
 Event = (
     Tick
     | StationHeard
@@ -172,6 +187,7 @@ Event = (
     | StartFinished
     | Cancel
     | ControlRequested
+    | LinkJudged
 )
 
 

@@ -85,6 +85,8 @@ class Reason(IntEnum):
     MISSION_DIFFERS = 20  #: the partner holds another mission package
     VERSION_DIFFERS = 21
     NOT_READY = 22  #: START refused: something on the list of needs is missing
+    LINK_QUALITY = 24  #: the commander's links are over their limits, the partner's are not
+    AUTHENTICATION = 25  #: bad signatures at a rate that is no accident
     RESTARTED = 23  #: the companion restarted and waits for its commander
 
 

@@ -101,11 +101,14 @@ class ZoneTracker:
         exit_s = self._facts[station].exit_s
         return inf if exit_s is None else exit_s
 
-    def next_commander(self, commander: int, usable: Sequence[int], route_next: int | None, now: float) -> int | None:
+    def next_commander(
+        self, commander: int, usable: Sequence[int], route_next: int | None, now: float, better: Sequence[int] = ()
+    ) -> int | None:
         """The station that authority should move to now, or None.
 
         `usable`: stations that may be asked (the caller leaves out those that are down or in a pause).
-        `route_next`: the station that the planned route needs next.
+        `route_next`: the station that the planned route needs next. `better`: those of the usable ones whose links are
+        good while the commander's are not.
         """
         candidates = [station for station in usable if station in self._inside and station != commander]
         if not candidates:
@@ -117,7 +120,7 @@ class ZoneTracker:
         wanted = [
             station
             for station in candidates
-            if station in self._fresh or (commander_ends and self._time_left_s(station) > left_s)
+            if station in self._fresh or station in better or (commander_ends and self._time_left_s(station) > left_s)
         ]
         return self.best(wanted, route_next)
 

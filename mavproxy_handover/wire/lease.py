@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import GuardState
 from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.wire.lease_tag import TAG_BYTES, lease_tag
 
 __all__ = [
     "GUARD_STATUS_TYPE",
@@ -31,6 +32,7 @@ GUARD_STATUS_TYPE = 47117
 _VERSION = 1
 _LEASE = struct.Struct("<BBBBIIIHH")
 _STATUS = struct.Struct("<BBBBIIIHBB")
+_FLAG_TAGGED = 1
 _FLAG_ENFORCING, _FLAG_ARMED, _FLAG_FLYING, _FLAG_TAMPERED = 1, 2, 4, 8
 
 
@@ -66,29 +68,32 @@ class GuardStatus:
     firmware: tuple[int, int]
 
 
-def pack_lease(lease: Lease, vehicle: int) -> mavlink.MAVLink_tunnel_message:
-    """The TUNNEL message that carries `lease` to the autopilot of system `vehicle`."""
+def pack_lease(lease: Lease, vehicle: int, key: bytes | None = None) -> mavlink.MAVLink_tunnel_message:
+    """The TUNNEL message that carries `lease` to the autopilot of system `vehicle`; with a `key` it has a tag."""
     body = _LEASE.pack(
         _VERSION,
         lease.state,
         lease.commander,
-        0,
+        0 if key is None else _FLAG_TAGGED,
         lease.nonce,
         lease.sequence & 0xFFFFFFFF,
         lease.epoch,
         lease.ttl_ms,
         0,
     )
-    return mavlink.MAVLink_tunnel_message(
-        vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1, LEASE_TYPE, len(body), list(body.ljust(128, b"\0"))
-    )
+    target = vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1
+    if key is not None:
+        body += lease_tag(key, LEASE_TYPE, target, body)
+    return mavlink.MAVLink_tunnel_message(*target, LEASE_TYPE, len(body), list(body.ljust(128, b"\0")))
 
 
 def unpack_lease(payload: bytes) -> Lease | None:
-    """The lease in a TUNNEL payload cut to its length, or None if it is none."""
-    if len(payload) != _LEASE.size:
+    """The lease in a TUNNEL payload cut to its length, with a tag (not looked at) or without, or None if it is none."""
+    if len(payload) not in (_LEASE.size, _LEASE.size + TAG_BYTES):
         return None
-    version, state, commander, _flags, nonce, sequence, epoch, ttl_ms, _reserved = _LEASE.unpack(payload)
+    version, state, commander, flags, nonce, sequence, epoch, ttl_ms, _reserved = _LEASE.unpack_from(payload)
+    if bool(flags & _FLAG_TAGGED) != (len(payload) > _LEASE.size):
+        return None
     if version != _VERSION or state not in LeaseState.__members__.values():
         return None
     return Lease(LeaseState(state), commander, nonce, sequence, epoch, ttl_ms)

@@ -9,29 +9,29 @@ the numbers, and what each station got stands beside them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from sitl.bench.numbers import Pair, abba, compare, median, settled
 from sitl.bench.results import Measurement, from_comparison
 from sitl.bench.rig import Proxy, Rig
 
-__all__ = ["Plan", "measure"]
+__all__ = ["Plan", "Study"]
 
 CPU_RATIO = 1.1
+PAIRS_A_START = 2
+UNCERTAINTY = 0.03
 _SETTLE_S = 0.4
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Streams (frames a second), seconds for each, and how many pairs (see `uplink.Plan`)."""
+    """Streams (frames a second), and seconds for each turn."""
 
     streams: tuple[int, ...]
     seconds: float
-    least: int
-    most: int
-    uncertainty: float = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,28 +62,44 @@ def _turn(rig: Rig, proxy: Proxy, stream: int, seconds: float) -> _Turn:
     return turn
 
 
-def measure(rig: Rig, plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
-    """All streams of the plan, in turns."""
-    stations = len(rig.ours.stations)
-    for stream in plan.streams:
-        turns: list[tuple[_Turn, _Turn]] = []
-        for order in abba():
-            found = {ours: _turn(rig, rig.ours if ours else rig.baseline, stream, plan.seconds) for ours in order}
-            turns.append((found[True], found[False]))
-            pairs = [Pair(ours.cpu_ms, baseline.cpu_ms) for ours, baseline in turns]
-            if settled(pairs, plan.least, plan.uncertainty) or len(turns) >= plan.most:
-                break
-        comparison = compare(pairs)
-        say(f"{stations} stations, {stream} frames/s: CPU ratio {comparison.ratio:.2f}")
-        yield from_comparison(
-            "downlink",
-            "CPU per second",
-            "ms/s",
-            {"stations": stations, "frames_per_s": stream},
-            comparison,
-            limit=CPU_RATIO if stations == 2 else None,
-            details={"frames_per_s_delivered": _delivered(turns)},
-        )
+class Study:
+    """All streams of the plan, in turns, over several starts of the processes."""
+
+    def __init__(self, plan: Plan, stations: int) -> None:
+        self._plan = plan
+        self._stations = stations
+        self._turns: dict[int, list[tuple[_Turn, _Turn]]] = {stream: [] for stream in plan.streams}
+
+    def take(self, rig: Rig) -> str:
+        """Add the pairs of one start of the processes; the ratios so far, for people."""
+        for stream, turns in self._turns.items():
+            for order in islice(abba(), PAIRS_A_START):
+                seconds = self._plan.seconds
+                found = {ours: _turn(rig, rig.ours if ours else rig.baseline, stream, seconds) for ours in order}
+                turns.append((found[True], found[False]))
+        ratios = ", ".join(f"{compare(self.pairs(stream)).ratio:.2f}" for stream in self._turns)
+        return f"{self._stations} stations, CPU ratio so far: {ratios}"
+
+    def pairs(self, stream: int) -> list[Pair]:
+        """All pairs of one stream, milliseconds a second."""
+        return [Pair(ours.cpu_ms, baseline.cpu_ms) for ours, baseline in self._turns[stream]]
+
+    def settled(self) -> bool:
+        """Whether more starts would hardly change the ratios."""
+        return all(settled(self.pairs(stream), 2 * PAIRS_A_START, UNCERTAINTY) for stream in self._turns)
+
+    def results(self) -> Iterator[Measurement]:
+        """One line a stream."""
+        for stream, turns in self._turns.items():
+            yield from_comparison(
+                "downlink",
+                "CPU per second",
+                "ms/s",
+                {"stations": self._stations, "frames_per_s": stream},
+                compare(self.pairs(stream)),
+                limit=CPU_RATIO if self._stations == 2 else None,
+                details={"frames_per_s_delivered": _delivered(turns)},
+            )
 
 
 def _delivered(turns: list[tuple[_Turn, _Turn]]) -> dict[str, Any]:

@@ -34,8 +34,10 @@ _STREAM = 50
 class Flight:
     """Leaving the `with` block ends all processes."""
 
-    def __init__(self, folder: Path, pause_s: float, bad_links: bool, seed: int) -> None:
-        """`bad_links`: with proxies on every link, perfect ones until `weather` is called. Raises OSError."""
+    def __init__(
+        self, folder: Path, pause_s: float, *, bad_links: bool = False, signing: bool = False, seed: int = 1
+    ) -> None:
+        """`bad_links`: proxies on every link, perfect ones until `weather` is called. Raises OSError, KeysError."""
         self.loop = Loop()
         self.autopilot = TcpAutopilot(self.loop, Place(52.6790, 5.9240))
         self.shuttle = Shuttle(self.autopilot.model, pause_s, seed)
@@ -54,7 +56,7 @@ class Flight:
             self._plans, senders = link_plans(ports, Weather(), named)
             vehicle_to = {sysid: senders[f"vehicle-{sysid}"] for sysid in (A, B)}
             ground_to = {sysid: senders[f"ground-{sysid}"] for sysid in (A, B)}
-        self.wires = write_files(folder, vehicle_to, ground, ground_to)
+        self.wires = write_files(folder, vehicle_to, ground, ground_to, signing=signing)
         self._seed = seed
 
     def __enter__(self) -> Flight:

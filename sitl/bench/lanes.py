@@ -55,11 +55,13 @@ class _VehicleMaster:
 class _StationMaster:
     """A station's link to the vehicle: a UDP port that listens and answers whoever spoke last."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, sysid: int) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.setblocking(False)
         self.socket.bind(("127.0.0.1", port))
         self._vehicle: tuple[str, int] | None = None
+        #: what MAVProxy's links have for sending messages; frames go out through `write`
+        self.mav = mavlink.MAVLink(self, srcSystem=sysid, srcComponent=_COMPONENT)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
 
@@ -130,7 +132,7 @@ class Lane:
         links.readable(descriptor, time.monotonic())
 
     def _open_station(self, sysid: int, port: int) -> None:
-        master = _StationMaster(port)
+        master = _StationMaster(port, sysid)
         host = Host(self._loop, master, sysid, _COMPONENT)
         self._stations[sysid] = (host, master)
         host.load(station_module, str(self.wires.stations[sysid]))
@@ -163,12 +165,8 @@ class Lane:
 
     def _beat(self) -> None:
         """MAVProxy's own heartbeat, which the companion switches off and the stations do not."""
-        for sysid, (_host, master) in self._stations.items():
-            own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=_COMPONENT)
-            beat = mavlink.MAVLink_heartbeat_message(
-                mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
-            )
-            master.write(beat.pack(own))
+        for _host, master in self._stations.values():
+            master.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
 
     # ---- from the start to the air --------------------------------------------------------------------------------
 

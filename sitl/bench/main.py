@@ -15,11 +15,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mavproxy_handover.config import ConfigError
+from mavproxy_handover.keys import KeysError
+from mavproxy_handover.mission.errors import MissionError
 from sitl.bench import downlink, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table
 from sitl.bench.rig import Rig
-from sitl.bench.signing import KEY, why_not
 
 __all__ = ["main"]
 
@@ -29,8 +31,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Plans:
-    """How much of everything."""
+    """How much of everything. `starts`: least and most starts of the processes for uplink and downlink."""
 
+    starts: tuple[int, int]
     uplink: uplink.Plan
     downlink: downlink.Plan
     stations: tuple[int, ...]
@@ -44,20 +47,22 @@ class Plans:
 
 
 FULL = Plans(
-    uplink.Plan({200: 3.0, 1000: 2.0}, 1.5, 4, 8, 12),
-    downlink.Plan((50, 200), 3.0, 4, 8),
+    (2, 4),
+    uplink.Plan({200: 2.5, 1000: 1.5}, 1.2, 4),
+    downlink.Plan((50, 200), 2.5),
     (2, 10),
     zones.Plan((2, 10, 100), (50, 1000), 0.2, 4, 8),
     300,
     120.0,
-    30,
+    20,
     60.0,
     transfers.CONDITIONS,
     transfers.LanePlan(300, 240.0),
 )
 QUICK = Plans(
-    uplink.Plan({1000: 1.5}, 0.8, 1, 1, 2, 1.0),
-    downlink.Plan((50,), 1.5, 1, 1),
+    (1, 1),
+    uplink.Plan({1000: 0.8}, 0.5, 1),
+    downlink.Plan((50,), 1.0),
     (2,),
     zones.Plan((2, 10), (50,), 0.05, 1, 2),
     20,
@@ -70,26 +75,32 @@ QUICK = Plans(
 
 
 def _uplink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
-    missing = why_not()
+    least, most = plans.starts
     for signing in ("off", "on"):
-        if signing == "on" and missing:
-            say(f"signing on: NOT MEASURED: {missing}")
-            yield Measurement(
-                "uplink", "CPU per frame", "us", {"signing": "on"}, note=f"signing on was not measured: {missing}"
-            )
-            continue
-        with Rig(folder / f"uplink-signing-{signing}", 2, KEY if signing == "on" else None) as rig:
-            case = {"signing": signing}
-            yield from uplink.measure_cpu(rig, plans.uplink, case, say)
-            yield from uplink.measure_delay(rig, plans.uplink, case, say)
-            if signing == "off":
-                yield from uplink.measure_cpu(rig, plans.uplink, case, say, observer=True)
+        cpu = uplink.CpuStudy(plans.uplink, {"signing": signing})
+        delay = uplink.DelayStudy(plans.uplink, {"signing": signing})
+        observer = uplink.CpuStudy(plans.uplink, {"signing": signing}, observer=True)
+        for start in range(most):
+            with Rig(folder / f"uplink-signing-{signing}-{start}", 2, signing == "on") as rig:
+                say(f"signing {signing}, {cpu.take(rig)}; {delay.take(rig)}")
+                if start < least:
+                    say(f"signing {signing}, {observer.take(rig)}")
+            if start + 1 >= least and cpu.settled():
+                break
+        for study in (cpu, delay, observer):
+            yield from study.results()
 
 
 def _downlink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    least, most = plans.starts
     for stations in plans.stations:
-        with Rig(folder / f"downlink-{stations}", stations) as rig:
-            yield from downlink.measure(rig, plans.downlink, say)
+        study = downlink.Study(plans.downlink, stations)
+        for start in range(most):
+            with Rig(folder / f"downlink-{stations}-{start}", stations) as rig:
+                say(study.take(rig))
+            if start + 1 >= least and study.settled():
+                break
+        yield from study.results()
 
 
 def _zones(plans: Plans, _folder: Path, say: Say) -> Iterator[Measurement]:
@@ -97,7 +108,9 @@ def _zones(plans: Plans, _folder: Path, say: Say) -> Iterator[Measurement]:
 
 
 def _transfers(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
-    yield from transfers.fly_loopback(folder / "loopback", plans.loopback, plans.loopback_limit_s, say)
+    for signing in (False, True):
+        where = folder / ("loopback-signed" if signing else "loopback")
+        yield from transfers.fly_loopback(where, plans.loopback, plans.loopback_limit_s, say, signing=signing)
     if plans.checked:
         yield from transfers.fly_with_bad_links(folder / "bad-links", plans.checked, plans.check_limit_s, say)
     yield from transfers.fly_lanes(folder / "lanes", plans.conditions, plans.lanes, say)
@@ -155,7 +168,7 @@ def main(argv: Sequence[str]) -> int:
             try:
                 for measurement in _RUN[part](plans, folder.resolve(), say):
                     results.add(measurement)
-            except (BenchError, OSError) as error:
+            except (BenchError, ConfigError, KeysError, MissionError, OSError) as error:
                 broken = True
                 say(f"{part}: NOT MEASURED: {error}")
                 results.line({"part": part, "error": str(error)})

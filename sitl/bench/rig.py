@@ -9,6 +9,7 @@ is loaded, and its aircraft is in the air, in the parent's zone.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from types import TracebackType
 from typing import Any
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.keys import key_path, write_key
 from mavproxy_handover.launch import companion_argv
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.resources import shipped
@@ -25,7 +27,7 @@ from sitl.bench.station import FakeStation
 from sitl.bench.traffic import VEHICLE, Place
 from sitl.processes import Processes
 
-__all__ = ["IN_ZONE_A", "PARENT", "Proxy", "Rig", "toml"]
+__all__ = ["IN_ZONE_A", "PARENT", "Proxy", "Rig", "key_file", "key_for", "toml"]
 
 PARENT = 251
 #: in the delivery mission, inside the zone of GCSA and of no other; flying along
@@ -44,6 +46,20 @@ def toml(tables: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def key_for(station: str) -> bytes:
+    """The key of a station, for measurements alone: nothing but loopback ever sees it."""
+    return hashlib.sha256(f"bench {station}".encode()).digest()
+
+
+def key_file(folder: Path, station: str) -> Path:
+    """The same in a file, made if need be. Raises KeysError."""
+    path = key_path(folder, station)
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        write_key(path, key_for(station))
+    return path
+
+
 def _sysid(number: int) -> int:
     """System ids of stations: those of the project's missions, then others."""
     return PARENT + number if number < 4 else 200 + number
@@ -52,14 +68,13 @@ def _sysid(number: int) -> int:
 class Proxy:
     """One MAVProxy process under test, its autopilot and its stations."""
 
-    def __init__(
-        self, loop: Loop, processes: Processes, folder: Path, name: str, stations: int, key: bytes | None
-    ) -> None:
+    def __init__(self, loop: Loop, processes: Processes, folder: Path, name: str, stations: int, signing: bool) -> None:
         self.name = name
         self.autopilot = TcpAutopilot(loop, IN_ZONE_A)
-        self.stations = [
-            FakeStation(loop, f"GCS{chr(ord('A') + number)}", _sysid(number), key) for number in range(stations)
-        ]
+        self.stations: list[FakeStation] = []
+        for number in range(stations):
+            station = f"GCS{chr(ord('A') + number)}"
+            self.stations.append(FakeStation(loop, station, _sysid(number), key_for(station) if signing else None))
         self._loop = loop
         self._processes = processes
         self._folder = folder
@@ -128,15 +143,15 @@ class Proxy:
 class Rig:
     """Ours and the baseline, started and ready. Leaving the `with` block ends both."""
 
-    def __init__(self, folder: Path, stations: int, key: bytes | None = None) -> None:
-        """`key`: every station signs with it, and the companion checks."""
+    def __init__(self, folder: Path, stations: int, signing: bool = False) -> None:
+        """`signing`: every station signs with a key of its own; the companion checks, and signs what it gets."""
         self.loop = Loop()
         self._number = 0
         self._folder = folder
         self._processes = Processes()
-        self._key = key
-        self.ours = Proxy(self.loop, self._processes, folder / "ours", "companion", stations, key)
-        self.baseline = Proxy(self.loop, self._processes, folder / "baseline", "stock", stations, key)
+        self._signing = signing
+        self.ours = Proxy(self.loop, self._processes, folder / "ours", "companion", stations, signing)
+        self.baseline = Proxy(self.loop, self._processes, folder / "baseline", "stock", stations, signing)
 
     def __enter__(self) -> Rig:
         try:
@@ -185,6 +200,8 @@ class Rig:
                 "sysid": station.sysid,
                 "links": [f"udpout:127.0.0.1:{station.port}"],
             }
+            if self._signing:
+                entry["key"] = str(key_file(folder / "keys", station.name))
             stations.append(entry)
         tables: dict[str, Any] = {
             "vehicle": {
@@ -193,7 +210,7 @@ class Rig:
                 "parent": self.ours.stations[0].name,
                 "journal": "companion.jsonl",
                 "guard": False,
-                "allow_unsigned": True,
+                "allow_unsigned": not self._signing,
             },
             "station": stations,
             "policy": {"out_of_coverage": "warn", "commander_lost": "warn"},

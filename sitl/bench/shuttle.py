@@ -16,7 +16,7 @@ from typing import Any
 
 from mavproxy_handover.resources import shipped
 from sitl.bench.autopilot import FakeAutopilot
-from sitl.bench.rig import toml
+from sitl.bench.rig import key_file, toml
 from sitl.bench.traffic import VEHICLE, Place
 
 __all__ = ["A", "B", "Shuttle", "Wires", "write_files"]
@@ -84,15 +84,21 @@ class Wires:
 
 
 def write_files(
-    folder: Path, vehicle_to: dict[int, int], ground_listen: dict[int, int], ground_to: dict[int, int]
+    folder: Path,
+    vehicle_to: dict[int, int],
+    ground_listen: dict[int, int],
+    ground_to: dict[int, int],
+    *,
+    signing: bool = False,
 ) -> Wires:
-    """Write the configurations; all arguments: system id of a station -> UDP port of 127.0.0.1.
+    """Write the configurations; arguments: system id of a station -> UDP port of 127.0.0.1.
 
     `vehicle_to`: where the companion sends to for a station; `ground_listen`: where a station's ground link listens;
-    `ground_to`: where the other one sends to. Raises OSError.
+    `ground_to`: where the other one sends to. `signing`: with a key for each station. Raises OSError, KeysError.
     """
     names = {A: "GCSA", B: "GCSB"}
     wires = Wires(folder)
+    keys = {sysid: {"key": str(key_file(folder / "keys", name))} if signing else {} for sysid, name in names.items()}
     vehicle: dict[str, Any] = {
         "vehicle": {
             "name": "drone-1",
@@ -100,10 +106,10 @@ def write_files(
             "parent": "GCSA",
             "journal": "companion.jsonl",
             "guard": False,
-            "allow_unsigned": True,
+            "allow_unsigned": not signing,
         },
         "station": [
-            {"name": name, "sysid": sysid, "links": [f"udpout:127.0.0.1:{vehicle_to[sysid]}"]}
+            {"name": name, "sysid": sysid, "links": [f"udpout:127.0.0.1:{vehicle_to[sysid]}"], **keys[sysid]}
             for sysid, name in names.items()
         ],
         # one transfer after the other, and a commander that is not heard for a while is no reason to fly home
@@ -114,6 +120,7 @@ def write_files(
     for sysid, name in names.items():
         other = B if sysid == A else A
         station: dict[str, Any] = {"name": name, "sysid": sysid, "vehicle": VEHICLE, "journal": f"{name}.jsonl"}
+        station |= keys[sysid]
         if sysid == A:
             station["mission"] = str(shipped("missions") / "delivery")
         peer = {"name": names[other], "sysid": other, "link": f"udpout:127.0.0.1:{ground_to[other]}"}

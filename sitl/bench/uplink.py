@@ -12,8 +12,9 @@ alike. What a frame does to a busy loop is in both numbers: the aircraft's strea
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 from sitl.bench.loop import BenchError, Timer
@@ -22,10 +23,13 @@ from sitl.bench.results import Measurement, from_comparison
 from sitl.bench.rig import Proxy, Rig
 from sitl.bench.traffic import frame_key, uplink_message
 
-__all__ = ["Plan", "measure_cpu", "measure_delay"]
+__all__ = ["CpuStudy", "DelayStudy", "Plan", "Sender"]
 
 #: DESIGN.md section 11 and the target of the gate
 CPU_RATIO, DELAY_RATIO = 0.5, 1.0
+#: A B, B A
+PAIRS_A_START = 2
+UNCERTAINTY = 0.04
 STREAM = 50
 _SETTLE_S = 0.3
 _DRAIN_S = 0.05
@@ -35,19 +39,15 @@ _LOSS_LIMIT = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How long and how often.
+    """How long, for each start of the two processes.
 
-    `rates`: frames a second -> seconds. `least` and `most` pairs; between them, enough is when the ratio is known to
-    within `uncertainty`. `windows`: stretches of `window_s` in which delays are compared.
+    `rates`: frames a second -> seconds. `windows`: stretches of `window_s` in which delays are compared.
     """
 
     rates: dict[int, float]
     idle_s: float
-    least: int
-    most: int
     windows: int
     window_s: float = 2.0
-    uncertainty: float = 0.03
 
 
 class Sender:
@@ -137,88 +137,115 @@ def _visit(rig: Rig, proxy: Proxy, plan: Plan, station: int) -> _Visit:
     return visit
 
 
-def _pairs(visits: list[tuple[_Visit, _Visit]], rate: int) -> list[Pair]:
-    return [Pair(ours.cpu_us[rate], baseline.cpu_us[rate]) for ours, baseline in visits]
-
-
-def measure_cpu(
-    rig: Rig, plan: Plan, case: dict[str, Any], say: Callable[[str], None], *, observer: bool = False
-) -> Iterator[Measurement]:
+class CpuStudy:
     """Processor time a frame, of the commander's frames or of an observer's (no target), in turns."""
-    visits: list[tuple[_Visit, _Visit]] = []
-    for order in abba():
-        found = {ours: _visit(rig, rig.ours if ours else rig.baseline, plan, 1 if observer else 0) for ours in order}
-        visits.append((found[True], found[False]))
-        ratios = [compare(_pairs(visits, rate)).ratio for rate in plan.rates]
-        say(f"pair {len(visits)}, CPU ratio so far " + ", ".join(f"{ratio:.2f}" for ratio in ratios))
-        enough = all(settled(_pairs(visits, rate), plan.least, plan.uncertainty) for rate in plan.rates)
-        if enough or len(visits) >= plan.most:
-            break
-    for rate in plan.rates:
-        details: dict[str, Any] = {
-            "idle_ms_per_s": _both([(a.idle_per_s * 1e3, b.idle_per_s * 1e3) for a, b in visits]),
-            "part_that_passed": _both([(a.passed[rate], b.passed[rate]) for a, b in visits]),
-        }
-        yield from_comparison(
-            "uplink",
-            "CPU per frame of an observer" if observer else "CPU per frame",
-            "us",
-            {"frames_per_s": rate, **case},
-            compare(_pairs(visits, rate)),
-            limit=None if observer else CPU_RATIO,
-            details=details,
-            note="an observer's frames: ours judges and refuses what steers, stock MAVProxy passes all of it"
-            if observer
-            else "",
-        )
+
+    def __init__(self, plan: Plan, case: dict[str, Any], *, observer: bool = False) -> None:
+        self._plan = plan
+        self._case = case
+        self._observer = observer
+        self._visits: list[tuple[_Visit, _Visit]] = []
+
+    def take(self, rig: Rig) -> str:
+        """Add the pairs of one start of the processes; the ratios so far, for people."""
+        for order in islice(abba(), PAIRS_A_START):
+            station = 1 if self._observer else 0
+            found = {ours: _visit(rig, rig.ours if ours else rig.baseline, self._plan, station) for ours in order}
+            self._visits.append((found[True], found[False]))
+        ratios = ", ".join(f"{compare(self.pairs(rate)).ratio:.2f}" for rate in self._plan.rates)
+        return f"CPU ratio{' (observer)' if self._observer else ''} after {len(self._visits)} pairs: {ratios}"
+
+    def pairs(self, rate: int) -> list[Pair]:
+        """All pairs of one rate, microseconds a frame."""
+        return [Pair(ours.cpu_us[rate], baseline.cpu_us[rate]) for ours, baseline in self._visits]
+
+    def settled(self) -> bool:
+        """Whether more starts would hardly change the ratios."""
+        return all(settled(self.pairs(rate), 2 * PAIRS_A_START, UNCERTAINTY) for rate in self._plan.rates)
+
+    def results(self) -> Iterator[Measurement]:
+        """One line a rate."""
+        for rate in self._plan.rates:
+            details: dict[str, Any] = {
+                "idle_ms_per_s": _both([(a.idle_per_s * 1e3, b.idle_per_s * 1e3) for a, b in self._visits]),
+                "part_that_passed": _both([(a.passed[rate], b.passed[rate]) for a, b in self._visits]),
+            }
+            yield from_comparison(
+                "uplink",
+                "CPU per frame of an observer" if self._observer else "CPU per frame",
+                "us",
+                {"frames_per_s": rate, **self._case},
+                compare(self.pairs(rate)),
+                limit=None if self._observer else CPU_RATIO,
+                details=details,
+                note="an observer's frames: ours judges and refuses what steers, stock MAVProxy passes all of it"
+                if self._observer
+                else "",
+            )
 
 
 def _both(values: list[tuple[float, float]]) -> dict[str, float]:
     return {"ours": median([a for a, _b in values]), "baseline": median([b for _a, b in values])}
 
 
-def measure_delay(rig: Rig, plan: Plan, case: dict[str, Any], say: Callable[[str], None]) -> Iterator[Measurement]:
+@dataclass(slots=True)
+class _Delays:
+    """Delays at one rate: a pair a window, milliseconds, and every single one, seconds."""
+
+    medians: list[Pair] = field(default_factory=list)
+    lates: list[Pair] = field(default_factory=list)
+    ours: list[float] = field(default_factory=list)
+    baseline: list[float] = field(default_factory=list)
+
+
+class DelayStudy:
     """Delay of the commander's frames, through both processes at the same time, frame by frame."""
-    senders = (Sender(rig, rig.ours, 0), Sender(rig, rig.baseline, 0))
-    for proxy in (rig.ours, rig.baseline):
-        proxy.autopilot.model.stream(STREAM)
-    for rate in plan.rates:
-        medians: list[Pair] = []
-        lates: list[Pair] = []
-        everything: tuple[list[float], list[float]] = ([], [])
-        for window in range(plan.windows):
-            # who is first in each period changes with the window
-            for place, sender in enumerate(senders if window % 2 else reversed(senders)):
-                sender.begin(rate, place * 0.5 / rate)
-            rig.loop.run(plan.window_s)
-            for sender in senders:
-                sender.end()
-            rig.loop.run(_DRAIN_S)
-            for sender, all_delays in zip(senders, everything, strict=True):
-                sender.check()
-                all_delays.extend(sender.delays_s)
-            ours, baseline = (sender.delays_s for sender in senders)
-            medians.append(Pair(median(ours) * 1e3, median(baseline) * 1e3))
-            lates.append(Pair(quantile(ours, 0.99) * 1e3, quantile(baseline, 0.99) * 1e3))
-        say(f"delay at {rate} frames/s: ratio {compare(medians).ratio:.2f}, 99 % {compare(lates).ratio:.2f}")
-        for what, pairs, part in (("delay, median", medians, 0.5), ("delay, 99 %", lates, 0.99)):
-            ours, baseline = everything
-            details = {
-                "frames": {"ours": len(ours), "baseline": len(baseline)},
-                "of_all_frames_ms": {
-                    "ours": quantile(ours, part) * 1e3,
-                    "baseline": quantile(baseline, part) * 1e3,
-                },
-            }
-            yield from_comparison(
-                "uplink",
-                what,
-                "ms",
-                {"frames_per_s": rate, **case},
-                compare(pairs),
-                limit=DELAY_RATIO,
-                details=details,
-            )
-    for proxy in (rig.ours, rig.baseline):
-        proxy.autopilot.model.stream(0)
-        proxy.check()
+
+    def __init__(self, plan: Plan, case: dict[str, Any]) -> None:
+        self._plan = plan
+        self._case = case
+        self._delays = {rate: _Delays() for rate in plan.rates}
+
+    def take(self, rig: Rig) -> str:
+        """Add the windows of one start of the processes; the ratios so far, for people."""
+        senders = (Sender(rig, rig.ours, 0), Sender(rig, rig.baseline, 0))
+        for proxy in (rig.ours, rig.baseline):
+            proxy.autopilot.model.stream(STREAM)
+        for rate, delays in self._delays.items():
+            for window in range(self._plan.windows):
+                # who is first in each period changes with the window
+                for place, sender in enumerate(senders if window % 2 else reversed(senders)):
+                    sender.begin(rate, place * 0.5 / rate)
+                rig.loop.run(self._plan.window_s)
+                for sender in senders:
+                    sender.end()
+                rig.loop.run(_DRAIN_S)
+                for sender in senders:
+                    sender.check()
+                ours, baseline = (sender.delays_s for sender in senders)
+                delays.medians.append(Pair(median(ours) * 1e3, median(baseline) * 1e3))
+                delays.lates.append(Pair(quantile(ours, 0.99) * 1e3, quantile(baseline, 0.99) * 1e3))
+                delays.ours += ours
+                delays.baseline += baseline
+        for proxy in (rig.ours, rig.baseline):
+            proxy.autopilot.model.stream(0)
+            proxy.check()
+        ratios = (
+            f"{compare(delays.medians).ratio:.2f} (99 %: {compare(delays.lates).ratio:.2f})"
+            for delays in self._delays.values()
+        )
+        return "delay ratio: " + ", ".join(ratios)
+
+    def results(self) -> Iterator[Measurement]:
+        """Median and 99 % for each rate."""
+        for rate, delays in self._delays.items():
+            for what, pairs, part in (("delay, median", delays.medians, 0.5), ("delay, 99 %", delays.lates, 0.99)):
+                details = {
+                    "frames": {"ours": len(delays.ours), "baseline": len(delays.baseline)},
+                    "of_all_frames_ms": {
+                        "ours": quantile(delays.ours, part) * 1e3,
+                        "baseline": quantile(delays.baseline, part) * 1e3,
+                    },
+                }
+                case = {"frames_per_s": rate, **self._case}
+                yield from_comparison("uplink", what, "ms", case, compare(pairs), limit=DELAY_RATIO, details=details)

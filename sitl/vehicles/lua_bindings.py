@@ -15,6 +15,7 @@ What is kept of ArduPilot (its `libraries/AP_Scripting` and `AP_Arming::aux_auth
 - known messages reach a script even when their CRC is wrong; those for another system or component do not;
 - 10 000 VM instructions a call, and no `pcall` saves a script that exceeds them;
 - a script that raises is removed for good, and the error blocks arming;
+- a script reads the files beside it, `scripts/NAME`; nothing else of the file system is there;
 - auxiliary arming authorisation keeps its last answer when the script dies; three authorisers at most;
 - blocked commands are free again when scripting stops.
 
@@ -83,6 +84,7 @@ class LuaScripting:
         """Load a script file; it runs at the next `run_due`. A syntax error removes it at once."""
         file = Path(path)
         self._paths.append(file)
+        self._calls.script_folder = file.resolve().parent
         self.load_text(file.read_text(encoding="utf-8"), file.name)
 
     def load_text(self, text: str, name: str) -> None:

@@ -15,6 +15,7 @@ import functools
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from sitl.vehicles.lua_host import VehicleHost
@@ -67,6 +68,11 @@ def _whole(value: object, low: int, high: int) -> int:
     raise ScriptFault("bad argument (number has no integer representation)")
 
 
+def _lua_integer(value: int) -> int:
+    """A uint32 on its way to Lua, whose integers may have 32 bits with a sign; the prelude masks it."""
+    return ((value + 0x80000000) & 0xFFFFFFFF) - 0x80000000
+
+
 def _text(value: object) -> str:
     if isinstance(value, str):
         return value
@@ -88,6 +94,8 @@ class ScriptCalls:
         self.msgids: list[int | None] = []
         self.host_fault: Exception | None = None
         self.blocked: set[int] = set()
+        #: where the scripts' own files lie
+        self.script_folder: Path | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -112,11 +120,11 @@ class ScriptCalls:
 
     @_binding
     def millis(self) -> int:
-        return self._host.millis()
+        return _lua_integer(self._host.millis())
 
     @_binding
     def micros(self) -> int:
-        return self._host.millis() * 1000
+        return _lua_integer(self._host.millis() * 1000)
 
     @_binding
     def set_mode(self, mode: object) -> bool:
@@ -211,13 +219,24 @@ class ScriptCalls:
         return True
 
     @_binding
+    def read_file(self, path: object) -> str | None:
+        """A file in the folder of the scripts, however its path begins; the autopilot's file system is not modelled."""
+        folder, _, name = _text(path).rpartition("/")
+        if self.script_folder is None or folder.rpartition("/")[2] != "scripts" or name in ("", ".", ".."):
+            return None
+        try:
+            return (self.script_folder / name).read_bytes().decode("latin-1")
+        except OSError:
+            return None
+
+    @_binding
     def send_text(self, severity: object, text: object) -> tuple[()]:
         self._host.send_text(_whole(severity, 0, 7), _text(text))
         return ()
 
     @_binding
     def gcs_last_seen(self) -> int:
-        return self._host.gcs_last_seen_ms()
+        return _lua_integer(self._host.gcs_last_seen_ms())
 
     @_binding
     def rc_has_valid_input(self) -> bool:
@@ -262,7 +281,7 @@ class ScriptCalls:
         if not self.queue:
             return (False,)
         message = self.queue.popleft()
-        return (True, message.image.decode("latin-1"), message.channel, message.stamp_ms & 0xFFFFFFFF)
+        return (True, message.image.decode("latin-1"), message.channel, _lua_integer(message.stamp_ms))
 
     @_binding
     def mavlink_block_command(self, command: object) -> bool:

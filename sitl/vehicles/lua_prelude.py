@@ -14,8 +14,8 @@ Three habits of the autopilot are kept, because scripts stumble over them in fli
 - A getter that fails returns *no value*, not nil.
 - A script sees neither `os`, `debug`, `coroutine`, `select` nor `getmetatable`.
 
-Lua itself is not ArduPilot's here: integers have 64 bits and floats are doubles, the autopilot has 32 of
-each.
+Lua itself is not ArduPilot's here, unless it was built with LUA_32BITS (`python -m tests.lua.run_32bit`): integers have
+64 bits and floats are doubles, the autopilot has 32 of each. This file is right with both.
 """
 
 from __future__ import annotations
@@ -52,7 +52,11 @@ local function coerce(x)
         if whole ~= nil and (math.type(n) == "integer" or (n >= -2147483648.0 and n < 2147483648.0)) then
             return whole & MASK
         end
-        if n >= 0 and n <= 4294967295.0 then return math.floor(n) & MASK end
+        if n >= 2147483648.0 and n <= 4294967295.0 then
+            if n >= 4294967295.0 then return MASK end
+            return (math.tointeger(n - 4294967296.0) or math.floor(n - 4294967296.0)) & MASK
+        end
+        if n >= 0 and n < 2147483648.0 then return math.floor(n) & MASK end
     end
     error("bad argument (Unable to coerce to uint32_t)", 3)
 end
@@ -69,9 +73,15 @@ box.__metatable = "uint32_t"
 box.__add = binary(function(a, b) return a + b end)
 box.__sub = binary(function(a, b) return a - b end)
 box.__mul = binary(function(a, b) return a * b end)
-box.__div = binary(function(a, b) return a // b end)
+local function divide(a, b)         -- unsigned, whatever the width of Lua's integers
+    if b < 0 then return math.ult(a, b) and 0 or 1 end
+    local q = ((a >> 1) // b) << 1
+    if not math.ult(a - q * b, b) then q = q + 1 end
+    return q
+end
+box.__div = binary(divide)
 box.__idiv = box.__div
-box.__mod = binary(function(a, b) return a % b end)
+box.__mod = binary(function(a, b) return a - divide(a, b) * b end)
 box.__band = binary(function(a, b) return a & b end)
 box.__bor = binary(function(a, b) return a | b end)
 box.__bxor = binary(function(a, b) return a ~ b end)
@@ -79,9 +89,13 @@ box.__shl = binary(function(a, b) return a << b end)
 box.__shr = binary(function(a, b) return a >> b end)
 box.__bnot = function(a) return new(~coerce(a)) end
 box.__eq = function(a, b) return coerce(a) == coerce(b) end
-box.__lt = function(a, b) return coerce(a) < coerce(b) end
-box.__le = function(a, b) return coerce(a) <= coerce(b) end
-box.__tostring = function(a) return string.format("%d", rawget(a, VALUE)) end
+box.__lt = function(a, b) return math.ult(coerce(a), coerce(b)) end
+box.__le = function(a, b) return not math.ult(coerce(b), coerce(a)) end
+box.__tostring = function(a)
+    local v = rawget(a, VALUE)
+    local tens = divide(v, 10)
+    return (tens > 0 and string.format("%d", tens) or "") .. string.format("%d", v - tens * 10)
+end
 
 function methods.toint(self)        -- 32-bit integers on the autopilot: the upper half comes out negative
     local v = coerce(self)
@@ -89,7 +103,8 @@ function methods.toint(self)        -- 32-bit integers on the autopilot: the upp
     return v
 end
 function methods.tofloat(self)
-    return coerce(self) + 0.0
+    local v = coerce(self)
+    return v < 0 and v + 4294967296.0 or v + 0.0
 end
 
 -- ---------------------------------------------------------------- objects with checked methods
@@ -151,6 +166,21 @@ add("set", 2, forward(py.param_set))
 add("set_and_save", 2, forward(py.param_set_and_save))
 add("add_table", 3, forward(py.param_add_table))
 add("add_param", 4, forward(py.param_add_param))
+
+-- files: read whole when opened, and only those that the host gives
+env.io = {open = function(path)
+    local content = pass(3, py.read_file(path))
+    if content == nil then return nil, path .. ": No such file or directory" end
+    local file = {}
+    function file.read(_, size)
+        if content == "" then return nil end
+        local part = string.sub(content, 1, size)
+        content = string.sub(content, size + 1)
+        return part
+    end
+    function file.close() return true end
+    return file
+end}
 
 env.Parameter = function(name)
     if name ~= nil then pass(3, py.parameter_exists(name)) end

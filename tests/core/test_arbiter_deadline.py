@@ -9,6 +9,7 @@ makes the second one earlier.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from math import inf, nextafter
 
@@ -21,6 +22,7 @@ from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
     Cancel,
+    ControlRequested,
     Event,
     FlightAction,
     MissionLoaded,
@@ -32,6 +34,8 @@ from mavproxy_handover.core.events import (
     Tick,
 )
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
     STATIONS,
@@ -59,6 +63,7 @@ LIMITS = Limits(
     step_timeout_s=1.3,
     operator_timeout_s=3.1,
     release_timeout_s=1.1,
+    forced_timeout_s=0.9,
     retry_pause_s=0.7,
     result_timeout_s=2.9,
     dwell_s=0.9,
@@ -78,9 +83,17 @@ class Word:
     consent: Consent = Consent.GRANTED
 
 
-def told(story: list[tuple[float, Event | Word]], limits: Limits, every_s: float | None) -> list[tuple[float, Action]]:
+def told(
+    story: list[tuple[float, Event | Word]],
+    limits: Limits,
+    every_s: float | None,
+    *,
+    standard: Collection[int] = (),
+    restored: Snapshot | None = None,
+) -> list[tuple[float, Action]]:
     """What an arbiter makes of a story (waiting time, event); stations answer CONNECT while they are heard."""
-    arbiter = Arbiter(Identity("drone", STATIONS, A), limits)
+    stations = tuple(replace(station, standard=station.sysid in standard) for station in STATIONS)
+    arbiter = Arbiter(Identity("drone", stations, A), limits, restored)
     log: list[tuple[float, Action]] = []
 
     def give(event: Event, now: float) -> None:
@@ -142,6 +155,7 @@ events = st.one_of(
     st.sampled_from([AutopilotState(True, True), AutopilotState(True, False), AutopilotState(False, False)]),
     st.just(MissionLoaded(DIGEST, (A, B, A))),
     st.builds(Cancel, stations),
+    st.builds(ControlRequested, stations, st.booleans(), st.booleans(), st.sampled_from([3.0, 3.7]), stations),
     st.builds(
         Word,
         stations,
@@ -199,6 +213,29 @@ def test_ticks_between_the_deadlines_change_nothing(story: list[tuple[float, Eve
 @given(stories, st.sampled_from([0.05, 0.0937]))
 def test_the_same_from_the_middle_of_a_transfer(story: list[tuple[float, Event | Word]], every_s: float) -> None:
     assert told(IN_TRANSFER + story, LIMITS, every_s) == told(IN_TRANSFER + story, LIMITS, None)
+
+
+#: in flight, just restarted: GCSA is awaited, or nobody is
+RESTORED = Snapshot(A, 4, 7, Phase.ON_MISSION, 0, DIGEST, (A, B, A))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    stories,
+    st.sets(stations),
+    st.sampled_from([RESTORED, replace(RESTORED, owner=None), replace(RESTORED, phase=Phase.EMERGENCY, owner=B)]),
+)
+def test_the_same_after_a_restart(story: list[tuple[float, Event | Word]], standard: set[int], left: Snapshot) -> None:
+    fine = told(story, LIMITS, 0.05, standard=standard, restored=left)
+    assert fine == told(story, LIMITS, None, standard=standard, restored=left)
+
+
+@settings(max_examples=40, deadline=None)
+@given(stories, st.sets(stations))
+def test_the_same_with_standard_stations(story: list[tuple[float, Event | Word]], standard: set[int]) -> None:
+    told_before = IN_TRANSFER + story
+    fine = told(told_before, LIMITS, 0.05, standard=standard)
+    assert fine == told(told_before, LIMITS, None, standard=standard)
 
 
 def test_at_first_everybody_is_to_be_asked_at_once() -> None:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from mavproxy_handover.core.events import (
     AutopilotState,
     Cancel,
+    ControlRequested,
     Event,
     GuardSeen,
     GuardState,
@@ -82,7 +83,9 @@ messages: st.SearchStrategy[Message] = st.one_of(
 margins = st.sampled_from([-1e9, -5.0, 0.0, 5.0, 300.0, float("inf"), float("-inf"), float("nan")])
 exits = st.sampled_from([None, 0.0, 3.0, 8.0, 100.0, float("inf"), float("nan")])
 facts = st.builds(ZoneFact, sysids, margins, exits)
+seconds = st.sampled_from([0.0, 10.0, 61.0, -1.0, float("inf"), float("nan")])
 events: st.SearchStrategy[Event] = st.one_of(
+    st.builds(ControlRequested, sysids, st.booleans(), st.booleans(), seconds, sysids),
     st.builds(StationMessage, sysids, messages),
     st.builds(StationMessage, sysids, messages),
     st.builds(StationHeard, sysids),
@@ -98,25 +101,38 @@ events: st.SearchStrategy[Event] = st.one_of(
 waits = st.sampled_from([0.0, 0.0, 0.0, 0.1, 0.6, 2.1, 5.1])
 
 
-@settings(max_examples=80, deadline=None)
-@given(st.lists(st.tuples(waits, events), max_size=40))
-def test_anything_from_the_start(story: list[tuple[float, Event]]) -> None:
-    bench = Bench()
+#: instead of an event: the companion is started anew
+RESTART = "restart"
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.tuples(waits, st.one_of(events, st.just(RESTART))), max_size=40),
+    st.sets(st.sampled_from([A, B, C])),
+)
+def test_anything_from_the_start(story: list[tuple[float, Event | str]], standard: set[int]) -> None:
+    bench = Bench(standard=standard)
     bench.alive = set()
     for wait_s, event in story:
-        bench.now += wait_s
-        bench.give(event)
+        if isinstance(event, str):
+            bench.restart(wait_s)
+        else:
+            bench.now += wait_s
+            bench.give(event)
 
 
 @settings(max_examples=80, deadline=None)
 @given(
     st.sampled_from([step.name for step in Step]),
-    st.lists(st.tuples(waits, events), max_size=25),
+    st.lists(st.tuples(waits, st.one_of(events, st.just(RESTART))), max_size=25),
     st.booleans(),
 )
-def test_anything_in_a_transfer(step: str, story: list[tuple[float, Event]], lively: bool) -> None:
+def test_anything_in_a_transfer(step: str, story: list[tuple[float, Event | str]], lively: bool) -> None:
     bench = Bench().up_to(step)
     for wait_s, event in story:
+        if isinstance(event, str):
+            bench.restart(wait_s)
+            continue
         if lively:
             bench.run(wait_s)
         else:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from itertools import product
 
@@ -23,6 +24,7 @@ from mavproxy_handover.core.events import (
     StationHeard,
     ViewChanged,
 )
+from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import AuthorityView, LeaseState
 from mavproxy_handover.operator_control import read_request
@@ -242,12 +244,16 @@ def questions(bench: Bench) -> list[tuple[float, NotifyOwner]]:
     return [(at, action) for at, action in bench.log if isinstance(action, NotifyOwner)]
 
 
-def flight(**options: object) -> Bench:
-    """On mission under GCSA, inside both zones, and nothing under way: GCSB's was entered long ago, and denied."""
-    bench = Bench(**options)  # type: ignore[arg-type]
+def flight(
+    *,
+    standard: Collection[int] = (),
+    facts: tuple[ZoneFact, ...] = (inside(A), inside(B), outside(C), outside(D)),
+) -> Bench:
+    """On mission under GCSA, inside these zones, and nothing under way: they were entered on the ground."""
+    bench = Bench(standard=standard)
     bench.alive = {A, B, C}
     bench.on_ground()
-    bench.position(inside(A), inside(B), outside(C), outside(D))
+    bench.position(*facts)
     bench.autopilot_says(armed=True, flying=True)
     bench.run(10.0)
     assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 1, LeaseState.HELD, True, 0)
@@ -691,14 +697,7 @@ class TestTraps:
         assert bench.arbiter.view.partner is None
 
     def test_of_two_requests_at_once_the_first_counts(self) -> None:
-        bench = flight(standard={A})
-        bench.position(inside(A), inside(B), inside(C))
-        bench.give(asks(A, takeover=True, give_to=A))
-        bench.give(asks(A))
-        bench.arbiter.dropped.clear()
-        partner = bench.arbiter.view.partner
-        if partner is not None:
-            raise AssertionError("a transfer was under way before anybody asked")
+        bench = flight(standard={A}, facts=(inside(A), inside(B), inside(C), outside(D)))
         assert answers(bench.give(asks(B))) == [ControlAnswer(B, PENDING)]
         assert answers(bench.give(asks(C))) == [ControlAnswer(C, DENIED, "another handover is under way")]
         assert bench.arbiter.view.partner == B

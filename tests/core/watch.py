@@ -11,8 +11,9 @@
    * granted: from nobody to the station that asks for control, on the ground and disarmed;
    * transfer: to the partner of a transfer that was under way until then. The partner has confirmed this very transfer
      and lives. The commander has consented, beforehand or in this transfer, or is lost.
-3. The epoch grows by one with every other change than a loss, and never otherwise. After a restart it has grown already
-   when the commander of before comes back.
+3. The epoch grows by one with every other change than a loss. After a restart it has grown already when the commander of
+   before comes back. While nobody has authority, or had it, a station's memory may raise it. Never otherwise, and it
+   never falls.
 4. Phase, lease and partner of a view say the same.
 5. That takeover is allowed is the word of one commander: with another one it is not.
 """
@@ -81,7 +82,8 @@ class Watch:
         assert arbiter.view.partner is None
         assert arbiter.view.epoch == restored.epoch + 1
         if restored.phase is not Phase.ON_LOAD:
-            self._had_authority = restored.owner
+            # a station that is not in the configuration any more is nobody
+            self._had_authority = restored.owner if arbiter.view.lease is LeaseState.RECOVERING else None
             if restored.takeover_allowed:
                 self._allowed.add(_ANYBODY)
 
@@ -103,8 +105,8 @@ class Watch:
                 if action.view.commander != self._view.commander:
                     self._check_move(self._view, action.view, event, heard_before, now)
                     self.moves.append((now, self._view.commander, action.view.commander, action.view.epoch))
-                else:
-                    assert action.view.epoch == self._view.epoch
+                elif action.view.epoch != self._view.epoch:
+                    self._check_memory(self._view, action.view, event)
                 self._view = action.view
         assert self._arbiter.view == self._view, "a change that was not announced"
         flushed = [action.station for action in actions if isinstance(action, Flush)]
@@ -160,6 +162,14 @@ class Watch:
             assert not new.takeover_allowed
             self._allowed.clear()
         self._had_authority, self._released = new.commander, False
+
+    def _check_memory(self, old: AuthorityView, new: AuthorityView, event: Event) -> None:
+        assert old.commander is None
+        assert self._had_authority is None
+        assert new.epoch > old.epoch
+        assert isinstance(event, StationMessage)
+        assert isinstance(event.message, ConnectAck)
+        assert event.message.epoch == new.epoch
 
     def _check_end(
         self, old: AuthorityView, new: AuthorityView, event: Event, heard: dict[int, float], now: float

@@ -28,7 +28,7 @@ def main(seconds: int) -> int:
         return 2
     sys.path.insert(0, str(ROOT))
     with atheris.instrument_imports(include=["mavproxy_handover.gate", "mavproxy_handover.wire"]):
-        from tests.fuzz.harness import run
+        from tests.fuzz.harness import run, seeds
 
     def one(plan: bytes) -> None:
         try:
@@ -41,8 +41,8 @@ def main(seconds: int) -> int:
             raise
 
     with tempfile.TemporaryDirectory() as corpus:
-        for path in CRASHERS.glob("*.bin"):
-            (Path(corpus) / path.name).write_bytes(path.read_bytes())
+        for number, plan in enumerate([*seeds(), *(path.read_bytes() for path in CRASHERS.glob("*.bin"))]):
+            (Path(corpus) / f"seed{number}").write_bytes(plan)
         arguments = ["fuzz_gate", f"-max_total_time={seconds}", "-max_len=2000", f"-artifact_prefix={corpus}/", corpus]
         atheris.Setup(arguments, one)
         atheris.Fuzz()

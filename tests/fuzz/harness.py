@@ -28,12 +28,23 @@ from mavproxy_handover.gate.observers import WISHES
 from mavproxy_handover.gate.refusals import refusal
 from mavproxy_handover.gate.tables import Access
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, FrameSplitter, field_offset, parse_one, target
+from tests.gate.frames import ftp_request
 from tests.gate.ledger import (
+    CONTROL_COMMANDS,
     GCSA,
     GCSB,
     GCSC,
+    MAINTENANCE_COMMANDS,
+    MAINTENANCE_FILES,
     PASS,
+    PASS_COMMANDS,
     PASS_OPCODES,
+    PLAIN_FILES,
+    RATE_COMMANDS,
+    SAFEGUARD_COMMANDS,
+    SAFEGUARD_FILES,
+    SAFEGUARD_PARAMETERS,
+    TOLD_PARAMETERS,
     TRACKER_OF_A,
     VEHICLE,
     VIEWS,
@@ -44,7 +55,19 @@ from tests.gate.ledger import (
     kind_of_frame,
 )
 
-__all__ = ["CUT", "DAMAGED", "FRAME", "GARBAGE", "SWITCH", "VEHICLE_SAYS", "Gate", "check_forwarded", "run"]
+__all__ = [
+    "CUT",
+    "DAMAGED",
+    "FRAME",
+    "GARBAGE",
+    "SWITCH",
+    "VEHICLE_SAYS",
+    "Gate",
+    "check_forwarded",
+    "instruction",
+    "run",
+    "seeds",
+]
 
 GARBAGE, FRAME, DAMAGED, CUT, SWITCH, VEHICLE_SAYS = range(6)
 
@@ -236,6 +259,26 @@ def _frame(reader: _Reader, sysid: int | None = None) -> bytes:
 def _instructions(reader: _Reader) -> Iterator[int]:
     while reader.more():
         yield reader.byte() % 6
+
+
+def instruction(number: int, message: str, payload: bytes, sender: int = 0) -> bytes:
+    """A plan's instruction to send a message of `INTERESTING`; `sender` is an index of `SENDERS`."""
+    return bytes([number, INTERESTING.index(message), 0, sender, 0, 0, len(payload)]) + payload
+
+
+def seeds() -> Iterator[bytes]:
+    """Plans to begin with: a fuzzer does not guess the name of a parameter or a path."""
+    files = [*MAINTENANCE_FILES, *SAFEGUARD_FILES, *PLAIN_FILES]
+    payloads = [("FILE_TRANSFER_PROTOCOL", bytes(3) + bytes(ftp_request(opcode, path))[:200]) for opcode, path in files]
+    names = [*SAFEGUARD_PARAMETERS, *TOLD_PARAMETERS]
+    payloads += [("PARAM_SET", bytes(6) + name.encode("latin-1")) for name in names]
+    commands = [*PASS_COMMANDS, *RATE_COMMANDS, *CONTROL_COMMANDS, *MAINTENANCE_COMMANDS, *SAFEGUARD_COMMANDS, 300, 400]
+    payloads += [(name, bytes(28) + number.to_bytes(2, "little")) for number in commands for name in INTERESTING[:2]]
+    payloads += [(name, bytes(20)) for name in INTERESTING]
+    for message, payload in payloads:
+        switched = bytes([SWITCH, 1 + (3 << 2)])  # to station B, an observer of an armed vehicle
+        yield instruction(FRAME, message, payload) + switched + instruction(FRAME, message, payload, 1)
+        yield instruction(VEHICLE_SAYS, message, payload) + bytes([CUT, 9])
 
 
 def run(plan: bytes) -> Gate:

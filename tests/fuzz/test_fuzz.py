@@ -21,7 +21,9 @@ from tests.fuzz.harness import (
     SWITCH,
     VEHICLE_SAYS,
     check_forwarded,
+    instruction,
     run,
+    seeds,
 )
 from tests.gate.frames import make_frame
 from tests.gate.ledger import ALL_COMMANDS, VIEWS, A
@@ -95,6 +97,12 @@ def test_any_cut_of_any_bytes_gives_the_same_frames(data: bytes, cuts: list[int]
     assert pieces == whole.feed(data)
 
 
+def test_the_plans_that_fuzzing_begins_with_hold() -> None:
+    plans = list(seeds())
+    assert sum(run(plan).forwarded for plan in plans) > 100
+    run(b"".join(plans))
+
+
 def test_what_a_fuzzer_found_once_stays_found() -> None:
     for path in CRASHERS:
         run(path.read_bytes())
@@ -102,8 +110,7 @@ def test_what_a_fuzzer_found_once_stays_found() -> None:
 
 def test_the_harness_lets_something_through_and_would_notice() -> None:
     """A harness that forwards nothing, or checks nothing, proves nothing."""
-    gate = run(bytes([FRAME, 8, 0, 0, 0, 0, 0] * 3))  # MISSION_COUNT of the commander, three times
-    assert gate.forwarded == 3
+    assert run(instruction(FRAME, "MISSION_COUNT", b"") * 3).forwarded == 3  # of the commander
     b_commands = VIEWS[6]
     with pytest.raises(AssertionError):
         check_forwarded(make_frame("MISSION_COUNT"), A, b_commands)

@@ -290,7 +290,8 @@ def test_a_streamed_velocity_is_stopped_at_once(companion: Companion) -> None:
             break
         assert time.monotonic() < deadline, "the aircraft does not follow the stream"
     assert companion.flush() == ["guided stream stopped"]
-    slower = companion.wait("GLOBAL_POSITION_INT", lambda m: m.time_boot_ms > moving.time_boot_ms + 2500)
+    start = companion.wait("GLOBAL_POSITION_INT").time_boot_ms
+    slower = companion.wait("GLOBAL_POSITION_INT", lambda m: m.time_boot_ms > start + 2500)
     assert slower.vx < 500, "it flies on as the former commander said, until GUID_TIMEOUT"
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import all as dialect
 
+from mavproxy_handover.wire.lease_tag import lease_tag
 from sitl.vehicles.lua_bindings import LuaScripting
 
 GUARD = Path(__file__).parents[2] / "ardupilot_lua" / "handover_guard.lua"
@@ -158,6 +159,8 @@ class Companion:
     commander: int = 251
     ttl_ms: int = 5000
     version: int = 1
+    #: 32 bytes of a key file: every lease has a tag
+    key: bytes | None = None
     packer: dialect.MAVLink = field(init=False)
 
     def __post_init__(self) -> None:
@@ -174,18 +177,21 @@ class Companion:
             name: changes.pop(name, getattr(self, name))
             for name in ("version", "state", "commander", "nonce", "sequence", "epoch", "ttl_ms")
         }
+        flags = changes.pop("flags", 0 if self.key is None else 1)
         payload = struct.pack(
             LEASE_LAYOUT,
             value["version"],
             value["state"],
             value["commander"],
-            0,
+            flags,
             value["nonce"],
             value["sequence"],
             value["epoch"],
             value["ttl_ms"],
             0,
         )
+        if self.key is not None:
+            payload += lease_tag(self.key, LEASE_TYPE, (changes.pop("tag_for", 1), 1), payload)
         return self.tunnel(payload, **changes)
 
     def tunnel(
@@ -219,6 +225,7 @@ class Bench:
         boot_ms: int = 10_000,
         earlier_script: str = "",
         count_instructions: bool = False,
+        guard: Path = GUARD,
     ) -> None:
         self.vehicle = FakeVehicle()
         self.vehicle.now_ms = boot_ms
@@ -228,7 +235,7 @@ class Bench:
         self.scripting = LuaScripting(self.vehicle, absent=absent, count_instructions=count_instructions)
         if earlier_script:
             self.scripting.load_text(earlier_script, "a_neighbour.lua")
-        self.scripting.load(GUARD)
+        self.scripting.load(guard)
         self.most_instructions = 0
         self._lease_due_ms = self.vehicle.now_ms
         self.run(0)

@@ -50,7 +50,7 @@ def script() -> Script:
         ("uint32_t(5) <= 5", "true"),
         ("uint32_t(100) < -1", "true"),
         ("uint32_t(5) - 10", "4294967291"),
-        ("uint32_t(4294967295) + 1", "0"),
+        ("uint32_t(0xFFFFFFFF) + 1", "0"),
         ("uint32_t(7) / 2", "3"),
         ("uint32_t(7) // 2", "3"),
         ("uint32_t(6) ~ 3", "5"),
@@ -58,9 +58,12 @@ def script() -> Script:
         ("({[5]='x'})[uint32_t(5)]", "nil"),
         ("type(uint32_t(5))", "userdata"),
         ("uint32_t(5):toint()", "5"),
-        ("uint32_t(4294967295):toint()", "-1"),
-        ("uint32_t(3000000000):tofloat()", "3000000000.0"),
+        ("uint32_t(0xFFFFFFFF):toint()", "-1"),
+        ("uint32_t(3000000000):tofloat() == 3000000000.0", "true"),
         ("uint32_t(1e9 + 0.0)", "1000000000"),
+        ("uint32_t(0xFFFFFFFF) // 10", "429496729"),
+        ("uint32_t(0xFFFFFFFF) % 10", "5"),
+        ("uint32_t(0xFFFFFFFE) // 0xFFFFFFFF", "0"),
     ],
 )
 def test_uint32_is_a_boxed_number(script: Script, expression: str, expected: str) -> None:

@@ -113,7 +113,7 @@ def test_nobody_commands_while_armed_on_the_ground(bench: Bench) -> None:
     bench.with_lease()
     bench.vehicle.armed = True
     bench.companion.state, bench.companion.commander = LOST, 0
-    bench.run(1000)
+    bench.run(3000)
     assert bench.vehicle.armed
     bench.run(400)
     assert not bench.vehicle.armed

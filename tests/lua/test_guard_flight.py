@@ -78,7 +78,7 @@ def test_lost_state_is_tolerated_for_a_while(bench: Bench) -> None:
     bench.companion.state, bench.companion.commander = LOST, 0
     started_ms = bench.until(lambda: bench.status.state == LOST_STATE)
     acted_ms = bench.until(lambda: in_rtl(bench))
-    assert 950 <= acted_ms - started_ms <= 1100
+    assert 2950 <= acted_ms - started_ms <= 3100
     assert bench.texts == ["HNDO: no authority, RTL"]
 
 
@@ -86,7 +86,7 @@ def test_short_lost_state_passes(bench: Bench) -> None:
     bench.fly()
     for _ in range(5):
         bench.companion.state, bench.companion.commander = LOST, 0
-        bench.run(800)
+        bench.run(2700)
         bench.companion.state, bench.companion.commander = 1, 252
         bench.run(400)
     assert bench.vehicle.mode == AUTO
@@ -314,7 +314,7 @@ class TestStationDuringTheLoss:
         """Return or land is the companion's decision while it lives; its commands look like a station's."""
         bench.fly()
         bench.companion.state, bench.companion.commander = LOST, 0
-        bench.run(2000)
+        bench.run(4000)
         assert bench.vehicle.mode == RTL
         bench.vehicle.mode, bench.vehicle.reason = LAND, BY_GCS
         bench.run(10_000)

@@ -297,6 +297,8 @@ class Packer:
             _digest=plain,
             _armed=plain,
             _flying=plain,
+            _weak=_Set(),
+            _attacked=_Set(),
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
             _guard=plain,

@@ -22,6 +22,9 @@ from mavproxy_handover.core.model import LeaseState, Phase
 from tests.model.checks import Violation, demand
 from tests.model.world import DEAD, Label, State, World
 
+#: the fields of a state that healing leaves
+HEALABLE = State._fields.index("cuts")
+
 __all__ = ["Found", "Report", "explore"]
 
 
@@ -85,14 +88,17 @@ class _Settling:
         self.bound_s = int(4 * limits.step_timeout_s + limits.release_timeout_s + asked)
         #: state -> ticks until its transfer has ended
         self._known: dict[State, int] = {}
+        #: states judged, whatever is cut in them and may still go wrong
+        self._judged: set[tuple[object, ...]] = set()
         self.longest_s = 0
-
-    def __len__(self) -> int:
-        return len(self._known)
 
     def judge(self, state: State) -> None:
         """Raise `_Stop` if this state, healed, does not end as it should."""
-        dead = any(not self._world.alive(state, index) for index in range(self._world.count))
+        what_counts = state[:HEALABLE]
+        if what_counts in self._judged:
+            return
+        self._judged.add(what_counts)
+        dead = DEAD in state.stations
         for revived in (False, True) if dead else (False,):
             try:
                 healed = self._world.healed(state, revived=revived)
@@ -142,12 +148,12 @@ class _Settling:
             demand(view.commander is None, "the state file was lost, and somebody commands in flight")
             return
         holding = living & books.zones
-        if books.had in living or (holding and books.flying):
+        if books.had in living or (books.had is not None and holding and books.flying):
             demand(view.commander is not None, f"nobody commands, though {sorted(living)} live")
         if view.commander is None:
             return
         demand(view.commander in living, f"station {view.commander} commands, and is dead")
-        if books.flying and view.commander not in books.zones:
+        if books.flying and vehicle.loaded and view.commander not in books.zones:
             demand(not holding, f"station {view.commander} commands outside its zone; {sorted(holding)} could")
         if books.flying and books.zones:
             demand(view.phase is Phase.ON_MISSION, f"at rest in {view.phase.name}")
@@ -174,8 +180,9 @@ def explore(world: World, progress: Callable[[str], None] | None = None, states_
             settling.judge(state)
             for label in world.labels(state):
                 transitions += 1
-                following = _checked(world, state, label)
+                following = _followed(world, state, label)
                 if following not in seen:
+                    _checked(world, state, label, following)
                     seen.add(following)
                     order.append(following)
                     came_from.append(at)
@@ -202,13 +209,18 @@ def explore(world: World, progress: Callable[[str], None] | None = None, states_
     )
 
 
-def _checked(world: World, state: State, label: Label) -> State:
+def _followed(world: World, state: State, label: Label) -> State:
     try:
-        following = world.follow(state, label)
+        return world.follow(state, label)
+    except Violation as violation:
+        raise _Stop(str(violation), state, [label]) from None
+
+
+def _checked(world: World, state: State, label: Label, following: State) -> None:
+    try:
         world.check(following)
     except Violation as violation:
         raise _Stop(str(violation), state, [label]) from None
-    return following
 
 
 class _Story:

@@ -29,7 +29,7 @@ from mavproxy_handover.core.events import (
     ViewChanged,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Station
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Station
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.model.canonical import EPOCH, MEMORY, NOW, NUMBER, STILL, Packed, Packer, Shift, shifted
 from tests.model.checks import (
@@ -86,6 +86,8 @@ class VehicleState(NamedTuple):
     snapshot: Snapshot | None
     view: AuthorityView
     books: Books
+    #: it knows the mission
+    loaded: bool = False
 
 
 class Vehicles:
@@ -129,7 +131,9 @@ class Vehicles:
         snapshot = arbiter.snapshot()
         shift = Shift(0.0, snapshot.epoch - EPOCH, snapshot.handover_id - NUMBER)
         packed = self._packer.pack_arbiter(arbiter, shift)
-        return self._states(VehicleState(packed, None, shifted(arbiter.view, shift), books)), shift
+        return self._states(
+            VehicleState(packed, None, shifted(arbiter.view, shift), books, bool(arbiter.mission_digest))
+        ), shift
 
     def later(self, number: int) -> int:
         """The same, one tick later."""
@@ -149,14 +153,14 @@ class Vehicles:
         if state.packed is None:
             return number
         snapshot = self._packer.unpack_arbiter(state.packed).snapshot()
-        books = state.books.restarted(blank=False)
+        books = state.books.restarted(snapshot.phase, blank=False)
         return self._states(VehicleState(None, snapshot, AuthorityView(epoch=EPOCH, handover_id=NUMBER), books))
 
     def up(self, number: int, *, blank: bool = False) -> tuple[int, Shift]:
         """The companion starts from its state file, or without it."""
         state = self[number]
         arbiter = self._make(self._identity, self._limits, None if blank else state.snapshot)
-        books = state.books.restarted(blank=blank)
+        books = state.books.restarted(Phase.ON_LOAD, blank=True) if blank else state.books
         result, shift = self._number(arbiter, books)
         view = self[result].view
         if view.commander is not None:
@@ -185,6 +189,8 @@ class Vehicles:
         if is_old(event, before.view, before.books.had):
             self._no_more_than_a_heartbeat(before, event, arbiter)
         after, shift = self._number(arbiter, books)
+        if isinstance(event, StationMessage) and not getattr(event.message, "nonce", 0):
+            self._twice_is_once(event, arbiter)
         return after, tuple(self._parcels(actions, shift)), shift
 
     def _handle(self, arbiter: Arbiter, event: Event) -> list[Action]:
@@ -205,6 +211,12 @@ class Vehicles:
         self._handle(other, StationHeard(event.station))
         if self._packer.pack_arbiter(arbiter) != self._packer.pack_arbiter(other):
             raise Violation(f"{type(event.message).__name__} of another epoch or transfer changed something")
+
+    def _twice_is_once(self, event: StationMessage, arbiter: Arbiter) -> None:
+        once = self._packer.pack_arbiter(arbiter)
+        self._handle(arbiter, event)
+        if self._packer.pack_arbiter(arbiter) != once:
+            raise Violation(f"{type(event.message).__name__} doubled changed something")
 
     def _parcels(self, actions: list[Action], shift: Shift) -> list[Parcel]:
         parcels = []

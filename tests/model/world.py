@@ -164,8 +164,10 @@ class World:
             self.events(AutopilotState(not place.startswith("_"), not place.startswith("_"))) for place in setting.path
         ]
         self._guard = self.events(GuardSeen(GuardState.LIVE, ours=True))
+        self._mission = self.events(MissionLoaded(DIGEST, self.sysids))
         self._routine: dict[tuple[int, tuple[int, ...], int, tuple[int, ...]], tuple[State, Shift]] = {}
         self._connects: dict[int, bool] = {}
+        self._agreeing: set[tuple[int, tuple[int, ...]]] = set()
         self._rebased: dict[tuple[int, Shift], int] = {}
 
     # ---- channels ---------------------------------------------------------------------------------------------------
@@ -284,7 +286,7 @@ class World:
         aloft, self._autopilot[0] = self._autopilot[0], self.events(AutopilotState(armed=False, flying=False))
         state = self._quiet(state, 2)
         draft = _Draft(state)
-        self._to_vehicle(draft, self.events(MissionLoaded(DIGEST, self.sysids)))
+        self._to_vehicle(draft, self._mission)
         state = self._quiet(draft.done(), 2)
         if not self._on_ground(state):
             state = self.follow(state, ("start",))
@@ -303,7 +305,9 @@ class World:
         return state
 
     def _start(self, draft: _Draft) -> None:
-        """START from the commander, and the autopilot plays along."""
+        """The commander brings the mission, if need be, and sends START; the autopilot plays along."""
+        if not self.vehicles[draft.vehicle].loaded:
+            self._to_vehicle(draft, self._mission)
         commander = self.vehicles[draft.vehicle].view.commander
         self._to_vehicle(draft, self._guard)
         self._to_vehicle(draft, self.events(StartRequested(commander)))
@@ -388,6 +392,9 @@ class World:
             if each != DEAD and self.cores.beliefs[each].asked:
                 yield "answer", index, True
                 yield "answer", index, False
+        commander = self._standard_in_charge(state)
+        if commander is not None:
+            yield "consents", commander
         if self._on_ground(state) and self.vehicles[state.vehicle].view.commander is not None:
             yield ("start",)
         if not state.requests:
@@ -401,6 +408,15 @@ class World:
                         yield from (("request", index, wish, to) for to in range(self.count) if to != index)
                     else:
                         yield "request", index, wish, index
+
+    def _standard_in_charge(self, state: State) -> int | None:
+        """The commander, if it speaks the standard only and is asked for its consent."""
+        vehicle = self.vehicles[state.vehicle]
+        view = vehicle.view
+        if view.partner is None or view.commander is None or vehicle.packed is None or vehicle.books.agreed:
+            return None
+        index = self.sysids.index(view.commander)
+        return index if self.stations[index].standard else None
 
     def _on_ground(self, state: State | _Draft) -> bool:
         return self.setting.path[state.position].startswith("_")
@@ -452,6 +468,8 @@ class World:
             draft.cuts = tuple(channel for channel in draft.cuts if channel != label[1])
         elif what == "answer":
             self._to_station(draft, label[1], self.events(gcs.Answer(label[2])))
+        elif what == "consents":
+            self._request(draft, label[1], Request.ALLOW, label[1])
         elif what == "start":
             self._start(draft)
         elif what == "request":
@@ -549,13 +567,18 @@ class World:
         for index, each in enumerate(state.stations):
             if each != DEAD and self.cores.beliefs[each].asked:
                 return "answer", index, True
-        return ("tick",)
+        commander = self._standard_in_charge(state)
+        return ("tick",) if commander is None else ("consents", commander)
 
     def check(self, state: State) -> None:
         """What must hold between vehicle and stations."""
+        key = (state.vehicle, state.stations)
+        if key in self._agreeing:
+            return
         vehicle = self.vehicles[state.vehicle]
         beliefs = [self.cores.beliefs[each] for each in state.stations if each != DEAD]
         check_beliefs(vehicle.view.commander, EPOCH, vehicle.books.blank, beliefs)
+        self._agreeing.add(key)
 
     # ---- for people -------------------------------------------------------------------------------------------------
 

@@ -389,6 +389,17 @@ def test_a_refusal_is_shown_in_words(station: StationBench) -> None:
     assert station.mpstate.console.said("START refused: not in control.")
 
 
+def test_the_answer_to_a_request_of_control_is_the_companions(station: StationBench) -> None:
+    station.load()
+    station.mpstate.type("handover request")
+    station.run(0.1)
+    (control,) = station.commands()
+    assert control == (mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL, 1.0)
+    station.hear(mavlink.MAVLink_command_ack_message(control[0], mavlink.MAV_RESULT_DENIED, 0, 0, 251, 190))
+    station.run(0.1)
+    assert [entry.get("result") for entry in station.journal("command")] == [None, "denied"]
+
+
 def test_start_waits_for_its_end(station: StationBench) -> None:
     station.load()
     station.mpstate.type("handover start")

@@ -74,6 +74,16 @@ def test_authority_lost_in_between_is_seen() -> None:
     assert verdict.seen.startswith("GCSA → GCSB → nobody → GCSB → GCSA")
 
 
+def test_a_companion_that_was_restarted_obeys_nobody_until_it_has_heard_the_commander() -> None:
+    entries = [
+        *nominal(),
+        Entry(wall(100), VEHICLE_NAME, "restarted", "", {"epoch": 3}),
+        Entry(wall(101), VEHICLE_NAME, "view", "", {"epoch": 3, "commander": "GCSB"}),
+    ]
+    verdict = Commanders(FIVE).judge(evidence(sorted(entries, key=lambda entry: entry.t)))
+    assert verdict.seen.startswith("GCSA → GCSB → nobody → GCSB → GCSA")
+
+
 def test_a_handover_that_is_missing_fails() -> None:
     entries = without("transfer_committed", lambda entry: entry.get("handover_id") == 3)
     verdict = Handovers(4).judge(evidence(entries))

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The tag that proves a lease to come from somebody who knows the key.
+
+For vehicles where others than the companion can write to its port of the autopilot. A Lua script has 10 000
+instructions a call and 32-bit integers, too little for SHA-256; HalfSipHash is made of 32-bit words and fits.
+
+HalfSipHash-2-4, 64 bits of key and of tag, by Jean-Philippe Aumasson and Daniel J. Bernstein (github.com/veorq/SipHash,
+with the vectors that the tests use). It is a short-key MAC: 2^64 keys can be searched by somebody with means, so it is
+a lock for a cable and no replacement of MAVLink signing. Replay is kept out by nonce and sequence in the lease.
+
+Layout: the tag stands behind the 20 bytes of the lease, whose flag bit 0 says so; it covers payload type (u16), target
+system, target component and those 20 bytes. Key: the first 8 of the 32 bytes in a key file (`keys.load_key`).
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+__all__ = ["HASH_KEY_BYTES", "TAG_BYTES", "half_siphash_2_4", "lease_tag"]
+
+HASH_KEY_BYTES: Final = 8
+TAG_BYTES: Final = 8
+_MASK: Final = 0xFFFFFFFF
+_COVERED = struct.Struct("<HBB")
+
+
+def half_siphash_2_4(key: bytes, message: bytes) -> bytes:
+    """The 8-byte HalfSipHash-2-4 of `message` under an 8-byte `key`. Raises ValueError for a key of another length."""
+    if len(key) != HASH_KEY_BYTES:
+        raise ValueError(f"a HalfSipHash key has {HASH_KEY_BYTES} bytes, not {len(key)}")
+    k0, k1 = struct.unpack("<II", key)
+    state = [k0, k1 ^ 0xEE, 0x6C796765 ^ k0, 0x74656462 ^ k1]
+    whole = len(message) & ~3
+    last = message[whole:].ljust(3, b"\0") + bytes([len(message) & 0xFF])
+    for (word,) in struct.iter_unpack("<I", message[:whole] + last):
+        state[3] ^= word
+        _rounds(state, 2)
+        state[0] ^= word
+    state[2] ^= 0xEE
+    _rounds(state, 4)
+    low = state[1] ^ state[3]
+    state[1] ^= 0xDD
+    _rounds(state, 4)
+    return struct.pack("<II", low, state[1] ^ state[3])
+
+
+def lease_tag(key: bytes, payload_type: int, target: tuple[int, int], lease: bytes) -> bytes:
+    """The tag of the 20 bytes of a lease to system and component `target`; `key` is that of a key file, 32 bytes."""
+    return half_siphash_2_4(key[:HASH_KEY_BYTES], _COVERED.pack(payload_type, *target) + lease)
+
+
+def _turn(word: int, bits: int) -> int:
+    return (word << bits | word >> (32 - bits)) & _MASK
+
+
+def _rounds(state: list[int], count: int) -> None:
+    a, b, c, d = state
+    for _ in range(count):
+        a = (a + b) & _MASK
+        b = _turn(b, 5) ^ a
+        a = _turn(a, 16)
+        c = (c + d) & _MASK
+        d = _turn(d, 8) ^ c
+        a = (a + d) & _MASK
+        d = _turn(d, 7) ^ a
+        c = (c + b) & _MASK
+        b = _turn(b, 13) ^ c
+        c = _turn(c, 16)
+    state[:] = a, b, c, d

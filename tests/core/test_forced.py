@@ -1,0 +1,539 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The commander is lost in flight and somebody is there to take over: the partner's two words, two seconds, no more.
+
+What leads there from each step of a running transfer is in `test_arbiter_transfer.py`; `watch.py` checks on every event
+that nobody gets the aircraft who was not asked and has not confirmed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mavproxy_handover.core.events import (
+    ControlAnswer,
+    ControlResult,
+    FlightAction,
+    Flush,
+    Fly,
+    Record,
+    Send,
+    StationHeard,
+    Tick,
+    ViewChanged,
+)
+from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import AuthorityView, LeaseState
+from tests.core.bench import (
+    A,
+    B,
+    Bench,
+    C,
+    ConnectHandover,
+    Consent,
+    DisconnectHandover,
+    DroneConnected,
+    HandoverRequest,
+    HandoverResult,
+    OkHandover,
+    OnHandover,
+    Outcome,
+    Phase,
+    Reason,
+    TransferKey,
+    far,
+    inside,
+    not_records,
+    outside,
+)
+
+RETURN = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
+KEY = TransferKey(A, B, 1, 1)
+UNDER_WAY = AuthorityView(Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1)
+TAKEN = AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
+#: nothing more for two seconds after an attempt, ten after a refusal
+PAUSE_S, DENIED_PAUSE_S = 2.0, 10.0
+
+
+def in_both_zones(
+    limits: Limits | None = None,
+    route: tuple[int, ...] = (A, B, A, B, A),
+    facts: tuple[ZoneFact, ...] = (inside(A), inside(B), outside(C)),
+) -> Bench:
+    """Flying under GCSA in the zones of GCSA and GCSB; GCSB's was entered on the ground, so no zone calls."""
+    bench = Bench(limits, route)
+    bench.alive = {A, B, C}
+    bench.on_ground()
+    bench.position(*facts)
+    bench.autopilot_says(armed=True, flying=True)
+    bench.run(10.0)
+    assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 1, LeaseState.HELD, True, 0)
+    bench.log.clear()
+    return bench
+
+
+def lost(limits: Limits | None = None) -> Bench:
+    """GCSA has been silent for five seconds just now; HANDOVER_REQUEST to GCSB is out."""
+    bench = in_both_zones(limits)
+    bench.alive = {B, C}
+    bench.run(5.0)
+    assert bench.arbiter.view == UNDER_WAY
+    return bench
+
+
+def begun(bench: Bench) -> list[tuple[float, str]]:
+    return [(at, a.text) for at, a in bench.log if isinstance(a, Record) and a.event == "transfer_begun"]
+
+
+class TestTaking:
+    def test_at_the_moment_of_the_loss_the_partner_is_asked_and_the_aircraft_flies_on(self) -> None:
+        bench = in_both_zones()
+        bench.alive = {B, C}
+        heard_at = bench.now
+        bench.run(4.9)
+        bench.log.clear()
+        bench.run(0.1)
+        assert [(at, action) for at, action in bench.log if isinstance(action, (ViewChanged, Send))][:3] == [
+            (heard_at + 5.0, ViewChanged(replace(UNDER_WAY, phase=Phase.ON_MISSION, partner=None, handover_id=0),
+                                         Reason.COMMANDER_LOST)),
+            (heard_at + 5.0, ViewChanged(UNDER_WAY, Reason.COMMANDER_LOST)),
+            (heard_at + 5.0, Send(B, HandoverRequest(KEY, Reason.COMMANDER_LOST), 1)),
+        ]  # fmt: skip
+        assert begun(bench) == [(heard_at + 5.0, "handover 1 (forced): GCSA -> GCSB")]
+        assert bench.flights() == []
+
+    def test_the_partners_two_words_are_enough(self) -> None:
+        bench = lost()
+        assert not_records(bench.say(B, OnHandover(KEY))) == [Send(B, ConnectHandover(KEY), 1)]
+        result = HandoverResult(TransferKey(A, B, 1, 2), B, Outcome.COMMITTED, Reason.COMMANDER_LOST)
+        assert not_records(bench.say(B, DroneConnected(KEY))) == [
+            ViewChanged(TAKEN, Reason.COMMANDER_LOST),
+            Flush(A),
+            Send(A, result, 1),
+            Send(B, result, 1),
+        ]
+        assert bench.flights() == []
+        assert bench.records("emergency") == []
+
+    def test_a_word_for_the_commander_is_passed_on_to_nobody(self) -> None:
+        bench = lost()
+        bench.say(B, OnHandover(KEY, relay=True))
+        bench.say(B, DroneConnected(KEY, relay=True))
+        assert bench.arbiter.view == TAKEN
+        assert [m for _at, station, m, _n in bench.sent() if station == A and not isinstance(m, HandoverResult)] == []
+
+    @pytest.mark.parametrize("word", [DroneConnected(KEY), DisconnectHandover(KEY), OkHandover(KEY)])
+    def test_one_word_alone_is_not(self, word: object) -> None:
+        bench = lost()
+        bench.say(B, word)  # type: ignore[arg-type]
+        assert bench.arbiter.view == UNDER_WAY
+        bench.run(2.0)
+        assert bench.arbiter.view.commander is None
+
+    def test_a_third_station_cannot_take_what_was_offered_to_the_partner(self) -> None:
+        bench = lost()
+        for key in (KEY, TransferKey(A, C, 1, 1)):
+            for word in (OnHandover(key), OkHandover(key), DroneConnected(key), DisconnectHandover(key)):
+                bench.say(C, word)
+        assert bench.arbiter.view == UNDER_WAY
+
+    @pytest.mark.parametrize(
+        ("route", "taker"),
+        [((A, C, B), C), ((A, B, C), B), ((A,), B), ((), B)],
+        ids=["C is next on the route", "B is next on the route", "neither is next: B keeps it longest", "no route"],
+    )
+    def test_where_two_could_take_it(self, route: tuple[int, ...], taker: int) -> None:
+        bench = in_both_zones(route=route, facts=(inside(A), inside(B, exit_s=900.0), inside(C, exit_s=20.0)))
+        bench.alive = {B, C}
+        bench.run(5.0)
+        assert bench.arbiter.view.partner == taker
+
+    def test_the_former_commander_gets_nothing_when_it_is_back_after_the_commit(self) -> None:
+        bench = lost()
+        bench.say(B, OnHandover(KEY))
+        bench.say(B, DroneConnected(KEY))
+        bench.alive = {A, B, C}
+        bench.run(30.0)
+        assert bench.arbiter.view == TAKEN
+        bench.say(A, DisconnectHandover(KEY))
+        bench.say(A, OkHandover(KEY))
+        assert bench.arbiter.view == TAKEN
+
+    def test_the_new_commander_may_be_lost_in_turn(self) -> None:
+        bench = in_both_zones()
+        bench.position(inside(A), inside(B), inside(C))
+        bench.say(C, OnHandover(TransferKey(A, C, 1, 1), Consent.DENIED))
+        bench.alive = {B, C}
+        bench.run(5.0)
+        first = TransferKey(A, B, 2, 1)
+        bench.say(B, OnHandover(first))
+        bench.say(B, DroneConnected(first))
+        assert bench.arbiter.view.commander == B
+        bench.alive = {C}
+        bench.run(5.0)
+        # the refusal was of another commander: it does not count any more
+        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, C, 2, LeaseState.LOST, True, 3)
+        second = TransferKey(B, C, 3, 2)
+        bench.say(C, OnHandover(second))
+        bench.say(C, DroneConnected(second))
+        assert bench.arbiter.view.commander == C
+        assert bench.arbiter.view.epoch == 3
+
+
+class TestBound:
+    """Two seconds for all of it, then the aircraft turns home; and it is commanded home once."""
+
+    @pytest.mark.parametrize("heard", ["nothing", "ready", "its operator is asked"])
+    def test_two_seconds_from_the_loss(self, heard: str) -> None:
+        bench = lost()
+        lost_at = bench.now
+        bench.run(1.9)
+        if heard == "ready":
+            bench.say(B, OnHandover(KEY))  # a step of four seconds of its own begins here
+        elif heard == "its operator is asked":
+            bench.say(B, OnHandover(KEY, Consent.WAITING))
+        assert bench.arbiter.view == UNDER_WAY
+        assert bench.flights() == []
+        bench.run(2.0)
+        assert [(at, a) for at, a in bench.log if isinstance(a, Fly)] == [(lost_at + 2.0, RETURN)]
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 1)
+
+    @pytest.mark.parametrize("bound_s", [0.5, 2.0, 3.5])
+    def test_the_bound_is_configured(self, bound_s: float) -> None:
+        bench = lost(replace(Limits(), forced_timeout_s=bound_s))
+        lost_at = bench.now
+        bench.run(6.0)
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [lost_at + bound_s]
+
+    def test_the_word_that_comes_at_the_very_end_is_too_late(self) -> None:
+        bench = lost()
+        bench.say(B, OnHandover(KEY))
+        bench.now += 2.0
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view.commander is None
+        assert bench.flights() == [RETURN]
+
+    def test_repeated_words_win_no_time(self) -> None:
+        bench = lost()
+        lost_at = bench.now
+        for _ in range(40):
+            bench.run(0.1)
+            bench.say(B, OnHandover(KEY, Consent.WAITING))
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [lost_at + 2.0]
+
+    def test_the_step_before_the_loss_gives_no_more_time_either(self) -> None:
+        # the commander's operator is being asked and has thirty seconds
+        bench = Bench().up_to("CONSENT")
+        bench.say(A, OkHandover(TransferKey(A, B, 1, 1), Consent.WAITING))
+        bench.alive = {B}
+        silent_since = bench.now
+        bench.run(8.0)
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [silent_since + 7.0]
+
+    def test_it_is_tried_again_and_the_pilot_is_not_fought(self) -> None:
+        # a partner that lives and does not answer: each attempt ends after two seconds, the next comes two seconds
+        # later; but the way home is commanded once, whatever mode a pilot chooses meanwhile
+        bench = lost()
+        bench.run(60.0)
+        assert bench.flights() == [RETURN]
+        assert [text for _at, text in begun(bench)[:3]] == [
+            f"handover {number} (forced): GCSA -> GCSB" for number in (1, 2, 3)
+        ]
+        assert len(begun(bench)) in range(12, 17)
+        assert bench.records("emergency_over") == []
+
+    def test_an_attempt_after_that_takes_it(self) -> None:
+        bench = lost()
+        bench.run(4.5)
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, B, 1, LeaseState.LOST, True, 2)
+        second = TransferKey(A, B, 2, 1)
+        bench.say(B, OnHandover(second))
+        bench.say(B, DroneConnected(second))
+        assert bench.arbiter.view == replace(TAKEN, handover_id=2)
+        assert [record.text for record in bench.records("emergency_over")] == ["the cause of the emergency is gone"]
+        assert bench.flights() == [RETURN]
+
+    def test_a_refusal_lets_another_try_at_once(self) -> None:
+        bench = lost()
+        bench.position(inside(A), inside(B), inside(C))
+        bench.say(B, OnHandover(KEY, Consent.DENIED))
+        bench.run(0.5)
+        assert bench.arbiter.view.partner == C
+        # too late for the aircraft not to turn: between the two nobody was there
+        assert bench.flights() == [RETURN]
+
+    def test_and_is_not_asked_again_for_ten_seconds(self) -> None:
+        bench = lost()
+        refused_at = bench.now
+        bench.say(B, OnHandover(KEY, Consent.DENIED))
+        bench.run(30.0)
+        assert begun(bench)[1][0] == pytest.approx(refused_at + DENIED_PAUSE_S, abs=0.51)
+
+    def test_ticks_at_the_deadlines_alone_are_enough(self) -> None:
+        bench = lost()
+        bench.alive, bench.facts, bench.autopilot, bench.guard = set(), None, False, None
+        ticks = 0
+        while bench.flights() == []:
+            deadline = bench.arbiter.next_deadline()
+            assert deadline is not None
+            bench.now = max(bench.now, deadline)
+            bench.give(Tick())
+            ticks += 1
+            assert ticks < 100
+
+
+class TestReturn:
+    """It ends when the commander is heard again: the aircraft was never anybody else's."""
+
+    @pytest.mark.parametrize("step", ["asked", "ready"])
+    @pytest.mark.parametrize("how", ["heartbeat", "consent", "denial", "release"])
+    def test_in_every_step_and_by_whatever_it_says(self, step: str, how: str) -> None:
+        bench = lost()
+        if step == "ready":
+            bench.say(B, OnHandover(KEY))
+        bench.log.clear()
+        words = {
+            "consent": OkHandover(KEY),
+            "denial": OkHandover(KEY, Consent.DENIED),
+            "release": DisconnectHandover(KEY),
+        }
+        if how == "heartbeat":
+            bench.give(StationHeard(A))
+        else:
+            bench.say(A, words[how])
+        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 2, LeaseState.HELD, True, 1)
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.COMMANDER_RETURNED]
+        assert bench.flights() == []
+        # and what was on its way from the partner comes too late
+        bench.say(B, OnHandover(KEY))
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view.commander == A
+        assert bench.arbiter.view.epoch == 2
+
+    def test_both_are_told(self) -> None:
+        bench = lost()
+        bench.log.clear()
+        bench.give(StationHeard(A))
+        ended = HandoverResult(KEY, None, Outcome.ABORTED, Reason.COMMANDER_RETURNED)
+        assert [(station, m) for _at, station, m, _n in bench.sent()] == [(A, ended), (B, ended)]
+
+    def test_back_between_two_attempts(self) -> None:
+        bench = lost()
+        bench.run(3.0)
+        bench.give(StationHeard(A))
+        bench.alive = {A, B, C}
+        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 2, LeaseState.HELD, True, 1)
+        bench.run(30.0)
+        assert len(begun(bench)) == 1, "nothing is forced any more"
+
+    def test_lost_again_it_begins_again(self) -> None:
+        bench = lost()
+        bench.give(StationHeard(A))
+        bench.run(5.0)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, B, 2, LeaseState.LOST, True, 2)
+        assert bench.flights() == []
+
+
+class TestNot:
+    """When it is not tried: the aircraft turns home at once."""
+
+    def test_outside_the_partners_zone(self) -> None:
+        bench = in_both_zones()
+        bench.position(inside(A), outside(B))
+        bench.alive = {B}
+        silent_since = bench.now
+        bench.run(20.0)
+        assert begun(bench) == []
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [silent_since + 5.0]
+
+    @pytest.mark.parametrize("case", ["silent", "deaf", "another mission", "another version"])
+    def test_to_a_station_that_is_not_fit(self, case: str) -> None:
+        bench = in_both_zones()
+        if case == "silent":
+            bench.alive = set()
+        else:
+            bench.alive = {B}
+        if case == "deaf":
+            bench.deaf = {B}
+        elif case == "another mission":
+            bench.digests[B] = bytes(32)
+        elif case == "another version":
+            bench.versions[B] = 2
+        silent_since = bench.now
+        bench.run(20.0)
+        assert begun(bench) == []
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [silent_since + 5.0]
+        assert len(bench.records("partner_unfit")) == 1
+
+    def test_fit_later_it_is_asked_then(self) -> None:
+        bench = in_both_zones()
+        bench.deaf = {B}
+        bench.alive = {B}
+        bench.run(12.0)
+        assert begun(bench) == []
+        bench.deaf = set()
+        bench.run(1.5)
+        assert bench.arbiter.view.partner == B
+
+    def test_on_the_ground(self) -> None:
+        bench = Bench().on_ground()
+        bench.position(inside(A), inside(B))
+        bench.alive = {B}
+        bench.run(30.0)
+        assert begun(bench) == []
+        assert bench.arbiter.view.commander is None
+
+    def test_armed_but_not_flying(self) -> None:
+        bench = Bench().on_ground()
+        bench.position(inside(A), inside(B))
+        bench.autopilot_says(armed=True, flying=False)
+        bench.alive = {B}
+        bench.run(30.0)
+        assert begun(bench) == []
+
+    def test_on_a_position_that_is_not_fresh(self) -> None:
+        # where the aircraft was when it was last seen says nothing about whose zone holds it now
+        bench = in_both_zones()
+        bench.facts = None
+        bench.alive = {B}
+        silent_since = bench.now
+        bench.run(20.0)
+        assert begun(bench) == []
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [silent_since + 5.0]
+        bench.position(inside(A), inside(B))
+        assert bench.arbiter.view.partner == B
+
+    def test_when_both_are_lost_at_the_same_moment(self) -> None:
+        bench = in_both_zones()
+        bench.alive = set()
+        bench.give(StationHeard(A))
+        bench.give(StationHeard(B))
+        silent_since = bench.now
+        bench.run(20.0)
+        assert begun(bench) == []
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [silent_since + 5.0]
+
+    def test_when_the_partner_is_lost_on_the_way(self) -> None:
+        bench = in_both_zones(replace(Limits(), forced_timeout_s=6.0, step_timeout_s=20.0))
+        bench.alive = {B}
+        bench.run(4.5)
+        bench.alive = set()
+        bench.run(0.5)
+        assert bench.arbiter.view == UNDER_WAY
+        bench.say(B, OnHandover(KEY))
+        heard_at = bench.now
+        bench.run(5.5)
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [heard_at + 5.0]
+        assert bench.arbiter.view.partner is None
+
+    def test_when_its_zone_is_left_on_the_way(self) -> None:
+        bench = lost()
+        bench.say(B, OnHandover(KEY))
+        bench.position(inside(A), outside(B))
+        assert bench.arbiter.view.partner is None
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.LEFT_REGION]
+        assert bench.flights() == [RETURN]
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view.commander is None
+
+    def test_out_of_every_zone_nobody_gets_it(self) -> None:
+        bench = lost()
+        bench.position(*far(A, B, C))
+        bench.run(5.0)
+        assert bench.arbiter.view.commander is None
+        assert bench.arbiter.view.partner is None
+        assert bench.flights() == [RETURN]
+
+    def test_after_the_landing(self) -> None:
+        bench = lost()
+        bench.autopilot_says(armed=False, flying=False)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, None, 1, LeaseState.LOST, False, 1)
+        bench.say(B, OnHandover(KEY))
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view.commander is None
+
+
+class TestByRequest:
+    """A station whose zone holds the aircraft may ask for it."""
+
+    def test_it_is_answered_pending_and_begins_at_once(self) -> None:
+        bench = lost()
+        bench.run(3.0)  # between two attempts: the request does not wait for the next
+        actions = bench.give(bench.request(B))
+        assert [a for a in actions if isinstance(a, ControlAnswer)] == [ControlAnswer(B, ControlResult.PENDING)]
+        assert bench.arbiter.view.partner == B
+        key = TransferKey(A, B, 2, 1)
+        bench.say(B, OnHandover(key))
+        bench.say(B, DroneConnected(key))
+        assert bench.arbiter.view.commander == B
+
+    def test_it_has_no_more_time_than_any_other(self) -> None:
+        bench = lost()
+        bench.run(3.0)
+        bench.give(bench.request(B, timeout_s=60.0))
+        bench.say(B, OnHandover(TransferKey(A, B, 2, 1), Consent.WAITING))
+        bench.run(2.1)
+        assert bench.arbiter.view.partner is None
+
+    def test_a_request_while_it_runs_is_pending_and_changes_nothing(self) -> None:
+        bench = lost()
+        before, deadline = bench.arbiter.view, bench.arbiter.next_deadline()
+        actions = bench.give(bench.request(B))
+        assert [a for a in actions if isinstance(a, ControlAnswer)] == [ControlAnswer(B, ControlResult.PENDING)]
+        assert bench.arbiter.view == before
+        assert bench.arbiter.next_deadline() == deadline
+
+    def test_another_station_waits_its_turn(self) -> None:
+        bench = lost()
+        bench.position(inside(A), inside(B), inside(C))
+        (answer,) = [a for a in bench.give(bench.request(C)) if isinstance(a, ControlAnswer)]
+        assert answer.result is ControlResult.DENIED
+
+    def test_a_takeover_that_the_lost_commander_allowed_changes_nothing(self) -> None:
+        bench = in_both_zones()
+        bench.give(bench.request(A, takeover=True))
+        bench.alive = {B, C}
+        bench.run(5.0)
+        assert bench.arbiter.view == replace(UNDER_WAY, takeover_allowed=True)
+        bench.say(B, OnHandover(KEY))
+        assert bench.arbiter.view.commander is None, "the partner must set itself up all the same"
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view == TAKEN
+
+
+class TestOnTheGround:
+    """A transfer that an operator began there goes on without the commander, within the same bound."""
+
+    def test_taken(self) -> None:
+        bench = Bench(replace(Limits(), step_timeout_s=20.0)).on_ground()
+        bench.give(bench.request(B))
+        bench.alive = {B}
+        bench.run(5.5)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, B, 1, LeaseState.LOST, False, 1)
+        bench.say(B, OnHandover(KEY))
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, B, None, 2, LeaseState.HELD, False, 1)
+
+    def test_not_taken(self) -> None:
+        bench = Bench(replace(Limits(), step_timeout_s=20.0)).on_ground()
+        bench.give(bench.request(B))
+        bench.alive = {B}
+        bench.run(8.0)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, None, 1, LeaseState.LOST, False, 1)
+        assert bench.flights() == []
+
+    def test_taking_off_meanwhile_is_an_emergency_and_the_bound_stays(self) -> None:
+        bench = Bench(replace(Limits(), step_timeout_s=20.0)).on_ground()
+        bench.position(inside(A), inside(B))
+        bench.give(bench.request(B))
+        bench.alive = {B}
+        silent_since = bench.now
+        bench.run(6.0)
+        bench.autopilot_says(armed=True, flying=True)
+        assert bench.arbiter.view.partner == B
+        bench.run(1.5)
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.PARTNER_SILENT]
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [silent_since + 7.0]

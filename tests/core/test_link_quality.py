@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What was measured on a station's links: quality below its limits moves authority on while a better station is there;
+an attack is told and changes nothing."""
+
+from __future__ import annotations
+
+from mavproxy_handover.core.events import LinkJudged
+from mavproxy_handover.core.model import Phase, Reason
+from tests.core.bench import A, B, Bench, inside, outside
+
+WEAK = "loss 40%, limit 25%"
+
+
+def settled() -> Bench:
+    """GCSB has just taken over inside both zones, and the dwell time is over: no zone calls."""
+    bench = Bench().commit()
+    bench.run(8.0)
+    assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (B, None)
+    return bench
+
+
+def judged(bench: Bench, station: int, *, weak: bool = False, attacked: bool = False) -> None:
+    bench.give(LinkJudged(station, weak, attacked, WEAK))
+
+
+def test_weak_links_of_the_commander_call_a_station_with_good_ones() -> None:
+    bench = settled()
+    judged(bench, B, weak=True)
+    assert (bench.arbiter.view.phase, bench.arbiter.view.partner) == (Phase.ON_HANDOVER, A)
+    begun = bench.records("transfer_begun")[-1]
+    assert begun.reason is Reason.LINK_QUALITY
+    assert bench.records("link_quality")[-1].text == f"links of GCSB are weak: {WEAK}"
+
+
+def test_nobody_is_called_whose_links_are_weak_too() -> None:
+    bench = settled()
+    judged(bench, A, weak=True)
+    judged(bench, B, weak=True)
+    assert bench.arbiter.view.partner is None
+    assert len(bench.records("link_quality")) == 2
+
+
+def test_outside_every_other_zone_a_weak_commander_stays() -> None:
+    bench = Bench().on_mission()
+    bench.position(inside(A), outside(B))
+    judged(bench, A, weak=True)
+    assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (A, None)
+
+
+def test_the_same_measurement_is_told_once() -> None:
+    bench = settled()
+    for _ in range(3):
+        judged(bench, A, weak=True)
+    judged(bench, A)
+    assert [record.text.split(":")[0] for record in bench.records("link_quality")] == [
+        "links of GCSA are weak",
+        "links of GCSA are good again",
+    ]
+
+
+def test_an_attack_is_told_and_changes_nothing() -> None:
+    bench = settled()
+    view = bench.arbiter.view
+    judged(bench, view.commander or 0, attacked=True)
+    assert bench.arbiter.view == view
+    assert bench.records("attack")[-1].reason is Reason.AUTHENTICATION

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Stations with keys: what is unsigned, forged or replayed does nothing; what goes out is signed for each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover import stations as stations_module
+from mavproxy_handover.keys import key_of, key_path, write_key
+from mavproxy_handover.wire.frames import FrameSplitter, parse_one
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+from tests.module.conftest import Bench, Clock
+from tests.module.vehicle import Station
+
+KEY_A, KEY_B = key_of("the-passphrase-of-GCSA"), key_of("the-passphrase-of-GCSB")
+KEY_AUTOPILOT = key_of("the-passphrase-of-the-autopilot")
+
+
+class SignedBench(Bench):
+    """Both stations sign; `wrong` gives GCSB's program another key than the vehicle has for it."""
+
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        (folder / "keys").mkdir()
+        for name, key in (("GCSA", KEY_A), ("GCSB", KEY_B), ("autopilot", KEY_AUTOPILOT)):
+            write_key(key_path(folder / "keys", name), key)
+        super().__init__(folder, clock)
+        for station, key in ((self.a, KEY_A), (self.b, KEY_B)):
+            sign_with(station, key)
+
+    def configure(self, guard: bool = True, more: str = "") -> None:
+        super().configure(guard, more)
+        text = self.config.read_text().replace("allow_unsigned = true", "")
+        for name in ("GCSA", "GCSB"):
+            text = text.replace(f'name = "{name}"', f'name = "{name}"\n            key = "keys/{name}.key"')
+        self.config.write_text(text)
+
+
+def sign_with(station: Station, key: bytes | None) -> None:
+    """As MAVProxy's `signing key` does it."""
+    signing = station.own.signing
+    signing.secret_key, signing.sign_outgoing = key, key is not None
+    signing.link_id = station.sysid
+    signing.timestamp = int((time.time() - 1420070400) * 100_000)
+
+
+@pytest.fixture
+def signed(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SignedBench]:
+    started = time.time() - clock.now
+    clock.time = lambda: started + clock.now  # type: ignore[attr-defined]
+    monkeypatch.setattr(stations_module, "time", clock)
+    bench = SignedBench(tmp_path, clock)
+    yield bench
+    bench.close()
+    assert bench.mpstate.escaped == []
+
+
+def refusals(bench: Bench) -> list[tuple[str, str]]:
+    return [(entry["what"], entry["reason"]) for entry in bench.journal("refused")]
+
+
+def test_a_station_that_signs_commands(signed: SignedBench) -> None:
+    signed.connect()
+    assert signed.companion.view.commander == 251
+    assert refusals(signed) == []
+
+
+def test_a_station_that_does_not_sign_is_nobody(signed: SignedBench) -> None:
+    sign_with(signed.a, None)
+    assert signed.load() is not None
+    signed.run(8.0)
+    assert signed.companion.view.commander is None
+    assert ("HEARTBEAT", SignatureVerdict.UNSIGNED.value) in refusals(signed)
+
+
+def test_another_stations_key_opens_nothing(signed: SignedBench) -> None:
+    sign_with(signed.a, KEY_B)
+    assert signed.load() is not None
+    signed.run(8.0)
+    assert signed.companion.view.commander is None
+    assert ("HEARTBEAT", SignatureVerdict.BAD.value) in refusals(signed)
+
+
+def test_an_unsigned_command_does_not_reach_the_autopilot(signed: SignedBench) -> None:
+    signed.connect()
+    sign_with(signed.a, None)
+    signed.a.command(mavlink.MAV_CMD_NAV_LAND)
+    signed.run(1.0)
+    assert not any(m.get_type() == "COMMAND_LONG" and m.command == 21 for m in signed.autopilot.received)
+    assert signed.a.acks(mavlink.MAV_CMD_NAV_LAND) == []
+    assert ("COMMAND_LONG", SignatureVerdict.UNSIGNED.value) in refusals(signed)
+
+
+def test_a_replayed_command_is_not_obeyed_twice(signed: SignedBench) -> None:
+    signed.connect()
+    message = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, 0, 0, 0, 0, 0)
+    raw = bytes(message.pack(signed.a.own))
+    for _ in range(3):
+        signed.a.send_bytes(raw)
+        signed.run(0.5)
+    landings = [m for m in signed.autopilot.received if m.get_type() == "COMMAND_LONG" and m.command == 21]
+    assert len(landings) == 1
+    assert ("COMMAND_LONG", SignatureVerdict.REPLAYED.value) in refusals(signed)
+
+
+def test_a_replay_of_the_run_before_is_refused_after_a_restart(signed: SignedBench) -> None:
+    signed.connect()
+    message = mavlink.MAVLink_command_long_message(1, 1, mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, 0, 0, 0, 0, 0)
+    raw = bytes(message.pack(signed.a.own))
+    signed.a.send_bytes(raw)
+    signed.run(2.0)
+    signed.mpstate.unload("handover")
+    signed.module = None
+    signed.a.alive = False
+    assert signed.load() is not None
+    seen = len(signed.autopilot.received)
+    signed.run(1.0)
+    signed.a.send_bytes(raw)
+    signed.run(1.0)
+    assert not any(m.get_type() == "COMMAND_LONG" and m.command == 21 for m in signed.autopilot.received[seen:])
+
+
+def test_each_station_hears_its_own_key(signed: SignedBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: dict[int, list[bytes]] = {251: [], 252: []}
+    original = Station.step
+
+    def step(station: Station, now: float) -> None:
+        before = station._socket.recvfrom
+
+        class Tapped:
+            def __getattr__(self, name: str) -> Any:
+                return getattr(socket, name)
+
+            def recvfrom(self, size: int) -> Any:
+                data, address = before(size)
+                heard[station.sysid].append(data)
+                return data, address
+
+        socket = station._socket
+        station._socket = Tapped()  # type: ignore[assignment]
+        try:
+            original(station, now)
+        finally:
+            station._socket = socket
+
+    monkeypatch.setattr(Station, "step", step)
+    signed.connect()
+    for sysid, key in ((251, KEY_A), (252, KEY_B)):
+        peer = SignedPeer(key)
+        found = [frame for data in heard[sysid] for frame in FrameSplitter().feed(data)]
+        assert len(found) > 20
+        verdicts = {peer.check(frame, signed.clock.time(), signed.clock.now) for frame in found}  # type: ignore[attr-defined]
+        assert verdicts == {SignatureVerdict.OK}
+
+
+def test_the_link_to_the_autopilot_is_signed_once_and_ids_stay(signed: SignedBench) -> None:
+    signed.configure(more='autopilot_key = "keys/autopilot.key"')
+    signed.connect()
+    written: list[bytes] = []
+    signed.mpstate.mav_master[0].write = written.append  # type: ignore[method-assign]
+    signed.a.command(mavlink.MAV_CMD_NAV_LAND)
+    for _ in range(20):
+        signed.clock.now += 0.05
+        signed.mpstate.loop()
+    frames = [frame for raw in written if (frame := parse_one(raw)) is not None]
+    peer = SignedPeer(KEY_AUTOPILOT)
+    assert {peer.check(frame, time.time(), signed.clock.now) for frame in frames} == {SignatureVerdict.OK}
+    assert (251, 190) in {(frame.sysid, frame.compid) for frame in frames}
+    assert (1, 191) in {(frame.sysid, frame.compid) for frame in frames}
+
+
+def test_without_a_key_the_configuration_is_refused(signed: SignedBench) -> None:
+    signed.config.write_text(signed.config.read_text().replace('key = "keys/GCSB.key"', ""))
+    assert signed.load() is None
+    line = signed.mpstate.console.lines[0]
+    assert "[station 2] key: is missing: anybody could speak as GCSB; 'handover keys make GCSB' makes one" in line
+
+
+def test_a_key_that_others_can_read_is_refused(signed: SignedBench) -> None:
+    key_path(signed.folder / "keys", "GCSA").chmod(0o644)
+    assert signed.load() is None
+    assert "GCSA.key" in signed.mpstate.console.lines[0]
+    assert "0600" in signed.mpstate.console.lines[0]

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The guard in ArduCopter while authority moves, is contested, or a pilot takes the aircraft.
+
+Needs an ArduCopter SITL program (`$ARDUCOPTER`, PATH, or ~/ardupilot/build/sitl/bin/arducopter).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import all as dialect
+
+from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.wire.lease import Lease, pack_lease
+from sitl.vehicles.base import find_arducopter
+from tests.sitl.guard_flight import (
+    ACCEPTED,
+    FAILED,
+    GUIDED,
+    HELD,
+    HOME,
+    HURRY,
+    LIVE,
+    LOITER,
+    LOST,
+    RTL,
+    Flight,
+    Transmitter,
+    Wire,
+    flying,
+    tunnel,
+    upload,
+)
+
+pytestmark = [
+    pytest.mark.sitl,
+    pytest.mark.skipif(
+        find_arducopter() is None,
+        reason="no ArduCopter SITL program: set $ARDUCOPTER or build one in ~/ardupilot (waf copter)",
+    ),
+]
+
+KEY = bytes(range(32))
+RALLY_POINT, SET_HOME = 5100, 179
+#: 400 m in degrees of latitude, times 1e7
+NORTH_400_M = 35_930
+
+
+@pytest.fixture
+def flight(tmp_path: Path) -> Iterator[Flight]:
+    with flying(tmp_path) as flight:
+        yield flight
+
+
+def distance_to_target_m(flight: Flight) -> float:
+    flight.answers.clear()
+    flight.until(lambda: _last(flight, "NAV_CONTROLLER_OUTPUT"), 3, "NAV_CONTROLLER_OUTPUT")
+    return float(_last(flight, "NAV_CONTROLLER_OUTPUT").wp_dist)
+
+
+def _last(flight: Flight, kind: str) -> Any:
+    return next((m for m in reversed(flight.answers) if m.get_type() == kind), None)
+
+
+def test_lease_lost_in_loiter_goes_to_the_rally_point_and_the_pilot_who_takes_over_is_left_alone(
+    flight: Flight,
+) -> None:
+    latitude, longitude = int(HOME[0] * 1e7), int(HOME[1] * 1e7)
+    upload(flight, [(RALLY_POINT, latitude + NORTH_400_M, longitude, 30.0)], 2)
+    flight.take_off()
+    pilot = Transmitter(flight.vehicle)
+    try:
+        pilot.send(mode_pwm=1800)  # throttle to the middle, the switch stays
+        flight.set_parameter("FLTMODE1", LOITER)
+        flight.station.send(
+            dialect.MAVLink_command_int_message(
+                1, 1, 0, SET_HOME, 0, 0, 0, 0, 0, 0, latitude - 2 * NORTH_400_M, longitude, 2.0
+            )
+        )
+        assert flight.set_mode(LOITER) == ACCEPTED
+        flight.real_time()
+        assert flight.mode == LOITER
+
+        flight.sending = False
+        lost_ms = flight.last_lease_ms
+        flight.statuses.clear()
+        acted_ms = flight.until(lambda: flight.statuses and flight.status[2] == 1, 5, "guard acts")
+        assert 2800 <= acted_ms - lost_ms <= 3300
+        flight.until(lambda: flight.mode == RTL, 2, "RTL")
+        flight.pace(4)
+        # home is 800 m away; the rally point at 400 m is beyond the default RALLY_LIMIT_KM of 0.3
+        flight.until(lambda: distance_to_target_m(flight) > 100, 30, "climb first, then a target")
+        assert 350 <= distance_to_target_m(flight) <= 410
+
+        pilot.send(mode_pwm=1165)
+        flight.until(lambda: flight.mode == LOITER, 3, "the pilot's switch")
+        flight.until(lambda: flight.said("HNDO: lease lost, pilot flies"), 3, "text")
+        flight.run(10)
+        assert flight.mode == LOITER
+        assert not flight.status[3] & 1  # it stands back
+
+        # a station is not the pilot
+        assert flight.set_mode(GUIDED) == ACCEPTED
+        flight.until(lambda: flight.said("HNDO: no authority, mode change undone"), 3, "undone")
+        flight.until(lambda: flight.mode == RTL, 3, "RTL")
+    finally:
+        pilot.close()
+
+
+def test_the_autopilots_own_failsafe_watches_the_new_commander_and_a_restarted_companion_goes_on(
+    flight: Flight,
+) -> None:
+    flight.take_off()
+    assert flight.parameter("MAV_GCS_SYSID") == 251
+    flight.beating = {251, 252}
+    flight.run(2)
+    flight.lease["commander"], flight.lease["epoch"] = 252, 2
+    flight.until(lambda: flight.said("HNDO: lease live, 252 commands"), 3, "new commander")
+    assert flight.parameter("MAV_GCS_SYSID") == 252
+
+    # the companion dies and is back within the time-out: another nonce, the next epoch, the same commander
+    flight.pace(4)
+    recorded = flight.send_lease()
+    flight.sending = False
+    flight.run(2)
+    flight.restart_companion(0xBEEF)
+    flight.sending = True
+    flight.until(lambda: flight.status[4] == 0xBEEF and flight.is_state(LIVE), 3, "restarted companion")
+    assert flight.status[6] == 3
+    rejected = flight.status[7]
+    flight.companion.send_raw(recorded)
+    flight.until(lambda: flight.status[7] == rejected + 1, 3, "a lease of the run before")
+    assert flight.mode == GUIDED
+
+    # the station that no longer commands may fall silent
+    flight.beating = {252}
+    flight.run(15)
+    assert flight.mode == GUIDED
+    # the one that commands may not, and the lease goes on: the second line of defence acts alone
+    flight.beating = {251}
+    silent_ms = flight.now_ms
+    acted_ms = flight.until(lambda: flight.mode == RTL, 15, "GCS failsafe")
+    assert 9_000 <= acted_ms - silent_ms <= 13_000
+    assert flight.said("GCS Failsafe")
+    assert flight.is_state(LIVE)
+    assert not flight.said("HNDO: lease lost")
+
+
+def test_leases_from_another_wire_change_nothing_while_real_ones_flow(flight: Flight) -> None:
+    flight.sending = True
+    flight.until(lambda: flight.is_state(LIVE), 90, "lease live")
+    forger = Wire(flight.vehicle.address(0), 1, 191)
+    try:
+        before = flight.status
+        flight.statuses.clear()
+        for number in range(60):
+            state, commander = ((HELD, 252), (LOST, 0))[number % 2]
+            payload = struct.pack("<BBBBIIIHH", 1, state, commander, 0, 0x666, number + 1, 1000 + number, 5000, 0)
+            forger.send(tunnel(payload))
+            flight.run(0.1)
+    finally:
+        forger.socket.close()
+    assert {status[1] for status in flight.statuses} == {LIVE}
+    assert {(status[4], status[6]) for status in flight.statuses} == {(0xF00DCAFE, 1)}
+    assert flight.status[7] >= before[7] + 55
+    assert flight.status[5] != before[5]
+    flight.until(lambda: flight.said("HNDO: strange lease refused, channel 0 not 1"), 3, "text")
+    assert flight.parameter("MAV_GCS_SYSID") == 251
+
+
+def test_with_a_key_on_the_card_only_leases_with_the_right_tag_count(tmp_path: Path) -> None:
+    key_file = tmp_path / "handover.key"
+    key_file.write_text(KEY.hex() + "\n")
+    with flying(tmp_path / "flight", key_file) as flight:
+
+        def lease(key: bytes | None, vehicle: int = 1) -> Any:
+            flight.sequence = (flight.sequence + 1) & 0xFFFFFFFF
+            value = Lease(LeaseState.HELD, 251, 0xF00DCAFE, flight.sequence, 1, 5000)
+            message = pack_lease(value, vehicle, key)
+            message.target_system = 1
+            return message
+
+        def refused(message: Any, why: str) -> None:
+            before = flight.status[7]
+            flight.companion.send(message)
+            flight.until(lambda: flight.status[7] == before + 1, 3, why)
+            assert not flight.is_state(LIVE)
+
+        flight.pace(HURRY)
+        flight.run(45)
+        assert flight.set_mode(GUIDED) == ACCEPTED
+        refused(lease(None), "no tag")
+        flight.until(lambda: flight.said("HNDO: lease refused, no tag"), 3, "text")
+        assert flight.arm() == FAILED
+        flight.until(lambda: flight.said("HNDO: lease refused, no tag"), 3, "text")
+        refused(lease(bytes(32)), "another key")
+        refused(lease(KEY, vehicle=2), "another vehicle's tag")
+        spoilt = lease(KEY)
+        spoilt.payload[2] = 252  # another commander
+        refused(spoilt, "another content")
+
+        flight.companion.send(lease(KEY))
+        flight.until(lambda: flight.is_state(LIVE), 3, "the right tag")
+        assert flight.status[5] == flight.sequence
+        flight.companion.send(lease(KEY))
+        assert flight.arm() == ACCEPTED

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Who is connected to whom: the configuration files are ones that the real programs take, and every link meets."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.config import load_station, load_vehicle
+from mavproxy_handover.mission import package as packages
+from sitl.bad_links import load_plans
+from sitl.places import mission_folder
+from sitl.scenario import parse_scenario
+from sitl.wiring import StationWires, Wiring, lay_out
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
+
+SCENARIO = """
+name = "x"
+description = "d"
+mission = "{mission}"
+{more}
+[[step]]
+wait_landed = true
+[[expect]]
+emergencies = []
+"""
+
+
+def wired(folder: Path, more: str = "", mission: str = "delivery") -> Wiring:
+    scenario = parse_scenario(SCENARIO.format(mission=mission, more=more), "x.toml")
+    return lay_out(folder, packages.load(mission_folder(mission)), mission_folder(mission), scenario)
+
+
+def station(wiring: Wiring, name: str) -> StationWires:
+    return next(station for station in wiring.stations if station.name == name)
+
+
+def companion_ports(wiring: Wiring, name: str) -> list[int]:
+    """Where the companion sends for a station."""
+    config = load_vehicle(wiring.companion_config)
+    links = next(entry.links for entry in config.stations if entry.station.name == name)
+    assert all(link.startswith("udpout:127.0.0.1:") for link in links)
+    return [int(link.rsplit(":", 1)[1]) for link in links]
+
+
+def ground_port(wiring: Wiring, name: str, other: str) -> int:
+    """Where a station sends to reach another one."""
+    peers = load_station(station(wiring, name).config).peers
+    return int(next(peer.link for peer in peers if peer.station.name == other).rsplit(":", 1)[1])
+
+
+def listens(wiring: Wiring, name: str) -> int:
+    ground = load_station(station(wiring, name).config).ground
+    assert ground is not None
+    return int(ground.rsplit(":", 1)[1])
+
+
+def test_plain_links_go_straight_to_the_stations(tmp_path: Path) -> None:
+    wiring = wired(tmp_path)
+    for name, other in (("GCSA", "GCSB"), ("GCSB", "GCSA")):
+        assert companion_ports(wiring, name) == list(station(wiring, name).masters)
+        assert ground_port(wiring, name, other) == listens(wiring, other)
+    assert (wiring.between, wiring.impaired) == ((), ())
+
+
+def test_four_stations_have_three_peers_each_and_no_port_twice(tmp_path: Path) -> None:
+    wiring = wired(tmp_path, mission="corridor")
+    ports = []
+    for entry in wiring.stations:
+        assert len(load_station(entry.config).peers) == 3
+        ports += [*entry.masters, listens(wiring, entry.name)]
+    assert len(ports) == len(set(ports)) == 8
+
+
+def test_impaired_links_go_through_the_proxy_with_the_weather_that_was_asked_for(tmp_path: Path) -> None:
+    more = '[links]\nGCSA = ["wifi", "lte"]\n[impair]\nlinks = ["air", "ground"]\nseed = 7\nloss = 0.2\n'
+    wiring = wired(tmp_path, more)
+    (proxy,) = wiring.between
+    seed, plans = load_plans(Path(proxy.argv[-1]))
+    assert seed == "7"
+    assert {(plan.up.loss, plan.down.loss) for plan in plans} == {(0.2, 0.2)}
+    through = {plan.name: (plan.listen, plan.target) for plan in plans}
+    assert tuple(through) == wiring.impaired
+    assert set(through) == {"air-GCSA-wifi", "air-GCSA-lte", "air-GCSB", "ground-GCSA-GCSB", "ground-GCSB-GCSA"}
+    a = station(wiring, "GCSA")
+    pairs = list(zip(companion_ports(wiring, "GCSA"), a.masters, strict=True))
+    assert pairs == [through["air-GCSA-wifi"], through["air-GCSA-lte"]]
+    assert through["ground-GCSA-GCSB"] == (ground_port(wiring, "GCSA", "GCSB"), listens(wiring, "GCSB"))
+    masters = [word for word in a.program().argv if word.startswith("--master=")]
+    assert masters == [f"--master=udpin:127.0.0.1:{port}" for port in a.masters]
+
+
+def test_the_rogue_sits_before_the_proxy(tmp_path: Path) -> None:
+    wiring = wired(tmp_path, 'rogue = ["GCSB"]\n[impair]\nlinks = ["air"]\n')
+    proxy, rogue = wiring.between
+    _, plans = load_plans(Path(proxy.argv[-1]))
+    air = next(plan for plan in plans if plan.name == "air-GCSB")
+    (tap,) = tomllib.loads(Path(rogue.argv[-1]).read_text())["link"]
+    assert companion_ports(wiring, "GCSB") == [tap["listen"]]
+    assert (tap["name"], tap["target"]) == ("GCSB", air.listen)
+    assert (air.target,) == station(wiring, "GCSB").masters
+
+
+def test_a_station_of_the_standard_has_no_module_and_is_nobodys_peer(tmp_path: Path) -> None:
+    wiring = wired(tmp_path, 'standard = ["GCSA"]\non_board = true\n')
+    vehicle = load_vehicle(wiring.companion_config)
+    assert [entry.station.standard for entry in vehicle.stations] == [True, False]
+    assert vehicle.mission == mission_folder("delivery")
+    assert "sitl.standard_gcs" in station(wiring, "GCSA").program().argv
+    b = load_station(station(wiring, "GCSB").config)
+    assert (b.peers, b.mission) == ((), mission_folder("delivery"))
+
+
+@pytest.mark.parametrize("signed", [True, False])
+def test_signed_links_have_a_key_for_each_station_that_nobody_else_may_read(tmp_path: Path, signed: bool) -> None:
+    wiring = wired(tmp_path, f"signed = {str(signed).lower()}\n")
+    keys = [entry.key for entry in load_vehicle(wiring.companion_config).stations]
+    own = [load_station(entry.config).key for entry in wiring.stations]
+    assert keys == own
+    if not signed:
+        assert keys == [None, None]
+        return
+    contents = {key.read_text() for key in keys if key is not None}
+    assert len(contents) == 2
+    assert all(key is not None and stat.S_IMODE(key.stat().st_mode) == 0o600 for key in keys)
