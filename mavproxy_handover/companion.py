@@ -102,6 +102,9 @@ class Companion:
         #: what the state file says; None if it is not known to say anything
         self._saved: Snapshot | None = restored or self.arbiter.snapshot()
         self.failed = False
+        #: the arbiter's next deadline; it moves with events only
+        self._deadline: float | None = None
+        self._deadline_known = False
         self._show = show
         self._write_autopilot = write_autopilot
         self._own = mavlink.MAVLink(None, srcSystem=config.sysid, srcComponent=COMPANION_COMPID)
@@ -499,12 +502,14 @@ class Companion:
     def _arbiter_is_due(self, now: float) -> bool:
         if self.failed:
             return False
-        try:
-            deadline = self.arbiter.next_deadline()
-        except Exception:
-            self.fail_closed(f"arbiter failed on its deadline: {traceback.format_exc(limit=-3)}")
-            return False
-        return deadline is not None and now >= deadline
+        if not self._deadline_known:
+            try:
+                self._deadline = self.arbiter.next_deadline()
+            except Exception:
+                self.fail_closed(f"arbiter failed on its deadline: {traceback.format_exc(limit=-3)}")
+                return False
+            self._deadline_known = True
+        return self._deadline is not None and now >= self._deadline
 
     def _send_lease(self, now: float) -> None:
         if not self.failed:
@@ -577,6 +582,7 @@ class Companion:
         """Give one event to the arbiter and carry out what it asks for."""
         if self.failed:
             return
+        self._deadline_known = False
         try:
             actions = self.arbiter.handle(event, now)
         except Exception:

@@ -220,6 +220,8 @@ _RANGES: dict[str, tuple[float, float]] = {
     "leave_margin_m": (0, 1000),
     "dwell_s": (0, 600),
     "exit_soon_s": (0, 120),
+    "link_weak_s": (0, 60),
+    "link_steady_s": (0, 600),
     "out_hold_s": (0, 60),
     "position_stale_s": (0.2, 30),
     "autopilot_lost_s": (1.5, 30),

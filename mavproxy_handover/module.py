@@ -46,6 +46,8 @@ __all__ = ["HandoverModule", "init"]
 _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
 #: MAVProxy's own signed messages use link id 0
 _AUTOPILOT_LINK_ID = 1
+#: ticks come no faster than this, however fast MAVProxy's main loop goes round
+_IDLE_S = 0.02
 #: the configuration of the last load, for `module reload handover`
 _last_config: list[str] = []
 
@@ -69,6 +71,7 @@ class HandoverModule(mp_module.MPModule):
         self.companion = Companion(config, ports, journal, self._write_autopilot, nonce, self._show, store, on_board)
         self._commands = VehicleCommands(self.companion, self._show)
         self._links = [(port, link) for port in ports.values() for link in port.links]
+        self._idle_at = 0.0
         self._watched: dict[Device, tuple[int, list[int]]] = {}
         for port, link in self._links:
             self._watch(port, link)
@@ -145,10 +148,13 @@ class HandoverModule(mp_module.MPModule):
                 self._show(line)
 
     def _idle(self) -> None:
-        for where in self._links:
-            self._readable(where)
         self._guarded("side doors", self._close_side_doors)
         now = time.monotonic()
+        if now < self._idle_at:  # a round for every frame that comes in: most of them have nothing to do here
+            return
+        self._idle_at = now + _IDLE_S
+        for where in self._links:  # lines that have to be opened or emptied; all of them while MAVProxy does not select
+            self._readable(where)
         self.companion.tick(now)
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
@@ -194,8 +200,9 @@ class HandoverModule(mp_module.MPModule):
     def _write_autopilot(self, data: bytes) -> None:
         if self._autopilot is not None:  # signed once, here: ids and payload stay the sender's
             data = self._autopilot.sign(data, _AUTOPILOT_LINK_ID, time.time(), time.monotonic()) or data
-        if self.master is not None:  # None after `link remove`
-            self.master.write(data)
+        master = self.master  # a search through all links, each time
+        if master is not None:  # None after `link remove`
+            master.write(data)
 
     def _show(self, text: str) -> None:
         self.console.writeln(text)

@@ -41,10 +41,10 @@ NAMES = (
 OLDEST, NEWEST = (4, 5), (4, 7)
 
 #: ArduPilot keeps 20 requests and drops the rest
-_AT_ONCE = 8
-_WAIT_S = 0.6
+_AT_ONCE = 16
+_WAIT_S = 0.4
 _TRIES = 3
-#: scripts start a few seconds after the autopilot's first heartbeat
+#: scripts start a few seconds after the autopilot's first heartbeat; a guard that speaks has its parameters
 _SETTLE_S = 8.0
 _AGAIN_S = 30.0
 _REBOOT_S = 3.0
@@ -268,8 +268,10 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
 
 
 class Preflight:
-    """Reads once the autopilot is up and on the ground; again every half minute while something does not fit, and
-    after a reboot. `report` is told each finding that is new, and once (with no parameter) that all is well."""
+    """Reads once the autopilot is up and on the ground; a START meanwhile does not stop it. Again every half minute
+    while something does not fit, and after a reboot.
+
+    `report` is told each finding that is new, and once (with no parameter) that all is well."""
 
     def __init__(
         self, sysid: int, limits: Limits, conversations: Conversations, report: Callable[[Finding, bool], None]
@@ -282,6 +284,7 @@ class Preflight:
         self.findings: tuple[Finding, ...] | None = None
         self._heard_at = -math.inf
         self._due_at = math.inf
+        self._unread = True
         self._heard_on: int | None = None
 
     def text(self, text: str) -> None:
@@ -296,11 +299,13 @@ class Preflight:
         """Time has passed. `heartbeat_at`: when the autopilot was heard last; `grounded`: neither armed nor flying."""
         if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
             self._due_at = now + _SETTLE_S
-            self._heard_on = None
+            self._heard_on, self._unread = None, True
         self._heard_at = heartbeat_at
+        if self._unread and guard is not GuardState.SILENT:
+            self._due_at = now
         if now < self._due_at or not grounded or now - heartbeat_at > _REBOOT_S or "preflight" in self._conversations:
             return
-        self._due_at = math.inf
+        self._due_at, self._unread = math.inf, False
 
         def done(dialogue: Dialogue, now: float) -> None:
             found = Found(dialogue.result or {}, guard, firmware, self._heard_on)

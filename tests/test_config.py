@@ -99,7 +99,8 @@ def test_everything_a_vehicle_can_say(file: Path) -> None:
 
 def test_the_least_a_vehicle_must_say(file: Path) -> None:
     file.write_text(
-        '[vehicle]\nname = "d"\nparent = "A"\nallow_unsigned = true\n[[station]]\nname = "A"\nsysid = 2\nlinks = ["udpin:0.0.0.0:1"]\n'
+        '[vehicle]\nname = "d"\nparent = "A"\nallow_unsigned = true\n'
+        '[[station]]\nname = "A"\nsysid = 2\nlinks = ["udpin:0.0.0.0:1"]\n'
     )
     loaded = load_vehicle(file)
     assert (loaded.sysid, loaded.journal.name, loaded.listen_only_outputs) == (1, "handover.jsonl", False)

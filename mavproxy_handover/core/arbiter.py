@@ -32,6 +32,7 @@ from mavproxy_handover.core.events import (
     Cancel,
     ControlAnswer,
     ControlRequested,
+    ControlResult,
     Event,
     FlightAction,
     Flush,
@@ -93,6 +94,10 @@ class Identity:
 
 #: least and longest time that a request of operator control may wait for the owner (MAVLink: 3 to 60 s)
 _REQUEST_S = (3.0, 60.0)
+#: a request that comes again this soon after it has taken effect is its repetition: the answer was lost on the way
+_ECHO_S = 10.0
+#: what is a consent if it comes from the commander; it reads as a request when another one commands
+_CONSENTS = (Effect.CONSENT, Effect.TRANSFER_CONSENTED, Effect.OFFER, Effect.RELEASE)
 #: beyond this an epoch is nobody's memory (it travels in 32 bits)
 _EPOCH_MAX = 0x7FFF_FFFF
 #: a transfer that ended because somebody did not want it
@@ -140,9 +145,14 @@ class Arbiter:
         self._judged_at = -inf
         self._stale_told = False
         #: stations whose links are all over a limit, and those under whose name bad signatures come in
-        self._weak: set[int] = set()
+        self._weak: dict[int, float] = {}
+        #: until when a station's links were last seen weak
+        self._weak_until: dict[int, float] = {}
         self._attacked: set[int] = set()
         self._takeover_allowed = False
+        #: the request by which authority is about to move, or has moved just now, and until when it may be repeated
+        self._settled: ControlRequested | None = None
+        self._settled_until = -inf
         #: the owner gave up control on the ground: nobody gets it without asking
         self._released = False
         #: until then the owner of the run before may come back; None in a run that began without one
@@ -322,7 +332,11 @@ class Arbiter:
         """Quality below its limits is a reason to move on while somebody better is there; an attack is a warning."""
         name = self.name(event.station)
         if event.weak is not (event.station in self._weak):
-            (self._weak.add if event.weak else self._weak.discard)(event.station)
+            if event.weak:
+                self._weak[event.station] = now
+            else:
+                del self._weak[event.station]
+                self._weak_until[event.station] = now
             text = f"links of {name} are {'weak' if event.weak else 'good again'}: {event.text}"
             actions.append(Record("link_quality", text, Reason.LINK_QUALITY, event.station))
         if event.attacked is not (event.station in self._attacked):
@@ -363,16 +377,12 @@ class Arbiter:
         self._grant_parent(now, actions)
 
     def _learn_epoch(self, station: int, epoch: int, actions: list[Action]) -> None:
-        """A station remembers a later epoch than the present one: without it nothing said here would be news there.
-
-        That takes a lost state file. Who commands stays; a transfer under way ends first, it carries the old epoch.
-        """
-        if self._transfer is not None or not self._epoch < epoch <= _EPOCH_MAX:
-            return
-        text = f"{self.name(station)} remembers epoch {epoch}: the state of an earlier run was lost"
-        actions.append(Record("epoch_learnt", text, Reason.RESTARTED, station))
-        self._epoch = epoch if self._owner is None else epoch + 1
-        self._refresh(Reason.RESTARTED, actions)
+        """Nobody commands, and a station remembers a later epoch: without it nothing said here would be news there."""
+        if self._owner is None and self._epoch < epoch <= _EPOCH_MAX:
+            text = f"{self.name(station)} remembers epoch {epoch}: the state of an earlier run was lost"
+            actions.append(Record("epoch_learnt", text, Reason.RESTARTED, station))
+            self._epoch = epoch
+            self._refresh(Reason.RESTARTED, actions)
 
     def _grant_parent(self, now: float, actions: list[Action]) -> None:
         parent = self._identity.parent
@@ -436,6 +446,8 @@ class Arbiter:
             key, reason, self._limits, now, consented=consented, forced=forced, operator_timeout_s=operator_timeout_s
         )
         self._results.forget()
+        if not consented or reason is not Reason.OPERATOR:  # it is not by the last request that this one begins
+            self._settled = None
         self._move_phase(PhaseCause.TRANSFER_BEGUN)
         self._refresh(reason, actions)
         how = " (forced)" if forced else ""
@@ -505,6 +517,7 @@ class Arbiter:
         reason = end.reason if end.reason is not Reason.NONE else transfer.reason
         self._move_phase(PhaseCause.TRANSFER_ENDED)
         if committed:
+            self._settled_until = now + _ECHO_S
             self._owner, self._owner_lost, self._recover_until = key.to_station, False, None
             self._epoch += 1
             self._takeover_allowed = False
@@ -515,6 +528,7 @@ class Arbiter:
         else:
             pause_s = self._limits.denied_pause_s if end.reason in _OPERATORS_WORD else self._limits.retry_pause_s
             self._retry_after[key.to_station] = now + pause_s
+            self._settled = None
         self._refresh(reason, actions)
         if committed:
             actions.append(Flush(key.from_station))
@@ -554,7 +568,13 @@ class Arbiter:
         if request.station not in self._presence:
             self.dropped["unknown station"] += 1
             return
+        if request == self._settled and now < self._settled_until and request.station != self._view.commander:
+            actions.append(ControlAnswer(request.station, ControlResult.ACCEPTED))
+            return
         decision = judge_control(request, self._control_facts(request.for_station, now))
+        if decision.effect in _CONSENTS:
+            self._settled = request
+            self._settled_until = now + _ECHO_S if decision.effect is Effect.RELEASE else -inf
         what = "requests" if request.request else "releases"
         answer = f"{self.name(request.station)} {what} control: {decision.result.name.lower()}"
         text = f"{answer} ({decision.text})" if decision.text else answer
@@ -655,7 +675,7 @@ class Arbiter:
             self._seek_successor(now, actions)
         elif self._phase is Phase.ON_MISSION:
             usable = self._usable(now, actions)
-            better = [station for station in usable if station not in self._weak] if self._owner in self._weak else []
+            better = self._better(self._owner, usable, now)
             partner = self._zones.next_commander(self._owner, usable, self._route_next(), now, better)
             if partner is not None:
                 reason = Reason.LINK_QUALITY if partner in better else Reason.ZONE
@@ -668,6 +688,17 @@ class Arbiter:
         partner = self._zones.best(self._usable(now, actions), self._route_next())
         if partner is not None:
             self._begin_transfer(partner, Reason.COMMANDER_LOST, now, actions, forced=True)
+
+    def _better(self, owner: int, usable: Sequence[int], now: float) -> list[int]:
+        """Stations whose links have long been good, while the commander's have been weak for a while: no ping-pong."""
+        if now - self._weak.get(owner, inf) < self._limits.link_weak_s:
+            return []
+        steady_s = self._limits.link_steady_s
+        return [
+            station
+            for station in usable
+            if station not in self._weak and now - self._weak_until.get(station, -inf) >= steady_s
+        ]
 
     def _usable(self, now: float, actions: list[Action]) -> Sequence[int]:
         """Stations whose zone holds the aircraft and that could take it; says once why another could not."""

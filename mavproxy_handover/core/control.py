@@ -9,6 +9,7 @@
   gives the aircraft to that one.
 * A request by anyone else starts a transfer to it: at once if takeover is allowed, otherwise the commander is asked
   and the answer is "pending". Nobody can ask for a third station.
+* On the ground it need not hold the vehicle's mission package: it may be about to bring another.
 * Nobody in command: on the ground the request is granted; in flight it starts a forced transfer from the commander that
   was lost, if the aircraft is in the asking station's zone. While the commander of before a restart may still come
   back, nobody gets its place.
@@ -131,7 +132,7 @@ def _cannot_take(facts: ControlFacts) -> ControlDecision | None:
         return _denied("unknown station")
     if facts.waiting_for is not None:
         return _denied("another handover is under way")
-    if facts.unfit is not None:
+    if facts.unfit is not None and not (facts.grounded and facts.unfit is Reason.MISSION_DIFFERS):
         return _denied(facts.unfit.name.lower().replace("_", " "))
     if not facts.grounded and not facts.in_zone:
         return _denied("the aircraft is outside its zone")

@@ -45,6 +45,9 @@ class Limits:
     dwell_s: float = 5.0
     #: the commander's zone ends within this time along the track: time to move
     exit_soon_s: float = 8.0
+    #: the commander's links have been weak this long, a partner's good this long: reason enough to move
+    link_weak_s: float = 3.0
+    link_steady_s: float = 30.0
     #: outside every zone this long is an emergency
     out_hold_s: float = 1.0
     out_of_coverage: FlightAction = FlightAction.RETURN

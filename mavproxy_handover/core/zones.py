@@ -120,7 +120,10 @@ class ZoneTracker:
         wanted = [
             station
             for station in candidates
-            if station in self._fresh or station in better or (commander_ends and self._time_left_s(station) > left_s)
+            if station in self._fresh
+            # a better link is no reason to go where the zone is about to end: authority would come back at once
+            or (station in better and self._time_left_s(station) > self._limits.exit_soon_s)
+            or (commander_ends and self._time_left_s(station) > left_s)
         ]
         return self.best(wanted, route_next)
 

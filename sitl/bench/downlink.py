@@ -91,6 +91,7 @@ class Study:
     def results(self) -> Iterator[Measurement]:
         """One line a stream."""
         for stream, turns in self._turns.items():
+            delivered = _delivered(turns)
             yield from_comparison(
                 "downlink",
                 "CPU per second",
@@ -98,7 +99,9 @@ class Study:
                 {"stations": self._stations, "frames_per_s": stream},
                 compare(self.pairs(stream)),
                 limit=CPU_RATIO if self._stations == 2 else None,
-                details={"frames_per_s_delivered": _delivered(turns)},
+                details={"frames_per_s_delivered": delivered},
+                note=f"{self._stations} stations, {stream} frames/s: to commander and each observer come "
+                f"{_told(delivered['ours'])} frames/s, to stock MAVProxy's outputs {_told(delivered['baseline'])}",
             )
 
 
@@ -111,3 +114,7 @@ def _delivered(turns: list[tuple[_Turn, _Turn]]) -> dict[str, Any]:
         }
         for index, side in enumerate(("ours", "baseline"))
     }
+
+
+def _told(side: dict[str, float]) -> str:
+    return f"{side['commander_or_first_output']:.0f} and {side['each_observer_or_output']:.0f}"

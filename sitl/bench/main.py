@@ -12,7 +12,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mavproxy_handover.config import ConfigError
@@ -47,8 +47,8 @@ class Plans:
 
 
 FULL = Plans(
-    (2, 4),
-    uplink.Plan({200: 2.5, 1000: 1.5}, 1.2, 4),
+    (2, 3),
+    uplink.Plan({200: 2.5, 1000: 1.5}, 1.2, 3),
     downlink.Plan((50, 200), 2.5),
     (2, 10),
     zones.Plan((2, 10, 100), (50, 1000), 0.2, 4, 8),
@@ -76,14 +76,17 @@ QUICK = Plans(
 
 def _uplink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
     least, most = plans.starts
+    fastest = max(plans.uplink.rates)
     for signing in ("off", "on"):
-        cpu = uplink.CpuStudy(plans.uplink, {"signing": signing})
-        delay = uplink.DelayStudy(plans.uplink, {"signing": signing})
-        observer = uplink.CpuStudy(plans.uplink, {"signing": signing}, observer=True)
+        case = {"signing": signing}
+        cpu = uplink.CpuStudy(plans.uplink, case)
+        delay = uplink.DelayStudy(plans.uplink, case)
+        alone = replace(plans.uplink, rates={fastest: plans.uplink.rates[fastest]})
+        observer = uplink.CpuStudy(alone, case, observer=True)
         for start in range(most):
             with Rig(folder / f"uplink-signing-{signing}-{start}", 2, signing == "on") as rig:
                 say(f"signing {signing}, {cpu.take(rig)}; {delay.take(rig)}")
-                if start < least:
+                if start == 0:
                     say(f"signing {signing}, {observer.take(rig)}")
             if start + 1 >= least and cpu.settled():
                 break
@@ -168,7 +171,7 @@ def main(argv: Sequence[str]) -> int:
             try:
                 for measurement in _RUN[part](plans, folder.resolve(), say):
                     results.add(measurement)
-            except (BenchError, ConfigError, KeysError, MissionError, OSError) as error:
+            except (BenchError, ConfigError, KeysError, MissionError, OSError, ValueError) as error:
                 broken = True
                 say(f"{part}: NOT MEASURED: {error}")
                 results.line({"part": part, "error": str(error)})

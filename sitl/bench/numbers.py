@@ -55,6 +55,8 @@ class Comparison:
     low: float
     high: float
     pairs: int
+    #: ratio of the 20 % quantiles of both sides: what else a machine does only ever adds to a time
+    quiet_ratio: float = 0.0
     #: pairs whose baseline was lost in the noise
     unusable: int = 0
 
@@ -77,6 +79,7 @@ def compare(pairs: Sequence[Pair]) -> Comparison:
         quantile(ratios, 0.25),
         quantile(ratios, 0.75),
         len(usable),
+        quantile([pair.ours for pair in usable], 0.2) / quantile([pair.baseline for pair in usable], 0.2),
         len(pairs) - len(usable),
     )
 

@@ -79,7 +79,7 @@ def from_comparison(
     note: str = "",
 ) -> Measurement:
     """A measurement that was made in pairs; its target is on the ratio."""
-    more = dict(details or {})
+    more: dict[str, Any] = {"quiet_ratio": comparison.quiet_ratio, **(details or {})}
     if comparison.unusable:
         more["pairs_lost_in_noise"] = comparison.unusable
     return Measurement(

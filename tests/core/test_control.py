@@ -118,6 +118,8 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("gives to a silent one", asks(A, give_to=B), replace(FLYING, unfit=Reason.PARTNER_SILENT), no("partner silent")),
     ("gives to another mission", asks(A, give_to=B), replace(FLYING, unfit=Reason.MISSION_DIFFERS),
      no("mission differs")),
+    ("gives to another mission on the ground", asks(A, give_to=B), replace(GROUND, unfit=Reason.MISSION_DIFFERS),
+     yes(Effect.TRANSFER_CONSENTED)),
     ("gives to another version", asks(A, give_to=B), replace(GROUND, unfit=Reason.VERSION_DIFFERS),
      no("version differs")),
     ("gives out of its zone", asks(A, give_to=B), replace(FLYING, in_zone=False),
@@ -159,6 +161,10 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("the same just after a restart", asks(B), replace(NOBODY_ON_GROUND, lost=True, recovering=True), AWAITED),
     ("asks on the ground, unfit", asks(B), replace(NOBODY_ON_GROUND, unfit=Reason.VERSION_DIFFERS),
      no("version differs")),
+    ("asks on the ground, with another mission", asks(B), replace(NOBODY_ON_GROUND, unfit=Reason.MISSION_DIFFERS),
+     yes(Effect.GRANT)),
+    ("asks after the loss, with another mission", asks(B), replace(LOST, unfit=Reason.MISSION_DIFFERS),
+     no("mission differs")),
     ("asks after the loss", asks(B), LOST, ControlDecision(PENDING, Effect.FORCE)),
     ("asks after the loss, takeover was allowed", asks(B), replace(LOST, takeover_allowed=True),
      ControlDecision(PENDING, Effect.FORCE)),
@@ -192,14 +198,15 @@ class TestTable:
         for station, request, takeover, give_to in product((A, B, C), flags, flags, (A, B, C)):
             asked = ControlRequested(station, request, takeover, 10.0, give_to if request else station)
             for commander, lost, recovering, grounded, allowed, known, in_zone in product((None, A), *[flags] * 6):
-                for waiting_for, unfit in product((None, A, B, C), (None, Reason.PARTNER_SILENT)):
+                unfits = (None, Reason.PARTNER_SILENT, Reason.MISSION_DIFFERS)
+                for waiting_for, unfit in product((None, A, B, C), unfits):
                     facts = ControlFacts(
                         commander, lost, recovering, grounded, waiting_for, allowed, known, unfit, in_zone
                     )
                     decision = judge_control(asked, facts)
                     counted += 1
                     self._check(asked, facts, decision)
-        assert counted == 3 * 2 * 2 * 3 * 2**7 * 8
+        assert counted == 3 * 2 * 2 * 3 * 2**7 * 12
 
     @staticmethod
     def _check(asked: ControlRequested, facts: ControlFacts, decision: ControlDecision) -> None:
@@ -218,7 +225,7 @@ class TestTable:
         if effect in (Effect.GRANT, Effect.FORCE):
             assert facts.commander is None
             assert not facts.recovering
-            assert facts.unfit is None
+            assert facts.unfit is None or (facts.grounded and facts.unfit is Reason.MISSION_DIFFERS)
             assert facts.known
         if effect is Effect.GRANT:
             assert facts.grounded
@@ -380,6 +387,17 @@ class TestGive:
         (record,) = bench.records("transfer_committed")
         assert (record.reason, record.duration_s) == (Reason.OPERATOR, 0.0)
 
+    def test_given_twice_because_the_answer_was_lost(self) -> None:
+        bench = flight()
+        bench.give(asks(A, give_to=B))
+        bench.say(B, OnHandover(key(bench)))
+        assert answers(bench.give(asks(A, give_to=B))) == [ControlAnswer(A, ACCEPTED)]
+        bench.say(B, DroneConnected(key(bench)))
+        before = bench.arbiter.view
+        assert before.commander == B
+        assert answers(bench.give(asks(A, give_to=B))) == [ControlAnswer(A, ACCEPTED)]
+        assert bench.arbiter.view == before
+
     def test_what_is_given_and_not_taken_stays(self) -> None:
         bench = flight()
         bench.give(asks(A, give_to=B))
@@ -455,6 +473,15 @@ class TestRelease:
         bench.give(asks(A))
         assert bench.arbiter.view.commander == A
         assert bench.arbiter.view.epoch == 3
+
+    def test_before_a_mission_is_loaded_it_can_be_taken_up_again(self) -> None:
+        # every station holds the mission package, the vehicle none yet: whoever commands brings it
+        bench = Bench()
+        bench.run(1.0)
+        bench.give(releases(A))
+        assert bench.arbiter.mission_digest == b""
+        assert answers(bench.give(asks(A))) == [ControlAnswer(A, ACCEPTED)]
+        assert bench.arbiter.view.commander == A
 
     def test_in_flight_it_is_offered_to_a_station_whose_zone_holds_the_aircraft(self) -> None:
         bench = flight()
@@ -788,6 +815,66 @@ class TestTraps:
         bench.say(B, OnHandover(key(bench)))
         bench.say(B, DroneConnected(key(bench)))
         assert bench.arbiter.view.commander == B
+
+    @pytest.mark.parametrize("how", ["consents", "gives", "releases"])
+    @pytest.mark.parametrize(("after_s", "echo"), [(0.0, True), (1.5, True), (9.9, True), (10.0, False)])
+    def test_a_consent_that_is_repeated_after_the_commit_is_no_request(
+        self, how: str, after_s: float, echo: bool
+    ) -> None:
+        """The answer was lost, so the program sends its command again; by then another one commands."""
+        consent = {"consents": asks(A, takeover=True), "gives": asks(A, give_to=B), "releases": releases(A)}[how]
+        bench = flight()
+        if how == "consents":
+            bench.give(asks(B))
+        bench.give(consent)
+        bench.say(B, OnHandover(key(bench)))
+        bench.give(consent)
+        bench.say(B, DroneConnected(key(bench)))
+        moved = bench.arbiter.view
+        assert (moved.commander, moved.partner, moved.epoch) == (B, None, 2)
+        bench.run(after_s)
+        (answer,) = answers(bench.give(consent))
+        if echo:
+            assert answer == ControlAnswer(A, ACCEPTED)
+            assert bench.arbiter.view == moved
+        else:
+            assert answer.result is (PENDING if how == "consents" else DENIED)
+
+    def test_a_release_on_the_ground_may_be_repeated_too(self) -> None:
+        bench = Bench().on_ground()
+        for _ in range(3):
+            assert answers(bench.give(releases(A))) == [ControlAnswer(A, ACCEPTED)]
+            bench.run(1.0)
+        assert bench.arbiter.view.epoch == 2
+
+    def test_but_not_after_somebody_else_has_taken_it_and_given_it_back(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(releases(A))
+        bench.give(asks(A))
+        assert answers(bench.give(releases(A))) == [ControlAnswer(A, ACCEPTED)]
+        assert bench.arbiter.view.commander is None
+        assert bench.arbiter.view.epoch == 4
+
+    def test_who_wants_it_back_at_once_asks_and_is_heard(self) -> None:
+        bench = flight()
+        bench.give(asks(A, give_to=B))
+        bench.say(B, OnHandover(key(bench)))
+        bench.say(B, DroneConnected(key(bench)))
+        assert answers(bench.give(asks(A))) == [ControlAnswer(A, PENDING)]
+        assert bench.arbiter.view.partner == A
+
+    def test_a_consent_of_before_is_no_echo_of_the_next_transfer(self) -> None:
+        # A consents; then B gives it to C. That A asks now, in the same words, is a request.
+        bench = flight(facts=(inside(A), inside(B), inside(C), outside(D)))
+        bench.give(asks(B))
+        bench.give(asks(A, takeover=True))
+        bench.say(B, OnHandover(key(bench)))
+        bench.say(B, DroneConnected(key(bench)))
+        bench.give(asks(B, give_to=C))
+        bench.say(C, OnHandover(key(bench, B)))
+        bench.say(C, DroneConnected(key(bench, B)))
+        assert bench.arbiter.view.commander == C
+        assert answers(bench.give(asks(A, takeover=True))) == [ControlAnswer(A, PENDING)]
 
     def test_asking_again_and_again_changes_nothing(self) -> None:
         bench = flight()

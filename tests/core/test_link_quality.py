@@ -27,6 +27,9 @@ def judged(bench: Bench, station: int, *, weak: bool = False, attacked: bool = F
 def test_weak_links_of_the_commander_call_a_station_with_good_ones() -> None:
     bench = settled()
     judged(bench, B, weak=True)
+    bench.run(2.5)
+    assert bench.arbiter.view.phase is Phase.ON_MISSION
+    bench.run(1.0)
     assert (bench.arbiter.view.phase, bench.arbiter.view.partner) == (Phase.ON_HANDOVER, A)
     begun = bench.records("transfer_begun")[-1]
     assert begun.reason is Reason.LINK_QUALITY
@@ -37,14 +40,27 @@ def test_nobody_is_called_whose_links_are_weak_too() -> None:
     bench = settled()
     judged(bench, A, weak=True)
     judged(bench, B, weak=True)
+    bench.run(10.0)
     assert bench.arbiter.view.partner is None
     assert len(bench.records("link_quality")) == 2
+
+
+def test_a_station_that_was_weak_just_now_is_not_called() -> None:
+    bench = settled()
+    judged(bench, A, weak=True)
+    judged(bench, A)
+    judged(bench, B, weak=True)
+    bench.run(29.0)
+    assert bench.arbiter.view.partner is None
+    bench.run(2.0)
+    assert bench.arbiter.view.partner == A
 
 
 def test_outside_every_other_zone_a_weak_commander_stays() -> None:
     bench = Bench().on_mission()
     bench.position(inside(A), outside(B))
     judged(bench, A, weak=True)
+    bench.run(10.0)
     assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (A, None)
 
 

@@ -241,3 +241,11 @@ class TestNextCommander:
                 changes.append((second, chosen))
                 zones.moved(now)
         assert changes == [(1, B)]
+
+
+@pytest.mark.parametrize(("left_s", "called"), [(1.0, None), (60.0, B), (None, B)])
+def test_a_better_link_calls_no_station_whose_zone_is_about_to_end(left_s: float | None, called: int | None) -> None:
+    zones = tracker()
+    zones.update((fact(A, 50.0), fact(B, 50.0, left_s)), 0.0)
+    zones.moved(0.0)
+    assert zones.next_commander(A, [B], None, 100.0, better=[B]) == called

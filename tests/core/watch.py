@@ -11,9 +11,9 @@
    * granted: from nobody to the station that asks for control, on the ground and disarmed;
    * transfer: to the partner of a transfer that was under way until then. The partner has confirmed this very transfer
      and lives. The commander has consented, beforehand or in this transfer, or is lost.
-3. The epoch grows by one with every other change than a loss. After a restart it has grown already when the commander of
-   before comes back. While nobody has authority, or had it, a station's memory may raise it. Never otherwise, and it
-   never falls.
+3. The epoch grows by one with every other change than a loss. After a restart it has grown already when the commander
+   of before comes back. While nobody has authority, or had it, a station's memory may raise it. Never otherwise, and
+   it never falls.
 4. Phase, lease and partner of a view say the same.
 5. That takeover is allowed is the word of one commander: with another one it is not.
 """

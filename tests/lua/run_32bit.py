@@ -30,7 +30,7 @@ def build(work: Path) -> Path:
     """Build lupa with a 32-bit Lua 5.3; returns the folder to put on the path. Raises CalledProcessError."""
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     subprocess.run(
-        [*pip, "download", "--no-deps", "--no-build-isolation", "--no-binary", "lupa", "-d", str(work), "lupa"],
+        [*pip, "download", "--no-deps", "--no-binary", "lupa", "-d", str(work), "lupa"],
         check=True,
     )
     with tarfile.open(next(work.glob("lupa-*.tar.gz"))) as archive:

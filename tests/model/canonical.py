@@ -63,7 +63,7 @@ def _behind(value: int, base: int) -> int:
 @cache
 def shifted(value: Any, shift: Shift) -> Any:
     """A message, key or view in the moved frame; values without numbers come back as they are."""
-    if not is_dataclass(value):
+    if not is_dataclass(value) or isinstance(value, type):
         return value
     changes: dict[str, Any] = {}
     for field in fields(value):
@@ -215,7 +215,7 @@ class _Class:
         return tuple(kind.pack(getattr(value, name), shift) for name, kind in self._kinds)
 
     def unpack(self, packed: Packed) -> Any:
-        value = object.__new__(self._cls)
+        value: Any = object.__new__(self._cls)
         for (name, kind), each in zip(self._kinds, packed, strict=True):
             object.__setattr__(value, name, kind.unpack(each))
         return value
@@ -297,7 +297,8 @@ class Packer:
             _digest=plain,
             _armed=plain,
             _flying=plain,
-            _weak=_Set(),
+            _weak=_Times(limits.link_weak_s, forget=False),
+            _weak_until=_Times(limits.link_steady_s),
             _attacked=_Set(),
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
@@ -309,6 +310,8 @@ class Packer:
             _judged_at=_Ago(limits.out_hold_s),
             _stale_told=plain,
             _takeover_allowed=plain,
+            _settled=plain,
+            _settled_until=_Ago(0.0),
             _released=plain,
             _recover_until=_Time(0.0),
             _view=value,

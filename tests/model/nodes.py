@@ -32,16 +32,9 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Station
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.model.canonical import EPOCH, MEMORY, NOW, NUMBER, STILL, Packed, Packer, Shift, shifted
-from tests.model.checks import (
-    Books,
-    StationBefore,
-    StationBooks,
-    Violation,
-    check_station,
-    check_vehicle,
-    is_old,
-)
+from tests.model.checks import Books, Violation, check_vehicle, is_old
 from tests.model.setting import PARENT
+from tests.model.station_checks import StationBefore, StationBooks, check_station
 
 __all__ = ["DIGEST", "Belief", "Names", "Parcel", "Stations", "VehicleState", "Vehicles", "too_old"]
 
@@ -71,7 +64,7 @@ class Parcel(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """What one state of a station shows: who it is, who commands as it believes, its epoch, a question to its operator."""
+    """What one state of a station shows. `commander`: as it believes; `asked`: a question waits for its operator."""
 
     station: int
     commander: int | None

@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from mavproxy_handover.core.limits import Limits
 
-__all__ = ["FAULTS", "LIMITS", "PARENT", "Fault", "Request", "Setting"]
+__all__ = ["FAULTS", "IMPATIENT", "LIMITS", "PARENT", "Fault", "Request", "Setting"]
 
 PARENT = 251
 
@@ -26,11 +26,12 @@ class Fault(Enum):
     KILL_VEHICLE = "the companion dies; it may come back from its state file"
     BLANK_VEHICLE = "the companion restarts and its state file is lost"
     CUT = "a link is cut in one direction; it may heal"
+    WEAK = "the links of a station are over a limit; they may become good again"
     LIE = "a station says a word of the present transfer that may not be its to say"
 
 
 #: what is explored by default
-FAULTS = frozenset(Fault) - {Fault.BLANK_VEHICLE, Fault.LIE}
+FAULTS = frozenset(Fault) - {Fault.BLANK_VEHICLE, Fault.WEAK, Fault.LIE}
 
 
 class Request(Enum):
@@ -53,7 +54,12 @@ LIMITS = Limits(
     denied_pause_s=3.0,
     result_timeout_s=3.0,
     dwell_s=3.0,
+    link_weak_s=2.0,
+    link_steady_s=4.0,
 )
+
+#: A step has two tries: where only messages go wrong, two faults are enough for a step to fail.
+IMPATIENT = replace(LIMITS, step_timeout_s=2.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,6 +65,7 @@ def test_status_when_all_is_ready(bench: Bench, delivery: MissionPackage) -> Non
         "mission   d4707aecc8c21c5f",
         "zone      GCSA",
         "START     ready",
+        "preflight WARNING: the autopilot answers no request for parameters: nothing could be checked",
     ]
 
 

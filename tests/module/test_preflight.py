@@ -256,11 +256,21 @@ def test_the_guards_own_words_name_the_right_channel(flown: Bench) -> None:
 
 
 def test_nothing_is_asked_while_armed(flown: Bench) -> None:
+    flown.autopilot.guard_state = None  # it waits longer for one that is silent
     flown.connect()
     flown.autopilot.armed = True
     flown.run(30.0)
     assert flown.autopilot.asked == []  # type: ignore[attr-defined]
     assert flown.companion.preflight.findings is None
+
+
+def test_a_reading_that_a_start_overtakes_is_finished(flown: Bench) -> None:
+    flown.autopilot.parameters["FS_GCS_ENABLE"] = 0.0  # type: ignore[attr-defined]
+    flown.connect()
+    flown.until(lambda: "preflight" in flown.companion._conversations)
+    flown.autopilot.armed = True
+    flown.run(3.0)
+    assert len(said(flown)) == 1
 
 
 def test_an_autopilot_that_was_started_anew_is_read_again(flown: Bench) -> None:

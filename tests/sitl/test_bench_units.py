@@ -108,7 +108,7 @@ def test_a_line_of_the_file_has_everything_that_was_measured(tmp_path: Path) -> 
     assert second == {
         "part": "uplink", "what": "CPU", "unit": "us", "rate": 200, "ours": 1.5, "baseline": 4.0, "ratio": 0.375,
         "ratio_quartiles": [0.3125, 0.4375], "pairs": 2, "target": 0.3, "target_of": "ratio", "met": False,
-        "more": [1.2346], "pairs_lost_in_noise": 1,
+        "quiet_ratio": 0.3, "more": [1.2346], "pairs_lost_in_noise": 1,
     }  # fmt: skip
     assert [entry.what for entry in results.missed] == ["CPU"]
 

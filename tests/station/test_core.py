@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import pytest
 
 from gcs_module.core import (
@@ -21,6 +23,7 @@ from gcs_module.core import (
     ToPeer,
     ToVehicle,
     VehicleHeard,
+    Wish,
 )
 from mavproxy_handover.core.messages import (
     Connect,
@@ -130,6 +133,52 @@ class TestWhoCommands:
         assert core.role is Role.OBSERVER
         back = core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW)
         assert notices(back) == ["GCSA is the commander now, epoch 4."]
+
+    def test_after_a_restart_the_same_commander_in_one_epoch(self) -> None:
+        core = station(A)
+        waiting = AuthorityHeard(Phase.ON_MISSION, None, None, 4, recovering=True)
+        back = AuthorityHeard(Phase.ON_MISSION, A, None, 4)
+        assert notices(core.handle(waiting, NOW)) == ["nobody commands now, epoch 4."]
+        assert core.role is Role.OBSERVER
+        assert notices(core.handle(back, NOW)) == ["GCSA is the commander now, epoch 4."]
+        # a status of before comes late, over the slower of two links
+        assert core.handle(waiting, NOW) == []
+        assert core.role is Role.COMMANDER
+
+    def test_after_a_restart_nobody_may_come_back(self) -> None:
+        core = station(A)
+        core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 4, recovering=True), NOW)
+        assert core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 4), NOW) == []
+        # what was said while it was awaited, or of a commander before the loss, comes late
+        assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW) == []
+        assert core.commander is None
+        assert notices(core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 5), NOW)) == [
+            "GCSA is the commander now, epoch 5."
+        ]
+
+    @pytest.mark.parametrize("order", list(permutations(range(4))))
+    def test_in_whatever_order_it_is_heard_the_last_thing_said_is_believed(self, order: tuple[int, ...]) -> None:
+        """What the vehicle says, in its order: before a restart, waiting after it, A commands, A is lost."""
+        said = [
+            AuthorityHeard(Phase.ON_MISSION, A, None, 3),
+            AuthorityHeard(Phase.ON_MISSION, None, None, 4, recovering=True),
+            AuthorityHeard(Phase.ON_MISSION, A, None, 4),
+            AuthorityHeard(Phase.ON_MISSION, None, None, 4),
+        ]
+        core = station(B, epoch=0, commander=None)
+        for number, heard in enumerate(order, start=1):
+            core.handle(said[heard], NOW)
+            latest = max(order[:number])
+            assert (core.commander, core.epoch) == (said[latest].commander, said[latest].epoch)
+
+    def test_connect_of_a_vehicle_without_a_commander_says_nothing_of_before_or_after(self) -> None:
+        core = station(A)
+        from_vehicle(core, Connect(A, 1, 9, 3, None, "drone", DIGEST))
+        assert core.commander == A, "it may have been sent before there was one"
+        from_vehicle(core, Connect(A, 1, 9, 4, None, "drone", DIGEST))
+        assert (core.commander, core.epoch) == (None, 4)
+        from_vehicle(core, Connect(A, 1, 9, 4, A, "drone", DIGEST))
+        assert (core.commander, core.epoch) == (A, 4)
 
     def test_the_operator_hears_of_his_own_authority_aloud(self) -> None:
         core = station(B)
@@ -451,6 +500,89 @@ class TestOperator:
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         core.handle(Answer(True), NOW)
         assert core.handle(Answer(False), NOW) == [Notice("question", "There is no question to answer.")]
+
+
+class TestWish:
+    """What the operator has asked for need not be asked of him again: one transfer, within a minute."""
+
+    def test_as_partner(self) -> None:
+        core = partner(asks=True)
+        core.handle(Wish(B), NOW)
+        assert words(from_vehicle(core, HandoverRequest(KEY))) == [
+            ToPeer(A, OnHandover(KEY)),
+            ToVehicle(OnHandover(KEY)),
+        ]
+        assert core.question is None
+
+    def test_as_commander(self) -> None:
+        core = station(A, asks=True)
+        core.handle(Wish(B), NOW)
+        assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW)) == [ToVehicle(OkHandover(KEY))]
+        assert from_vehicle(core, DroneConnected(KEY))[0] == ToVehicle(DisconnectHandover(KEY))
+
+    def test_is_of_one_station(self) -> None:
+        core = station(A, asks=True)
+        core.handle(Wish(C), NOW)
+        assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW)) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
+
+    def test_is_used_up_by_one_transfer(self) -> None:
+        core = partner(asks=True)
+        core.handle(Wish(B), NOW)
+        for _ in range(3):
+            assert words(from_vehicle(core, HandoverRequest(KEY)))[-1] == ToVehicle(OnHandover(KEY))
+        later = TransferKey(A, B, 8, 3)
+        assert words(from_vehicle(core, HandoverRequest(later))) == [ToVehicle(OnHandover(later, Consent.WAITING))]
+
+    @pytest.mark.parametrize(("after_s", "consent"), [(59.9, Consent.GRANTED), (60.0, Consent.WAITING)])
+    def test_stands_for_a_minute(self, after_s: float, consent: Consent) -> None:
+        core = station(A, asks=True)
+        core.handle(Wish(B), NOW)
+        (word,) = words(core.handle(FromPeer(B, OnHandover(KEY)), NOW + after_s))
+        assert word == ToVehicle(OkHandover(KEY, consent))
+
+    def test_asked_for_again_it_stands_anew(self) -> None:
+        core = station(A, asks=True)
+        core.handle(Wish(B), NOW)
+        core.handle(Wish(B), NOW + 50.0)
+        assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW + 100.0)) == [ToVehicle(OkHandover(KEY))]
+
+    def test_changes_nothing_by_itself(self) -> None:
+        core = station(A)
+        assert core.handle(Wish(A), NOW) == []
+        assert core.handle(Wish(77), NOW) == []
+        assert (core.role, core.question) == (Role.COMMANDER, None)
+
+
+class TestRestarted:
+    """A station that was started anew in the middle of a transfer finds its place by what the vehicle asks next."""
+
+    def fresh(self, sysid: int) -> StationCore:
+        peers = tuple(Station(other, name) for other, name in NAMES.items() if other != sysid)
+        return StationCore(Station(sysid, NAMES[sysid]), "drone", peers, operator_consents=False)
+
+    def test_a_partner_is_asked_again_in_every_step(self) -> None:
+        core = self.fresh(B)
+        assert words(from_vehicle(core, HandoverRequest(KEY))) == [ToVehicle(OnHandover(KEY, relay=True))]
+        core = self.fresh(B)
+        assert words(from_vehicle(core, ConnectHandover(KEY))) == [ToVehicle(DroneConnected(KEY, relay=True))]
+
+    def test_a_commander_that_has_not_consented_is_asked_again(self) -> None:
+        core = self.fresh(A)
+        assert words(from_vehicle(core, OnHandover(KEY, relayed=True))) == [ToVehicle(OkHandover(KEY))]
+
+    def test_a_commander_that_has_consented_before_does_not_release_what_it_knows_nothing_of(self) -> None:
+        # the vehicle commits without it after two seconds, and it learns of that from the result
+        core = self.fresh(A)
+        assert words(from_vehicle(core, DroneConnected(KEY, relayed=True))) == []
+        committed = HandoverResult(TransferKey(A, B, 7, 4), B, Outcome.COMMITTED, Reason.RELEASE_TIMEOUT)
+        from_vehicle(core, committed)
+        assert (core.commander, core.epoch, core.role) == (B, 4, Role.OBSERVER)
+
+    def test_it_takes_no_peers_word_before_it_knows_that_it_commands(self) -> None:
+        core = self.fresh(A)
+        assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
+        core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3), NOW)
+        assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) != []
 
 
 class TestResult:

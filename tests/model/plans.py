@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What is explored: QUICK in every test run, DEEP by `make explore`.
+
+The number of faults is that of one schedule: "2 faults" means every way in which up to two of the kinds named can
+strike, each at every point. In every schedule, stations that are dead may come back and links that are cut may heal at
+any time, the aircraft may fly on at any time, and operators answer at any time or never.
+"""
+
+from __future__ import annotations
+
+from tests.model.setting import FAULTS, IMPATIENT, Fault, Request, Setting
+
+__all__ = ["DEEP", "QUICK"]
+
+MESSAGES = frozenset({Fault.LOSE, Fault.DOUBLE, Fault.HOLD})
+CRASHES = frozenset({Fault.RESTART_STATION, Fault.KILL_STATION, Fault.RESTART_VEHICLE, Fault.KILL_VEHICLE})
+BLANK = frozenset({Fault.BLANK_VEHICLE})
+#: what a station can ask the vehicle for
+ASKED = frozenset(Request) - {Request.WISH}
+
+QUICK = (
+    Setting("transfer", faults=1),
+    Setting("transfer, messages", faults=2, kinds=MESSAGES, limits=IMPATIENT),
+    Setting("transfer, crashes", faults=2, kinds=CRASHES),
+    Setting("liars", faults=2, kinds=frozenset({Fault.LIE})),
+    Setting("weak links", faults=1, kinds=FAULTS | {Fault.WEAK}),
+    Setting("through the region", path=("A", "AB", "B"), faults=1),
+    Setting("gap between the zones", path=("A", "", "B"), faults=1),
+    Setting("commander's operator", operators="A", faults=0),
+    Setting("partner's operator", operators="B", faults=0),
+    Setting("one request", faults=0, requests=1, wishes=frozenset(Request)),
+    Setting("two requests in the region", path=("AB",), faults=0, requests=2, wishes=ASKED),
+    Setting("request and fault", path=("AB",), faults=1, kinds=MESSAGES, requests=1, wishes=ASKED),
+    Setting("standard commander", standard="A", faults=1),
+    Setting("standard partner", standard="B", faults=1),
+    Setting("standard both", standard="AB", faults=1, requests=1, wishes=ASKED),
+    Setting("on the ground", path=("_AB", "AB"), faults=1),
+    Setting("requests on the ground", path=("_AB", "AB"), faults=0, requests=1, wishes=ASKED),
+    Setting("whole flight", path=("_A", "A", "AB", "B", "_B"), faults=0),
+    Setting("state file lost", path=("A", "_A", "AB"), faults=2, kinds=BLANK | {Fault.LOSE}),
+    Setting("three stations", stations=3, path=("AB", "ABC", "BC"), faults=0),
+    Setting("three stations, deaths", stations=3, path=("AB", "ABC"), faults=1, kinds=CRASHES),
+)
+
+DEEP = (
+    Setting("transfer", faults=2),
+    Setting("transfer, messages", faults=3, kinds=MESSAGES, limits=IMPATIENT),
+    Setting("transfer, crashes", faults=3, kinds=CRASHES, path=("AB",)),
+    Setting("transfer, cuts", faults=2, kinds=frozenset({Fault.CUT, Fault.LOSE, Fault.KILL_STATION})),
+    Setting("liars", faults=3, kinds=frozenset({Fault.LIE, Fault.HOLD})),
+    Setting("weak links", faults=2, kinds=frozenset({Fault.WEAK, Fault.LOSE, Fault.KILL_STATION})),
+    Setting("there and back", path=("A", "AB", "A", "AB"), faults=1),
+    Setting("over the edge", path=("A", "AB", "A", "", "B"), faults=1),
+    Setting("whole flight", path=("_A", "A", "AB", "B", "_B"), faults=1, kinds=CRASHES),
+    Setting("commander's operator", operators="A", faults=1),
+    Setting("partner's operator", operators="B", faults=1),
+    Setting("both operators", operators="AB", faults=1, kinds=MESSAGES),
+    Setting("two requests", faults=0, requests=2, wishes=frozenset(Request)),
+    Setting("request and fault", faults=1, requests=1, wishes=ASKED, path=("AB",)),
+    Setting("standard commander", standard="A", faults=2, requests=1, wishes=ASKED),
+    Setting("standard partner", standard="B", faults=2, requests=1, wishes=ASKED),
+    Setting("standard both", standard="AB", faults=2, requests=2, wishes=ASKED),
+    Setting("requests on the ground", path=("_AB", "AB"), faults=1, requests=1, wishes=ASKED, kinds=CRASHES),
+    Setting("state file lost", path=("A", "_A", "AB"), faults=2, kinds=BLANK | MESSAGES),
+    Setting("three stations", stations=3, path=("AB", "ABC", "BC"), faults=1),
+    Setting("three stations, two faults", stations=3, path=("ABC",), faults=2, depth=12),
+    Setting("three stations, two faults", stations=3, path=("AB", "ABC", "BC"), faults=2, depth=10),
+)

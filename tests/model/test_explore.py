@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The rules of vehicle and stations, explored exhaustively within the bounds of `plans.QUICK`.
+
+And the test of that test: faults planted in the rules are found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from gcs_module import core as gcs
+from mavproxy_handover.core import arbiter as arbiter_module
+from mavproxy_handover.core import presence, transfer, zones
+from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.events import StationMessage
+from mavproxy_handover.core.messages import DisconnectHandover
+from mavproxy_handover.core.model import Consent, Outcome, Reason
+from mavproxy_handover.core.transfer import Cause, End, Step
+from tests.model.explorer import explore
+from tests.model.plans import BLANK, MESSAGES, QUICK
+from tests.model.setting import IMPATIENT, Fault, Setting
+from tests.model.steps import Graph
+
+COMMITTED = End(Outcome.COMMITTED, Reason.NONE)
+
+TRANSFER = Setting("transfer", faults=1)
+MESSAGE_LOST = Setting("a message", faults=1, kinds=MESSAGES)
+LIARS = Setting("liars", faults=1, kinds=frozenset({Fault.LIE}))
+TWO_MESSAGES = Setting("messages", faults=2, kinds=MESSAGES, limits=IMPATIENT)
+LATE = Setting("late", path=("A", "AB", "A", "AB"), faults=1, kinds=frozenset({Fault.HOLD}))
+OPERATOR = Setting("operator", operators="A", faults=0)
+STATE_LOST = Setting("state file lost", path=("A", "_A", "AB"), faults=1, kinds=BLANK)
+
+
+@pytest.mark.parametrize("setting", QUICK, ids=lambda setting: setting.name)
+def test_whatever_happens_authority_is_where_it_should_be(setting: Setting) -> None:
+    report = explore(Graph(setting))
+    assert report.found is None, f"\n{report.found}"
+    assert report.complete
+    assert report.states >= 200
+    # a transfer was under way, and came to its end, in at least some of them
+    assert report.station_states >= 50 or setting.standard == "AB"
+
+
+# ---- planted faults -------------------------------------------------------------------------------------------------
+
+
+def commit_without_the_partners_word(patch: pytest.MonkeyPatch) -> None:
+    patch.setitem(transfer.MOVES, (Step.CONNECT, Cause.TIMEOUT), COMMITTED)
+
+
+def commit_without_consent(patch: pytest.MonkeyPatch) -> None:
+    patch.setitem(transfer.MOVES, (Step.CONSENT, Cause.TIMEOUT), Step.CONNECT)
+
+
+def commit_without_release(patch: pytest.MonkeyPatch) -> None:
+    patch.setitem(transfer.MOVES, (Step.CONNECT, Cause.CONNECTED), COMMITTED)
+
+
+def commit_raises_no_epoch(patch: pytest.MonkeyPatch) -> None:
+    original = Arbiter._advance_route
+
+    def forgetful(self: Arbiter, station: int) -> None:
+        original(self, station)
+        self._epoch -= 1
+
+    patch.setattr(Arbiter, "_advance_route", forgetful)
+
+
+def release_by_the_partner(patch: pytest.MonkeyPatch) -> None:
+    original = arbiter_module.cause_of
+
+    def credulous(message: Any, sender: int) -> Cause | None:
+        return Cause.RELEASED if isinstance(message, DisconnectHandover) else original(message, sender)
+
+    patch.setattr(arbiter_module, "cause_of", credulous)
+
+
+def forced_while_the_commander_lives(patch: pytest.MonkeyPatch) -> None:
+    original = Arbiter._begin_transfer
+
+    def ruthless(self: Arbiter, partner: int, reason: Reason, now: float, actions: Any, **how: Any) -> None:
+        original(self, partner, reason, now, actions, **{**how, "forced": True})
+
+    patch.setattr(Arbiter, "_begin_transfer", ruthless)
+
+
+def restart_grants_at_once(patch: pytest.MonkeyPatch) -> None:
+    original = Arbiter._restore
+
+    def generous(self: Arbiter, restored: Any) -> None:
+        original(self, restored)
+        self._owner_lost, self._recover_until = False, None
+        self._refresh(Reason.RESTARTED, [])
+
+    patch.setattr(Arbiter, "_restore", generous)
+
+
+def restart_raises_no_epoch(patch: pytest.MonkeyPatch) -> None:
+    original = Arbiter._restore
+
+    def forgetful(self: Arbiter, restored: Any) -> None:
+        original(self, restored)
+        self._epoch -= 1
+        self._refresh(Reason.RESTARTED, [])
+
+    patch.setattr(Arbiter, "_restore", forgetful)
+
+
+def any_epoch_will_do(patch: pytest.MonkeyPatch) -> None:
+    original = Arbiter._on_transfer_message
+
+    def lenient(self: Arbiter, event: StationMessage, now: float, actions: Any) -> None:
+        message: Any = event.message
+        if self._transfer is not None:
+            event = StationMessage(event.station, shown_with(message, self._transfer.key))
+        original(self, event, now, actions)
+
+    patch.setattr(Arbiter, "_on_transfer_message", lenient)
+
+
+def shown_with(message: Any, key: Any) -> Any:
+    """The message, with this key."""
+    values = {name: getattr(message, name) for name in message.__dataclass_fields__}
+    return type(message)(**{**values, "key": key})
+
+
+def a_step_that_never_ends(patch: pytest.MonkeyPatch) -> None:
+    patch.delitem(transfer.MOVES, (Step.RELEASE, Cause.TIMEOUT))
+
+
+def an_abort_that_is_never_retried(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(zones.ZoneTracker, "next_commander", once(zones.ZoneTracker.next_commander))
+
+
+def once(original: Callable[..., int | None]) -> Callable[..., int | None]:
+    """Asked again after the first abort, it knows nobody."""
+
+    def forgetful(self: zones.ZoneTracker, commander: int, *rest: Any) -> int | None:
+        found = original(self, commander, *rest)
+        self._fresh.discard(found or 0)
+        return found
+
+    return forgetful
+
+
+def lost_too_soon(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(presence.Presence, "lost_at", lambda self: self.heard_at + 3.0)
+
+
+def lost_and_nobody_takes_it(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Arbiter, "_seek_successor", lambda self, now, actions: None)
+
+
+def the_first_position_counts_as_entry(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(zones.ZoneTracker, "forget_entries", lambda self: None)
+
+
+def an_epoch_that_is_never_learnt(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Arbiter, "_learn_epoch", lambda self, station, epoch, actions: None)
+
+
+def told_before_the_gate(patch: pytest.MonkeyPatch) -> None:
+    original = Arbiter.handle
+
+    def hasty(self: Arbiter, event: Any, now: float) -> Any:
+        return sorted(original(self, event, now), key=lambda action: type(action).__name__ != "Send")
+
+    patch.setattr(Arbiter, "handle", hasty)
+
+
+def station_believes_anything(patch: pytest.MonkeyPatch) -> None:
+    def gullible(self: gcs.StationCore, commander: int | None, epoch: int, *, over: bool) -> list[Any]:
+        self.commander, self.epoch = commander, epoch
+        return []
+
+    patch.setattr(gcs.StationCore, "_believe", gullible)
+
+
+def station_answers_old_questions(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(gcs.StationCore, "_stale", lambda self, key, *, of_vehicle: False)
+
+
+def station_consents_for_its_operator(patch: pytest.MonkeyPatch) -> None:
+    original = gcs.StationCore._consent
+
+    def eager(self: gcs.StationCore, key: Any, now: float, *, as_partner: bool) -> Any:
+        return Consent.GRANTED, original(self, key, now, as_partner=as_partner)[1]
+
+    patch.setattr(gcs.StationCore, "_consent", eager)
+
+
+PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
+    commit_without_the_partners_word: (TWO_MESSAGES, "committed without the word of station 252"),
+    commit_without_consent: (TRANSFER, "committed without the consent of station 251"),
+    commit_without_release: (TRANSFER, "committed before station 251 released"),
+    commit_raises_no_epoch: (TRANSFER, "a commit that does not raise the epoch by one"),
+    release_by_the_partner: (LIARS, "committed before station 251 released"),
+    forced_while_the_commander_lives: (TRANSFER, "committed without the consent of station 251"),
+    restart_grants_at_once: (TRANSFER, "the restart itself grants authority to station 251"),
+    restart_raises_no_epoch: (TRANSFER, "the restart raises the epoch by 0"),
+    any_epoch_will_do: (LATE, "of another epoch or transfer changed something"),
+    a_step_that_never_ends: (TRANSFER, "what is due does not get done"),
+    an_abort_that_is_never_retried: (TRANSFER, "station 251 commands on, though the zones of [252] were entered"),
+    lost_too_soon: (TRANSFER, "station 251 lost authority, heard 3 s ago"),
+    lost_and_nobody_takes_it: (TRANSFER, "nobody commands, though [252] live"),
+    the_first_position_counts_as_entry: (TRANSFER, "authority wanders to station 25"),
+    an_epoch_that_is_never_learnt: (STATE_LOST, "believes 251 commands"),
+    told_before_the_gate: (TRANSFER, "is told of epoch"),
+    station_believes_anything: (MESSAGE_LOST, "a station's epoch fell"),
+    station_answers_old_questions: (MESSAGE_LOST, "about an old epoch"),
+    station_consents_for_its_operator: (OPERATOR, "OkHandover without the operator's word"),
+}
+
+
+@pytest.mark.parametrize("plant", PLANTED, ids=lambda plant: plant.__name__)
+def test_a_planted_fault_is_found(plant: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch) -> None:
+    setting, what = PLANTED[plant]
+    plant(monkeypatch)
+    report = explore(Graph(setting))
+    assert report.found is not None
+    assert what in report.found.what
