@@ -9,7 +9,7 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean bench fuzz explore mutants scenarios
+.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
@@ -20,6 +20,7 @@ help:
 	@echo "make fuzz    coverage-guided fuzzing of the gate (needs atheris)"
 	@echo "make mutants plant faults in gate and core, see the tests find them"
 	@echo "make scenarios  fly every scenario on every vehicle there is"
+	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up"
 	@echo "make format  format the Python files"
 	@echo "make clean   remove everything that make made"
 
@@ -69,6 +70,9 @@ mutants: $(VENV)/installed
 
 scenarios: $(VENV)/installed
 	$(BIN)/python -m sitl.fly_all $(ARGS)
+
+soak: $(VENV)/installed
+	$(BIN)/python -m tests.sitl.soak_guard $(ARGS)
 
 format: $(VENV)/installed
 	$(BIN)/ruff format .

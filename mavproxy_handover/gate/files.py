@@ -55,6 +55,13 @@ FILE_RULES: Final = (
     ),
     FileRule(
         Access.MAINTENANCE,
+        "guard's key",
+        "whoever reads it can sign leases",
+        ("*handover.key*", "*handov~*.key*"),
+        reads=True,
+    ),
+    FileRule(
+        Access.MAINTENANCE,
         "scripts",
         "programs that the autopilot runs, the guard among them",
         ("*/scripts/*", "/apm/"),

@@ -104,6 +104,10 @@ MAINTENANCE_FILES = [
     (13, b"x\0/ardupilot.abin"),
     (6, b"/ARDUPILOT.ABIN"),
     (6, b"a" * 233 + b".abinx"),  # the 239th character is not read
+    (4, b"APM/scripts/handover.key"),
+    (14, b"scripts/HANDOVER.KEY"),
+    (4, b"APM/SCRIPT~1/HANDOV~1.KEY"),
+    (6, b"scripts/handover.key.new"),
     (4, b"@SYS/storage.bin"),
     (4, b"/@SYSstorage.bin"),
     (14, b"@SYS/flash.bin"),
