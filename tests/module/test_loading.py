@@ -88,7 +88,8 @@ def test_an_output_for_the_vehicles_own_id_is_never_allowed_since_it_takes_the_m
     assert bench.load() is None
 
 
-def test_unload_gives_everything_back(bench: Bench) -> None:
+def test_unload_gives_everything_back(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mp_util, "child_fd_list", [])  # one list for the whole process: other tests write to it too
     state = bench.mpstate
     before = (dict(state.completions), dict(state.command_map), dict(state.completion_functions))
     bench.load()

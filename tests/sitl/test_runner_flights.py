@@ -106,7 +106,8 @@ def check(result: dict[str, Any], scenario: str, folder: Path) -> None:
     assert all(0 < handover["duration_s"] < 2 for handover in result["handovers"])
     assert "Every expectation held" in Path(result["report"]).read_text(encoding="utf-8")
     assert (folder / "map.png").stat().st_size > 20_000
-    assert len(list(folder.glob("handover-*.png"))) == len(result["handovers"])
+    # those that were aborted have a picture too
+    assert len(list(folder.glob("handover-*.png"))) >= len(result["handovers"])
 
 
 def test_what_is_flown_here_are_scenarios_that_ship() -> None:
