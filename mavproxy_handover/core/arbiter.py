@@ -155,6 +155,8 @@ class Arbiter:
         self._settled_until = -inf
         #: the owner gave up control on the ground: nobody gets it without asking
         self._released = False
+        #: the run before ended in a transfer: its zone has still to be served
+        self._interrupted = False
         #: until then the owner of the run before may come back; None in a run that began without one
         self._recover_until: float | None = None
         self._view = AuthorityView()
@@ -171,7 +173,8 @@ class Arbiter:
             self._takeover_allowed = restored.takeover_allowed
             if restored.out_of_coverage is not None:
                 self._limits = replace(self._limits, out_of_coverage=restored.out_of_coverage)
-            self._phase = Phase.ON_MISSION if restored.phase is Phase.ON_HANDOVER else restored.phase
+            self._interrupted = restored.phase is Phase.ON_HANDOVER
+            self._phase = Phase.ON_MISSION if self._interrupted else restored.phase
             if self._phase is Phase.EMERGENCY:  # its cause is judged anew: this one is over when none is found
                 self._emergency = Decision(FlightAction.WARN, Reason.RESTARTED)
             if restored.owner in self._presence:
@@ -656,7 +659,7 @@ class Arbiter:
         self._stale_told = False
         first = not self._zones.known
         change = self._zones.update(event.zones, now)
-        if first:  # after a restart: there the aircraft has been all along
+        if first and not self._interrupted:  # there the aircraft has been all along
             self._zones.forget_entries()
         for station in change.entered:
             actions.append(Record("zone_entered", f"zone of {self.name(station)} entered", station=station))

@@ -25,6 +25,7 @@ from mavproxy_handover.core.events import (
     ControlRequested,
     Event,
     FlightAction,
+    LinkJudged,
     MissionLoaded,
     PositionSeen,
     Record,
@@ -155,6 +156,7 @@ events = st.one_of(
     st.sampled_from([AutopilotState(True, True), AutopilotState(True, False), AutopilotState(False, False)]),
     st.just(MissionLoaded(DIGEST, (A, B, A))),
     st.builds(Cancel, stations),
+    st.builds(LinkJudged, stations, st.booleans(), st.just(False), st.just("")),
     st.builds(ControlRequested, stations, st.booleans(), st.booleans(), st.sampled_from([3.0, 3.7]), stations),
     st.builds(
         Word,

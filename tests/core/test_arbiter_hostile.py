@@ -20,6 +20,7 @@ from mavproxy_handover.core.events import (
     Event,
     GuardSeen,
     GuardState,
+    LinkJudged,
     MissionLoaded,
     PositionSeen,
     Send,
@@ -86,6 +87,7 @@ facts = st.builds(ZoneFact, sysids, margins, exits)
 seconds = st.sampled_from([0.0, 10.0, 61.0, -1.0, float("inf"), float("nan")])
 events: st.SearchStrategy[Event] = st.one_of(
     st.builds(ControlRequested, sysids, st.booleans(), st.booleans(), seconds, sysids),
+    st.builds(LinkJudged, sysids, st.booleans(), st.booleans(), st.just("")),
     st.builds(StationMessage, sysids, messages),
     st.builds(StationMessage, sysids, messages),
     st.builds(StationHeard, sysids),

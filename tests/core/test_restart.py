@@ -17,6 +17,7 @@ from mavproxy_handover.core.events import (
     Fly,
     MissionLoaded,
     Record,
+    Send,
     StationHeard,
     StationMessage,
     Tick,
@@ -282,11 +283,9 @@ class TestInATransfer:
 
     @pytest.mark.parametrize("step", ALL_STEPS)
     def test_and_the_next_attempt_has_a_new_number_in_a_new_epoch(self, step: str) -> None:
-        # where the aircraft is when the companion starts is no entry into a zone: the end of the commander's zone calls
+        # the zone that was entered before has still to be served, so it begins when the commander is heard
         bench = Bench().up_to(step).restart()
         bench.run(3.0)
-        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 2, LeaseState.HELD, True, 1)
-        bench.position(inside(A, exit_s=8.0), inside(B))
         key = TransferKey(A, B, 2, 2)
         assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, A, B, 2, LeaseState.TRANSFER, True, 2)
         for station, word in (
@@ -297,6 +296,16 @@ class TestInATransfer:
         ):
             bench.say(station, word)
         assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, B, None, 3, LeaseState.HELD, True, 2)
+
+    def test_but_without_one_where_the_aircraft_has_been_all_along_is_no_entry(self) -> None:
+        # both zones were entered before GCSB handed over to GCSA: to start anew is no reason to hand back
+        bench = Bench().commit()
+        bench.run(10.0)
+        bench.restart()
+        bench.run(10.0)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, B, None, 3, LeaseState.HELD, True, 1)
+        bench.position(inside(A), inside(B, exit_s=8.0))
+        assert bench.arbiter.view.partner == A
 
     def test_in_a_forced_one_too(self) -> None:
         bench = Bench().up_to("CONNECT")
@@ -330,8 +339,7 @@ class TestAgainAndAgain:
         seen = {(bench.arbiter.view.epoch, bench.arbiter.view.handover_id)}
         for number in range(2, 6):
             bench.restart()
-            bench.run(3.0)
-            bench.position(inside(A, exit_s=8.0), inside(B))
+            bench.run(1.5)
             assert bench.arbiter.view.partner == B
             assert bench.arbiter.view.handover_id == number
             seen.add((bench.arbiter.view.epoch, bench.arbiter.view.handover_id))
@@ -456,6 +464,60 @@ class TestOnTheGround:
         bench.run(6.0)
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, A, None, 6, LeaseState.HELD, False, 7)
         assert len(bench.records("authority_lost")) == 1
+
+
+class TestNumbersLost:
+    """The state file is gone and with it the numbers: a station that remembers later ones would believe nothing."""
+
+    @staticmethod
+    def answered(epoch: int) -> Bench:
+        """GCSA's answer to the first CONNECT of a companion that knows nothing."""
+        bench = Bench()
+        bench.alive = set()
+        bench.autopilot_says(armed=False, flying=False)
+        question = next(
+            a.message
+            for _at, a in bench.log
+            if isinstance(a, Send) and a.station == A and isinstance(a.message, Connect)
+        )
+        bench.say(A, replace(bench.ack(A, question), epoch=epoch))
+        return bench
+
+    @pytest.mark.parametrize("epoch", [1, 7, 0x7FFFFFFF])
+    def test_the_epoch_goes_on_from_the_memory_of_the_stations(self, epoch: int) -> None:
+        bench = self.answered(epoch)
+        assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (A, epoch + 1)
+        assert [record.text for record in bench.records("epoch_learnt")] == [
+            f"GCSA remembers epoch {epoch}: the state of an earlier run was lost"
+        ]
+
+    @pytest.mark.parametrize("epoch", [0x80000000, 0xFFFFFFFF])
+    def test_what_nobody_can_remember_is_not_believed(self, epoch: int) -> None:
+        assert self.answered(epoch).arbiter.view.epoch == 1
+
+    def test_not_in_place_of_an_answer_to_a_question(self) -> None:
+        bench = Bench()
+        bench.alive = set()
+        bench.run(1.0)
+        for nonce in (0, 1, 0xFFFFFFFF):
+            bench.say(B, ConnectAck(B, 1, nonce, 50, B, "GCSB", b""))
+        assert bench.arbiter.view.epoch == 0
+
+    def test_while_somebody_has_authority_nobodys_memory_counts(self) -> None:
+        bench = started(LEFT)
+        bench.alive = {B}
+        bench.run(0.0)
+        question = bench.arbiter._presence[B].answer
+        assert question is not None
+        bench.alive = set()
+        bench.run(1.5)
+        asked = [
+            a.message
+            for _at, a in bench.log
+            if isinstance(a, Send) and a.station == B and isinstance(a.message, Connect)
+        ]
+        bench.say(B, replace(bench.ack(B, asked[-1]), epoch=99))
+        assert bench.arbiter.view.epoch == 5
 
 
 def test_every_state_of_a_flight_survives_as_itself() -> None:
