@@ -85,6 +85,8 @@ class Lane:
 
     def __init__(self, loop: Loop, folder: Path, weather: Weather, pause_s: float, seed: int) -> None:
         """Everything is made and loaded. Raises OSError, BenchError."""
+        #: the aircraft goes back and forth; not before it is in the air and the stations know it
+        self.shuttling = False
         self._loop = loop
         self._timers: list[Timer] = []
         self._links: BadLinks | None = None
@@ -160,7 +162,7 @@ class Lane:
         self._to_autopilot()
         for host, _master in self._stations.values():
             host.idle_if_due()
-        if self.autopilot.in_air:
+        if self.shuttling:
             self.shuttle.step()
 
     def _beat(self) -> None:

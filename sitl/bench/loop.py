@@ -2,8 +2,8 @@
 
 """One thread, many sockets, exact timers: the loop in which fake autopilots and stations live.
 
-`select.select` and not epoll, because Python's epoll waits in whole milliseconds and frames are sent a millisecond
-apart.
+`select.select` and not epoll where it matters, because Python's epoll waits in whole milliseconds and frames are sent
+a millisecond apart.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import itertools
 import select
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 __all__ = ["BenchError", "Loop", "Timer", "cpu_s"]
 
@@ -55,7 +56,9 @@ class Loop:
     #: a timer that is later than this skips what it missed instead of catching up
     CATCH_UP_S = 0.25
 
-    def __init__(self) -> None:
+    def __init__(self, *, many: bool = False) -> None:
+        """`many`: for hundreds of sockets. Waiting is then by epoll, and up to a millisecond too long."""
+        self._epoll = select.epoll() if many else None
         self._readers: dict[int, Callable[[], None]] = {}
         self._timers: list[tuple[float, int, Timer]] = []
         self._clocks: list[Callable[[], float | None]] = []
@@ -63,11 +66,15 @@ class Loop:
 
     def add_reader(self, descriptor: int, job: Callable[[], None]) -> None:
         """Call `job` whenever there is something to read."""
+        if self._epoll is not None and descriptor not in self._readers:
+            self._epoll.register(descriptor, select.EPOLLIN)
         self._readers[descriptor] = job
 
     def remove_reader(self, descriptor: int) -> None:
-        """Stop that."""
-        self._readers.pop(descriptor, None)
+        """Stop that; before the descriptor is closed."""
+        if self._readers.pop(descriptor, None) is not None and self._epoll is not None:
+            with suppress(OSError):  # its owner has closed it already: the system has forgotten it
+                self._epoll.unregister(descriptor)
 
     def add_clock(self, job: Callable[[], float | None]) -> None:
         """Call `job` in every round; it says in how many seconds it must be called again (None: it does not matter)."""
@@ -122,7 +129,10 @@ class Loop:
         self._read(max(0.0, wait_s))
 
     def _read(self, wait_s: float) -> None:
-        ready, _, _ = select.select(list(self._readers), [], [], wait_s)
+        if self._epoll is None:
+            ready, _, _ = select.select(list(self._readers), [], [], wait_s)
+        else:
+            ready = [descriptor for descriptor, _events in self._epoll.poll(wait_s)]
         for descriptor in ready:
             reader = self._readers.get(descriptor)
             if reader is not None:

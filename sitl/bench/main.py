@@ -42,13 +42,13 @@ class Plans:
     loopback_limit_s: float
     checked: int
     check_limit_s: float
-    conditions: tuple[transfers.Condition, ...]
+    waves: tuple[tuple[transfers.Condition, ...], ...]
     lanes: transfers.LanePlan
 
 
 FULL = Plans(
     (2, 3),
-    uplink.Plan({200: 2.5, 1000: 1.5}, 1.2, 3),
+    uplink.Plan({200: 2.5, 1000: 1.5}, 1.2, 2),
     downlink.Plan((50, 200), 2.5),
     (2, 10),
     zones.Plan((2, 10, 100), (50, 1000), 0.2, 4, 8),
@@ -56,8 +56,8 @@ FULL = Plans(
     120.0,
     20,
     60.0,
-    transfers.CONDITIONS,
-    transfers.LanePlan(300, 240.0),
+    (transfers.SLOW, transfers.LOSSY),
+    transfers.LanePlan(300, 200.0),
 )
 QUICK = Plans(
     (1, 1),
@@ -69,7 +69,7 @@ QUICK = Plans(
     15.0,
     0,
     0.0,
-    (transfers.CONDITIONS[0], transfers.CONDITIONS[3]),
+    ((transfers.SLOW[0], transfers.LOSSY[1]),),
     transfers.LanePlan(6, 15.0, 2),
 )
 
@@ -113,10 +113,12 @@ def _zones(plans: Plans, _folder: Path, say: Say) -> Iterator[Measurement]:
 def _transfers(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
     for signing in (False, True):
         where = folder / ("loopback-signed" if signing else "loopback")
-        yield from transfers.fly_loopback(where, plans.loopback, plans.loopback_limit_s, say, signing=signing)
+        wanted = plans.loopback // 3 if signing else plans.loopback
+        yield from transfers.fly_loopback(where, wanted, plans.loopback_limit_s, say, signing=signing)
     if plans.checked:
         yield from transfers.fly_with_bad_links(folder / "bad-links", plans.checked, plans.check_limit_s, say)
-    yield from transfers.fly_lanes(folder / "lanes", plans.conditions, plans.lanes, say)
+    for number, wave in enumerate(plans.waves):
+        yield from transfers.fly_lanes(folder / f"lanes-{number}", wave, plans.lanes, say)
 
 
 _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {

@@ -12,6 +12,7 @@ alike. What a frame does to a busy loop is in both numbers: the aircraft's strea
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import islice
@@ -29,6 +30,8 @@ __all__ = ["CpuStudy", "DelayStudy", "Plan", "Sender"]
 CPU_RATIO, DELAY_RATIO = 0.5, 1.0
 #: A B, B A
 PAIRS_A_START = 2
+#: of a turn or a window that frames got lost in
+TRIES = 4
 UNCERTAINTY = 0.04
 STREAM = 50
 _SETTLE_S = 0.3
@@ -48,6 +51,14 @@ class Plan:
     idle_s: float
     windows: int
     window_s: float = 2.0
+
+
+class Disturbed(BenchError):
+    """Frames got lost on `side`: the machine stood still for longer than sockets bridge, or the side was too slow."""
+
+    def __init__(self, text: str, side: str) -> None:
+        super().__init__(text)
+        self.side = side
 
 
 class Sender:
@@ -87,10 +98,10 @@ class Sender:
             self.delays_s.append(self.proxy.autopilot.received_at - began)
 
     def check(self) -> None:
-        """Raises BenchError if too many frames got lost."""
+        """Raises Disturbed if too many frames got lost."""
         lost = self.frames - len(self.delays_s)
         if lost > self.frames * _LOSS_LIMIT:
-            raise BenchError(f"{self.proxy.name}: {lost} of {self.frames} frames did not arrive")
+            raise Disturbed(f"{self.proxy.name}: {lost} of {self.frames} frames did not arrive", self.proxy.name)
 
 
 @dataclass(slots=True)
@@ -145,15 +156,28 @@ class CpuStudy:
         self._case = case
         self._observer = observer
         self._visits: list[tuple[_Visit, _Visit]] = []
+        #: turns that were made again because frames got lost, by side
+        self._disturbed: Counter[str] = Counter()
 
     def take(self, rig: Rig) -> str:
         """Add the pairs of one start of the processes; the ratios so far, for people."""
         for order in islice(abba(), PAIRS_A_START):
-            station = 1 if self._observer else 0
-            found = {ours: _visit(rig, rig.ours if ours else rig.baseline, self._plan, station) for ours in order}
-            self._visits.append((found[True], found[False]))
+            self._visits.append(self._pair(rig, order))
         ratios = ", ".join(f"{compare(self.pairs(rate)).ratio:.2f}" for rate in self._plan.rates)
         return f"CPU ratio{' (observer)' if self._observer else ''} after {len(self._visits)} pairs: {ratios}"
+
+    def _pair(self, rig: Rig, order: tuple[bool, bool]) -> tuple[_Visit, _Visit]:
+        station = 1 if self._observer else 0
+        for _ in range(TRIES):
+            try:
+                found = {ours: _visit(rig, rig.ours if ours else rig.baseline, self._plan, station) for ours in order}
+                return found[True], found[False]
+            except Disturbed as trouble:
+                last = trouble
+                self._disturbed[trouble.side] += 1
+                for proxy in (rig.ours, rig.baseline):
+                    proxy.autopilot.model.stream(0)
+        raise last
 
     def pairs(self, rate: int) -> list[Pair]:
         """All pairs of one rate, microseconds a frame."""
@@ -169,6 +193,7 @@ class CpuStudy:
             details: dict[str, Any] = {
                 "idle_ms_per_s": _both([(a.idle_per_s * 1e3, b.idle_per_s * 1e3) for a, b in self._visits]),
                 "part_that_passed": _both([(a.passed[rate], b.passed[rate]) for a, b in self._visits]),
+                "turns_repeated_for_lost_frames": dict(self._disturbed),
             }
             yield from_comparison(
                 "uplink",
@@ -205,6 +230,8 @@ class DelayStudy:
         self._plan = plan
         self._case = case
         self._delays = {rate: _Delays() for rate in plan.rates}
+        #: windows that were made again because frames got lost, by side
+        self._disturbed: Counter[str] = Counter()
 
     def take(self, rig: Rig) -> str:
         """Add the windows of one start of the processes; the ratios so far, for people."""
@@ -214,14 +241,7 @@ class DelayStudy:
         for rate, delays in self._delays.items():
             for window in range(self._plan.windows):
                 # who is first in each period changes with the window
-                for place, sender in enumerate(senders if window % 2 else reversed(senders)):
-                    sender.begin(rate, place * 0.5 / rate)
-                rig.loop.run(self._plan.window_s)
-                for sender in senders:
-                    sender.end()
-                rig.loop.run(_DRAIN_S)
-                for sender in senders:
-                    sender.check()
+                self._window(rig, senders if window % 2 else senders[::-1], rate)
                 ours, baseline = (sender.delays_s for sender in senders)
                 delays.medians.append(Pair(median(ours) * 1e3, median(baseline) * 1e3))
                 delays.lates.append(Pair(quantile(ours, 0.99) * 1e3, quantile(baseline, 0.99) * 1e3))
@@ -236,12 +256,30 @@ class DelayStudy:
         )
         return "delay ratio: " + ", ".join(ratios)
 
+    def _window(self, rig: Rig, senders: tuple[Sender, Sender], rate: int) -> None:
+        for _ in range(TRIES):
+            for place, sender in enumerate(senders):
+                sender.begin(rate, place * 0.5 / rate)
+            rig.loop.run(self._plan.window_s)
+            for sender in senders:
+                sender.end()
+            rig.loop.run(_DRAIN_S)
+            try:
+                for sender in senders:
+                    sender.check()
+                return
+            except Disturbed as trouble:
+                last = trouble
+                self._disturbed[trouble.side] += 1
+        raise last
+
     def results(self) -> Iterator[Measurement]:
         """Median and 99 % for each rate."""
         for rate, delays in self._delays.items():
             for what, pairs, part in (("delay, median", delays.medians, 0.5), ("delay, 99 %", delays.lates, 0.99)):
                 details = {
                     "frames": {"ours": len(delays.ours), "baseline": len(delays.baseline)},
+                    "windows_repeated_for_lost_frames": dict(self._disturbed),
                     "of_all_frames_ms": {
                         "ours": quantile(delays.ours, part) * 1e3,
                         "baseline": quantile(delays.baseline, part) * 1e3,
