@@ -18,10 +18,11 @@ one to the rules says here whether it is a time, a number, or plain.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from math import inf
+from operator import attrgetter
 from typing import Any
 
 from gcs_module.core import StationCore, _Part
@@ -63,7 +64,7 @@ def _behind(value: int, base: int) -> int:
 @cache
 def shifted(value: Any, shift: Shift) -> Any:
     """A message, key or view in the moved frame; values without numbers come back as they are."""
-    if not is_dataclass(value) or isinstance(value, type):
+    if not is_dataclass(value):
         return value
     changes: dict[str, Any] = {}
     for field in fields(value):
@@ -75,7 +76,7 @@ def shifted(value: Any, shift: Shift) -> Any:
         elif field.name == "nonce":
             new = old and NONCE  # questions are answered at once or never, so which one it was does not matter
         elif is_dataclass(old):
-            new = shifted(old, shift)
+            new = shifted(old, shift)  # type: ignore[arg-type]
         else:
             continue
         if new != old:
@@ -97,7 +98,14 @@ class _Value(_Kind):
     """Immutable; may carry epochs, transfer numbers, nonces."""
 
     def pack(self, value: Any, shift: Shift) -> Any:
-        return value if value is None else shifted(value, shift)
+        return shifted(value, shift) if shift.epoch or shift.number else value
+
+
+class _Answer(_Value):
+    """An answer to CONNECT: which question it answered does not matter any more."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return value and shifted(value, shift)
 
 
 class _Time(_Kind):
@@ -204,20 +212,43 @@ class _Class:
 
     def __init__(self, cls: type, **kinds: _Kind) -> None:
         self._cls = cls
-        self._kinds = tuple(kinds.items())
-        self._names = frozenset(kinds)
+        self._names = kinds.keys()
+        # what is packed as it is goes in and out in one sweep: most fields are, and this is where the time goes
+        self._plain = tuple(name for name, kind in kinds.items() if type(kind) is _Kind)
+        names = self._plain
+        self._get_plain: Callable[[Any], tuple[Any, ...]] = (
+            attrgetter(*names) if len(names) > 1 else lambda value: tuple(getattr(value, name) for name in names)
+        )
+        self._special = tuple((name, kind) for name, kind in kinds.items() if type(kind) is not _Kind)
+        self._slots = getattr(cls, "__slots__", None)
+        if self._slots is not None:
+            self._agree(set(self._slots))
+
+    def _agree(self, present: Collection[str]) -> None:
+        if self._names != present:
+            odd = ", ".join(sorted(self._names ^ set(present)))
+            raise TypeError(f"{self._cls.__name__}: say in canonical.py what {odd} is")
 
     def pack(self, value: Any, shift: Shift) -> Packed:
-        present = frozenset(getattr(value, "__dict__", None) or self._cls.__slots__)  # type: ignore[attr-defined]
-        if present != self._names:
-            odd = ", ".join(sorted(present ^ self._names))
-            raise TypeError(f"{self._cls.__name__}: say in canonical.py what {odd} is")
-        return tuple(kind.pack(getattr(value, name), shift) for name, kind in self._kinds)
+        if self._slots is None:
+            self._agree(value.__dict__.keys())
+        return (self._get_plain(value), *[kind.pack(getattr(value, name), shift) for name, kind in self._special])
+
+    def with_special(self, packed: Packed, name: str, value: Any) -> Packed:
+        """The packed state with another value of one of the fields that are not plain."""
+        place = 1 + [each for each, _kind in self._special].index(name)
+        return (*packed[:place], value, *packed[place + 1 :])
 
     def unpack(self, packed: Packed) -> Any:
         value: Any = object.__new__(self._cls)
-        for (name, kind), each in zip(self._kinds, packed, strict=True):
-            object.__setattr__(value, name, kind.unpack(each))
+        plain = zip(self._plain, packed[0], strict=True)
+        if self._slots is None:
+            value.__dict__.update(plain)
+        else:
+            for name, each in plain:
+                setattr(value, name, each)
+        for (name, kind), each in zip(self._special, packed[1:], strict=True):
+            setattr(value, name, kind.unpack(each))
         return value
 
 
@@ -225,25 +256,25 @@ class Packer:
     """Packs and unpacks the objects of one exploration."""
 
     def __init__(self, limits: Limits, names: dict[int, str]) -> None:
-        plain, value = _Kind(), _Value()
+        plain, value, the_limits = _Kind(), _Value(), _Fixed(lambda: limits)
         epoch, number = _Number("epoch", EPOCH), _Number("number", NUMBER)
         longest_s = max(limits.heartbeat_lost_s, limits.connect_lost_s, limits.dwell_s) + 1.0
         time = _Time(longest_s)
         names_fixed = _Fixed(lambda: names)
         presence = _Class(
             Presence,
-            _limits=plain,
+            _limits=the_limits,
             station=plain,
             heard_at=_Ago(limits.heartbeat_lost_s),
             answered_at=_Ago(limits.connect_lost_s),
-            answer=value,
+            answer=_Answer(),
             ask_at=_Time(0.0),
             asked=_Asked(),
             told_why=_Fixed(lambda: None),
         )
         transfer = _Class(
             Transfer,
-            _limits=plain,
+            _limits=the_limits,
             _operator_timeout_s=plain,
             _pause_s=plain,
             attempt=_Fixed(lambda: 1),
@@ -266,13 +297,13 @@ class Packer:
             give_up_at=_Time(0.0),
             attempt=_Fixed(lambda: 1),
         )
-        results = _Class(Results, _limits=plain, _pending=_Objects(pending), last=value)
+        results = _Class(Results, _limits=the_limits, _pending=_Objects(pending), last=value)
         zones = _Class(
             ZoneTracker,
             _facts=_Facts(),
             _fresh=_Set(),
             _inside=_Set(),
-            _limits=plain,
+            _limits=the_limits,
             _moved_at=_Ago(limits.dwell_s),
             out_since=_Time(limits.out_hold_s),
         )
@@ -313,6 +344,7 @@ class Packer:
             _settled=plain,
             _settled_until=_Ago(0.0),
             _released=plain,
+            _interrupted=plain,
             _recover_until=_Time(0.0),
             _view=value,
             dropped=_Fixed(Counter),
@@ -341,7 +373,10 @@ class Packer:
 
     def pack_arbiter(self, arbiter: Arbiter, shift: Shift = STILL) -> Packed:
         """The arbiter's state, in a frame moved by `shift`."""
-        return self._arbiter.pack(arbiter, shift)
+        packed = self._arbiter.pack(arbiter, shift)
+        if arbiter._settled is None:  # there is nothing to be repeated, until whenever
+            packed = self._arbiter.with_special(packed, "_settled_until", NOW)
+        return packed
 
     def unpack_arbiter(self, packed: Packed) -> Arbiter:
         """An arbiter in this state."""

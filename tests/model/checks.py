@@ -17,7 +17,7 @@ rules make of it. Nothing is asked of an arbiter but its view, the gate's word o
 5. LOST means that the commander was not heard for that long and no forced transfer is running; then the aircraft is
    being brought home.
 6. No transfer is begun of the vehicle's own accord unless the zone was entered since authority last changed, the
-   commander's zone has ended, or its links are weak and the partner's are not.
+   commander's zone has ended or is about to and the partner's is not, or its links are weak and the partner's are not.
 What must hold for stations is in `station_checks.py`.
 """
 
@@ -83,8 +83,12 @@ class Books:
     #: stations whose zone holds the aircraft, and those of them entered since authority last changed
     zones: frozenset[int] = frozenset()
     entered: frozenset[int] = frozenset()
+    #: zones that are about to end
+    ending: frozenset[int] = frozenset()
     #: False until the first position after a start: what holds the aircraft then was not entered
     placed: bool = False
+    #: unless the run before ended in a transfer: then it is still owed
+    interrupted: bool = False
     #: stations whose links are over a limit
     weak: frozenset[int] = frozenset()
     flying: bool = False
@@ -109,7 +113,9 @@ class Books:
         known = Books(zones=self.zones, blank=blank or self.blank)
         if blank or phase is Phase.ON_LOAD:
             return known
-        return replace(known, had=self.had, silent=self.silent, recovering=0 if self.had else None)
+        interrupted = phase is Phase.ON_HANDOVER
+        recovering = 0 if self.had else None
+        return replace(known, had=self.had, silent=self.silent, recovering=recovering, interrupted=interrupted)
 
     def age(self, station: int, limits: Limits) -> int:
         """Ticks since the station was heard."""
@@ -145,8 +151,12 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
         books = replace(books, weak=books.weak - {event.station} | ({event.station} if event.weak else set()))
     if isinstance(event, PositionSeen):
         zones = frozenset(fact.station for fact in event.zones if fact.margin_m > 0)
-        entered = (books.entered | (zones - books.zones)) & zones if books.placed and books.flying else frozenset()
-        books = replace(books, zones=zones, entered=entered, placed=True)
+        entered = (books.entered | (zones - books.zones)) & zones
+        if not books.placed:
+            entered = zones - {books.had} if books.interrupted else frozenset()
+        ending = frozenset(fact.station for fact in event.zones if fact.exit_s is not None)
+        entered = entered if books.flying else frozenset()
+        books = replace(books, zones=zones, entered=entered, ending=ending, placed=True)
     key = _key(view, books.had)
     if isinstance(event, StationMessage) and key is not None and getattr(event.message, "key", None) == key:
         connected = books.connected
@@ -197,15 +207,20 @@ def check_vehicle(
 
 
 def _check_view(books: Books, view: AuthorityView) -> None:
-    without = view.phase in (Phase.ON_LOAD, Phase.EMERGENCY)  # there a transfer is no phase
-    demand((view.phase is Phase.ON_HANDOVER) is (view.partner is not None and not without), f"phase: {view}")
-    demand(view.partner is None or view.partner != view.commander, f"commander and partner are one: {view}")
-    leases = {LeaseState.HELD, LeaseState.TRANSFER} if view.commander else {LeaseState.LOST, LeaseState.RECOVERING}
-    demand(view.lease in leases, f"lease and commander: {view}")
-    if view.lease is LeaseState.RECOVERING:
-        demand(books.recovering is not None, "RECOVERING without a restart")
-    if view.lease is LeaseState.LOST and books.flying and view.partner is None:
-        demand(view.phase is Phase.EMERGENCY, f"LOST in flight, and no emergency: {view}")
+    transfer = view.partner is not None
+    quiet = view.phase in (Phase.ON_LOAD, Phase.EMERGENCY)  # there a transfer is no phase
+    leases = (LeaseState.HELD, LeaseState.TRANSFER) if view.commander else (LeaseState.LOST, LeaseState.RECOVERING)
+    nobody = view.lease is LeaseState.LOST and books.flying and not transfer
+    if (view.phase is Phase.ON_HANDOVER) is not (transfer and not quiet):
+        raise Violation(f"the phase does not fit: {view}")
+    if transfer and view.partner == view.commander:
+        raise Violation(f"commander and partner are one: {view}")
+    if view.lease not in leases:
+        raise Violation(f"the lease does not fit: {view}")
+    if view.lease is LeaseState.RECOVERING and books.recovering is None:
+        raise Violation("RECOVERING without a restart")
+    if nobody and view.phase is not Phase.EMERGENCY:
+        raise Violation(f"LOST in flight, and no emergency: {view}")
 
 
 def _check_change(
@@ -268,7 +283,9 @@ def _check_begun(books: Books, old: AuthorityView, new: AuthorityView, event: Ev
     demand(new.partner in books.zones, f"a transfer to station {new.partner}, whose zone does not hold the aircraft")
     if new.commander is not None:
         better = new.commander in books.weak and new.partner not in books.weak
-        wanted = new.partner in books.entered or new.commander not in books.zones or better
+        ended = new.commander not in books.zones
+        ends = new.commander in books.ending and new.partner not in books.ending
+        wanted = new.partner in books.entered or ended or ends or better
         demand(wanted, f"authority wanders to station {new.partner}: no zone was entered, none has ended")
 
 

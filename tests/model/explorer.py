@@ -157,6 +157,8 @@ class _Settling:
         demand(view.commander in living, f"station {view.commander} commands, and is dead")
         if books.flying and vehicle.loaded and view.commander not in books.zones:
             demand(not holding, f"station {view.commander} commands outside its zone; {sorted(holding)} could")
+        if view.commander in books.ending and vehicle.loaded and books.flying:
+            demand(not holding - books.ending, f"station {view.commander} commands on, and its zone is about to end")
         owed = (books.entered & living) - {view.commander} if vehicle.loaded else set()
         demand(not owed, f"station {view.commander} commands on, though the zones of {sorted(owed)} were entered")
         if books.flying and books.zones:
@@ -250,6 +252,7 @@ class _Story:
     def __init__(self, world: Graph) -> None:
         self._world = world
         self._lines: list[str] = []
+        self._steps = 0
 
     def tell(self, order: list[State], came_from: array[int], at: int, stop: _Stop) -> list[str]:
         """The story, one line for each step and below it what came of it."""
@@ -271,7 +274,8 @@ class _Story:
         return self._lines
 
     def _step(self, state: State, label: Label) -> State | None:
-        self._lines.append(f"{len(self._lines) + 1:3} {self._world.describe(label)}")
+        self._steps += 1
+        self._lines.append(f"{self._steps:3} {self._world.describe(label)}")
         story: list[str] = []
         self._world.story = story
         try:

@@ -26,6 +26,7 @@ QUICK = (
     Setting("liars", faults=2, kinds=frozenset({Fault.LIE})),
     Setting("weak links", faults=1, kinds=FAULTS | {Fault.WEAK}),
     Setting("through the region", path=("A", "AB", "B"), faults=1),
+    Setting("zone about to end", path=("AB", "aB", "B"), faults=1),
     Setting("gap between the zones", path=("A", "", "B"), faults=1),
     Setting("commander's operator", operators="A", faults=0),
     Setting("partner's operator", operators="B", faults=0),
@@ -40,6 +41,7 @@ QUICK = (
     Setting("whole flight", path=("_A", "A", "AB", "B", "_B"), faults=0),
     Setting("state file lost", path=("A", "_A", "AB"), faults=2, kinds=BLANK | {Fault.LOSE}),
     Setting("three stations", stations=3, path=("AB", "ABC", "BC"), faults=0),
+    Setting("three stations, liars", stations=3, path=("A", "AB"), faults=1, kinds=frozenset({Fault.LIE})),
     Setting("three stations, deaths", stations=3, path=("AB", "ABC"), faults=1, kinds=CRASHES),
 )
 
@@ -55,15 +57,18 @@ DEEP = (
     Setting("whole flight", path=("_A", "A", "AB", "B", "_B"), faults=1, kinds=CRASHES),
     Setting("commander's operator", operators="A", faults=1),
     Setting("partner's operator", operators="B", faults=1),
-    Setting("both operators", operators="AB", faults=1, kinds=MESSAGES),
+    Setting("both operators", operators="AB", faults=0),
     Setting("two requests", faults=0, requests=2, wishes=frozenset(Request)),
     Setting("request and fault", faults=1, requests=1, wishes=ASKED, path=("AB",)),
     Setting("standard commander", standard="A", faults=2, requests=1, wishes=ASKED),
     Setting("standard partner", standard="B", faults=2, requests=1, wishes=ASKED),
-    Setting("standard both", standard="AB", faults=2, requests=2, wishes=ASKED),
+    Setting("standard both", standard="AB", faults=1, requests=2, wishes=ASKED),
     Setting("requests on the ground", path=("_AB", "AB"), faults=1, requests=1, wishes=ASKED, kinds=CRASHES),
     Setting("state file lost", path=("A", "_A", "AB"), faults=2, kinds=BLANK | MESSAGES),
-    Setting("three stations", stations=3, path=("AB", "ABC", "BC"), faults=1),
-    Setting("three stations, two faults", stations=3, path=("ABC",), faults=2, depth=12),
-    Setting("three stations, two faults", stations=3, path=("AB", "ABC", "BC"), faults=2, depth=10),
+    Setting("three stations", stations=3, path=("AB", "ABC", "BC"), faults=1, kinds=MESSAGES | CRASHES),
+    Setting("three stations, cuts", stations=3, path=("AB", "ABC"), faults=1, kinds=frozenset({Fault.CUT})),
+    Setting(
+        "three stations, two deaths", stations=3, path=("AB", "ABC"), faults=2, kinds=frozenset({Fault.KILL_STATION})
+    ),
+    Setting("three stations, two faults", stations=3, path=("AB", "ABC", "BC"), faults=2, depth=12),
 )

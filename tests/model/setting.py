@@ -64,7 +64,11 @@ IMPATIENT = replace(LIMITS, step_timeout_s=2.0)
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What is explored. A position is written as the letters of the stations whose zones hold the aircraft."""
+    """What is explored.
+
+    A position is written as the letters of the stations whose zones hold the aircraft; a small letter: that zone is
+    about to end along the track.
+    """
 
     name: str
     stations: int = 2

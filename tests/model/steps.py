@@ -37,6 +37,7 @@ LIES: dict[str, Callable[[TransferKey], Any]] = {
     "DRONE_CONNECTED": DroneConnected,
     "DISCONNECT_HANDOVER": DisconnectHandover,
 }
+GROUND_LIES = ("ON_HANDOVER", "DRONE_CONNECTED")
 
 #: What happens between two states: a word, and what it happens to.
 Label = tuple[Any, ...]
@@ -171,7 +172,9 @@ class Graph(World):
         if Fault.LIE in kinds and up and self.vehicles[state.vehicle].view.partner is not None:
             for index, each in enumerate(state.stations):
                 if each != DEAD:
-                    yield from (("fault", Fault.LIE, index, word) for word in LIES)
+                    yield from (("fault", Fault.LIE, index, word, -1) for word in LIES)
+                    others = (other for other, each in enumerate(state.stations) if other != index and each != DEAD)
+                    yield from (("fault", Fault.LIE, index, word, other) for other in others for word in GROUND_LIES)
 
     # ---- one step ---------------------------------------------------------------------------------------------------
 
@@ -240,7 +243,7 @@ class Graph(World):
             asks, allows = wish is not Request.RELEASE, wish is Request.ALLOW
             self._to_vehicle(draft, self.events(ControlRequested(sysid, asks, allows, 10.0, self.sysids[other])))
 
-    def _befall(self, draft: Draft, kind: Fault, which: int, word: str = "") -> None:
+    def _befall(self, draft: Draft, kind: Fault, which: int, word: str = "", to: int = -1) -> None:
         if kind in (Fault.LOSE, Fault.DOUBLE, Fault.HOLD):
             event, *rest = draft.queues[which]
             draft.queues[which] = tuple(rest)
@@ -265,7 +268,7 @@ class Graph(World):
         elif kind is Fault.WEAK:
             self._links(draft, which, weak=True)
         else:
-            self._lie(draft, which, LIES[word])
+            self._lie(draft, which, LIES[word], to)
 
     def _links(self, draft: Draft, index: int, *, weak: bool) -> None:
         self._to_vehicle(draft, self.events(LinkJudged(self.sysids[index], weak, False, "loss")))
@@ -276,13 +279,14 @@ class Graph(World):
             if to == receiver:
                 draft.queues[channel] = ()
 
-    def _lie(self, draft: Draft, index: int, word: Callable[[TransferKey], Any]) -> None:
+    def _lie(self, draft: Draft, index: int, word: Callable[[TransferKey], Any], to: int) -> None:
         state = self.vehicles[draft.vehicle]
         view, had = state.view, state.books.had
         if view.partner is None or had is None:
             return
-        key = TransferKey(had, view.partner, view.handover_id, view.epoch)
-        draft.work.append(Parcel(index, -1, self.events(StationMessage(self.sysids[index], word(key)))))
+        message, sysid = word(TransferKey(had, view.partner, view.handover_id, view.epoch)), self.sysids[index]
+        event = StationMessage(sysid, message) if to < 0 else gcs.FromPeer(sysid, message)
+        draft.work.append(Parcel(index, to, self.events(event)))
         self._send_off(draft)
 
     # ---- after the last fault ---------------------------------------------------------------------------------------
@@ -327,7 +331,8 @@ class Graph(World):
             kind, which, *word = rest
             on_channel = kind in (Fault.LOSE, Fault.DOUBLE, Fault.HOLD, Fault.CUT)
             ends = self.channels[which] if on_channel else (which,)
-            return " ".join((f"FAULT {kind.name}", " -> ".join(self._name(end) for end in ends), *word))
+            said = (word[0], "to", self._name(word[1])) if word else ()
+            return " ".join((f"FAULT {kind.name}", " -> ".join(self._name(end) for end in ends), *said))
         if what == "request":
             index, wish, other = rest
             return f"request of {self._name(index)}: {wish.value}" + ("" if other == index else f" {self._name(other)}")

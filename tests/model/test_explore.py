@@ -72,7 +72,7 @@ def commit_raises_no_epoch(patch: pytest.MonkeyPatch) -> None:
 
 
 def release_by_the_partner(patch: pytest.MonkeyPatch) -> None:
-    original = arbiter_module.cause_of
+    original = transfer.cause_of
 
     def credulous(message: Any, sender: int) -> Cause | None:
         return Cause.RELEASED if isinstance(message, DisconnectHandover) else original(message, sender)
@@ -224,3 +224,17 @@ def test_a_planted_fault_is_found(plant: Callable[[pytest.MonkeyPatch], None], m
     report = explore(Graph(setting))
     assert report.found is not None
     assert what in report.found.what
+
+
+def test_a_violation_is_told_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    lost_too_soon(monkeypatch)
+    found = explore(Graph(TRANSFER)).found
+    assert found is not None
+    assert [line for line in found.story if line[:3].strip()] == [
+        "  1 FAULT KILL_STATION GCSA",
+        "-- from here on nothing more goes wrong, what is down comes up --",
+        "  2 tick",
+        "  3 tick",
+        "  4 tick",
+    ]
+    assert str(found).endswith("VIOLATION: station 251 lost authority, heard 3 s ago")

@@ -46,6 +46,8 @@ from tests.model.station_checks import check_beliefs
 __all__ = ["DEAD", "Draft", "State", "World"]
 
 LETTERS = "ABCDEF"
+#: when a zone that is about to end does, along the track
+SOON_S = 3.0
 DEAD = -1
 
 
@@ -166,10 +168,12 @@ class World:
         return "vehicle" if index < 0 else self.stations[index].name
 
     def _facts(self, place: str) -> tuple[ZoneFact, ...]:
-        return tuple(
-            ZoneFact(sysid, 50.0 if letter in place else -50.0, None)
-            for letter, sysid in zip(LETTERS, self.sysids, strict=False)
-        )
+        facts = []
+        for letter, sysid in zip(LETTERS, self.sysids, strict=False):
+            ending = letter.lower() in place.lstrip("_")
+            holds = ending or letter in place
+            facts.append(ZoneFact(sysid, 50.0 if holds else -50.0, SOON_S if ending else None))
+        return tuple(facts)
 
     def _cut(self, draft: Draft, sender: int, receiver: int) -> bool:
         return self._channel.get((sender, receiver)) in draft.cuts

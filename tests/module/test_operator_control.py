@@ -248,6 +248,18 @@ class TestSecondManager:
         assert ground.companion.faults == {}
         assert {m.get_srcComponent() for m in ground.b.got("CONTROL_STATUS")} == {191}
 
+    def test_in_the_layout_of_2024_it_is_not_passed_on(self, ground: Bench) -> None:
+        # two bytes, the system id first; our own reading of them would be another message
+        own = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        head = bytearray(mavlink.MAVLink_control_status_message(1, 252, [0] * 10).pack(own)[:10])
+        head[1] = 2
+        old = bytes(head) + bytes([252, 1])
+        crc = mavlink.x25crc(old[1:] + bytes([211])).crc
+        ground.mpstate.deliver(_Raw(old + crc.to_bytes(2, "little")))
+        ground.run(0.2)
+        assert ground.companion.faults == {}
+        assert {m.get_srcComponent() for m in ground.b.got("CONTROL_STATUS")} == {191}
+
     def test_of_another_vehicle_is_none_of_ours(self, ground: Bench) -> None:
         own = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
         ground.mpstate.deliver(_Raw(mavlink.MAVLink_control_status_message(MANAGER, 252, [0] * 10).pack(own)))

@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Tests the tests of the rules of authority: `make mutants-core`, or
+
+    python tests/mutation/core.py [--part I/N] [--sample N] [MODULE ...]        (default: all modules, every mutant)
+
+Each fault, in the code (`faults`) or in a transition table (`table_faults`), must be noticed by `tests/core`, or by a
+small exploration (`tests/model`). One that is not is a survivor; survivors that are no faults are listed in
+`core_survivors.py` with the reason, and any other ends this with exit code 1. So does one that is listed and does not
+survive any more. `--part 1/4` takes every fourth mutant, `--sample 100` a hundred of each module by chance; then what
+is listed and not met says nothing.
+
+Nothing is written: a mutant is compiled in memory, in a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import io
+import random
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))
+
+from tests.mutation import run  # noqa: E402
+from tests.mutation.core_survivors import KNOWN_SURVIVORS  # noqa: E402
+from tests.mutation.run import _Mutated, in_child  # noqa: E402
+
+__all__ = ["Fault", "faults", "main", "table_faults"]
+
+PACKAGE = "mavproxy_handover.core"
+#: module -> the tests that notice its faults soonest
+FIRST = {
+    "transfer": ("test_transfer.py", "test_arbiter_transfer.py", "test_standard_stations.py", "test_forced.py"),
+    "arbiter": ("test_arbiter_transfer.py", "test_arbiter_authority.py", "test_restart.py", "test_arbiter_start.py"),
+    "zones": ("test_zones.py", "test_arbiter_safety.py"),
+    "phases": ("test_phases.py",),
+    "safety": ("test_safety.py", "test_arbiter_safety.py"),
+    "control": ("test_control.py",),
+    "presence": ("test_presence.py", "test_arbiter_authority.py"),
+    "results": ("test_arbiter_transfer.py", "test_arbiter_deadline.py"),
+}
+#: slow, so they come last
+LAST = ("test_arbiter_deadline.py", "test_arbiter_hostile.py", "test_two_sides.py")
+#: explored with what the tests have let through
+EXPLORED = (
+    "transfer",
+    "liars",
+    "commander's operator",
+    "one request",
+    "standard both",
+    "whole flight",
+    "three stations",
+)
+
+TABLES = {"transfer": "MOVES", "phases": "PHASES"}
+WORST = {"transfer": "committed", "phases": "ON_MISSION"}
+
+_TURNED: dict[type[ast.cmpop], type[ast.cmpop]] = {
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+}
+_SIGNS: dict[type[ast.operator], type[ast.operator]] = {ast.Add: ast.Sub, ast.Sub: ast.Add}
+_SWAPS = {"min": "max", "max": "min", "any": "all", "all": "any"}
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault: a module's source with it, or an entry of a table: the table, the key, and where it leads now."""
+
+    name: str
+    source: str | None = None
+    entry: tuple[str, int, str] | None = None
+
+
+# ---- faults in the code --------------------------------------------------------------------------------------------
+
+
+def faults(source: str) -> Iterator[Fault]:
+    """Every fault of the functions in a module's source, one at a time."""
+    tree = ast.parse(source)
+    seen: Counter[str] = Counter()
+    for function, node in _inside(tree, ""):
+        for operator, before, apply, undo in _changes(node):
+            text = " ".join(ast.unparse(before).split())[:90]
+            apply()
+            mutated = ast.unparse(ast.fix_missing_locations(tree))
+            undo()
+            name = f"{function}: {operator}: {text}"
+            seen[name] += 1
+            yield Fault(name if seen[name] == 1 else f"{name} (number {seen[name]})", mutated)
+
+
+def _inside(node: ast.AST, function: str) -> Iterator[tuple[str, ast.AST]]:
+    """Every node of a function, with the function's name; annotations and docstrings are left out."""
+    for field, value in ast.iter_fields(node):
+        if field in ("annotation", "returns", "decorator_list"):
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if not isinstance(child, ast.AST):
+                continue
+            inner = child.name if isinstance(child, ast.FunctionDef) else function
+            if inner:
+                yield inner, child
+            yield from _inside(child, inner)
+
+
+Change = tuple[str, ast.AST, Callable[[], None], Callable[[], None]]
+
+
+def _changes(node: ast.AST) -> Iterator[Change]:
+    if isinstance(node, (ast.If, ast.IfExp, ast.While)) and not _turnable(node.test):
+        yield _set("condition negated", node.test, node, "test", ast.UnaryOp(ast.Not(), node.test))
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+        yield _set("comparison turned", node, node, "ops", [_TURNED[type(node.ops[0])]()])
+    if isinstance(node, ast.BoolOp):
+        yield _set("and/or swapped", node, node, "op", ast.And() if isinstance(node.op, ast.Or) else ast.Or())
+        for place, value in enumerate(node.values):
+            rest = [each for other, each in enumerate(node.values) if other != place]
+            yield _set(f"dropped from and/or: {ast.unparse(value)[:50]}", node, node, "values", rest)
+    if isinstance(node, ast.Constant) and type(node.value) is bool:
+        yield _set("truth turned", node, node, "value", not node.value)
+    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        yield _set("number one more", node, node, "value", node.value + 1)
+    if isinstance(node, (ast.BinOp, ast.AugAssign)) and type(node.op) in _SIGNS:
+        yield _set("sign turned", node, node, "op", _SIGNS[type(node.op)]())
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _SWAPS:
+        yield _set(f"{node.func.id} turned", node, node.func, "id", _SWAPS[node.func.id])
+    for block in ("body", "orelse"):
+        statements = getattr(node, block, None)
+        if isinstance(statements, list):
+            for place, statement in enumerate(statements):
+                last = isinstance(node, ast.FunctionDef) and place == len(statements) - 1
+                # without an attribute nothing works at all
+                starting = isinstance(node, ast.FunctionDef) and node.name == "__init__"
+                if _droppable(statement, last=last, starting=starting):
+                    without = [*statements[:place], ast.Pass(), *statements[place + 1 :]]
+                    yield _set("dropped", statement, node, block, without)
+
+
+def _turnable(test: ast.expr) -> bool:
+    """Whether to turn the comparison is to negate the condition."""
+    plain = (ast.Eq, ast.NotEq, ast.In, ast.NotIn, ast.Is, ast.IsNot)
+    return isinstance(test, ast.Compare) and len(test.ops) == 1 and isinstance(test.ops[0], plain)
+
+
+def _droppable(statement: ast.stmt, *, last: bool, starting: bool) -> bool:
+    if isinstance(statement, ast.Expr):
+        return isinstance(statement.value, ast.Call)
+    if isinstance(statement, ast.Return):
+        return not last
+    if isinstance(statement, (ast.Assign, ast.AugAssign)) and not starting:
+        targets = statement.targets if isinstance(statement, ast.Assign) else [statement.target]
+        return all(isinstance(target, (ast.Attribute, ast.Subscript)) for target in targets)
+    return isinstance(statement, ast.Delete)
+
+
+def _set(operator: str, before: ast.AST, node: ast.AST, field: str, value: Any) -> Change:
+    old = getattr(node, field)
+    return operator, before, lambda: setattr(node, field, value), lambda: setattr(node, field, old)
+
+
+# ---- faults in the tables ------------------------------------------------------------------------------------------
+
+
+def table_faults(module: str) -> Iterator[Fault]:
+    """An entry is missing, leads elsewhere, or is there that should not be."""
+    # worked out elsewhere: this process must not import what it will plant faults in
+    for table, number, target, name in in_child(lambda: list(_table_faults(module))):
+        yield Fault(name, entry=(table, number, target))
+
+
+def _table_faults(module: str) -> Iterator[tuple[str, int, str, str]]:
+    if module not in TABLES:
+        return
+    entries, keys, targets = _table(module)
+    for number, key in enumerate(keys):
+        present = entries.get(key)
+        # where nothing should be, the worst that could be there is enough
+        wanted = [*targets, "nothing"] if present is not None else [WORST[module]]
+        for target in wanted:
+            if targets.get(target) != present:
+                yield (
+                    TABLES[module],
+                    number,
+                    target,
+                    f"{TABLES[module]}: {' + '.join(each.name for each in key)} -> {target}",
+                )
+
+
+def _table(module: str) -> tuple[dict[Any, Any], list[tuple[Any, Any]], dict[str, Any]]:
+    """A table, all pairs it could have entries for, and where these could lead, by name."""
+    if module == "phases":
+        from mavproxy_handover.core.model import Phase
+        from mavproxy_handover.core.phases import PHASES, PhaseCause
+
+        return PHASES, list(product(Phase, PhaseCause)), {phase.name: phase for phase in Phase}
+    from mavproxy_handover.core.model import Outcome, Reason
+    from mavproxy_handover.core.transfer import MOVES, Cause, End, Step
+
+    ends = {"committed": End(Outcome.COMMITTED, Reason.NONE), "aborted": End(Outcome.ABORTED, Reason.CANCELLED)}
+    return MOVES, list(product(Step, Cause)), {step.name: step for step in Step} | ends
+
+
+def _plant(module: str, number: int, target: str) -> None:
+    entries, keys, targets = _table(module)
+    if target == "nothing":
+        del entries[keys[number]]
+    else:
+        entries[keys[number]] = targets[target]
+
+
+# ---- whether they are noticed --------------------------------------------------------------------------------------
+
+
+def unnoticed(module: str, fault: Fault | None) -> bool:
+    """Whether tests and exploration find nothing wrong. In a process of its own: it spoils the modules."""
+    import importlib
+
+    import pytest
+
+    name = f"{PACKAGE}.{module}"
+    if fault is not None and fault.source is not None:
+        path = ROOT / "mavproxy_handover" / "core" / f"{module}.py"
+        sys.meta_path.insert(0, _Mutated(name, fault.source, path))
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        try:
+            importlib.import_module(name)
+        except Exception:
+            return False
+        if fault is not None and fault.entry is not None:
+            _plant(module, fault.entry[1], fault.entry[2])
+        everything = sorted(path.name for path in (ROOT / "tests" / "core").glob("test_*.py"))
+        middle = [each for each in everything if each not in (*FIRST[module], *LAST, "test_purity.py")]
+        last = [each for each in LAST if each not in FIRST[module]]
+        files = [str(ROOT / "tests" / "core" / each) for each in (*FIRST[module], *middle, *last)]
+        quiet = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--rootdir", str(ROOT), "--timeout=60"]
+        options = [*quiet, "--hypothesis-seed=0", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
+        if int(pytest.main([*options, *files])) != 0:
+            return False
+        return not _found_by_exploring()
+
+
+def _found_by_exploring() -> bool:
+    from tests.model.explorer import explore
+    from tests.model.plans import QUICK
+    from tests.model.steps import Graph
+
+    for setting in QUICK:
+        if setting.name in EXPLORED:
+            try:
+                report = explore(Graph(setting))
+            except Exception:  # whatever it stumbles over, it is noticed
+                return True
+            if report.found is not None:
+                return True
+    return False
+
+
+def of_module(module: str, choose: Callable[[list[Fault]], list[Fault]]) -> tuple[int, list[str]]:
+    """How many faults were planted in a module, and which nobody noticed."""
+    assert in_child(lambda: unnoticed(module, None)) is True, f"{module}: something is found without any fault"
+    source = (ROOT / "mavproxy_handover" / "core" / f"{module}.py").read_text(encoding="utf-8")
+    chosen = choose([*faults(source), *table_faults(module)])
+    alive = []
+    for number, fault in enumerate(chosen, 1):
+        if in_child(lambda fault=fault: unnoticed(module, fault)) is True:  # type: ignore[misc]
+            alive.append(fault.name)
+            print(f"  survived: {module}: {fault.name}", flush=True)
+        if number % 50 == 0:
+            print(f"  {module}: {number} of {len(chosen)}, {len(alive)} survived", flush=True)
+    return len(chosen), alive
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Plant the faults asked for; 1 if a survivor is not known, or a known one died."""
+    parser = argparse.ArgumentParser(description="faults planted in the rules of authority")
+    parser.add_argument("modules", nargs="*", metavar="MODULE", help=", ".join(FIRST))
+    parser.add_argument("--part", default="1/1", metavar="I/N", help="every Nth fault, beginning with the Ith")
+    parser.add_argument("--sample", type=int, metavar="N", help="N faults of each module, by chance")
+    parser.add_argument("--list", action="store_true", help="print the faults instead")
+    options = parser.parse_args(arguments)
+    part, parts = (int(each) for each in options.part.split("/"))
+
+    def choose(all_of_them: list[Fault]) -> list[Fault]:
+        chosen = all_of_them[part - 1 :: parts]
+        if options.sample is not None and options.sample < len(chosen):
+            chosen = random.Random(0).sample(chosen, options.sample)
+        return chosen
+
+    whole = parts == 1 and options.sample is None
+    unknown = [module for module in options.modules if module not in FIRST]
+    if unknown:
+        parser.error(f"unknown {', '.join(unknown)}; known are {', '.join(FIRST)}")
+    import hypothesis  # noqa: F401  (once, for all children)
+
+    run.TIMEOUT_S = 600
+    wrong = 0
+    for module in options.modules or FIRST:
+        if options.list:
+            source = (ROOT / "mavproxy_handover" / "core" / f"{module}.py").read_text(encoding="utf-8")
+            for fault in choose([*faults(source), *table_faults(module)]):
+                print(f"{module}: {fault.name}")
+            continue
+        begun = time.monotonic()
+        total, alive = of_module(module, choose)
+        known = KNOWN_SURVIVORS.get(module, {})
+        surprising = [name for name in alive if name not in known]
+        stale = [name for name in known if name not in alive] if whole else []
+        for name in stale:
+            print(f"  listed, but noticed: {module}: {name}")
+        wrong += len(surprising) + len(stale)
+        print(
+            f"{module}: {total} faults, {total - len(alive)} noticed, {len(alive) - len(surprising)} known survivors, "
+            f"{len(surprising)} unknown, {time.monotonic() - begun:.0f} s",
+            flush=True,
+        )
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
