@@ -62,9 +62,9 @@ local WORK = {
     CATCH_UP_CALLS = 13,            -- after a stall: empties a full queue of leases before anything is judged (0.15 s)
 }
 
-local MODE = {LAND=9, RTL=6, SMART_RTL=21, AUTO_RTL=27}
+local MODE = {LAND=9, RTL=6, SMART_RTL=21}
 local RETURN_MODES = {[6]="RTL", [21]="SMART_RTL", [27]="AUTO_RTL"}
--- modes in which a pilot steers by hand: STABILIZE ACRO ALT_HOLD LOITER DRIFT SPORT FLIP POSHOLD FLOWHOLD SYSTEMID HELI
+-- modes in which a pilot steers by hand: STABILIZE ACRO ALT_HOLD LOITER DRIFT SPORT FLIP POSHOLD FLOWHOLD
 local MANUAL_MODES = {[0]=true, [1]=true, [2]=true, [5]=true, [11]=true, [13]=true, [14]=true, [16]=true, [22]=true}
 
 -- ModeReason of the firmware: who chose the present flight mode
@@ -409,11 +409,8 @@ local function end_loss()
 end
 
 local function settle(mode, stands_back, text)
-    if loss.mode ~= mode or loss.stands_back ~= stands_back then
-        say(MAV_SEVERITY.NOTICE, "settle", 2000, loss_name() .. ", " .. text)
-    end
-    loss.looked, loss.engaged = true, true
-    loss.mode = mode
+    say(MAV_SEVERITY.NOTICE, "settle", 2000, loss_name() .. ", " .. text)
+    loss.engaged, loss.mode = true, mode
     loss.stands_back = stands_back
     loss.attempts = 0
 end

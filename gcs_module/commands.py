@@ -148,9 +148,10 @@ class StationCommands:
         if module.desk.held is None:
             module.view.line("There is no mission to share: set mission in [station].")
             return
-        module.desk.offer(module.config.vehicle, COMPANION_COMPID, until_loaded=True)
+        now = time.monotonic()
+        module.desk.offer(module.config.vehicle, COMPANION_COMPID, now, until_loaded=True)
         for peer in module.config.peers:
-            module.desk.offer(peer.station.sysid, 0)
+            module.desk.offer(peer.station.sysid, 0, now)
         module.view.line(f"Sharing mission {module.desk.held.name!r}.")
 
     def _status(self) -> None:

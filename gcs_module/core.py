@@ -17,7 +17,8 @@ Rules that live here
   epoch, and only while it commands; what the vehicle passes on it takes at its word.
 * Consent is automatic, or the operator's: then the answer is "waiting" until there is one.
 
-Steps and messages: DESIGN.md section 5; names and console lines follow the thesis, section 4.5.
+Events and actions are in `events`. Steps and messages: DESIGN.md section 5; names and console lines follow the thesis,
+section 4.5.
 """
 
 from __future__ import annotations
@@ -41,9 +42,27 @@ from mavproxy_handover.core.messages import (
 )
 from mavproxy_handover.core.model import PROTOCOL_VERSION, Consent, Outcome, Phase, Reason, Station
 
+from .events import (
+    Action,
+    Answer,
+    AuthorityHeard,
+    Event,
+    FromPeer,
+    FromVehicle,
+    MissionHeld,
+    Notice,
+    PeerHeard,
+    ToPeer,
+    ToVehicle,
+    VehicleHeard,
+    Wish,
+)
+
 __all__ = [
+    "Action",
     "Answer",
     "AuthorityHeard",
+    "Event",
     "FromPeer",
     "FromVehicle",
     "MissionHeld",
@@ -56,102 +75,6 @@ __all__ = [
     "VehicleHeard",
     "Wish",
 ]
-
-
-# ---- events -------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class FromVehicle:
-    """A message of the vehicle's companion."""
-
-    message: Message
-
-
-@dataclass(frozen=True, slots=True)
-class FromPeer:
-    """A message of another station, over the ground link."""
-
-    peer: int
-    message: Message
-
-
-@dataclass(frozen=True, slots=True)
-class PeerHeard:
-    """A heartbeat of another station, over the ground link."""
-
-    peer: int
-
-
-@dataclass(frozen=True, slots=True)
-class VehicleHeard:
-    """A heartbeat of the vehicle's companion."""
-
-
-@dataclass(frozen=True, slots=True)
-class AuthorityHeard:
-    """AUTHORITY_STATUS."""
-
-    phase: Phase
-    commander: int | None
-    partner: int | None
-    epoch: int
-    #: nobody commands yet, and one may, in this very epoch
-    recovering: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class MissionHeld:
-    """The station holds this mission package (SHA-256)."""
-
-    digest: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """The operator's answer to the question that is open."""
-
-    yes: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Wish:
-    """The operator asked that this station shall command: a transfer to it needs no further question here."""
-
-    station: int
-
-
-Event = FromVehicle | FromPeer | PeerHeard | VehicleHeard | AuthorityHeard | MissionHeld | Answer | Wish
-
-
-# ---- actions ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class ToVehicle:
-    """Send to the vehicle's companion."""
-
-    message: Message
-
-
-@dataclass(frozen=True, slots=True)
-class ToPeer:
-    """Send to another station over the ground link."""
-
-    peer: int
-    message: Message
-
-
-@dataclass(frozen=True, slots=True)
-class Notice:
-    """A line for the operator and the journal. `event` is a fixed lower-case word; `urgent` lines are spoken."""
-
-    event: str
-    text: str
-    urgent: bool = False
-
-
-Action = ToVehicle | ToPeer | Notice
 
 
 class Role(Enum):

@@ -35,7 +35,10 @@ from gcs_module.core import (
     ToVehicle,
     VehicleHeard,
 )
+from gcs_module.ground import GroundLink
 from gcs_module.package_desk import PackageDesk
+from gcs_module.record import journal_message
+from gcs_module.signing import LinkSigning
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.config import ConfigError, StationConfig, config_argument, find_station_config, load_station
 from mavproxy_handover.core.messages import Message
@@ -43,7 +46,7 @@ from mavproxy_handover.core.model import LeaseState, Phase
 from mavproxy_handover.gate.tables import COMPANION_COMPID
 from mavproxy_handover.journal import Journal
 from mavproxy_handover.keys import KeysError, load_key
-from mavproxy_handover.link.devices import Device, LinkError, open_device
+from mavproxy_handover.link.devices import Device, LinkError
 from mavproxy_handover.link.timesync import PROBE_COMPID, probe_answer
 from mavproxy_handover.link.uplink import UplinkChoice
 from mavproxy_handover.mission import package as mission_package
@@ -51,7 +54,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
-from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["HandoverGcsModule", "init"]
 
@@ -67,9 +70,9 @@ class HandoverGcsModule(mp_module.MPModule):
         mpstate: Any,
         config: StationConfig,
         held: mission_package.MissionPackage | None,
-        ground: Device | None,
-        peers: dict[int, Device],
+        ground: GroundLink,
         journal: Journal,
+        signing: LinkSigning | None,
     ) -> None:
         super().__init__(
             mpstate, "handover_gcs", "authority handover (ground station)", public=True, multi_vehicle=True
@@ -84,19 +87,17 @@ class HandoverGcsModule(mp_module.MPModule):
         self.desk = PackageDesk(held)
         self.view = View(self.core, config.station.name, self.console, self._speak)
         self._ground = ground
-        self._peers = peers
         self._own = mavlink.MAVLink(None, srcSystem=config.station.sysid, srcComponent=self.settings.source_component)
         self._uplink = UplinkChoice()
-        self._key = None if config.key is None else load_key(config.key)
-        self._vehicle_peer = None if self._key is None else SignedPeer(self._key)
+        self._signing = signing
         self._each_second_at = 0.0
         self._telemetry_shown_at = 0.0
         self.commands = StationCommands(self)
         self.add_command(
             "handover", self._command, "authority handover, this station ('handover help')", self.commands.completions()
         )
-        if ground is not None:
-            mpstate.select_extra[ground.fileno()] = (self._readable, None)
+        if ground.listening is not None:
+            mpstate.select_extra[ground.listening] = (self._readable, None)
         for link in self._links():
             mp_util.child_fd_list_add(link.fileno())  # or a map's process would keep the port after `unload`
         journal.write("loaded", f"handover_gcs {VERSION}, configuration {config.path}", version=VERSION)
@@ -129,14 +130,12 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def unload(self) -> None:
         """Give everything back: sockets, command, setting, signing."""
-        for master in self.mpstate.mav_master:
-            if self._key is not None and master.mav.signing.secret_key == self._key:
-                master.disable_signing()
-        if self._ground is not None:
-            self.mpstate.select_extra.pop(self._ground.fileno(), None)
+        if self._signing is not None:
+            self._signing.release()
+        self.mpstate.select_extra.pop(self._ground.listening, None)
         for link in self._links():
             mp_util.child_fd_list_remove(link.fileno())
-            link.close()
+        self._ground.close()
         self.remove_command("handover")
         self.mpstate.completion_functions.pop("(HANDOVERSETTING)", None)
         self.mpstate.public_modules.pop("handover_gcs", None)
@@ -145,7 +144,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.journal.close()
 
     def _links(self) -> list[Device]:
-        return [link for link in (self._ground, *self._peers.values()) if link is not None]
+        return self._ground.devices
 
     def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
         """Run `job`; if it breaks, count and journal that, and show `line`."""
@@ -178,21 +177,15 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def _proven(self, frame: Frame) -> bool:
         """Whether one of our messages is the vehicle's: MAVProxy checks no signature of what it takes for unknown."""
-        if self._vehicle_peer is None:
-            return True
-        verdict = self._vehicle_peer.check(frame, time.time(), time.monotonic())
-        if verdict is SignatureVerdict.OK:
-            return True
-        self.faults[f"message of the vehicle: signature {verdict.value}"] += 1
-        return False
+        verdict = SignatureVerdict.OK if self._signing is None else self._signing.check(frame)
+        if verdict not in (SignatureVerdict.OK, None):
+            self.faults[f"message of the vehicle: signature {verdict.value}"] += 1
+        return verdict is SignatureVerdict.OK
 
     def _sign_links(self) -> None:
-        """MAVProxy signs and checks every link to the vehicle with this station's key; links may come later."""
-        if self._key is None:
-            return
-        for master in self.mpstate.mav_master:
-            if master.mav.signing.secret_key != self._key:
-                master.setup_signing(self._key, sign_outgoing=True, allow_unsigned_callback=_radio_only)
+        """Links may come later."""
+        if self._signing is not None:
+            self._signing.sign(self.mpstate.mav_master)
 
     def _answer_probe(self, frame: Frame) -> None:
         """On every link: MAVProxy does not say by which one a message came, and the vehicle takes the right one."""
@@ -219,7 +212,7 @@ class HandoverGcsModule(mp_module.MPModule):
         else:
             decoded = codec.decode(message)
             if decoded is not None and message.target_system in (0, self.config.station.sysid):
-                self._journal_message("in", decoded, "vehicle")
+                journal_message(self.journal, "in", decoded, "vehicle")
                 self._handle(FromVehicle(decoded))
 
     def _on_telemetry(self, message: Any) -> None:
@@ -238,18 +231,13 @@ class HandoverGcsModule(mp_module.MPModule):
         for answer in answers:
             self._put(frame.sysid, answer)
         if line:
-            who = "vehicle" if frame.sysid == self.config.vehicle else self.core.name(frame.sysid)
-            event = "package_received" if line.startswith("Mission '") else "package_sent"
-            self.journal.write(event, line, station=who)
-            self.view.line(f"{who}: {line}")
+            self._tell_of(frame.sysid, "package_received" if line.startswith("Mission '") else "package_sent", line)
         if self.desk.held is not None and self.desk.held.digest != self.core.digest:
             self._handle(MissionHeld(self.desk.held.digest))
 
     def _read_ground(self) -> None:
-        if self._ground is None:
-            return
         for frame in self._ground.read():
-            if frame.sysid not in self._peers:
+            if frame.sysid not in self._ground.peers:
                 self.faults["ground frame of a stranger"] += 1
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._handle(PeerHeard(frame.sysid))
@@ -265,7 +253,7 @@ class HandoverGcsModule(mp_module.MPModule):
             return
         decoded = codec.decode(message)
         if decoded is not None:
-            self._journal_message("in", decoded, self.core.name(frame.sysid), via="ground")
+            journal_message(self.journal, "in", decoded, self.core.name(frame.sysid), via="ground")
             self._handle(FromPeer(frame.sysid, decoded))
 
     # ---- time -----------------------------------------------------------------------------------------------------
@@ -278,7 +266,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._guarded("mission package", lambda: self._send_package(now))
         if now >= self._each_second_at:
             self._each_second_at = now + 1.0
-            self._sign_links()
+            self._guarded("signing", self._sign_links)
             self._perform(self.core.tick(now))
             self._beat()
             self.view.status()
@@ -298,15 +286,27 @@ class HandoverGcsModule(mp_module.MPModule):
             self.view.line(f"{text[:1].upper()}{text[1:]}.")
 
     def _send_package(self, now: float) -> None:
-        for receiver, message in self.desk.tick(now):
+        messages, lines = self.desk.tick(now, lambda receiver: self._alive(receiver, now))
+        for receiver, line in lines:
+            self._tell_of(receiver, "package_offer", line)
+        for receiver, message in messages:
             self._put(receiver, message)
+
+    def _alive(self, receiver: int, now: float) -> bool:
+        vehicle = receiver == self.config.vehicle
+        return self.core.vehicle_alive(now) if vehicle else self.core.peer_alive(receiver, now)
+
+    def _tell_of(self, sysid: int, event: str, line: str) -> None:
+        who = "vehicle" if sysid == self.config.vehicle else self.core.name(sysid)
+        self.journal.write(event, line, station=who)
+        self.view.line(f"{who}: {line}")
 
     def _beat(self) -> None:
         beat = mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE, 3
         )
-        for link in self._peers.values():
-            link.write(codec.pack(beat, self._own))
+        for peer in self._ground.peers:
+            self._ground.write(peer, codec.pack(beat, self._own))
 
     # ---- out ------------------------------------------------------------------------------------------------------
 
@@ -332,7 +332,7 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def _send(self, receiver: int, message: Message, who: str, via: str | None = None) -> None:
         component = COMPANION_COMPID if receiver == self.config.vehicle else 0
-        self._journal_message("out", message, who, via)
+        journal_message(self.journal, "out", message, who, via)
         self._put(receiver, codec.encode(message, (receiver, component), self.config.vehicle))
 
     def _put(self, receiver: int, message: Any) -> None:
@@ -340,8 +340,8 @@ class HandoverGcsModule(mp_module.MPModule):
             # packed by MAVProxy: numbers of a second sequence on its link would look like lost frames over there
             if self.master is not None:  # None after `link remove`
                 self.master.mav.send(message)
-        elif receiver in self._peers:
-            self._peers[receiver].write(codec.pack(message, self._own))
+        elif receiver in self._ground.peers:
+            self._ground.write(receiver, codec.pack(message, self._own))
 
     def _speak(self, text: str) -> None:
         if any(module.name == "speech" for module, _package in self.mpstate.modules):
@@ -351,29 +351,15 @@ class HandoverGcsModule(mp_module.MPModule):
         """Send a MAVLink message to the vehicle."""
         self._put(self.config.vehicle, message)
 
-    def _journal_message(self, direction: str, message: Message, who: str, via: str | None = None) -> None:
-        key = getattr(message, "key", None)
-        if key is None:
-            return
-        self.journal.write(
-            "message",
-            direction=direction,
-            name=codec.name_of(message),
-            station=who,
-            handover_id=key.handover_id,
-            epoch=key.epoch,
-            via=via,
-            relayed=getattr(message, "relayed", False) or None,
-            consent=message.consent.name.lower() if hasattr(message, "consent") else None,
-        )
-
 
 def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule | None:
     """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy lives on.
 
     `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`).
     """
-    opened: list[Device] = []
+    ground: GroundLink | None = None
+    journal: Journal | None = None
+    signing: LinkSigning | None = None
     try:
         if unknown:
             raise ConfigError(f"unknown argument {', '.join(unknown)}; allowed is: config")
@@ -382,31 +368,25 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule 
         last = _last_config[-1] if _last_config else None
         settings = load_station(find_station_config(config_argument(config) or last))
         held = None if settings.mission is None else mission_package.load(settings.mission)
-        ground = None
-        if settings.ground is not None:
-            ground = open_device(settings.ground)
-            opened.append(ground)
-        peers = {}
-        for peer in settings.peers:
-            peers[peer.station.sysid] = open_device(peer.link)
-            opened.append(peers[peer.station.sysid])
+        ground = GroundLink(settings)
+        if settings.key is not None:
+            signing = LinkSigning(load_key(settings.key), time.time, time.monotonic)
         journal = Journal(settings.journal, settings.station.name)
-        module = HandoverGcsModule(mpstate, settings, held, ground, peers, journal)
+        module = HandoverGcsModule(mpstate, settings, held, ground, journal, signing)
     except Exception as error:  # MAVProxy would not live through it when it loads its default modules
-        for link in opened:
-            mpstate.select_extra.pop(link.fileno(), None)
-            link.close()
+        if ground is not None:
+            mpstate.select_extra.pop(ground.listening, None)
+            ground.close()
+        if signing is not None:
+            signing.release()
+        if journal is not None:
+            journal.close()
         mpstate.public_modules.pop("handover_gcs", None)
         mpstate.command_map.pop("handover", None)
         mpstate.console.writeln(f"handover_gcs is not loaded: {_why(error)}")
         return None
     _last_config[:] = [str(settings.path)]
     return module
-
-
-def _radio_only(_mav: Any, msgid: int) -> bool:
-    """Unsigned frames that are let in all the same: those that a telemetry radio puts into the stream itself."""
-    return msgid in (mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STATUS)
 
 
 def _why(error: Exception) -> str:

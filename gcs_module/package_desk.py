@@ -1,21 +1,45 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The station's mission package: the one it holds, those it sends, the one it receives from another station."""
+"""The station's mission package: the one it holds, those it sends, the one it receives from another station.
+
+An offer has an end: who has not answered for NO_ANSWER_S is offered nothing more, and the operator is told. If that was
+because it was not there, it is offered the package again once it is heard; if it is there and does not answer, only the
+operator can try again.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
-from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender
+from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender, package_id
 
-__all__ = ["PackageDesk"]
+__all__ = ["NO_ANSWER_S", "PackageDesk"]
+
+#: some 30 offers
+NO_ANSWER_S: Final = 15.0
 
 _RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
 _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
+
+
+@dataclass(slots=True)
+class _Offer:
+    package: MissionPackage
+    target: tuple[int, int]
+    until_loaded: bool
+    sender: PackageSender
+    #: of the receiver's last answer, or when the offer began
+    answered_at: float
+    #: nothing is sent: there was no answer
+    given_up: bool = False
+    #: while it is given up: whether the receiver was heard when this was last looked at
+    alive: bool = False
 
 
 class PackageDesk:
@@ -23,23 +47,52 @@ class PackageDesk:
 
     def __init__(self, held: MissionPackage | None) -> None:
         self.held = held
-        self._senders: dict[int, PackageSender] = {}
+        self._offers: dict[int, _Offer] = {}
         self._receiver = PackageReceiver()
 
-    def offer(self, receiver: int, component: int, *, until_loaded: bool = False) -> None:
+    def offer(self, receiver: int, component: int, now: float, *, until_loaded: bool = False) -> None:
         """Begin to send the held package to `receiver`. There must be one.
 
         `until_loaded`: the receiver is the vehicle, which has the last word when the autopilot holds the mission.
         """
         assert self.held is not None
-        held, target = self.held, (receiver, component)
-        self._senders[receiver] = PackageSender(
-            held.to_bytes(), held.digest, held.name, target, until_loaded=until_loaded
-        )
+        target = (receiver, component)
+        sender = _sender(self.held, target, until_loaded)
+        self._offers[receiver] = _Offer(self.held, target, until_loaded, sender, now)
 
-    def tick(self, now: float) -> list[tuple[int, Any]]:
-        """(receiver, message) to send now."""
-        return [(receiver, message) for receiver, sender in self._senders.items() for message in sender.tick(now)]
+    def tick(self, now: float, alive: Callable[[int], bool]) -> tuple[list[tuple[int, Any]], list[tuple[int, str]]]:
+        """(receiver, message) to send now, and (receiver, line for the operator). `alive`: whether one is heard."""
+        messages: list[tuple[int, Any]] = []
+        lines: list[tuple[int, str]] = []
+        for receiver, offer in list(self._offers.items()):
+            line = self._look(receiver, offer, now, alive(receiver))
+            if line:
+                lines.append((receiver, line))
+            if not offer.given_up:
+                messages += [(receiver, message) for message in offer.sender.tick(now)]
+        return messages, lines
+
+    def _look(self, receiver: int, offer: _Offer, now: float, alive: bool) -> str:
+        """Give an offer up, or take it up again; returns a line for the operator or ""."""
+        name = offer.package.name
+        if not offer.given_up:
+            if offer.sender.finished or now - offer.answered_at < NO_ANSWER_S:
+                return ""
+            offer.given_up, offer.alive = True, alive
+            if alive:
+                return f"Mission {name!r} not shared: no answer. 'handover share' tries again."
+            return f"Mission {name!r} not shared: not heard. It will be offered when it is."
+        came_back, offer.alive = alive and not offer.alive, alive
+        if not came_back:
+            return ""
+        if (
+            self.held is None or offer.package.digest != self.held.digest
+        ):  # another one has come from another station since
+            del self._offers[receiver]
+            return ""
+        offer.sender = _sender(offer.package, offer.target, offer.until_loaded)
+        offer.answered_at, offer.given_up = now, False
+        return f"Heard again: offering mission {name!r}."
 
     def on_message(self, sender: int, component: int, message: Any, now: float) -> tuple[list[Any], str]:
         """Take in a package message of system `sender`; returns answers to it, and a line for the operator or ""."""
@@ -67,9 +120,11 @@ class PackageDesk:
         return [*answers, self._receiver.conclude(digest, _RECEIVED, "", target)], line
 
     def _on_ack(self, sender: int, ack: Any, now: float) -> tuple[list[Any], str]:
-        outgoing = self._senders.get(sender)
-        if outgoing is None:
+        offer = self._offers.get(sender)
+        if offer is None or ack.package_id != package_id(offer.package.digest):
             return [], ""
+        offer.answered_at, offer.given_up = now, False
+        outgoing = offer.sender
         was_finished = outgoing.result
         messages = outgoing.on_ack(ack, now)
         if outgoing.result == was_finished:
@@ -79,3 +134,7 @@ class PackageDesk:
         if outgoing.result == _RECEIVED:
             return messages, "Mission received."
         return messages, "Mission loaded: written to the autopilot, read back, equal."
+
+
+def _sender(package: MissionPackage, target: tuple[int, int], until_loaded: bool) -> PackageSender:
+    return PackageSender(package.to_bytes(), package.digest, package.name, target, until_loaded=until_loaded)

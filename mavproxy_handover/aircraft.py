@@ -23,6 +23,7 @@ class Aircraft:
         self.armed = False
         self.custom_mode = 0
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
+        self.landed_state_at = -math.inf
         self.position: Any | None = None
         self.position_at = -math.inf
         self.heartbeat_at = -math.inf
@@ -49,7 +50,7 @@ class Aircraft:
             self._battery_voltage = m.voltage_battery
             self._battery_remaining = m.battery_remaining
         elif kind == "EXTENDED_SYS_STATE":
-            self.landed_state = m.landed_state
+            self.landed_state, self.landed_state_at = m.landed_state, now
         elif kind == "MISSION_CURRENT":
             self.waypoint = m.seq
         elif kind == "NAV_CONTROLLER_OUTPUT":

@@ -51,7 +51,7 @@ class VehicleCommands:
         partner = f", transfer to {arbiter.name(view.partner)}" if view.partner else ""
         self._show(f"commander {arbiter.name(view.commander)}, epoch {view.epoch}, lease {view.lease.name}{partner}")
         guard = arbiter.guard(now)
-        status = companion.guard_status
+        status = companion.autopilot.guard_status
         detail = ""
         if status is not None and guard is not GuardState.SILENT:
             detail = f", firmware {status.firmware[0]}.{status.firmware[1]}, {status.rejected} leases refused"
@@ -61,7 +61,7 @@ class VehicleCommands:
         digest = arbiter.mission_digest
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
-        if not view.armed:
+        if not companion.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
             self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")
         findings = companion.preflight.findings
@@ -93,7 +93,7 @@ class VehicleCommands:
 
     def _zones(self) -> None:
         companion = self._companion
-        facts = companion.zone_facts()
+        facts = companion.autopilot.zone_facts()
         if not facts:
             self._show("no mission loaded, or no position yet")
         for fact in facts:

@@ -52,7 +52,7 @@ def companion_argv(config: Path, master: str, logfile: Path) -> list[str]:
         "--nowait",
         f"--default-modules={_COMPANION_MODULES}",
         f"--logfile={logfile}",
-        f"--cmd={_load('handover', config)}",
+        f"--cmd=set select_timeout 0.02;{_load('handover', config)}",
     ]
 
 

@@ -1,25 +1,37 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""From the first chunk of a mission package to a loaded mission: what is taken in, what is refused and why."""
+"""From the first chunk of a mission package to a loaded mission: what is taken in, what is refused and why.
+
+`MissionLoader` knows what a package says, `MissionWriter` gets it into the autopilot and reads it back.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot import Copter
 from mavproxy_handover.config import VehicleConfig
-from mavproxy_handover.core.events import FlightAction
+from mavproxy_handover.conversations import Conversations
+from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.events import Event, FlightAction, MissionLoaded
+from mavproxy_handover.dialogue import Dialogue
+from mavproxy_handover.memory import Memory
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.zones import ZoneFinder
+from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.stations import StationPort
 from mavproxy_handover.wire.package_transfer import PackageReceiver
 
-__all__ = ["MissionLoader"]
+__all__ = ["MissionLoader", "MissionWriter"]
 
 _RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
 _LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
 _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
+_ON_BOARD_RETRY_S = 10.0
 
 
 class MissionLoader:
@@ -88,3 +100,73 @@ class MissionLoader:
         self.commanders = tuple(package.walk().commanders)
         word = package.policies.get("on_out_of_coverage")
         self.out_of_coverage = None if word is None else FlightAction[word.upper()]
+
+
+class MissionWriter:
+    """Takes packages from the stations and from on board to the autopilot. `handle` gives an event to the arbiter."""
+
+    def __init__(
+        self,
+        loader: MissionLoader,
+        copter: Copter,
+        conversations: Conversations,
+        narrator: Narrator,
+        memory: Memory,
+        arbiter: Arbiter,
+        handle: Callable[[Event, float], None],
+        on_board: MissionPackage | None = None,
+    ) -> None:
+        """`on_board`: a mission package that need not come from the parent."""
+        self._loader = loader
+        self._copter = copter
+        self._conversations = conversations
+        self._narrator = narrator
+        self._memory = memory
+        self._arbiter = arbiter
+        self._handle = handle
+        self._on_board = on_board
+        self._on_board_at = 0.0
+
+    def on_message(self, port: StationPort, message: Any, welcome: bool, now: float) -> None:
+        """A message of a package; `welcome`: its sender may load a mission now."""
+        answers, package = self._loader.on_message(message.get_type(), message, port.target, welcome)
+        for answer in answers:
+            port.send(answer)
+        if package is None:
+            return
+        text = f"mission {package.name!r} from {port.name}"
+        self._narrator.journal.write("package_received", text, station=port.name)
+        self._load(package, port, now)
+
+    def load_on_board(self, ready: bool, now: float) -> None:
+        """The package on board, once the autopilot is `ready` for it; again after a while if that failed."""
+        package = self._on_board
+        if package is None or not ready or self._arbiter.mission_digest or "load" in self._conversations:
+            return
+        if now >= self._on_board_at:
+            self._on_board_at = now + _ON_BOARD_RETRY_S
+            self._load(package, None, now)
+
+    def _load(self, package: MissionPackage, port: StationPort | None, now: float) -> None:
+        """Write a package to the autopilot and read it back; `port`: who sent it, None for the one on board."""
+        if self._arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
+            self._handle(MissionLoaded(b"", ()), now)
+        source = "on board" if port is None else port.name
+
+        def done(dialogue: Dialogue, now: float) -> None:
+            if port is not None:
+                answer = self._loader.concluded(package, dialogue.failure, port.target)
+                port.send(answer)
+            elif dialogue.failure is None:
+                self._loader.adopt(package)
+            if dialogue.failure is not None:
+                self._narrator.journal.write("mission_failed", dialogue.failure, station=source)
+                self._narrator.tell(f"mission not loaded: {dialogue.failure}")
+                return
+            self._narrator.journal.write("mission_written", "mission and rally points written, read back, equal")
+            self._memory.keep(package)
+            loader = self._loader
+            self._handle(MissionLoaded(package.digest, loader.commanders, loader.out_of_coverage), now)
+
+        conversation = self._copter.load(package.route.upload_items(), package.route.rally)
+        self._conversations.begin("load", conversation, done, now)

@@ -31,6 +31,7 @@ from mavproxy_handover.config import ConfigError, VehicleConfig, config_argument
 from mavproxy_handover.journal import Journal
 from mavproxy_handover.keys import KeysError, load_key
 from mavproxy_handover.link.devices import Device, LinkError
+from mavproxy_handover.main_loop import readable, waited_for
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
@@ -48,6 +49,10 @@ _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
 _AUTOPILOT_LINK_ID = 1
 #: ticks come no faster than this, however fast MAVProxy's main loop goes round
 _IDLE_S = 0.02
+#: how often links are measured; the most frequent probes go out 10 times a second
+_LINKS_S = 0.05
+#: how often links are looked at though MAVProxy waits for what they receive: lines have to be opened again
+_POLL_S = 0.2
 #: the configuration of the last load, for `module reload handover`
 _last_config: list[str] = []
 
@@ -65,13 +70,21 @@ class HandoverModule(mp_module.MPModule):
     ) -> None:
         super().__init__(mpstate, "handover", "authority handover (companion)", public=True, multi_vehicle=True)
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
+        #: looked at in every round of the main loop, so not by name
+        self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
         self._autopilot = None if config.autopilot_key is None else SignedPeer(load_key(config.autopilot_key))
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
         store = None if config.state is None else StateStore(config.state, config.name)
         self.companion = Companion(config, ports, journal, self._write_autopilot, nonce, self._show, store, on_board)
         self._commands = VehicleCommands(self.companion, self._show)
         self._links = [(port, link) for port in ports.values() for link in port.links]
+        self._ports = {link: port for port, link in self._links}
+        self._to: Any = None
         self._idle_at = 0.0
+        self._links_at = 0.0
+        self._poll_at = 0.0
+        #: MAVProxy waits for our links; it does not while it has no link to the autopilot
+        self._selected = False
         self._watched: dict[Device, tuple[int, list[int]]] = {}
         for port, link in self._links:
             self._watch(port, link)
@@ -115,8 +128,9 @@ class HandoverModule(mp_module.MPModule):
         self._guarded("message of the autopilot", lambda: self.companion.on_autopilot(m, time.monotonic()))
 
     def _readable(self, where: tuple[StationPort, Device]) -> None:
-        self._guarded("link", lambda: self._read(*where))
-        self._guarded("link", lambda: self._watch(*where))
+        """A link has something to read."""
+        self._guarded("link", partial(self._serve, *where))
+        self._guarded("link", self._stay)
 
     def _command(self, args: list[str]) -> None:
         self._guarded("command", lambda: self._commands.run(args), "handover: internal fault, see the journal")
@@ -147,17 +161,44 @@ class HandoverModule(mp_module.MPModule):
             if line:
                 self._show(line)
 
+    def _stay(self) -> None:
+        """Serve our links while nothing else happens (see `main_loop`)."""
+        descriptors = waited_for(self.mpstate)
+        ours = {fileno: link for link, (fileno, _held) in self._watched.items()}
+        while ready := readable(descriptors, ours, self._idle_at - time.monotonic()):
+            for fileno in ready:
+                link = ours[fileno]
+                self._serve(self._ports[link], link)
+                if link.fileno() != fileno:  # `descriptors` no longer holds
+                    return
+
+    def _serve(self, port: StationPort, link: Device) -> None:
+        self._guarded("link", partial(self._read, port, link))
+        if link.fileno() != self._watched[link][0]:
+            self._watch(port, link)
+
     def _idle(self) -> None:
         self._guarded("side doors", self._close_side_doors)
         now = time.monotonic()
         if now < self._idle_at:  # a round for every frame that comes in: most of them have nothing to do here
             return
         self._idle_at = now + _IDLE_S
-        for where in self._links:  # lines that have to be opened or emptied; all of them while MAVProxy does not select
-            self._readable(where)
+        if now >= self._links_at:
+            self._links_at = now + _LINKS_S
+            self._guarded("links", partial(self._look_after_links, now))
+        if now >= self._poll_at or not self._selected:
+            self._poll_at = now + _POLL_S
+            for port, link in self._links:
+                self._guarded("link", partial(self._serve, port, link))
+                self._guarded("link", partial(self._watch, port, link))
         self.companion.tick(now)
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
+
+    def _look_after_links(self, now: float) -> None:
+        """Links are measured, and it may be another one that leads to the autopilot."""
+        self._selected = bool(waited_for(self.mpstate))
+        self._to = self.master  # a search through all links: not for every frame
         for port in self.companion.ports.values():
             self._guarded("measuring links", partial(self._measure, port, now))
 
@@ -188,11 +229,13 @@ class HandoverModule(mp_module.MPModule):
         self._watched[link] = (fileno, holds)
 
     def _close_side_doors(self, *, tell: bool = True) -> None:
-        for name, value in _SETTINGS.items():
-            if name in self._kept and getattr(self.settings, name) != value:
-                setattr(self.settings, name, value)
+        for setting, value in self._doors:
+            if setting.value != value:
+                name, setting.value = setting.name, value
                 if tell:
                     self._show(f"handover: {name} is set back to {value}: only the gate lets stations through")
+        if not self.mpstate.mav_outputs and not self.mpstate.sysid_outputs:  # in every round: nearly always so
+            return
         for output in _take_outputs(self.mpstate, self.companion.config):
             self._guarded("output", output.close)
             self._show(f"handover: output {output.address} is closed: stations belong in the configuration")
@@ -200,9 +243,10 @@ class HandoverModule(mp_module.MPModule):
     def _write_autopilot(self, data: bytes) -> None:
         if self._autopilot is not None:  # signed once, here: ids and payload stay the sender's
             data = self._autopilot.sign(data, _AUTOPILOT_LINK_ID, time.time(), time.monotonic()) or data
-        master = self.master  # a search through all links, each time
-        if master is not None:  # None after `link remove`
-            master.write(data)
+        if self._to not in self.mpstate.mav_master:
+            self._to = self.master
+        if self._to is not None:  # None after `link remove`
+            self._to.write(data)
 
     def _show(self, text: str) -> None:
         self.console.writeln(text)

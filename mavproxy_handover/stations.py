@@ -55,7 +55,7 @@ class StationPort:
         self._over: dict[str, set[Measure]] = {}
         self._encoder = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=COMPANION_COMPID)
         self._probers = [mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID) for _ in links]
-        self._bundle = LinkBundle(links, self._probe, secrets.randbits)
+        self._bundle = LinkBundle(links, self._probe, secrets.randbits, config.limits)
 
     @property
     def target(self) -> tuple[int, int]:

@@ -184,20 +184,20 @@ class _Flight:
         order = self.order
         try:
             wiring = lay_out(order.folder, order.package, order.folder / "mission", order.scenario)
-            self._start_vehicle()
+            self._start_vehicle(wiring)
             assert self.vehicle is not None
             self._start_programs(wiring, self.vehicle.companion_master)
         except (ConfigError, KeysError, OSError) as error:
             raise SetupError(" ".join(str(error).split())) from None
 
-    def _start_vehicle(self) -> None:
+    def _start_vehicle(self, wiring: Wiring) -> None:
         order, home = self.order, self.order.package.route.home
         script, parameters = guard_files()
         spec = VehicleSpec(
             home=(home.lat_deg, home.lon_deg, home.alt_m, 0.0),
             sysid=SYSID,
             speedup=order.speedup,
-            scripts=(script,),
+            scripts=(script, *wiring.card),
             defaults=(parameters,),
             parameters={"HNDO_CHAN": _COMPANION_CHANNEL, **order.scenario.parameters},
             arducopter=order.arducopter,

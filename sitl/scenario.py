@@ -16,6 +16,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     standard = ["GCSA"]            speaks the MAVLink standard only
     on_board = true                the mission package is there before the flight
     signed = true                  a key for each station
+    guard_key = "same"             the guard's card has a key, and the companion the same one, or "other"
     links = {GCSA = ["wifi", "lte"]}   several links to the vehicle
     impair = {links = ["air", "ground"], seed = 7, loss = 0.2}   through the proxy; any value of Weather
     rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
@@ -61,6 +62,7 @@ __all__ = [
 
 DEFAULT_TIMEOUT_S = 120.0
 CONSENTS = ("automatic", "operator")
+GUARD_KEYS = ("same", "other")
 WORDS: Mapping[str, type[Action]] = {**STEPS, **FAULT_STEPS}
 #: what goes through the proxy: links of the vehicle, links between stations
 IMPAIRED = ("air", "ground")
@@ -74,6 +76,7 @@ _KEYS = (
     "standard",
     "on_board",
     "signed",
+    "guard_key",
     "links",
     "impair",
     "rogue",
@@ -155,6 +158,8 @@ class Scenario:
     on_board: bool = False
     #: every station has a key, and its links are signed
     signed: bool = False
+    #: whether the key on the guard's card is the companion's; empty: there is none
+    guard_key: str = ""
     #: station -> names of its links to the vehicle; those not named have one
     links: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     impair: Impairments | None = None
@@ -217,20 +222,22 @@ def parse_scenario(text: str, file: str) -> Scenario:
         parameters=reader.at("parameters").numbers(reader.table(data, "parameters", {})),
         places=places,
         speedup=speedup,
-        begin=_begin(reader, data),
+        begin=_word(reader, data, "begin", BEGINNINGS),
         standard=reader.value(data, "standard", tuple[str, ...], ()),
         on_board=reader.value(data, "on_board", bool, False),
         signed=reader.value(data, "signed", bool, False),
+        guard_key=_word(reader, data, "guard_key", GUARD_KEYS),
         links=reader.at("links").lists(reader.table(data, "links", {})),
         impair=reader.at("impair").build(Impairments, data["impair"]) if "impair" in data else None,
         rogue=reader.value(data, "rogue", tuple[str, ...], ()),
     )
 
 
-def _begin(reader: Reader, data: Mapping[str, Any]) -> str:
-    word: str = reader.value(data, "begin", str, "")
-    if word and word not in BEGINNINGS:
-        raise reader.error("begin", f"{word!r} must be one of {', '.join(BEGINNINGS)}")
+def _word(reader: Reader, data: Mapping[str, Any], key: str, words: tuple[str, ...]) -> str:
+    """One of these words, or nothing."""
+    word: str = reader.value(data, key, str, "")
+    if word and word not in words:
+        raise reader.error(key, f"{word!r} must be one of {', '.join(words)}")
     return word
 
 

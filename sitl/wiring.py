@@ -87,6 +87,8 @@ class Wiring:
     between: tuple[Program, ...] = ()
     #: links that go through the proxy
     impaired: tuple[str, ...] = ()
+    #: what lies on the autopilot's card beside the guard
+    card: tuple[Path, ...] = ()
 
     def companion(self, master: str) -> Program:
         """The companion, with the autopilot at `master`."""
@@ -151,6 +153,7 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
     between = _Between(ports, scenario)
     ground = {station.name: ports.udp() for station in package.stations}
     keys = _make_keys(folder / "keys", package) if scenario.signed else {}
+    guard_key, card = _guard_keys(folder, scenario)
     entries, stations = [], []
     for station in package.stations:
         labels = scenario.links.get(station.name, ("",))
@@ -180,15 +183,20 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         )
     return Wiring(
         folder,
-        _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(package, mission, scenario, entries)),
+        _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(package, mission, scenario, entries, guard_key)),
         tuple(stations),
         between.programs(folder),
         tuple(proxy["name"] for proxy in between.proxies),
+        card,
     )
 
 
 def _vehicle(
-    package: MissionPackage, mission: Path, scenario: Scenario, stations: list[dict[str, Any]]
+    package: MissionPackage,
+    mission: Path,
+    scenario: Scenario,
+    stations: list[dict[str, Any]],
+    guard_key: Path | None,
 ) -> dict[str, Any]:
     vehicle: dict[str, Any] = {
         "name": COMPANION_NAME,
@@ -201,6 +209,8 @@ def _vehicle(
         vehicle["allow_unsigned"] = True
     if scenario.on_board:
         vehicle["mission"] = str(mission)
+    if guard_key is not None:
+        vehicle["guard_key"] = str(guard_key)
     tables: dict[str, Any] = {"vehicle": vehicle, "station": stations}
     if scenario.limits:
         tables["limits"] = scenario.limits
@@ -247,6 +257,19 @@ def _make_keys(folder: Path, package: MissionPackage) -> dict[str, Path]:
         paths[station.name] = key_path(folder, station.name)
         write_key(paths[station.name], secrets.token_bytes(32))
     return paths
+
+
+def _guard_keys(folder: Path, scenario: Scenario) -> tuple[Path | None, tuple[Path, ...]]:
+    """The companion's file of the guard's key, and what lies on the card: the same key or another one."""
+    if not scenario.guard_key:
+        return None, ()
+    own, card = key_path(folder / "keys", "guard"), folder / "card" / "handover.key"
+    for path in (own, card):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    key = secrets.token_bytes(32)
+    write_key(own, key)
+    write_key(card, key if scenario.guard_key == "same" else secrets.token_bytes(32))
+    return own, (card,)
 
 
 def _write(path: Path, tables: Mapping[str, Any], head: Mapping[str, Any] | None = None) -> Path:

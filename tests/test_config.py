@@ -17,9 +17,17 @@ from mavproxy_handover.config import (
     load_station,
     load_vehicle,
 )
+from mavproxy_handover.config_vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
 from mavproxy_handover.core.events import FlightAction
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Station
+from mavproxy_handover.gate.observers import ObserverLimits
+from mavproxy_handover.link.quality import LinkLimits
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
 
 VEHICLE = """\
 [vehicle]
@@ -45,6 +53,18 @@ links = ["udpout:127.0.0.1:14552"]
 [limits]
 heartbeat_lost_s = 3
 dwell_s = 7.5
+
+[links]
+silence_s = 2
+loss = 0.4
+round_trip_s = 2.5
+bad_signatures = 5
+hold_s = 0.5
+
+[observers]
+message_hz = 2
+bytes_per_s = 1000
+silence_s = 60
 
 [policy]
 out_of_coverage = "land"
@@ -95,6 +115,9 @@ def test_everything_a_vehicle_can_say(file: Path) -> None:
     assert loaded.limits == Limits(
         heartbeat_lost_s=3.0, dwell_s=7.5, out_of_coverage=FlightAction.LAND, guard_required=False
     )
+    links = LinkLimits(silence_s=2.0, loss=0.4, round_trip_s=2.5, bad_signatures=5.0, hold_s=0.5)
+    assert (a.limits, b.limits) == (links, links)
+    assert loaded.observers == ObserverLimits(message_hz=2.0, bytes_per_s=1000.0, silence_s=60.0)
 
 
 def test_the_least_a_vehicle_must_say(file: Path) -> None:
@@ -106,6 +129,8 @@ def test_the_least_a_vehicle_must_say(file: Path) -> None:
     assert (loaded.sysid, loaded.journal.name, loaded.listen_only_outputs) == (1, "handover.jsonl", False)
     assert loaded.limits == Limits()
     assert loaded.limits.guard_required is True
+    assert [entry.limits for entry in loaded.stations] == [LinkLimits()]
+    assert loaded.observers == ObserverLimits()
 
 
 def test_everything_a_station_can_say(file: Path) -> None:
@@ -143,8 +168,13 @@ def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(fi
     text = (Path(config.__file__).parent / "deploy" / "vehicle.toml").read_text()
     lines = [line[2:] if line.startswith("# ") and " = " in line.split("#")[1] else line for line in text.splitlines()]
     file.write_text("\n".join(line for line in lines if not line.startswith("sysids")))
-    assert "\nheartbeat_lost_s" in file.read_text()
-    assert load_vehicle(file).limits == Limits()
+    loaded = load_vehicle(file)
+    assert loaded.limits == Limits()
+    assert {entry.limits for entry in loaded.stations} == {LinkLimits()}
+    assert loaded.observers == ObserverLimits()
+    tables = tomllib.loads(file.read_text())
+    for table, (ranges, _) in RANGES.items():
+        assert list(tables[table]) == list(ranges), "the sample names every limit"
 
 
 # ---- mistakes of the vehicle's file -------------------------------------------------------------------------------
@@ -249,6 +279,47 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
     "limit a text": ("dwell_s = 7.5", 'dwell_s = "7"', "[limits] dwell_s: '7' must be a number"),
     "misspelt limit": ("dwell_s", "dwel_s", "[limits] dwel_s: unknown key; did you mean 'dwell_s'?"),
     "guard as a limit": ("dwell_s = 7.5", "guard_required = false", "[limits] guard_required: unknown key"),
+    "link limit below its range": (
+        "loss = 0.4",
+        "loss = 0",
+        "[links] loss: 0 must be 0.01 to 1",
+    ),
+    "link limit above its range": (
+        "silence_s = 2\n",
+        "silence_s = 61\n",
+        "[links] silence_s: 61 must be 1.5 to 60",
+    ),
+    "link limit a text": (
+        "round_trip_s = 2.5",
+        'round_trip_s = "1"',
+        "[links] round_trip_s: '1' must be a number",
+    ),
+    "misspelt link limit": (
+        "round_trip_s =",
+        "round_trip =",
+        "[links] round_trip: unknown key; did you mean 'round_trip_s'?",
+    ),
+    "unknown link limit": (
+        "hold_s = 0.5",
+        "zzz = 1",
+        "[links] zzz: unknown key; allowed are: silence_s, loss, round_trip_s, bad_signatures, hold_s",
+    ),
+    "links in double brackets": ("[links]", "[[links]]", "[links] must be a table"),
+    "observer limit above its range": (
+        "message_hz = 2",
+        "message_hz = 101",
+        "[observers] message_hz: 101 must be 0.1 to 100",
+    ),
+    "misspelt observer limit": (
+        "bytes_per_s =",
+        "bytes_per_sec =",
+        "[observers] bytes_per_sec: unknown key; did you mean 'bytes_per_s'?",
+    ),
+    "misspelt table of observers": (
+        "[observers]",
+        "[observer]",
+        "unknown table [observer]; did you mean [observers]?",
+    ),
     "unknown policy": (
         'out_of_coverage = "land"',
         'out_of_coverage = "hover"',
@@ -284,14 +355,59 @@ def test_stations_that_are_no_tables(file: Path) -> None:
     assert the_line(file, text, load_vehicle) == "[station 1] must be a table"
 
 
-@pytest.mark.parametrize("key", list(config._RANGES))
-def test_every_limit_has_a_range_that_holds_its_default(file: Path, key: str) -> None:
-    low, high = config._RANGES[key]
-    assert low <= getattr(Limits(), key) <= high
+RANGES = {
+    "limits": (LIMIT_RANGES, Limits()),
+    "links": (LINK_RANGES, LinkLimits()),
+    "observers": (OBSERVER_RANGES, ObserverLimits()),
+}
+
+
+@pytest.mark.parametrize(("table", "key"), [(table, key) for table, (ranges, _) in RANGES.items() for key in ranges])
+def test_every_limit_has_a_range_that_holds_its_default(file: Path, table: str, key: str) -> None:
+    ranges, defaults = RANGES[table]
+    low, high = ranges[key]
+    assert low <= getattr(defaults, key) <= high
     head = VEHICLE[: VEHICLE.index("[limits]")]
+    for inside in (low, high):
+        file.write_text(f"{head}[{table}]\n{key} = {inside}\n")
+        load_vehicle(file)  # what is in range is none that the limits' own checks refuse
     for outside in (low - 1, high + 1):
-        line = the_line(file, f"{head}[limits]\n{key} = {outside:g}\n", load_vehicle)
-        assert line == f"[limits] {key}: {outside:g} must be {low:g} to {high:g}"
+        line = the_line(file, f"{head}[{table}]\n{key} = {outside}\n", load_vehicle)
+        assert line == f"[{table}] {key}: {outside:g} must be {low:g} to {high:g}"
+
+
+def test_no_allowance_of_an_observer_is_below_the_longest_frame() -> None:
+    """MAVLink 2: 10 bytes of header, 255 of payload, 2 of CRC, 13 of signature."""
+    assert OBSERVER_RANGES["bytes_per_s"][0] >= 280
+
+
+@pytest.mark.parametrize("misspelt", ["keys", "Key", "kye"])
+def test_a_misspelt_key_is_named_and_not_only_missed(file: Path, misspelt: str) -> None:
+    """Signing is asked for and the file of the key is there, under a name that nobody reads."""
+    text = with_change(VEHICLE, "allow_unsigned = true\n", "")
+    text = with_change(text, 'name = "GCSA"\n', f'name = "GCSA"\n{misspelt} = "keys/GCSA.key"\n')
+    assert the_line(file, text, load_vehicle) == f"[station 1] {misspelt}: unknown key; did you mean 'key'?"
+
+
+@pytest.mark.parametrize("foreign", ["signature", "passphrase"])
+def test_a_key_of_another_name_altogether_is_named_first_too(file: Path, foreign: str) -> None:
+    text = with_change(VEHICLE, "allow_unsigned = true\n", "")
+    text = with_change(text, 'name = "GCSA"\n', f'name = "GCSA"\n{foreign} = "x"\n')
+    allowed = "name, sysid, links, key, module, sysids"
+    assert the_line(file, text, load_vehicle) == f"[station 1] {foreign}: unknown key; allowed are: {allowed}"
+
+
+def test_a_key_that_is_missing_and_misspelt_nowhere(file: Path) -> None:
+    text = with_change(VEHICLE, "allow_unsigned = true\n", "")
+    assert the_line(file, text, load_vehicle) == (
+        "[station 1] key: is missing: anybody could speak as GCSA; 'handover keys make GCSA' makes one; "
+        "allow_unsigned = true in [vehicle] does without"
+    )
+
+
+def test_a_required_key_that_is_misspelt_is_named_and_not_only_missed(file: Path) -> None:
+    line = the_line(file, with_change(VEHICLE, 'links = ["udpout:127.0.0.1:14552"]', 'link = ["x"]'), load_vehicle)
+    assert line == "[station 2] link: unknown key; did you mean 'links'?"
 
 
 # ---- mistakes of the station's file -------------------------------------------------------------------------------
@@ -332,7 +448,12 @@ STATION_MISTAKES: dict[str, tuple[str, str, str]] = {
     "a peer with our sysid": ("sysid = 252", "sysid = 251", "[[peer]] sysid 251 is given twice"),
     "a peer with the vehicle's sysid": ("sysid = 252", "sysid = 7", "[[peer]] sysid 7 is given twice"),
     "peer in single brackets": ("[[peer]]", "[peer]", "[peer] must be written [[peer]], once for each"),
-    "unknown key of a peer": ("link = ", "links = ", "[peer 1] link: is missing; it must be a text"),
+    "misspelt link of a peer": ("link = ", "links = ", "[peer 1] links: unknown key; did you mean 'link'?"),
+    "peer without a link": (
+        'link = "udpout:127.0.0.1:15552"\n',
+        "",
+        "[peer 1] link: is missing; it must be a text",
+    ),
 }
 
 

@@ -17,17 +17,30 @@
   offered to a station whose zone holds it, and until one has taken it the commander stays, with takeover allowed. Where
   somebody waits for its consent, the release is that.
 * Only the commander can release. CONTROL_STATUS, not the answer, tells who commands.
+* A request that comes again right after it has taken effect is its repetition (the answer was lost on the way): it is
+  answered again and changes nothing (`Echo`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from math import inf
 
 from mavproxy_handover.core.events import ControlRequested, ControlResult
 from mavproxy_handover.core.model import Reason
 
-__all__ = ["ControlDecision", "ControlFacts", "Effect", "judge_control"]
+__all__ = ["ControlDecision", "ControlFacts", "Echo", "Effect", "judge_control", "waiting_s"]
+
+#: least and longest time that a request of operator control may wait for the owner (MAVLink: 3 to 60 s)
+_REQUEST_S = (3.0, 60.0)
+#: a request that comes again this soon after it has taken effect is its repetition
+_ECHO_S = 10.0
+
+
+def waiting_s(wanted_s: float) -> float:
+    """How long a request waits for the owner, in seconds, within what the standard allows."""
+    return min(_REQUEST_S[1], max(_REQUEST_S[0], wanted_s))  # in this order what is no number is the least
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,3 +150,36 @@ def _cannot_take(facts: ControlFacts) -> ControlDecision | None:
     if not facts.grounded and not facts.in_zone:
         return _denied("the aircraft is outside its zone")
     return None
+
+
+#: what is a consent if it comes from the commander; it reads as a request when another one commands
+_CONSENTS = (Effect.CONSENT, Effect.TRANSFER_CONSENTED, Effect.OFFER, Effect.RELEASE)
+
+
+class Echo:
+    """The request by which authority is about to move, or has moved just now. Times are monotonic seconds."""
+
+    __slots__ = ("_request", "_until")
+
+    def __init__(self) -> None:
+        self._request: ControlRequested | None = None
+        #: until when it may be repeated; -inf before it takes effect
+        self._until = -inf
+
+    def note(self, request: ControlRequested, effect: Effect, now: float) -> None:
+        """A request was answered, with this effect."""
+        if effect in _CONSENTS:
+            self._request = request
+            self._until = now + _ECHO_S if effect is Effect.RELEASE else -inf
+
+    def took_effect(self, now: float) -> None:
+        """Authority has moved."""
+        self._until = now + _ECHO_S
+
+    def forget(self) -> None:
+        """Authority does not move by that request."""
+        self._request = None
+
+    def repeats(self, request: ControlRequested, now: float) -> bool:
+        """Whether this is a request that has just taken effect."""
+        return request == self._request and now < self._until

@@ -26,7 +26,6 @@ __all__ = [
     "Event",
     "FlightAction",
     "Fly",
-    "Flush",
     "GuardSeen",
     "GuardState",
     "LinkJudged",
@@ -205,17 +204,13 @@ class Send:
 
 @dataclass(frozen=True, slots=True)
 class ViewChanged:
-    """Authority, phase or epoch changed: the gate judges by this view from here on, and all are told."""
+    """Authority, phase or epoch changed: the gate judges by this view from here on, and all are told.
+
+    What a former commander left open at the autopilot is closed with it.
+    """
 
     view: AuthorityView
     reason: Reason
-
-
-@dataclass(frozen=True, slots=True)
-class Flush:
-    """Close at the autopilot what a former commander left open."""
-
-    station: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,4 +273,4 @@ class Record:
     duration_s: float | None = None
 
 
-Action = Send | ViewChanged | Flush | Fly | BeginStart | StartRefused | ControlAnswer | NotifyOwner | Record
+Action = Send | ViewChanged | Fly | BeginStart | StartRefused | ControlAnswer | NotifyOwner | Record

@@ -3,7 +3,7 @@
 """The words of the system as types: phases, lease states, reasons, and the view that the gate judges by.
 
 Values that travel (phases, lease states, consents, reasons) have the numbers of `wire/handover.xml`;
-`tests/wire/test_dialect.py` compares the two, so neither can drift.
+`tests/test_dialect.py` compares the two, so neither can drift.
 """
 
 from __future__ import annotations
@@ -107,6 +107,7 @@ class AuthorityView:
     """All that the gate needs to judge a frame. Immutable: swapped whole at every change of authority.
 
     `commander` is the sysid whose commands pass, None when nobody's do. `partner` is set during a transfer.
+    `armed`: the autopilot has not said that it is disarmed; what is locked while armed stays locked until it has.
     """
 
     phase: Phase = Phase.ON_LOAD

@@ -165,18 +165,20 @@ class DownlinkPolicy:
                 still_many = open_window is not None and open_window.many and now <= open_window.until
                 windows[msgid] = _Window(now + WINDOW_S, now + LIMIT_S, many or still_many)
 
-    def wanted(self, frame: Frame, station_sysid: int, view: AuthorityView, now: float) -> bool:
-        """Whether a station gets this frame of the vehicle; if so, it is counted as sent.
+    def receivers(self, frame: Frame, stations: Iterable[int], view: AuthorityView, now: float) -> list[int]:
+        """Which of the stations (system ids) get this frame of the vehicle; for them it is counted as sent.
 
         An answer that is one of many extends its window.
         """
         aim = target(frame)
         if _stays_aboard(frame, aim):
-            return False
-        if aim is not None:
-            owner = self._owner.get(aim[0])
-            if owner is not None:
-                return owner == station_sysid
+            return []
+        owner = None if aim is None else self._owner.get(aim[0])
+        if owner is not None:
+            return [station for station in stations if station == owner]
+        return [station for station in stations if self._wanted(frame, station, view, now)]
+
+    def _wanted(self, frame: Frame, station_sysid: int, view: AuthorityView, now: float) -> bool:
         if station_sysid == view.commander:
             self.rates.forget(station_sysid)
             return True

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import NamedTuple
 
 from mavproxy_handover.core.model import AuthorityView, Phase
 from mavproxy_handover.gate.policy import COMPANION_COMPID, MISSION_START, Access, Row, classify
@@ -81,8 +82,7 @@ class StationIdentity:
         object.__setattr__(self, "sysids", everyone)
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+class Verdict(NamedTuple):
     """What becomes of a frame and why. `access` is None if the policy has no row for it.
 
     `what` names the frame for people: "COMMAND_LONG/MAV_CMD_NAV_LAND".

@@ -22,7 +22,7 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
 from pymavlink.generator.mavcrc import x25crc
@@ -55,13 +55,13 @@ _CRC: Final = struct.Struct("<H")
 _STRUCT_ITEM: Final = re.compile(r"(\d*)([a-zA-Z])")
 
 
-@dataclass(frozen=True, slots=True)
-class Frame:
+class Frame(NamedTuple):
     """One whole MAVLink frame.
 
     `payload` has the full length of the message's definition when the id is known: trailing zeros that
     MAVLink 2 left out are there again, and fields newer than our dialect are not. Of an unknown id it is what
     was received. `known` is False only in frames from `parse_one`: their CRC could not be checked.
+    A tuple, because making a frozen dataclass takes longer than checking the frame's CRC.
     """
 
     raw: bytes
@@ -227,6 +227,11 @@ class FrameSplitter:
         self.counters = FrameCounters()
         self._max_buffer = max_buffer
         self._rest = b""
+
+    @property
+    def waiting(self) -> int:
+        """Bytes kept for the next `feed`."""
+        return len(self._rest)
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take the next bytes of the stream; return the frames that they complete, in order."""

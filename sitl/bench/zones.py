@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import shapely
 from shapely.geometry import Polygon
@@ -36,6 +36,8 @@ _PER_LON_M = _PER_LAT_M * math.cos(math.radians(_LAT))
 _SPEED_MPS = 10.0
 _PARENT = 1
 _CHECKS_A_SECOND = 20
+#: a tenth of a processor: the companion has other work, and its computer may be a third as fast as this one
+_MOST_US = 0.1 / _CHECKS_A_SECOND * 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +146,7 @@ def measure(plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
             judge = row.judge_alone(places[len(places) // 2])
             arbiter_us = median([_us_per_call(judge, places, plan.turn_s / 5) for _ in range(3)])
             say(f"{zones} zones of {corners} corners: {comparison.ours:.0f} us a check")
-            yield from_comparison(
+            measurement = from_comparison(
                 "zones",
                 "CPU per check",
                 "us",
@@ -154,4 +156,6 @@ def measure(plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
                     "of_which_arbiter_us": arbiter_us,
                     "part_of_a_processor_at_20_hz": comparison.ours * _CHECKS_A_SECOND / 1e6,
                 },
+                limit=_MOST_US,
             )
+            yield replace(measurement, judged="ours")

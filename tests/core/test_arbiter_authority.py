@@ -49,14 +49,23 @@ class TestParent:
     """The parent becomes the commander on the ground, disarmed, once it has answered CONNECT."""
 
     def test_nobody_commands_at_first(self) -> None:
-        assert Bench().arbiter.view == AuthorityView(Phase.ON_LOAD, None, None, 0, LeaseState.LOST, False, 0)
+        assert Bench().arbiter.view == AuthorityView(Phase.ON_LOAD, None, None, 0, LeaseState.LOST, True, 0)
+
+    def test_an_autopilot_that_has_said_nothing_counts_as_armed(self) -> None:
+        bench = Bench()
+        bench.autopilot = False
+        bench.run(20.0)
+        assert bench.arbiter.view.armed
+        bench.autopilot_says(armed=False, flying=False)
+        assert not bench.arbiter.view.armed
 
     def test_the_parent_takes_up_its_vehicle(self) -> None:
         bench = Bench()
         bench.run(0.0)
         view = AuthorityView(Phase.ON_LOAD, A, None, 1, LeaseState.HELD, False, 0)
         assert bench.arbiter.view == view
-        assert bench.views() == [ViewChanged(view, Reason.PARENT_CONNECTED)]
+        nobody = AuthorityView(Phase.ON_LOAD, None, None, 0, LeaseState.LOST, False, 0)
+        assert bench.views() == [ViewChanged(nobody, Reason.NONE), ViewChanged(view, Reason.PARENT_CONNECTED)]
         assert bench.records("authority") == [
             Record("authority", "GCSA commands, epoch 1", Reason.PARENT_CONNECTED, A),
         ]
@@ -497,6 +506,19 @@ class TestLanding:
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, None, 1, LeaseState.LOST, False, 0)
         bench.run(30.0)
         assert len(bench.flights()) == 1
+        assert [record.text for record in bench.records("emergency")] == ["commander lost: return"]
+        assert bench.records("emergency_over") == []
+
+    def test_what_was_lost_in_the_air_and_comes_back_on_the_ground_is_told_as_over(self) -> None:
+        bench = Bench().on_mission()
+        bench.alive = {B}
+        bench.run(10.0)
+        bench.autopilot_says(armed=False, flying=False)
+        bench.run(10.0)
+        bench.alive = {A, B}
+        bench.run(10.0)
+        assert [record.text for record in bench.records("emergency")] == ["commander lost: return"]
+        assert len(bench.records("emergency_over")) == 1
 
     def test_the_next_flight_has_its_own_emergencies(self) -> None:
         bench = Bench().on_mission()

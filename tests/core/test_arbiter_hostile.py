@@ -146,13 +146,13 @@ def test_anything_in_a_transfer(step: str, story: list[tuple[float, Event | str]
 @given(st.lists(st.tuples(st.sampled_from([C, D]), messages), max_size=40), st.sampled_from([s.name for s in Step]))
 def test_third_stations_cannot_touch_a_transfer(words: list[tuple[int, Message]], step: str) -> None:
     bench = Bench().up_to(step)
-    before, deadline_words = bench.arbiter.view, bench.arbiter._transfer
+    before, deadline_words = bench.arbiter.view, bench.arbiter._authority.transfer
     for station, word in words:
         bench.say(station, word)
     assert bench.arbiter.view == before
-    assert bench.arbiter._transfer is deadline_words
-    assert bench.arbiter._transfer is not None
-    assert bench.arbiter._transfer.step.name == step
+    assert bench.arbiter._authority.transfer is deadline_words
+    assert bench.arbiter._authority.transfer is not None
+    assert bench.arbiter._authority.transfer.step.name == step
     assert {station for _at, station, _m, _attempt in bench.sent()} <= {A, B}
 
 

@@ -12,7 +12,6 @@ import pytest
 from mavproxy_handover.core.events import (
     Cancel,
     FlightAction,
-    Flush,
     Fly,
     PositionSeen,
     Record,
@@ -147,7 +146,6 @@ class TestStepByStep:
         assert bench.arbiter.view == UNDER_WAY
         assert not_records(bench.say(A, DisconnectHandover(KEY))) == [
             ViewChanged(MOVED, Reason.ZONE),
-            Flush(A),
             Send(A, COMMITTED, 1),
             Send(B, COMMITTED, 1),
         ]
@@ -210,7 +208,7 @@ class TestStepByStep:
 
     def test_the_number_wraps_and_is_never_zero(self) -> None:
         bench = Bench().on_mission()
-        bench.arbiter._handover_id = 65534
+        bench.arbiter._authority.handover_id = 65534
         ids = []
         for _ in range(3):
             bench.position(inside(A), inside(B))
@@ -340,7 +338,6 @@ class TestEnds:
         assert [record.reason for record in bench.records("transfer_aborted")] == [reason]
         results = [(station, m) for _at, station, m, _attempt in bench.sent() if isinstance(m, HandoverResult)]
         assert results == [(A, aborted(reason)), (B, aborted(reason))]
-        assert not [action for _at, action in bench.log if isinstance(action, Flush)]
         assert bench.flights() == []
 
     @pytest.mark.parametrize("step", ALL_STEPS)
@@ -536,8 +533,8 @@ class TestNotListenedTo:
             for word in (OnHandover(key), OkHandover(key), DroneConnected(key), DisconnectHandover(key)):
                 assert bench.say(station, word) == []
         assert bench.arbiter.view == UNDER_WAY
-        assert bench.arbiter._transfer is not None
-        assert bench.arbiter._transfer.step.name == step
+        assert bench.arbiter._authority.transfer is not None
+        assert bench.arbiter._authority.transfer.step.name == step
         assert bench.dropped() == {"stale epoch or unknown transfer": 8}
 
     @pytest.mark.parametrize("step", ALL_STEPS)
@@ -553,8 +550,8 @@ class TestNotListenedTo:
             wrong = A if isinstance(word, partners) else B
             assert not_records(bench.say(wrong, word)) == []
         assert bench.arbiter.view == UNDER_WAY
-        assert bench.arbiter._transfer is not None
-        assert bench.arbiter._transfer.step.name == step
+        assert bench.arbiter._authority.transfer is not None
+        assert bench.arbiter._authority.transfer.step.name == step
         assert bench.dropped() == {"not the sender's to say": 12}
 
     def test_the_vehicles_own_messages_sent_back_to_it(self) -> None:

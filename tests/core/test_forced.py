@@ -16,7 +16,6 @@ from mavproxy_handover.core.events import (
     ControlAnswer,
     ControlResult,
     FlightAction,
-    Flush,
     Fly,
     Record,
     Send,
@@ -111,7 +110,6 @@ class TestTaking:
         result = HandoverResult(TransferKey(A, B, 1, 2), B, Outcome.COMMITTED, Reason.COMMANDER_LOST)
         assert not_records(bench.say(B, DroneConnected(KEY))) == [
             ViewChanged(TAKEN, Reason.COMMANDER_LOST),
-            Flush(A),
             Send(A, result, 1),
             Send(B, result, 1),
         ]

@@ -55,7 +55,7 @@ ROUTE = (A, B, A, B, A)
 ALL_STEPS = [step.name for step in Step]
 #: GCSA commanded in epoch 4 when the companion died; seven transfers had been tried, the route was at its third part
 LEFT = Snapshot(A, 4, 7, Phase.ON_MISSION, 2, DIGEST, ROUTE)
-WAITING = AuthorityView(Phase.ON_MISSION, None, None, 5, LeaseState.RECOVERING, False, 7)
+WAITING = AuthorityView(Phase.ON_MISSION, None, None, 5, LeaseState.RECOVERING, True, 7)
 RETURN = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
 
 
@@ -93,6 +93,17 @@ class TestWaiting:
         ]
         assert bench.flights() == []
 
+    def test_what_is_locked_while_armed_stays_locked_until_the_autopilot_has_said_disarmed(self) -> None:
+        bench = started(LEFT)
+        bench.autopilot = False
+        bench.alive = {A}
+        bench.run(1.0)
+        assert (bench.arbiter.view.commander, bench.arbiter.view.armed) == (A, True)
+        bench.autopilot_says(armed=True, flying=True)
+        assert bench.arbiter.view.armed
+        bench.autopilot_says(armed=False, flying=False)
+        assert not bench.arbiter.view.armed
+
     def test_nobody_else_whatever_it_says(self) -> None:
         bench = started(LEFT)
         bench.alive = {B, C}
@@ -105,7 +116,7 @@ class TestWaiting:
                 bench.say(station, word)
             bench.give(bench.request(station, takeover=True))
             bench.give(bench.request(station, give_to=B))
-        assert bench.arbiter.view == replace(WAITING, armed=True)
+        assert bench.arbiter.view == WAITING
 
     def test_a_request_is_answered_with_the_reason(self) -> None:
         # its heartbeat may be on the way: who asks first after the restart must not profit from it
@@ -211,7 +222,7 @@ class TestWhoHadIt:
         bench.run(20.0)
         assert bench.flights() == [RETURN]
         bench.restart()
-        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 2, LeaseState.RECOVERING, False, 0)
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 2, LeaseState.RECOVERING, True, 0)
         bench.give(StationHeard(A))
         assert bench.arbiter.view.commander == A
         assert bench.arbiter.view.epoch == 2
@@ -266,7 +277,7 @@ class TestInATransfer:
     def test_the_commander_stays_whatever_the_step(self, step: str) -> None:
         bench = Bench().up_to(step).restart()
         bench.alive = {B}
-        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, None, None, 2, LeaseState.RECOVERING, False, 1)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, None, None, 2, LeaseState.RECOVERING, True, 1)
         # what was on its way when the companion died arrives now
         for station, word in (
             (B, OnHandover(KEY)),
@@ -278,7 +289,7 @@ class TestInATransfer:
         assert bench.arbiter.view.commander is None
         bench.say(A, OkHandover(KEY))
         bench.say(A, DisconnectHandover(KEY))
-        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 2, LeaseState.HELD, False, 1)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 2, LeaseState.HELD, True, 1)
         assert bench.dropped() == {"stale epoch or unknown transfer": 6}
 
     @pytest.mark.parametrize("step", ALL_STEPS)
@@ -424,7 +435,7 @@ class TestOnTheGround:
 
     def test_nothing_but_the_numbers(self) -> None:
         bench = self.on_ground()
-        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, None, 5, LeaseState.LOST, False, 7)
+        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, None, 5, LeaseState.LOST, True, 7)
         assert bench.arbiter.mission_digest == b""
         assert bench.arbiter.snapshot() == Snapshot(None, 5, 7, Phase.ON_LOAD, 0, b"", (), False, FlightAction.RETURN)
 

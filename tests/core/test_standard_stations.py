@@ -17,7 +17,6 @@ from mavproxy_handover.core.events import (
     ControlAnswer,
     ControlRequested,
     ControlResult,
-    Flush,
     Fly,
     NotifyOwner,
     Send,
@@ -158,7 +157,6 @@ class TestFromOursToStandard:
         result = HandoverResult(TransferKey(A, B, 1, 2), B, Outcome.COMMITTED, Reason.ZONE)
         assert not_records(bench.say(A, DisconnectHandover(KEY))) == [
             ViewChanged(MOVED, Reason.ZONE),
-            Flush(A),
             Send(A, result, 1),
         ]
 
@@ -246,7 +244,6 @@ class TestFromStandardToOurs:
         result = HandoverResult(TransferKey(A, B, 1, 2), B, Outcome.COMMITTED, Reason.ZONE)
         assert not_records(bench.say(B, DroneConnected(KEY, relay=True))) == [
             ViewChanged(MOVED, Reason.ZONE),
-            Flush(A),
             Send(B, result, 1),
         ]
 
@@ -321,7 +318,6 @@ class TestBetweenTwo:
         assert not_records(actions) == [
             ControlAnswer(A, ControlResult.ACCEPTED),
             ViewChanged(MOVED, Reason.ZONE),
-            Flush(A),
         ]
 
     def test_there_and_back_again(self, made: Made) -> None:

@@ -142,7 +142,7 @@ class Gate:
         self.now += 0.01
         self.flusher.heard(frame)
         for station in STATIONS:
-            wanted = self.downlink.wanted(frame, station.sysid, self.view, self.now)
+            wanted = bool(self.downlink.receivers(frame, [station.sysid], self.view, self.now))
             aim = target(frame)
             addressed = aim is not None and aim[0] in station.sysids
             if wanted and station.sysid not in (self.view.commander, self.view.partner) and not addressed:

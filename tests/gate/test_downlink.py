@@ -47,7 +47,7 @@ def say(make: Make) -> Make:
 
 
 def hearers(policy: DownlinkPolicy, frame: Frame, view: AuthorityView, now: float = 0.0) -> list[int]:
-    return [sysid for sysid in (GCSA, GCSB, GCSC) if policy.wanted(frame, sysid, view, now)]
+    return policy.receivers(frame, (GCSA, GCSB, GCSC), view, now)
 
 
 def test_the_commander_hears_everything_and_an_observer_what_concerns_everybody(
@@ -156,14 +156,19 @@ def test_each_of_many_answers_extends_the_window_but_not_for_ever(
 ) -> None:
     policy.asked(make("PARAM_REQUEST_LIST", sysid=GCSB), GCSB, 0.0)
     value = say("PARAM_VALUE")
-    heard = [t for t in range(0, 600, 4) if policy.wanted(value, GCSB, MISSION, float(t))]
+    heard = [t for t in range(0, 600, 4) if policy.receivers(value, [GCSB], MISSION, float(t)) == [GCSB]]
     assert heard == list(range(0, 301, 4))
 
 
 def test_a_list_ends_when_it_pauses_too_long(policy: DownlinkPolicy, say: Make, make: Make) -> None:
     policy.asked(make("PARAM_REQUEST_LIST", sysid=GCSB), GCSB, 0.0)
     value = say("PARAM_VALUE")
-    assert [policy.wanted(value, GCSB, MISSION, t) for t in (4.0, 9.0, 14.1, 14.2)] == [True, True, False, False]
+    assert [policy.receivers(value, [GCSB], MISSION, t) == [GCSB] for t in (4.0, 9.0, 14.1, 14.2)] == [
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_a_single_question_during_a_list_does_not_shorten_the_list(
@@ -172,21 +177,21 @@ def test_a_single_question_during_a_list_does_not_shorten_the_list(
     value = say("PARAM_VALUE")
     policy.asked(make("PARAM_REQUEST_LIST", sysid=GCSB), GCSB, 0.0)
     policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 5.0)  # at its very end
-    assert [policy.wanted(value, GCSB, MISSION, t) for t in (9.0, 13.0, 17.0)] == [True, True, True]
+    assert [policy.receivers(value, [GCSB], MISSION, t) == [GCSB] for t in (9.0, 13.0, 17.0)] == [True, True, True]
 
 
 def test_a_single_question_after_a_list_is_single_again(policy: DownlinkPolicy, say: Make, make: Make) -> None:
     value = say("PARAM_VALUE")
     policy.asked(make("PARAM_REQUEST_LIST", sysid=GCSB), GCSB, 0.0)
     policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 20.0)
-    assert [policy.wanted(value, GCSB, MISSION, t) for t in (24.0, 26.0)] == [True, False]
+    assert [policy.receivers(value, [GCSB], MISSION, t) == [GCSB] for t in (24.0, 26.0)] == [True, False]
 
 
 def test_a_stream_asked_for_once_is_not_a_stream(policy: DownlinkPolicy, say: Make, make: Make) -> None:
     """REQUEST_MESSAGE of something that streams anyway must not subscribe the observer to it."""
     request = make("COMMAND_LONG", sysid=GCSB, command=512, param1=30.0)
     policy.asked(request, GCSB, 0.0)
-    heard = [policy.wanted(say("ATTITUDE"), GCSB, MISSION, t) for t in (1.0, 4.0, 6.0)]
+    heard = [policy.receivers(say("ATTITUDE"), [GCSB], MISSION, t) == [GCSB] for t in (1.0, 4.0, 6.0)]
     assert heard == [True, True, False]
 
 

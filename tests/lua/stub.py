@@ -8,6 +8,8 @@ guard, vehicle and a companion that sends leases on one clock that only the test
 
 from __future__ import annotations
 
+import os
+import re
 import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -18,15 +20,26 @@ from pymavlink.dialects.v20 import all as dialect
 from mavproxy_handover.wire.lease_tag import lease_tag
 from sitl.vehicles.lua_bindings import LuaScripting
 
-GUARD = Path(__file__).parents[2] / "ardupilot_lua" / "handover_guard.lua"
+#: the shipped script, or one with a fault in it (`plant_faults`)
+GUARD = Path(os.environ.get("PLANTED_GUARD") or Path(__file__).parents[2] / "ardupilot_lua" / "handover_guard.lua")
 
 STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE, SMART_RTL, AUTO_RTL = 0, 3, 4, 5, 6, 9, 17, 21, 27
 BY_RC, BY_GCS, BY_BATTERY, BY_EKF, BY_FENCE, BY_AVOIDANCE_END, BY_SCRIPT = 1, 2, 4, 6, 10, 15, 32
 
 HELD, TRANSFER, LOST, RECOVERING = 1, 2, 3, 4
+#: of the guard
+LIVE_STATE = 2
 LEASE_TYPE, STATUS_TYPE = 47116, 47117
 LEASE_LAYOUT, STATUS_LAYOUT = "<BBBBIIIHH", "<BBBBIIIHBB"
 COMPANION_CHANNEL = 1
+
+
+def stated(row: str) -> list[int]:
+    """The numbers in a row of the table Resources on the guard's page."""
+    page = GUARD.with_suffix(".md").read_text(encoding="utf-8")
+    text = re.search(rf"^\| {re.escape(row)} \| ([^|]*) \|", page, re.MULTILINE)
+    assert text is not None, row
+    return [int(number) for number in re.findall(r"\d+", text[1])]
 
 
 class FakeVehicle:
@@ -222,6 +235,8 @@ class Bench:
         *,
         absent: Iterable[str] = (),
         parameters: dict[str, float] | None = None,
+        without: Iterable[str] = (),
+        firmware: tuple[int, int, int] = (4, 7, 0),
         boot_ms: int = 10_000,
         earlier_script: str = "",
         count_instructions: bool = False,
@@ -229,7 +244,10 @@ class Bench:
     ) -> None:
         self.vehicle = FakeVehicle()
         self.vehicle.now_ms = boot_ms
+        self.vehicle.firmware_version = firmware
         self.vehicle.parameters.update(parameters or {})
+        for name in without:  # parameters that this firmware lacks
+            del self.vehicle.parameters[name]
         self.companion = Companion()
         self.sending = False
         self.scripting = LuaScripting(self.vehicle, absent=absent, count_instructions=count_instructions)

@@ -133,6 +133,7 @@ def test_refused_disarm_is_repeated_once_a_second(bench: Bench) -> None:
     bench.vehicle.armed = True
     bench.run(3050)
     assert bench.vehicle.disarms == 4
+    assert bench.status.flags == 3  # enforcing, armed
 
 
 def test_no_disarm_at_a_touch_of_the_ground(bench: Bench) -> None:
@@ -190,3 +191,5 @@ def test_too_many_authorisers_is_said_and_keeps_the_vehicle_down() -> None:
     bench = Bench(earlier_script=greedy).with_lease()
     assert "HNDO: no arming authorisation to be had" in bench.texts
     assert bench.refusal == "Too many auxiliary authorisers"
+    assert bench.status.state == 2  # what the companion is told goes on
+    assert not any("fault" in text for text in bench.texts)

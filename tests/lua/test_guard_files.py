@@ -4,13 +4,17 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
-from tests.lua.stub import GUARD, Bench
+from tests.lua.stub import GUARD, Bench, stated
+from tests.lua.test_guard_flight import BY_HAND, COMMAND, FAILSAFE, PILOT
+from tests.lua.test_guard_tag import keyed_bench
 
 PAGE = GUARD.with_suffix(".md")
 PARAMETER_FILE = GUARD.with_name("handover.parm")
@@ -25,13 +29,17 @@ def source() -> str:
 
 def test_main_function_keeps_to_100_locals(source: str) -> None:
     """ArduPilot's Lua refuses more; the usual Lua allows 200 and would not notice."""
+    assert 50 < _locals(source) <= 95
+
+
+def _locals(source: str) -> int:
     count = 0
     for line in source.splitlines():
         if line.startswith("local function "):
             count += 1
         elif line.startswith("local "):
             count += line.split("=", 1)[0].count(",") + 1
-    assert 50 < count <= 95
+    return count
 
 
 def test_no_global_is_written_and_only_known_bindings_are_read() -> None:
@@ -45,6 +53,61 @@ def test_no_global_is_written_and_only_known_bindings_are_read() -> None:
         check=False,
     )
     assert result.returncode == 0, result.stdout
+
+
+def ardupilot() -> Path:
+    """ArduPilot's source, for what is checked against it."""
+    for folder in (os.environ.get("ARDUPILOT"), Path.home() / "ardupilot"):
+        if folder and (Path(folder) / "libraries" / "AP_Scripting").is_dir():
+            return Path(folder)
+    pytest.skip("no ArduPilot source: set $ARDUPILOT")
+
+
+def test_ardupilots_own_luacheck_rules_are_kept() -> None:
+    """Its configuration knows every binding of its own documentation: a misspelt one is found there, too."""
+    luacheck, source = shutil.which("luacheck"), ardupilot()
+    if luacheck is None:
+        pytest.skip("luacheck is not installed (Debian: lua-check)")
+    rules = ["--config", "libraries/AP_Scripting/tests/luacheck.lua", "--no-color", "--no-cache"]
+    result = subprocess.run(
+        [luacheck, str(GUARD.resolve()), *rules], cwd=source, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_table_key_is_used_by_no_script_of_ardupilot(source: str) -> None:
+    key = re.search(r"^local PARAM_TABLE_KEY = (\d+)$", source, re.MULTILINE)
+    assert key is not None
+    use = re.compile(rf"\b(?:\w*TABLE_KEY\w*\s*=|add_table\s*\()\s*{key[1]}\b")
+    folder = ardupilot() / "libraries" / "AP_Scripting"
+    scripts = [path for path in folder.rglob("*.lua") if path.name != GUARD.name]
+    texts = {path: path.read_text(encoding="utf-8", errors="replace") for path in scripts}
+    assert sum("TABLE_KEY" in text for text in texts.values()) > 30
+    assert [path.name for path, text in texts.items() if use.search(text)] == []
+
+
+def test_modes_and_reasons_are_those_of_arducopter(source: str) -> None:
+    """Numbers that stand in the script, compared with the names in ArduPilot's headers."""
+    folder = ardupilot()
+    reasons = dict(_enumerators(folder / "libraries" / "AP_Vehicle" / "ModeReason.h"))
+    modes = dict(_enumerators(folder / "ArduCopter" / "mode.h"))
+    for name, expected in (("PILOT_REASONS", PILOT), ("FAILSAFE_REASONS", FAILSAFE), ("COMMAND_REASONS", COMMAND)):
+        assert {reasons[word] for word in expected} == set(expected.values()) == _keys(source, name)
+    assert {modes[word] for word in BY_HAND} == set(BY_HAND.values()) == _keys(source, "MANUAL_MODES")
+    returning = {modes[word] for word in ("RTL", "SMART_RTL", "AUTO_RTL")}
+    assert returning == _keys(source, "RETURN_MODES") == {6, 21, 27}
+    assert modes["LAND"] == 9
+
+
+def _enumerators(header: Path) -> list[tuple[str, int]]:
+    found = re.findall(r"^ +([A-Z][A-Z0-9_]+) *= *(\d+),", header.read_text(encoding="utf-8"), re.MULTILINE)
+    return [(name, int(number)) for name, number in reversed(found)]  # of two with a name the first one counts
+
+
+def _keys(source: str, table: str) -> set[int]:
+    text = re.search(rf"^local {table} = {{(.*?)}}", source, re.MULTILINE | re.DOTALL)
+    assert text is not None
+    return {int(number) for number in re.findall(r"\[(\d+)\]=", text[1])}
 
 
 def test_parameters_are_documented_in_script_and_page(source: str) -> None:
@@ -101,3 +164,20 @@ class TestParameterFile:
         lease_timeout = float(re.search(r'bind_add_param\("TIMEOUT", 2, (\d+)\)', source)[1])  # type: ignore[index]
         assert float(values["FS_GCS_TIMEOUT"]) > lease_timeout
         assert int(values["FS_OPTIONS"]) & 0b10011 == 0
+
+
+class TestResources:
+    """What the page says of the script's appetite is what it is: no less, and not much more."""
+
+    def test_local_variables(self, source: str) -> None:
+        assert stated("local variables of the main function") == [_locals(source)]
+
+    def test_instructions_of_an_ordinary_call(self, tmp_path: Path) -> None:
+        plain = Bench(count_instructions=True).with_lease()
+        plain.most_instructions = 0
+        plain.run(5000)
+        keyed = keyed_bench(tmp_path, count_instructions=True).with_lease()
+        keyed.most_instructions = 0
+        keyed.run(5000)
+        for bench, most in zip((plain, keyed), stated("VM instructions in one call, ordinary"), strict=True):
+            assert 0.9 * most <= bench.most_instructions <= most

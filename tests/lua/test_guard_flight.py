@@ -10,10 +10,6 @@ from tests.lua.stub import (
     AUTO,
     AUTO_RTL,
     BRAKE,
-    BY_AVOIDANCE_END,
-    BY_BATTERY,
-    BY_EKF,
-    BY_FENCE,
     BY_GCS,
     BY_RC,
     BY_SCRIPT,
@@ -29,6 +25,21 @@ from tests.lua.stub import (
 )
 
 EXPIRED_STATE, LOST_STATE, LIVE_STATE = 3, 4, 2
+#: flight modes of ArduCopter in which a pilot steers by hand
+BY_HAND = {
+    **{"STABILIZE": 0, "ACRO": 1, "ALT_HOLD": 2, "LOITER": 5, "DRIFT": 11, "SPORT": 13, "FLIP": 14, "POSHOLD": 16},
+    "FLOWHOLD": 22,
+}
+#: those in which nobody does: AUTO, GUIDED, CIRCLE, AUTOTUNE, BRAKE, THROW, AVOID_ADSB, GUIDED_NOGPS, FOLLOW, ZIGZAG
+BY_ITSELF = (3, 4, 7, 15, 17, 18, 19, 20, 23, 24)
+#: ArduPilot's reasons of a mode
+PILOT = {"RC_COMMAND": 1, "TOY_MODE": 18, "FRSKY_COMMAND": 42, "AUX_FUNCTION": 53}
+FAILSAFE = {
+    **{"RADIO_FAILSAFE": 3, "BATTERY_FAILSAFE": 4, "GCS_FAILSAFE": 5, "EKF_FAILSAFE": 6, "GPS_GLITCH": 7},
+    **{"FENCE_BREACHED": 10, "TERRAIN_FAILSAFE": 11, "AVOIDANCE": 14, "TERMINATE": 17, "CRASH_FAILSAFE": 19},
+    **{"FAILSAFE": 25, "DEADRECKON_FAILSAFE": 50},
+}
+COMMAND = {"GCS_COMMAND": 2, "SCRIPTING": 32, "DDS_COMMAND": 52}
 ENFORCING, ARMED, FLYING = 1, 2, 4
 
 
@@ -185,6 +196,19 @@ class TestRefusedMode:
         bench.run(10_000)
         assert bench.vehicle.mode_requests == [LAND] * 5
 
+    def test_after_a_pilot_the_tries_begin_anew(self, bench: Bench) -> None:
+        """What a station does then is undone at once, whatever pause the last refusal has asked for."""
+        bench.vehicle.refused_modes = {RTL}
+        bench.fly()
+        bench.lose_lease()
+        bench.until(lambda: len(bench.vehicle.mode_requests) == 2)
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.run(200)
+        bench.vehicle.refused_modes = set()
+        bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
     def test_pilot_who_takes_over_between_the_tries_is_not_fought(self, bench: Bench) -> None:
         bench.vehicle.refused_modes = {RTL, LAND}
         bench.fly()
@@ -197,31 +221,40 @@ class TestRefusedMode:
 
 
 class TestNothingToDo:
-    @pytest.mark.parametrize("mode", [RTL, SMART_RTL, AUTO_RTL, LAND])
-    def test_already_on_the_way_home_or_landing(self, bench: Bench, mode: int) -> None:
+    @pytest.mark.parametrize(
+        ("mode", "name"), [(RTL, "RTL"), (SMART_RTL, "SMART_RTL"), (AUTO_RTL, "AUTO_RTL"), (LAND, "LAND")]
+    )
+    def test_already_on_the_way_home_or_landing(self, bench: Bench, mode: int, name: str) -> None:
         bench.fly(mode)
         bench.lose_lease()
         bench.run(20_000)
         assert bench.vehicle.mode_requests == []
-        assert bench.status.action == 0
+        assert bench.texts == [f"HNDO: lease lost, in {name}"]
+        # it watches over the return, it has not set it
+        assert (bench.status.action, bench.status.flags) == (0, ENFORCING | ARMED | FLYING)
 
-    @pytest.mark.parametrize("reason", [BY_BATTERY, BY_EKF, BY_FENCE])
+    @pytest.mark.parametrize("reason", FAILSAFE.values(), ids=FAILSAFE)
     def test_a_failsafe_that_acted_before_wins(self, bench: Bench, reason: int) -> None:
         bench.fly(BRAKE, reason)
         bench.lose_lease()
         bench.run(20_000)
         assert bench.vehicle.mode_requests == []
+        assert bench.texts == ["HNDO: lease lost, failsafe acts"]
+        assert bench.status.flags == ARMED | FLYING
 
-    @pytest.mark.parametrize("reason", [BY_BATTERY, BY_EKF, BY_FENCE])
-    def test_a_failsafe_that_acts_afterwards_wins(self, bench: Bench, reason: int) -> None:
+    @pytest.mark.parametrize("mode", [LAND, BRAKE])
+    @pytest.mark.parametrize("reason", FAILSAFE.values(), ids=FAILSAFE)
+    def test_a_failsafe_that_acts_afterwards_wins(self, bench: Bench, reason: int, mode: int) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = LAND, reason
+        bench.vehicle.mode, bench.vehicle.reason = mode, reason
         bench.run(20_000)
         assert bench.vehicle.mode_requests == []
 
-    def test_the_end_of_an_avoidance_is_not_a_failsafe(self, bench: Bench) -> None:
+    @pytest.mark.parametrize("reason", sorted({*range(56)} - {*FAILSAFE.values(), *PILOT.values()}))
+    def test_no_other_reason_is_a_failsafe_or_a_pilot(self, bench: Bench, reason: int) -> None:
+        """The end of a mission, of a brake, of an avoidance, a fence that gives the mode back, ..."""
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_AVOIDANCE_END
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, reason
         bench.run(100)
         assert bench.vehicle.mode == RTL
 
@@ -248,6 +281,7 @@ class TestPilot:
         bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
         bench.run(100)
         assert bench.vehicle.mode == RTL
+        assert bench.status.flags == ENFORCING | ARMED | FLYING
 
     def test_the_next_flight_is_another_matter(self, bench: Bench) -> None:
         lost_in_flight(bench)
@@ -259,9 +293,17 @@ class TestPilot:
         bench.run(100)
         assert bench.vehicle.mode == RTL
 
-    def test_pilot_who_steers_by_hand_when_authority_is_lost_keeps_it(self, bench: Bench) -> None:
+    @pytest.mark.parametrize("reason", PILOT.values(), ids=PILOT)
+    def test_whichever_way_the_pilot_takes_over(self, bench: Bench, reason: int) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, reason
+        bench.run(10_000)
+        assert bench.vehicle.mode_requests == []
+
+    @pytest.mark.parametrize("mode", BY_HAND.values(), ids=BY_HAND)
+    def test_pilot_who_steers_by_hand_when_authority_is_lost_keeps_it(self, bench: Bench, mode: int) -> None:
         bench.vehicle.rc = True
-        bench.fly(LOITER, BY_RC)
+        bench.fly(mode, BY_RC)
         bench.lose_lease()
         bench.run(10_000)
         assert bench.vehicle.mode_requests == []
@@ -273,19 +315,21 @@ class TestPilot:
         bench.run(4000)
         assert bench.vehicle.mode == RTL
 
-    def test_mission_started_by_switch_is_no_pilot_at_the_sticks(self, bench: Bench) -> None:
+    @pytest.mark.parametrize("mode", BY_ITSELF)
+    def test_mission_started_by_switch_is_no_pilot_at_the_sticks(self, bench: Bench, mode: int) -> None:
         bench.vehicle.rc = True
-        bench.fly(AUTO, BY_RC)
+        bench.fly(mode, BY_RC)
         bench.lose_lease()
         bench.run(4000)
         assert bench.vehicle.mode == RTL
 
 
 class TestStationDuringTheLoss:
+    @pytest.mark.parametrize("reason", COMMAND.values(), ids=COMMAND)
     @pytest.mark.parametrize("mode", [AUTO, GUIDED, LOITER, STABILIZE, BRAKE])
-    def test_command_that_leaves_rtl_is_undone(self, bench: Bench, mode: int) -> None:
+    def test_command_that_leaves_rtl_is_undone(self, bench: Bench, mode: int, reason: int) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = mode, BY_GCS
+        bench.vehicle.mode, bench.vehicle.reason = mode, reason
         bench.run(60)
         assert bench.vehicle.mode == RTL
         assert bench.texts == ["HNDO: no authority, mode change undone"]
@@ -304,11 +348,19 @@ class TestStationDuringTheLoss:
         bench.run(60)
         assert bench.vehicle.mode == RTL
 
-    def test_land_by_command_is_undone_without_a_companion(self, bench: Bench) -> None:
+    @pytest.mark.parametrize("reason", COMMAND.values(), ids=COMMAND)
+    def test_land_by_command_is_undone_without_a_companion(self, bench: Bench, reason: int) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = LAND, BY_GCS
+        bench.vehicle.mode, bench.vehicle.reason = LAND, reason
         bench.run(60)
         assert bench.vehicle.mode == RTL
+
+    def test_a_landing_by_the_pilot_or_the_companion_is_watched(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = LAND, BY_RC
+        bench.run(3000)
+        assert bench.texts == ["HNDO: lease lost, in LAND"]
+        assert bench.status.flags == ENFORCING | ARMED | FLYING
 
     def test_the_companion_that_says_lost_may_land(self, bench: Bench) -> None:
         """Return or land is the companion's decision while it lives; its commands look like a station's."""
@@ -356,6 +408,52 @@ class TestAuthorityBack:
         bench.lose_lease()
         bench.run(4000)
         assert bench.vehicle.mode == RTL
+
+    def test_a_second_loss_knows_nothing_of_the_first_one(self, bench: Bench) -> None:
+        """After the guard's RTL a mode by the pilot's switch is a take-over; at a new loss it is a mission like any."""
+        bench.vehicle.rc = True
+        lost_in_flight(bench)
+        bench.sending = True
+        bench.run(500)
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_RC
+        bench.run(3000)
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+
+    def test_stays_in_land_and_says_so(self, bench: Bench) -> None:
+        bench.vehicle.parameters["HNDO_ACTION"] = 3.0
+        bench.fly()
+        bench.lose_lease()
+        bench.run(4000)
+        bench.sending = True
+        bench.run(1000)
+        assert bench.vehicle.mode == LAND
+        assert "HNDO: authority back, staying in LAND" in bench.texts
+
+    def test_a_pilot_is_told_without_a_mode(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.run(1000)
+        bench.sending = True
+        bench.run(1000)
+        assert "HNDO: authority back" in bench.texts
+
+    def test_on_the_ground_there_is_nothing_to_stay_in(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.armed = bench.vehicle.flying = False
+        bench.run(1000)
+        bench.sending = True
+        bench.run(1000)
+        assert not any("authority back" in text for text in bench.texts)
+
+    def test_a_guard_that_is_switched_off_says_no_more_than_that(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.parameters["HNDO_ENABLE"] = 0.0
+        bench.run(3000)
+        bench.vehicle.parameters["HNDO_ENABLE"] = 1.0
+        bench.run(1000)
+        assert bench.texts == ["HNDO: guard disabled"]
 
     def test_a_lease_that_says_lost_does_not_end_the_loss(self, bench: Bench) -> None:
         lost_in_flight(bench)
@@ -419,6 +517,17 @@ class TestOlderFirmware:
         bench.vehicle.mode = LOITER
         bench.run(5000)
         assert bench.vehicle.mode == LOITER
+        assert not any("fault" in text for text in bench.texts)
+
+    def test_without_mode_reason_a_change_out_of_a_return_that_was_found_is_not_fought_either(self) -> None:
+        bench = Bench(absent=["vehicle.get_control_mode_reason"])
+        bench.fly(RTL)
+        bench.lose_lease()
+        bench.run(6000)
+        bench.vehicle.mode = AUTO
+        bench.run(5000)
+        assert bench.vehicle.mode == AUTO
+        assert bench.texts == ["HNDO: lease lost, in RTL", "HNDO: lease lost, mode left alone"]
 
     def test_without_flying_estimate_it_still_returns(self) -> None:
         bench = Bench(absent=["vehicle.get_likely_flying"])
@@ -440,6 +549,15 @@ class TestOlderFirmware:
         bench.vehicle.mode = LOITER
         bench.run(4000)
         assert bench.vehicle.mode == LOITER
+
+    def test_without_flying_estimate_a_return_under_way_is_left_alone(self) -> None:
+        bench = Bench(absent=["vehicle.get_likely_flying"])
+        bench.with_lease()
+        bench.vehicle.armed = True
+        bench.vehicle.mode, bench.vehicle.reason = SMART_RTL, BY_GCS
+        bench.lose_lease()
+        bench.run(10_000)
+        assert bench.vehicle.mode_requests == []
 
     @pytest.mark.parametrize("name", ["FWVersion", "logger", "logger.write", "mavlink.block_command", "rc"])
     def test_it_works_without(self, name: str) -> None:

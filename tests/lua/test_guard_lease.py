@@ -57,6 +57,25 @@ def test_other_channel_is_refused_and_named(bench: Bench) -> None:
     assert bench.refusal == "HNDO: lease refused, channel 2 not 1"
 
 
+def test_channel_0_is_a_channel_like_any(bench: Bench) -> None:
+    bench.vehicle.parameters["HNDO_CHAN"] = 0.0
+    bench.run(100)
+    bench.receive(bench.companion.lease(), channel=1)
+    bench.run(600)
+    assert bench.refusal == "HNDO: lease refused, channel 1 not 0"
+    bench.receive(bench.companion.lease(), channel=0)
+    bench.run(600)
+    assert bench.statuses(channel=0)[-1].state == LIVE
+
+
+def test_a_strange_lease_between_good_ones_is_said(bench: Bench) -> None:
+    bench.with_lease()
+    bench.receive(bench.companion.lease(), channel=2)
+    bench.run(600)
+    assert bench.texts[-1] == "HNDO: strange lease refused, channel 2 not 1"
+    assert bench.may_arm
+
+
 def test_another_system_id_is_refused(bench: Bench) -> None:
     bench.companion.system = 251
     assert refused(bench, bench.companion.lease())
@@ -65,6 +84,28 @@ def test_another_system_id_is_refused(bench: Bench) -> None:
 def test_another_component_is_refused(bench: Bench) -> None:
     bench.companion.component = 190
     assert refused(bench, bench.companion.lease())
+
+
+def test_the_companions_component_is_a_parameter(bench: Bench) -> None:
+    bench.vehicle.parameters["HNDO_COMPID"] = 190.0
+    bench.run(100)
+    bench.receive(bench.companion.lease())
+    bench.run(100)
+    assert bench.refusal == "HNDO: lease refused, component 191"
+    bench.companion.component = 190
+    bench.receive(bench.companion.lease())
+    bench.run(600)
+    assert bench.may_arm
+    assert bench.vehicle.messages[-1][2][3] == 190  # the status goes there, too
+
+
+def test_a_refusal_of_long_ago_is_not_why_arming_is_refused_now(bench: Bench) -> None:
+    bench.receive(bench.companion.lease(), channel=2)
+    bench.run(100)
+    bench.with_lease()
+    bench.sending = False
+    bench.run(5000)
+    assert bench.refusal == "HNDO: lease lost"
 
 
 def test_lease_for_another_system_is_not_delivered(bench: Bench) -> None:
@@ -167,6 +208,13 @@ class TestSequence:
         bench.companion.sequence = 0x80000001
         assert refused(bench, bench.companion.frame())
 
+    def test_the_largest_step_ahead_is_one_less(self, bench: Bench) -> None:
+        bench.receive(bench.companion.lease())
+        bench.companion.sequence = 0x80000000
+        bench.receive(bench.companion.frame())
+        bench.run(600)
+        assert (bench.status.sequence, bench.status.rejected) == (0x80000000, 0)
+
     def test_epoch_does_not_go_back_within_a_nonce(self, bench: Bench) -> None:
         bench.receive(bench.companion.lease())
         assert refused(bench, bench.companion.lease(epoch=6))
@@ -218,6 +266,17 @@ class TestNonce:
         bench.receive(bench.companion.lease(nonce=5, epoch=8))
         bench.run(10_000)
         assert refused(bench, recorded)
+
+    def test_the_last_eight_are_remembered_and_no_more(self, bench: Bench) -> None:
+        """The memory is bounded; what is older has an epoch that keeps it out."""
+        for number in range(10):
+            bench.receive(bench.companion.lease(nonce=100 + number, epoch=20 + number))
+            bench.run(100)
+        bench.vehicle.armed = bench.vehicle.flying = True
+        for nonce, why in ((100, "nonce"), (101, "old nonce"), (108, "old nonce")):
+            bench.run(11_000)  # said once in ten seconds
+            assert refused(bench, bench.companion.lease(nonce=nonce, epoch=20))
+            assert bench.texts[-1] == f"HNDO: lease refused, {why}"
 
     def test_epoch_is_compared_modulo_two_to_the_32(self, bench: Bench) -> None:
         bench.receive(bench.companion.lease(epoch=0xFFFFFFFF))
@@ -301,6 +360,16 @@ class TestChannelAny:
     @pytest.fixture
     def bench(self) -> Bench:
         return Bench(parameters={"HNDO_CHAN": -1.0})
+
+    def test_any_negative_number_means_any_and_the_largest_channel_is_15(self, bench: Bench) -> None:
+        bench.vehicle.parameters["HNDO_CHAN"] = -7.0
+        bench.receive(bench.companion.lease(), channel=15)
+        bench.run(600)
+        assert bench.may_arm
+        bench.vehicle.parameters["HNDO_CHAN"] = 99.0
+        bench.receive(bench.companion.lease(), channel=15)
+        bench.run(600)
+        assert bench.statuses(channel=15)[-1].sequence == 2
 
     def test_any_channel_may_begin(self, bench: Bench) -> None:
         bench.receive(bench.companion.lease(), channel=3)

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import all as dialect
 
-from tests.lua.stub import AUTO, BY_GCS, GUIDED, HELD, LOST, RECOVERING, RTL, TRANSFER, Bench, Companion
+from tests.lua.stub import AUTO, BY_GCS, GUIDED, HELD, LOST, RECOVERING, RTL, TRANSFER, Bench, Companion, stated
 
 COMMAND_LONG, COMMAND_INT, COMMAND_ACK, TUNNEL = 76, 75, 77, 385
 MAV_CMD_SCRIPTING, MAV_RESULT_DENIED = 42701, 2
@@ -139,6 +139,16 @@ class TestRegistrations:
         bench.run(1500)
         assert bench.refusal == "HNDO: another script tampers"
         bench.run(10_500)
+        assert bench.may_arm
+
+    def test_and_not_again_when_the_clock_has_gone_half_way_round(self, bench: Bench) -> None:
+        """A ground time of 25 days: the instant of the tampering then seems to lie ahead."""
+        bench.with_lease()
+        bench.scripting.load_text("mavlink:init(1, 1) return", "wiper.lua")
+        bench.run(12_000)
+        assert bench.may_arm
+        bench.vehicle.now_ms += 0x80000000
+        bench.run(1000)
         assert bench.may_arm
 
     def test_no_free_entry_the_guard_takes_the_first_one_for_the_lease(self, bench: Bench) -> None:
@@ -390,6 +400,7 @@ class TestInstructionBudget:
             self.fill(bench)
             bench.run(100)
         assert 2000 < bench.most_instructions < self.LIMIT
+        assert bench.most_instructions <= stated("VM instructions in one call, receive queue full")[0]
         assert bench.vehicle.removed == []
 
     def test_full_queue_of_frames_refused_early(self, bench: Bench) -> None:

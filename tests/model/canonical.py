@@ -27,9 +27,19 @@ from typing import Any
 
 from gcs_module.core import StationCore, _Part
 from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.authority import Authority
+from mavproxy_handover.core.choice import Candidates
+from mavproxy_handover.core.contacts import Contacts
+from mavproxy_handover.core.control import Echo
+from mavproxy_handover.core.emergency import Emergency
+from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.handover import Handover
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.results import Results, _Pending
+from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Transfer
 from mavproxy_handover.core.zones import ZoneTracker
 
@@ -176,6 +186,13 @@ class _Fixed(_Kind):
         return self._make()
 
 
+class _Shared(_Kind):
+    """Left out: a reference to what is packed elsewhere, made again by `_share`."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return None
+
+
 class _Asked(_Kind):
     """Open questions of CONNECT. The exploration answers the last one at once or never: the older ones stay open."""
 
@@ -234,11 +251,6 @@ class _Class:
             self._agree(value.__dict__.keys())
         return (self._get_plain(value), *[kind.pack(getattr(value, name), shift) for name, kind in self._special])
 
-    def with_special(self, packed: Packed, name: str, value: Any) -> Packed:
-        """The packed state with another value of one of the fields that are not plain."""
-        place = 1 + [each for each, _kind in self._special].index(name)
-        return (*packed[:place], value, *packed[place + 1 :])
-
     def unpack(self, packed: Packed) -> Any:
         value: Any = object.__new__(self._cls)
         plain = zip(self._plain, packed[0], strict=True)
@@ -250,6 +262,37 @@ class _Class:
         for (name, kind), each in zip(self._special, packed[1:], strict=True):
             setattr(value, name, kind.unpack(each))
         return value
+
+
+class _Echo(_Object):
+    """Until when a request may be repeated does not matter where there is none."""
+
+    def __init__(self, cls: type, **kinds: _Kind) -> None:
+        super().__init__(_Class(cls, **kinds))
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return None if value._request is None else super().pack(value, shift)
+
+    def unpack(self, value: Any) -> Any:
+        return Echo() if value is None else super().unpack(value)
+
+
+def _share(arbiter: Arbiter) -> None:
+    """The parts of an arbiter refer to each other: what `_Shared` left out."""
+    flight, authority, candidates, handover = (
+        arbiter._flight,
+        arbiter._authority,
+        arbiter._candidates,
+        arbiter._handover,
+    )
+    presence = arbiter._presence = arbiter._contacts.presence
+    authority._flight = flight
+    candidates._presence = presence
+    for part in (handover, arbiter._requests):
+        part._authority, part._presence, part._candidates = authority, presence, candidates
+    handover._flight = flight
+    arbiter._requests._handover = handover
+    arbiter._start._authority, arbiter._start._flight, arbiter._start._candidates = authority, flight, candidates
 
 
 class Packer:
@@ -307,46 +350,85 @@ class Packer:
             _moved_at=_Ago(limits.dwell_s),
             out_since=_Time(limits.out_hold_s),
         )
-        self._arbiter = _Class(
-            Arbiter,
-            _identity=plain,
-            _limits=plain,
-            _names=names_fixed,
-            _presence=_Objects(presence),
-            _zones=_Object(zones),
-            _nonce=_Fixed(lambda: NONCE - 1),
-            _owner=plain,
-            _owner_lost=plain,
-            _epoch=epoch,
-            _phase=plain,
-            _transfer=_Object(transfer),
-            _handover_id=number,
-            _results=_Object(results),
-            _retry_after=_Times(),
-            _route=plain,
-            _route_at=plain,
-            _digest=plain,
-            _armed=plain,
-            _flying=plain,
-            _weak=_Times(limits.link_weak_s, forget=False),
-            _weak_until=_Times(limits.link_steady_s),
-            _attacked=_Set(),
+        flight = _Class(
+            Flight,
+            _limits=the_limits,
+            armed=plain,
+            flying=plain,
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
+            _stale_told=plain,
             _guard=plain,
             _guard_ours=plain,
             _guard_at=_Ago(limits.guard_lost_s),
-            _starting=plain,
-            _emergency=value,
-            _judged_at=_Ago(limits.out_hold_s),
-            _stale_told=plain,
-            _takeover_allowed=plain,
-            _settled=plain,
-            _settled_until=_Ago(0.0),
-            _released=plain,
+        )
+        authority = _Class(
+            Authority,
+            _flight=_Shared(),
+            names=names_fixed,
+            owner=plain,
+            lost=plain,
+            epoch=epoch,
+            phase=plain,
+            transfer=_Object(transfer),
+            handover_id=number,
+            takeover_allowed=plain,
+            released=plain,
+            recover_until=_Time(0.0),
+            view=value,
+        )
+        contacts = _Class(
+            Contacts,
+            _vehicle=plain,
+            _nonce=_Fixed(lambda: NONCE - 1),
+            _limits=the_limits,
+            presence=_Objects(presence),
+        )
+        links = _Class(
+            Links,
+            _limits=the_limits,
+            _weak=_Times(limits.link_weak_s, forget=False),
+            _weak_until=_Times(limits.link_steady_s),
+            _attacked=_Set(),
+        )
+        candidates = _Class(
+            Candidates,
+            _presence=_Shared(),
+            _limits=the_limits,
+            _retry_after=_Times(),
+            zones=_Object(zones),
+            links=_Object(links),
+            mission=plain,
+        )
+        handover = _Class(
+            Handover,
+            _authority=_Shared(),
+            _flight=_Shared(),
+            _presence=_Shared(),
+            _candidates=_Shared(),
+            _limits=the_limits,
+            results=_Object(results),
+            echo=_Echo(Echo, _request=plain, _until=_Ago(0.0)),
+        )
+        requests = _Class(
+            Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _handover=_Shared()
+        )
+        start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared(), under_way=plain)
+        emergency = _Class(Emergency, _limits=plain, _worst=plain, _judged_at=_Ago(limits.out_hold_s))
+        self._arbiter = _Class(
+            Arbiter,
+            _parent=plain,
+            _limits=the_limits,
+            _flight=_Object(flight),
+            _authority=_Object(authority),
+            _contacts=_Object(contacts),
+            _presence=_Shared(),
+            _candidates=_Object(candidates),
+            _handover=_Object(handover),
+            _requests=_Object(requests),
+            _start=_Object(start),
+            _emergency=_Object(emergency),
             _interrupted=plain,
-            _recover_until=_Time(0.0),
-            _view=value,
             dropped=_Fixed(Counter),
         )
         part = _Class(_Part, key=value, as_partner=plain, consent=plain, connected=plain)
@@ -373,14 +455,12 @@ class Packer:
 
     def pack_arbiter(self, arbiter: Arbiter, shift: Shift = STILL) -> Packed:
         """The arbiter's state, in a frame moved by `shift`."""
-        packed = self._arbiter.pack(arbiter, shift)
-        if arbiter._settled is None:  # there is nothing to be repeated, until whenever
-            packed = self._arbiter.with_special(packed, "_settled_until", NOW)
-        return packed
+        return self._arbiter.pack(arbiter, shift)
 
     def unpack_arbiter(self, packed: Packed) -> Arbiter:
         """An arbiter in this state."""
         arbiter: Arbiter = self._arbiter.unpack(packed)
+        _share(arbiter)
         return arbiter
 
     def pack_station(self, core: StationCore, shift: Shift = STILL) -> Packed:

@@ -18,7 +18,6 @@ from mavproxy_handover.core.events import (
     BeginStart,
     ControlAnswer,
     Event,
-    Flush,
     Fly,
     NotifyOwner,
     Record,
@@ -239,7 +238,7 @@ class Vehicles:
                 self.story.append(f"vehicle: {action.text}")
             elif isinstance(action, ViewChanged):
                 self.story.append(f"vehicle: {_of_view(action.view)}")
-            elif isinstance(action, (Fly, Flush, BeginStart, NotifyOwner, ControlAnswer)):
+            elif isinstance(action, (Fly, BeginStart, NotifyOwner, ControlAnswer)):
                 self.story.append(f"vehicle: {action}")
 
 

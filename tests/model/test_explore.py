@@ -13,10 +13,11 @@ from typing import Any
 import pytest
 
 from gcs_module import core as gcs
-from mavproxy_handover.core import arbiter as arbiter_module
-from mavproxy_handover.core import presence, transfer, zones
+from mavproxy_handover.core import handover, presence, transfer, zones
 from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.events import StationMessage
+from mavproxy_handover.core.handover import Handover
 from mavproxy_handover.core.messages import DisconnectHandover
 from mavproxy_handover.core.model import Consent, Outcome, Reason
 from mavproxy_handover.core.transfer import Cause, End, Step
@@ -62,13 +63,13 @@ def commit_without_release(patch: pytest.MonkeyPatch) -> None:
 
 
 def commit_raises_no_epoch(patch: pytest.MonkeyPatch) -> None:
-    original = Arbiter._advance_route
+    original = Authority.commit
 
-    def forgetful(self: Arbiter, station: int) -> None:
+    def forgetful(self: Authority, station: int) -> None:
         original(self, station)
-        self._epoch -= 1
+        self.epoch -= 1
 
-    patch.setattr(Arbiter, "_advance_route", forgetful)
+    patch.setattr(Authority, "commit", forgetful)
 
 
 def release_by_the_partner(patch: pytest.MonkeyPatch) -> None:
@@ -77,50 +78,50 @@ def release_by_the_partner(patch: pytest.MonkeyPatch) -> None:
     def credulous(message: Any, sender: int) -> Cause | None:
         return Cause.RELEASED if isinstance(message, DisconnectHandover) else original(message, sender)
 
-    patch.setattr(arbiter_module, "cause_of", credulous)
+    patch.setattr(handover, "cause_of", credulous)
 
 
 def forced_while_the_commander_lives(patch: pytest.MonkeyPatch) -> None:
-    original = Arbiter._begin_transfer
+    original = Handover.begin
 
-    def ruthless(self: Arbiter, partner: int, reason: Reason, now: float, actions: Any, **how: Any) -> None:
+    def ruthless(self: Handover, partner: int, reason: Reason, now: float, actions: Any, **how: Any) -> None:
         original(self, partner, reason, now, actions, **{**how, "forced": True})
 
-    patch.setattr(Arbiter, "_begin_transfer", ruthless)
+    patch.setattr(Handover, "begin", ruthless)
 
 
 def restart_grants_at_once(patch: pytest.MonkeyPatch) -> None:
-    original = Arbiter._restore
+    original = Authority.restore
 
-    def generous(self: Arbiter, restored: Any) -> None:
+    def generous(self: Authority, restored: Any) -> None:
         original(self, restored)
-        self._owner_lost, self._recover_until = False, None
-        self._refresh(Reason.RESTARTED, [])
+        self.lost, self.recover_until = False, None
+        self.refresh(Reason.RESTARTED, [])
 
-    patch.setattr(Arbiter, "_restore", generous)
+    patch.setattr(Authority, "restore", generous)
 
 
 def restart_raises_no_epoch(patch: pytest.MonkeyPatch) -> None:
-    original = Arbiter._restore
+    original = Authority.restore
 
-    def forgetful(self: Arbiter, restored: Any) -> None:
+    def forgetful(self: Authority, restored: Any) -> None:
         original(self, restored)
-        self._epoch -= 1
-        self._refresh(Reason.RESTARTED, [])
+        self.epoch -= 1
+        self.refresh(Reason.RESTARTED, [])
 
-    patch.setattr(Arbiter, "_restore", forgetful)
+    patch.setattr(Authority, "restore", forgetful)
 
 
 def any_epoch_will_do(patch: pytest.MonkeyPatch) -> None:
-    original = Arbiter._on_transfer_message
+    original = Handover.on_message
 
-    def lenient(self: Arbiter, event: StationMessage, now: float, actions: Any) -> None:
+    def lenient(self: Handover, event: StationMessage, now: float, actions: Any) -> str | None:
         message: Any = event.message
-        if self._transfer is not None:
-            event = StationMessage(event.station, shown_with(message, self._transfer.key))
-        original(self, event, now, actions)
+        if self._authority.transfer is not None:
+            event = StationMessage(event.station, shown_with(message, self._authority.transfer.key))
+        return original(self, event, now, actions)
 
-    patch.setattr(Arbiter, "_on_transfer_message", lenient)
+    patch.setattr(Handover, "on_message", lenient)
 
 
 def shown_with(message: Any, key: Any) -> Any:
@@ -153,7 +154,7 @@ def lost_too_soon(patch: pytest.MonkeyPatch) -> None:
 
 
 def lost_and_nobody_takes_it(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Arbiter, "_seek_successor", lambda self, now, actions: None)
+    patch.setattr(Handover, "_seek_successor", lambda self, lost, now, actions: None)
 
 
 def the_first_position_counts_as_entry(patch: pytest.MonkeyPatch) -> None:
@@ -161,7 +162,7 @@ def the_first_position_counts_as_entry(patch: pytest.MonkeyPatch) -> None:
 
 
 def an_epoch_that_is_never_learnt(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Arbiter, "_learn_epoch", lambda self, station, epoch, actions: None)
+    patch.setattr(Authority, "learn_epoch", lambda self, station, epoch, actions: None)
 
 
 def told_before_the_gate(patch: pytest.MonkeyPatch) -> None:

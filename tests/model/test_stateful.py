@@ -30,6 +30,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_sta
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter, Identity
+from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
@@ -237,7 +238,7 @@ class World(RuleBasedStateMachine):
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
     def _give(self, event: Event) -> None:
-        before, transfer = self.arbiter.view, self.arbiter._transfer
+        before, transfer = self.arbiter.view, self.arbiter._authority.transfer
         dropped = self.arbiter.dropped.total()
         actions = self.arbiter.handle(event, self.now)
         self.watch.saw(event, actions, self.now)
@@ -273,7 +274,7 @@ class World(RuleBasedStateMachine):
         if view.commander is not None:
             # in one epoch one station, over all restarts
             assert self.commanded.setdefault(view.epoch, view.commander) == view.commander
-        transfer = self.arbiter._transfer
+        transfer = self.arbiter._authority.transfer
         if transfer is not None:
             others = {key for key in self.transfers if key.handover_id == transfer.key.handover_id}
             assert others <= {transfer.key}, "a transfer number came twice"
@@ -512,14 +513,14 @@ def a_silent_commander_taken_for_a_consenting_one(patch: pytest.MonkeyPatch) -> 
 
 
 def a_restart_that_gives_authority(patch: pytest.MonkeyPatch) -> None:
-    restore = Arbiter._restore
+    restore = Authority.restore
 
-    def at_once(self: Arbiter, restored: Snapshot) -> None:
+    def at_once(self: Authority, restored: Snapshot) -> None:
         restore(self, restored)
-        self._owner_lost, self._recover_until = False, None
-        self._refresh(Reason.NONE, [])
+        self.lost, self.recover_until = False, None
+        self.refresh(Reason.NONE, [])
 
-    patch.setattr(Arbiter, "_restore", at_once)
+    patch.setattr(Authority, "restore", at_once)
 
 
 def a_restart_that_forgets_the_numbers(patch: pytest.MonkeyPatch) -> None:

@@ -46,9 +46,9 @@ HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "the console": lambda b, patch: patch.setattr(b.mpstate.console, "writeln", broken),
     "the side doors": lambda b, patch: patch.setattr(b.module, "_close_side_doors", broken),
     "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.aircraft, "take", broken),
-    "the downlink": lambda b, patch: patch.setattr(b.companion._downlink, "wanted", broken),
+    "the downlink": lambda b, patch: patch.setattr(b.companion._downlink, "receivers", broken),
     "the telemetry": lambda b, patch: patch.setattr(b.companion.aircraft, "telemetry", broken),
-    "the zone finder": lambda b, patch: patch.setattr(b.companion, "zone_facts", broken),
+    "the zone finder": lambda b, patch: patch.setattr(b.companion.autopilot, "zone_facts", broken),
     "a conversation": lambda b, patch: patch.setattr(
         b.companion._conversations, "_running", {"load": (BrokenDialogue(), broken)}
     ),
@@ -115,7 +115,7 @@ def test_an_action_that_breaks_does_not_take_those_behind_it_along(
     bench.load()
     monkeypatch.setattr(bench.companion, "_send_authority_status", broken)
     bench.until(lambda: bench.companion.view.commander == 251)
-    assert bench.companion.faults["action ViewChanged"] == 1
+    assert bench.companion.faults["action ViewChanged"] == 2  # disarmed, then the grant
     bench.run(2.0)
     assert bench.companion.arbiter.connected(252, bench.clock.now)
     monkeypatch.undo()
@@ -181,6 +181,82 @@ def test_a_start_that_is_under_way_ends_with_the_arbiter(
     assert mavlink.MAV_CMD_COMPONENT_ARM_DISARM not in bench.autopilot.commands()
     assert bench.a.acks(START)[-1] == mavlink.MAV_RESULT_FAILED
     assert "START failed: internal fault" in bench.a.texts()
+
+
+@pytest.fixture
+def airborne(bench: Bench, delivery: MissionPackage) -> Bench:
+    """In flight, and GCSA has sticks, a velocity and an upload open at the autopilot."""
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.0)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.run(0.5)
+    bench.a.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, *[65535] * 17))
+    velocity = 0b1101_1100_0111
+    bench.a.send(mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, velocity, 0, 0, 0, 5, *[0] * 7))
+    bench.a.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 2))
+    bench.run(0.1)
+    assert len(bench.autopilot.got("MISSION_COUNT", 251)) == 1
+    bench.autopilot.received.clear()
+    return bench
+
+
+def test_what_the_commander_had_open_is_closed_when_the_arbiter_breaks(
+    airborne: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody is left who would release the sticks, and the way home must not wait for the autopilot's time-outs."""
+    with monkeypatch.context() as patch:
+        patch.setattr(airborne.companion.arbiter, "handle", broken)
+        airborne.run(1.0)
+    assert airborne.companion.failed
+    closed = [m for m in airborne.autopilot.received if m.get_srcSystem() == 251]
+    assert [m.get_type() for m in closed] == [
+        "RC_CHANNELS_OVERRIDE",
+        "SET_POSITION_TARGET_GLOBAL_INT",
+        "MISSION_COUNT",
+    ]
+    assert (closed[0].chan1_raw, closed[1].vx, closed[2].count) == (0, 0.0, 65535)
+    home = next(m for m in airborne.autopilot.received if m.get_type() == "COMMAND_LONG" and m.command == MODE)
+    assert airborne.autopilot.received.index(closed[-1]) < airborne.autopilot.received.index(home)
+    assert airborne.autopilot.mode == RTL_MODE
+    assert [entry["text"] for entry in airborne.journal("flush")] == [
+        "RC override released (GCSA)",
+        "guided stream stopped (GCSA)",
+        "unfinished rally upload ended (GCSA)",
+    ]
+
+
+@pytest.mark.parametrize("part", ["flush", "end of START", "console"])
+def test_the_way_home_is_commanded_although_more_than_the_arbiter_breaks(
+    airborne: Bench, part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    companion = airborne.companion
+    with monkeypatch.context() as patch:
+        patch.setattr(companion.arbiter, "handle", broken)
+        if part == "flush":
+            patch.setattr(companion._flusher, "flush", broken)
+        elif part == "console":
+            patch.setattr(airborne.mpstate.console, "writeln", broken)
+        else:
+            patch.setattr(companion._orders, "give_start_up", once_broken(companion._orders.give_start_up))
+        airborne.run(1.0)
+    assert airborne.companion.failed
+    assert airborne.companion.faults[part] == 1
+    assert airborne.autopilot.mode == RTL_MODE
+
+
+def once_broken(original: Callable[..., None]) -> Callable[..., None]:
+    """Breaks at the first call: the way home ends a START too."""
+    calls: list[Any] = []
+
+    def call(*arguments: Any) -> None:
+        calls.append(arguments)
+        if len(calls) == 1:
+            broken()
+        original(*arguments)
+
+    return call
 
 
 # ---- odd things from MAVProxy -------------------------------------------------------------------------------------

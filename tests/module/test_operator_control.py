@@ -467,7 +467,7 @@ def test_a_fault_while_answering_costs_that_answer(ground: Bench, monkeypatch: p
         raise RuntimeError("a bug")
 
     with monkeypatch.context() as patch:
-        patch.setattr(ground.companion, "_answer_control", broken)
+        patch.setattr(ground.companion._control, "answer", broken)
         request(ground.b)
         ground.run(0.5)
     assert ground.companion.faults == {"action ControlAnswer": 1}

@@ -293,7 +293,7 @@ class TestInATransfer:
     def until_message(flight: Bench, direction: str, name: str) -> None:
         """Stop the world when this message has been sent or taken in, and what it has led to at once is done."""
         companion = flight.companion
-        original = companion._journal_message
+        original = companion._narrator.message
 
         seen = []
 
@@ -302,7 +302,7 @@ class TestInATransfer:
             if (way, codec.name_of(message)) == (direction, name):
                 seen.append(name)
 
-        companion._journal_message = watching
+        companion._narrator.message = watching
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: seen)
         assert companion.view.commander == 251, "too late: it has committed in the same round"
@@ -433,7 +433,7 @@ class TestBadState:
         monkeypatch.setattr(state_store, "from_bytes", lambda data: _Other())
         flight.load()
         flight.run(2.0)
-        assert flight.companion.zone_facts() == ()
+        assert flight.companion.autopilot.zone_facts() == ()
         assert flight.journal("state_lost")
 
 

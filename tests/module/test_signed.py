@@ -94,7 +94,7 @@ def test_an_unsigned_command_does_not_reach_the_autopilot(signed: SignedBench) -
     signed.run(1.0)
     assert not any(m.get_type() == "COMMAND_LONG" and m.command == 21 for m in signed.autopilot.received)
     assert signed.a.acks(mavlink.MAV_CMD_NAV_LAND) == []
-    assert ("COMMAND_LONG", SignatureVerdict.UNSIGNED.value) in refusals(signed)
+    assert ("COMMAND_LONG/MAV_CMD_NAV_LAND", SignatureVerdict.UNSIGNED.value) in refusals(signed)
 
 
 def test_a_replayed_command_is_not_obeyed_twice(signed: SignedBench) -> None:
@@ -106,7 +106,46 @@ def test_a_replayed_command_is_not_obeyed_twice(signed: SignedBench) -> None:
         signed.run(0.5)
     landings = [m for m in signed.autopilot.received if m.get_type() == "COMMAND_LONG" and m.command == 21]
     assert len(landings) == 1
-    assert ("COMMAND_LONG", SignatureVerdict.REPLAYED.value) in refusals(signed)
+    assert ("COMMAND_LONG/MAV_CMD_NAV_LAND", SignatureVerdict.REPLAYED.value) in refusals(signed)
+
+
+FORGED = {
+    "COMMAND_LONG/MAV_CMD_COMPONENT_ARM_DISARM": mavlink.MAVLink_command_long_message(1, 1, 400, 0, *[0] * 7),
+    "COMMAND_LONG/MAV_CMD_MISSION_START": mavlink.MAVLink_command_long_message(1, 1, 300, 0, *[0] * 7),
+    "COMMAND_LONG/54321": mavlink.MAVLink_command_long_message(1, 1, 54321, 0, *[0] * 7),
+    "COMMAND_INT/MAV_CMD_DO_REPOSITION": mavlink.MAVLink_command_int_message(1, 1, 3, 192, 0, 0, *[0] * 7),
+    "SET_MODE": mavlink.MAVLink_set_mode_message(1, 1, 6),
+    "PARAM_SET/FS_GCS_ENABLE": mavlink.MAVLink_param_set_message(1, 1, b"FS_GCS_ENABLE", 0.0, 9),
+    "MISSION_CLEAR_ALL/MISSION": mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
+    "RC_CHANNELS_OVERRIDE": mavlink.MAVLink_rc_channels_override_message(1, 1, *[1500] * 18),
+    "SET_GPS_GLOBAL_ORIGIN": mavlink.MAVLink_set_gps_global_origin_message(1, 1, 1, 1),
+}
+
+
+@pytest.mark.parametrize("what", list(FORGED))
+def test_the_journal_says_what_a_forged_frame_would_have_done(signed: SignedBench, what: str) -> None:
+    signed.connect()
+    signed.autopilot.received.clear()
+    sign_with(signed.a, KEY_B)
+    signed.a.alive = False
+    signed.a.send(FORGED[what])
+    signed.run(0.2)
+    (entry,) = signed.journal("refused")
+    assert (entry["what"], entry["reason"], entry["answered"]) == (what, SignatureVerdict.BAD.value, False)
+    assert entry["text"] == f"{what} of GCSA refused: {SignatureVerdict.BAD.value}"
+    assert {m.get_srcSystem() for m in signed.autopilot.received} == {1}, "words for people, and nothing else"
+
+
+def test_a_flood_of_forged_commands_is_an_entry_a_second_whatever_they_carry(signed: SignedBench) -> None:
+    signed.connect()
+    sign_with(signed.a, KEY_B)
+    signed.a.alive = False
+    for command in (*range(12), 1012):
+        signed.run(1.0 if command == 1012 else 0.05)
+        signed.a.command(command)
+    signed.run(0.1)
+    entries = [(entry["what"], entry.get("also")) for entry in signed.journal("refused")]
+    assert entries == [("COMMAND_LONG/0", None), ("COMMAND_LONG/1012", 11)]
 
 
 def test_a_replay_of_the_run_before_is_refused_after_a_restart(signed: SignedBench) -> None:

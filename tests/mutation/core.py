@@ -42,7 +42,17 @@ PACKAGE = "mavproxy_handover.core"
 #: module -> the tests that notice its faults soonest
 FIRST = {
     "transfer": ("test_transfer.py", "test_arbiter_transfer.py", "test_standard_stations.py", "test_forced.py"),
-    "arbiter": ("test_arbiter_transfer.py", "test_arbiter_authority.py", "test_restart.py", "test_arbiter_start.py"),
+    "arbiter": ("test_arbiter_authority.py", "test_arbiter_safety.py", "test_restart.py", "test_arbiter_transfer.py"),
+    "authority": ("test_arbiter_authority.py", "test_restart.py", "test_control.py", "test_arbiter_transfer.py"),
+    "handover": ("test_arbiter_transfer.py", "test_forced.py", "test_standard_stations.py", "test_control.py"),
+    "choice": ("test_arbiter_transfer.py", "test_forced.py", "test_control.py", "test_link_quality.py"),
+    "mission": ("test_arbiter_safety.py", "test_control.py", "test_restart.py"),
+    "contacts": ("test_arbiter_authority.py", "test_presence.py"),
+    "requests": ("test_control.py", "test_standard_stations.py", "test_forced.py"),
+    "start": ("test_start.py", "test_arbiter_start.py", "test_control.py", "test_arbiter_safety.py"),
+    "flight": ("test_arbiter_start.py", "test_arbiter_safety.py", "test_arbiter_authority.py"),
+    "emergency": ("test_emergency.py", "test_arbiter_safety.py", "test_arbiter_authority.py", "test_restart.py"),
+    "links": ("test_link_quality.py",),
     "zones": ("test_zones.py", "test_arbiter_safety.py"),
     "phases": ("test_phases.py",),
     "safety": ("test_safety.py", "test_arbiter_safety.py"),

@@ -13,7 +13,7 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -157,6 +157,9 @@ class Flight:
         slow = speedup == 1
         self.lease["ttl_ms"] = 5000 if slow else 60000
         self.set_parameter("HNDO_TIMEOUT", 3 if slow else 30)
+        # nothing that was due by the old pace is late by the new one: the autopilot would miss its station
+        self.speedup = max(self.speedup, speedup)
+        self._lease_due = self._heartbeat_due = 0.0
         self.set_parameter("SIM_SPEEDUP", speedup)
         self.speedup = speedup
         self.run(1)
@@ -287,10 +290,15 @@ def _rc_port(pid: int) -> int:
 
 
 @contextmanager
-def flying(directory: Path, key: Path | None = None) -> Iterator[Flight]:
-    """ArduCopter with the guard, and its status heard; `key`: a file handover.key beside the script."""
-    scripts = (GUARD,) if key is None else (GUARD, key)
-    spec = VehicleSpec(home=HOME, speedup=SPEEDUP, scripts=scripts, defaults=(PARAMETERS,))
+def flying(directory: Path, *beside: Path, parameters: Mapping[str, float] | None = None) -> Iterator[Flight]:
+    """ArduCopter with the guard, and its status heard; `beside`: files beside the script, a key or another script."""
+    spec = VehicleSpec(
+        home=HOME,
+        speedup=SPEEDUP,
+        scripts=(GUARD, *beside),
+        defaults=(PARAMETERS,),
+        parameters=parameters or {},
+    )
     vehicle = launch("arducopter", spec, directory)
     try:
         flight = Flight(vehicle)
@@ -333,14 +341,33 @@ def upload(flight: Flight, places: list[tuple[int, int, int, float]], kind: int)
                 done = True
 
 
-def guard_records(directory: Path) -> list[Any]:
-    """The HNDO records of the flight's dataflash log, in order."""
-    records = []
+def records(directory: Path, *kinds: str) -> list[Any]:
+    """The records of these kinds in the flight's dataflash log, in order."""
+    found = []
     for path in sorted((directory / "logs").glob("*.BIN")):
         log = DFReader.DFReader_binary(str(path))
         try:
-            while (record := log.recv_match(type="HNDO")) is not None:
-                records.append(record)
+            while (record := log.recv_match(type=list(kinds))) is not None:
+                found.append(record)
         finally:
             log.close()
-    return records
+    return found
+
+
+def guard_records(directory: Path) -> list[Any]:
+    """The HNDO records of the flight's dataflash log, in order."""
+    return records(directory, "HNDO")
+
+
+def actions_logged(directory: Path) -> list[tuple[int, int, float]]:
+    """Each time that the guard began to act: its state, the age of the lease then, and how long the state had lasted,
+    both in milliseconds of the autopilot's own clock. The record is written in the very call that acts."""
+    found = []
+    before = since = None
+    for record in guard_records(directory):
+        if since is None or record.St != since.St:
+            since = record
+        if record.Ac and before is not None and not before.Ac:
+            found.append((record.St, record.Age, (record.TimeUS - since.TimeUS) / 1000))
+        before = record
+    return found

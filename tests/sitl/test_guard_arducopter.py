@@ -32,11 +32,16 @@ from tests.sitl.guard_flight import (
     WAITING,
     Flight,
     Wire,
+    actions_logged,
     flying,
     guard_records,
+    records,
     tunnel,
     upload_mission,
 )
+
+#: reason of a mode, in the autopilot's log
+SCRIPTING = 32
 
 pytestmark = [
     pytest.mark.sitl,
@@ -75,7 +80,8 @@ def test_no_lease_no_arming_then_lease_allows_it(flight: Flight) -> None:
     assert flight.status[2] == 4
 
 
-def test_lease_lost_in_guided_flight(flight: Flight) -> None:
+def test_lease_lost_in_guided_flight_and_again_in_auto(flight: Flight, tmp_path: Path) -> None:
+    upload_mission(flight)
     flight.take_off()
     flight.real_time()
     assert flight.status[4:7][0] == 0xF00DCAFE
@@ -103,6 +109,22 @@ def test_lease_lost_in_guided_flight(flight: Flight) -> None:
     flight.run(3)
     assert flight.mode == GUIDED
 
+    # flies its mission, which needs no station, and the lease is lost again
+    assert flight.set_mode(AUTO) == ACCEPTED
+    flight.run(3)
+    assert flight.mode == AUTO
+    flight.texts.clear()
+    flight.sending = False
+    flight.until(lambda: flight.mode == RTL, 5, "RTL out of AUTO")
+    flight.until(lambda: flight.said("HNDO: lease lost, RTL"), 3, "text")
+    flight.run(2)
+    flight.close()
+
+    # by the autopilot's own clock, from the last lease to the mode: the time-out, and 0.2 s at most
+    logged = actions_logged(tmp_path)
+    assert [state for state, _, _ in logged] == [EXPIRED, EXPIRED]
+    assert all(3000 <= age_ms <= 3200 for _, age_ms, _ in logged), logged
+
 
 def test_authority_lost_in_auto_then_landing_and_no_further_arming(flight: Flight, tmp_path: Path) -> None:
     upload_mission(flight)
@@ -120,7 +142,7 @@ def test_authority_lost_in_auto_then_landing_and_no_further_arming(flight: Fligh
 
     flight.pace(HURRY)
     flight.until(lambda: not flight.armed, 200, "landed and disarmed")
-    assert flight.mode == RTL
+    assert flight.mode == RTL, flight.texts[-12:]
     assert flight.arm() == FAILED
     flight.until(lambda: flight.said("HNDO: no station has authority"), 3, "text")
     flight.close()
@@ -133,6 +155,12 @@ def test_authority_lost_in_auto_then_landing_and_no_further_arming(flight: Fligh
     # state, action, commander, armed and flying: ready, armed, airborne, nobody commands, RTL, disarmed
     story = [(2, 0, 251, 0), (2, 0, 251, 2), (2, 0, 251, 6), (4, 0, 0, 6), (4, 1, 0, 6), (4, 1, 0, 0)]
     assert told in (story, story[:-1])  # the last record may still be on its way to the file
+    # HNDO_LOST_T by the autopilot's own clock, while the leases that say so go on
+    ((state, age_ms, lasted_ms),) = actions_logged(tmp_path)
+    assert (state, age_ms < 1000) == (LOST_STATE, True)
+    assert 2900 <= lasted_ms <= 3200
+    modes = [(record.Mode, record.Rsn) for record in records(tmp_path, "MODE")]
+    assert (RTL, SCRIPTING) in modes
 
 
 def test_forged_leases_do_not_keep_it_alive(flight: Flight) -> None:

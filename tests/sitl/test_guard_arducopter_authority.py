@@ -7,6 +7,7 @@ Needs an ArduCopter SITL program (`$ARDUCOPTER`, PATH, or ~/ardupilot/build/sitl
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +21,9 @@ from mavproxy_handover.wire.lease import Lease, pack_lease
 from sitl.vehicles.base import find_arducopter
 from tests.sitl.guard_flight import (
     ACCEPTED,
+    EXPIRED,
     FAILED,
+    GUARD,
     GUIDED,
     HELD,
     HOME,
@@ -32,6 +35,7 @@ from tests.sitl.guard_flight import (
     Flight,
     Transmitter,
     Wire,
+    actions_logged,
     flying,
     tunnel,
     upload,
@@ -47,6 +51,8 @@ pytestmark = [
 
 KEY = bytes(range(32))
 RALLY_POINT, SET_HOME = 5100, 179
+#: rows of the page's table
+_MEMORY = ("while it is loaded", "in flight")
 #: 400 m in degrees of latitude, times 1e7
 NORTH_400_M = 35_930
 
@@ -68,7 +74,7 @@ def _last(flight: Flight, kind: str) -> Any:
 
 
 def test_lease_lost_in_loiter_goes_to_the_rally_point_and_the_pilot_who_takes_over_is_left_alone(
-    flight: Flight,
+    flight: Flight, tmp_path: Path
 ) -> None:
     latitude, longitude = int(HOME[0] * 1e7), int(HOME[1] * 1e7)
     upload(flight, [(RALLY_POINT, latitude + NORTH_400_M, longitude, 30.0)], 2)
@@ -110,6 +116,10 @@ def test_lease_lost_in_loiter_goes_to_the_rally_point_and_the_pilot_who_takes_ov
         flight.until(lambda: flight.mode == RTL, 3, "RTL")
     finally:
         pilot.close()
+    flight.close()
+    state, age_ms, _ = actions_logged(tmp_path)[0]
+    assert state == EXPIRED
+    assert 3000 <= age_ms <= 3200  # the autopilot's clock
 
 
 def test_the_autopilots_own_failsafe_watches_the_new_commander_and_a_restarted_companion_goes_on(
@@ -171,6 +181,95 @@ def test_leases_from_another_wire_change_nothing_while_real_ones_flow(flight: Fl
     assert flight.status[5] != before[5]
     flight.until(lambda: flight.said("HNDO: strange lease refused, channel 0 not 1"), 3, "text")
     assert flight.parameter("MAV_GCS_SYSID") == 251
+
+
+def test_damaged_leases_on_the_companions_own_wire_change_nothing_while_real_ones_flow(flight: Flight) -> None:
+    flight.sending = True
+    flight.until(lambda: flight.is_state(LIVE), 90, "lease live")
+    recorded = flight.send_lease()
+
+    def forged(**changes: int) -> Any:
+        """A lease that would be the next one, of another commander, with one thing wrong."""
+        value = {"version": 1, "state": HELD, "nonce": 0xF00DCAFE, "length": 20, "target": 1, **changes}
+        sequence = (flight.sequence + 1) & 0xFFFFFFFF
+        fields = (value["version"], value["state"], 252, 0, value["nonce"], sequence, 1, 5000, 0)
+        message = tunnel(struct.pack("<BBBBIIIHH", *fields))
+        message.payload_length, message.target_component = value["length"], value["target"]
+        return message
+
+    damaged = {
+        "replayed": lambda: recorded,
+        "truncated": lambda: forged(length=19).pack(flight.companion.mav),
+        "too long": lambda: forged(length=21).pack(flight.companion.mav),
+        "corrupted": lambda: _corrupted(forged().pack(flight.companion.mav)),
+        "of another version": lambda: forged(version=2).pack(flight.companion.mav),
+        "of no state": lambda: forged(state=9).pack(flight.companion.mav),
+        "for another component": lambda: forged(target=0).pack(flight.companion.mav),
+        "of another nonce": lambda: forged(nonce=0x666).pack(flight.companion.mav),
+        "of no nonce": lambda: forged(nonce=0).pack(flight.companion.mav),
+    }
+    flight.statuses.clear()
+    for name, frame in damaged.items():
+        flight.until(lambda: bool(flight.statuses), 3, "status")
+        before = flight.status[7]
+        flight.companion.send_raw(bytes(frame()))
+        flight.until(lambda before=before: flight.status[7] == before + 1, 3, f"a lease {name} is counted as refused")
+    # cut off in the middle: the parser takes what follows for the rest of it, and the real ones go on
+    sequence = flight.status[5]
+    flight.companion.send_raw(bytes(forged().pack(flight.companion.mav))[:20])
+    flight.until(lambda: flight.status[5] not in (sequence, sequence + 1), 5, "real leases go on")
+    assert {status[1] for status in flight.statuses} == {LIVE}
+    assert {(status[4], status[6]) for status in flight.statuses} == {(0xF00DCAFE, 1)}
+    assert flight.parameter("MAV_GCS_SYSID") == 251
+
+
+def _corrupted(frame: bytes | bytearray) -> bytes:
+    return bytes(frame[:-1]) + bytes([frame[-1] ^ 0x01])
+
+
+def test_another_script_that_takes_the_receive_queue_is_noticed_and_the_flight_goes_on(tmp_path: Path) -> None:
+    neighbour = tmp_path / "neighbour.lua"
+    neighbour.write_text(
+        "local function update()\n"
+        "  if param:get('SCR_USER1') == 1 then mavlink:init(1, 1) param:set('SCR_USER1', 0) end\n"
+        "  if param:get('SCR_USER1') == 2 then\n"
+        "    mavlink:init(1, 1) mavlink:register_rx_msgid(33) param:set('SCR_USER1', 0)\n"
+        "  end\n"
+        "  return update, 100\n"
+        "end\n"
+        "return update, 100\n"
+    )
+    with flying(tmp_path / "flight", neighbour) as flight:
+        flight.take_off()
+        flight.pace(2)
+        for number, text in ((1, "HNDO: MAVLink rx was reset by a script"), (2, "HNDO: MAVLink rx taken by another")):
+            flight.run(11)  # a text of a kind is said once in ten seconds
+            flight.texts.clear()
+            flight.set_parameter("SCR_USER1", number)
+            flight.until(lambda text=text: flight.said(text), 4, text)
+            sequence = flight.status[5]
+            flight.until(lambda sequence=sequence: flight.status[5] != sequence, 3, "leases are heard again")
+            assert flight.status[3] & 8
+        flight.run(5)
+        assert flight.mode == GUIDED
+        assert flight.is_state(LIVE)
+
+
+def test_memory_of_the_script_is_what_its_page_says(tmp_path: Path) -> None:
+    page = GUARD.with_suffix(".md").read_text(encoding="utf-8")
+    rows = [re.search(rf"^\| script memory {what} \| (\d+) kB", page, re.MULTILINE) for what in _MEMORY]
+    loading, flying_on = (1000 * int(row[1]) for row in rows if row is not None)
+    # no more memory than the page says it takes: it loads and runs
+    with flying(tmp_path, parameters={"SCR_DEBUG_OPTS": 2, "SCR_HEAP_SIZE": loading}) as flight:
+        flight.sending = True
+        flight.until(lambda: flight.is_state(LIVE), 90, "lease live")
+        flight.run(20)
+        assert flight.parameter("SCR_HEAP_SIZE") == loading
+        found = [re.fullmatch(r"Lua: Time: \d+ Mem: (\d+) \+ -?\d+", text) for text in flight.texts]
+        used = [int(match[1]) for match in found if match]
+    assert len(used) > 50
+    assert 0.9 * flying_on < max(used[5:]) <= flying_on
+    assert max(used) <= loading <= 204_800
 
 
 def test_with_a_key_on_the_card_only_leases_with_the_right_tag_count(tmp_path: Path) -> None:

@@ -35,9 +35,11 @@ COMMANDERS = {
     "standard-gcs": ["GCSA", "GCSB", "GCSA"],
     "unsigned": ["GCSA", "GCSB"],
     "operator-denies": ["GCSA", "GCSB"],
+    "guard-key": ["GCSA"],
+    "guard-key-other": ["GCSA"],
 }
 #: of these, on ArduCopter
-ON_ARDUCOPTER = ("nominal", "authority", "out-of-coverage", "companion-killed")
+ON_ARDUCOPTER = ("nominal", "authority", "out-of-coverage", "companion-killed", "guard-key-other")
 
 
 Start = Callable[..., "subprocess.Popen[str]"]

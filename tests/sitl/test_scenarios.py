@@ -146,6 +146,7 @@ def test_a_long_pause_has_time_to_end() -> None:
     [
         ("speed = 3\n" + STEP, ["speed:", "unknown key", "'speedup'"]),
         ('begin = "middle"\n' + STEP, ["begin:", "'middle'", "connected, loaded, start"]),
+        ('guard_key = "mine"\n' + STEP, ["guard_key:", "'mine'", "same, other"]),
         ('[impair]\nlinks = ["sea"]\n' + STEP, ["[impair]", "'sea'", "air, ground"]),
         ('[impair]\nlinks = ["air"]\nlos = 0.2\n' + STEP, ["[impair]", "los:", "loss"]),
         ('[impair]\nlinks = ["air"]\nloss = 2\n' + STEP, ["[impair]", "loss = 2", "0 to 1"]),

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.config import load_station, load_vehicle
+from mavproxy_handover.keys import load_key
 from mavproxy_handover.mission import package as packages
 from sitl.bad_links import load_plans
 from sitl.places import mission_folder
@@ -130,3 +131,16 @@ def test_signed_links_have_a_key_for_each_station_that_nobody_else_may_read(tmp_
     contents = {key.read_text() for key in keys if key is not None}
     assert len(contents) == 2
     assert all(key is not None and stat.S_IMODE(key.stat().st_mode) == 0o600 for key in keys)
+
+
+@pytest.mark.parametrize("word", ["", "same", "other"])
+def test_companion_and_card_have_the_same_key_or_two(tmp_path: Path, word: str) -> None:
+    wiring = wired(tmp_path, f'guard_key = "{word}"\n' if word else "")
+    own = load_vehicle(wiring.companion_config).guard_key
+    if not word:
+        assert (own, wiring.card) == (None, ())
+        return
+    (card,) = wiring.card
+    assert own is not None
+    assert card.name == "handover.key"  # as the guard looks for it
+    assert (load_key(own) == load_key(card)) is (word == "same")

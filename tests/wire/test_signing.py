@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import hashlib
 import random
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -171,7 +170,7 @@ def test_pymavlink_accepts_every_message_that_we_sign_and_only_the_signature_is_
         plain = bytes(message._pack(own, definition.crc_extra, payload))
         frame = parsed(sign(plain, KEY, 7, MIDNIGHT + count))
         before = parsed(plain)
-        assert frame == replace(before, raw=frame.raw, signed=True), msgid
+        assert frame == before._replace(raw=frame.raw, signed=True), msgid
         assert (len(frame.raw), frame.raw[2]) == (len(plain) + 13, 1)
         assert reader.check_signature(bytearray(frame.raw), 251, 190), msgid
 
@@ -347,7 +346,7 @@ def test_a_change_of_any_bit_is_noticed() -> None:
         for bit in range(8):
             raw = bytearray(good.raw)
             raw[position] ^= 1 << bit
-            assert verifier.check(replace(good, raw=bytes(raw)), MIDNIGHT_UTC_S, 0.0) is BAD, (position, bit)
+            assert verifier.check(good._replace(raw=bytes(raw)), MIDNIGHT_UTC_S, 0.0) is BAD, (position, bit)
     assert verifier.check(good, MIDNIGHT_UTC_S, 0.0) is OK
 
 
@@ -355,7 +354,7 @@ def test_a_forged_stamp_from_the_far_future_silences_nobody() -> None:
     verifier = Verifier(KEY)
     assert verifier.check(heartbeat(MIDNIGHT), MIDNIGHT_UTC_S, 0.0) is OK
     forged = heartbeat(MIDNIGHT + 10**12)
-    forged = replace(forged, raw=forged.raw[:-1] + bytes([forged.raw[-1] ^ 1]))
+    forged = forged._replace(raw=forged.raw[:-1] + bytes([forged.raw[-1] ^ 1]))
     assert verifier.check(forged, MIDNIGHT_UTC_S, 0.1) is BAD
     assert verifier.check(heartbeat(MIDNIGHT + 1), MIDNIGHT_UTC_S, 0.2) is OK
     assert (

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a station's rules are told, and what they ask for: the events and actions of `core`. Pure, as `core` is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mavproxy_handover.core.messages import Message
+from mavproxy_handover.core.model import Phase
+
+__all__ = [
+    "Action",
+    "Answer",
+    "AuthorityHeard",
+    "Event",
+    "FromPeer",
+    "FromVehicle",
+    "MissionHeld",
+    "Notice",
+    "PeerHeard",
+    "ToPeer",
+    "ToVehicle",
+    "VehicleHeard",
+    "Wish",
+]
+
+
+# ---- events -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class FromVehicle:
+    """A message of the vehicle's companion."""
+
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class FromPeer:
+    """A message of another station, over the ground link."""
+
+    peer: int
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class PeerHeard:
+    """A heartbeat of another station, over the ground link."""
+
+    peer: int
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleHeard:
+    """A heartbeat of the vehicle's companion."""
+
+
+@dataclass(frozen=True, slots=True)
+class AuthorityHeard:
+    """AUTHORITY_STATUS."""
+
+    phase: Phase
+    commander: int | None
+    partner: int | None
+    epoch: int
+    #: nobody commands yet, and one may, in this very epoch
+    recovering: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class MissionHeld:
+    """The station holds this mission package (SHA-256)."""
+
+    digest: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The operator's answer to the question that is open."""
+
+    yes: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """The operator asked that this station shall command: a transfer to it needs no further question here."""
+
+    station: int
+
+
+Event = FromVehicle | FromPeer | PeerHeard | VehicleHeard | AuthorityHeard | MissionHeld | Answer | Wish
+
+
+# ---- actions ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ToVehicle:
+    """Send to the vehicle's companion."""
+
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class ToPeer:
+    """Send to another station over the ground link."""
+
+    peer: int
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """A line for the operator and the journal. `event` is a fixed lower-case word; `urgent` lines are spoken."""
+
+    event: str
+    text: str
+    urgent: bool = False
+
+
+Action = ToVehicle | ToPeer | Notice

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The station's key on MAVProxy's links to the vehicle: what goes out is signed, what comes in unsigned is refused.
+
+MAVProxy signs and checks; this tells it with what, and does what it leaves out. Rules that live here:
+
+1. Each link has a link id of its own, from 1 up, lowest free first; a reload does not use them up. 0 would not stay:
+   pymavlink takes over the other end's id for it.
+2. Stamps rise with every frame, over a reload of this module too, and keep pace with time on an idle link; they follow
+   the newest stamp that the vehicle has proven. All links share one clock.
+3. pymavlink's own check notes a frame's stamp before it has verified the hash, so one forged frame from the far future
+   would silence the vehicle for this station. The check is replaced by that of `wire.signing`, one for each link.
+4. Of messages that it takes for unknown, ours among them, MAVProxy checks no signature: `check` does.
+5. A telemetry radio speaks unsigned (RADIO, RADIO_STATUS); nothing else does.
+6. What MAVProxy's own `signing` had set up before is there again after `release`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.wire.frames import Frame, parse_one
+from mavproxy_handover.wire.signing import SignatureVerdict, SigningClock, Verifier, fingerprint
+
+__all__ = ["LinkSigning"]
+
+_RADIO: Final = (mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STATUS)
+_MAX_LINK_ID: Final = 255
+#: signatures of our messages that are known again when they come by another link
+_COPIES: Final = 64
+#: components of the vehicle; only who has the key can be one
+_STREAMS: Final = 64
+#: fields of pymavlink's MAVLinkSigning that are set here and given back
+_KEPT: Final = ("secret_key", "sign_outgoing", "allow_unsigned_callback", "link_id", "timestamp")
+
+
+@dataclass(slots=True)
+class _Memory:
+    """What must outlive a reload, of one key."""
+
+    sent: int = 0  #: newest stamp given out
+    proven: int = 0  #: newest stamp of the vehicle
+
+
+#: fingerprint of a key -> what was seen under it in this process
+_remembered: dict[str, _Memory] = {}
+
+
+@dataclass(slots=True)
+class _Link:
+    master: Any
+    mav: Any
+    link_id: int
+    verifier: Verifier
+    kept: dict[str, Any]
+
+
+class LinkSigning:
+    """One station's key on all links to the vehicle. `utc`, `monotonic`: the clocks, in seconds."""
+
+    def __init__(self, key: bytes, utc: Callable[[], float], monotonic: Callable[[], float]) -> None:
+        """Raises ValueError for no key."""
+        self._key = key
+        self._utc = utc
+        self._monotonic = monotonic
+        self._memory = _remembered.setdefault(fingerprint(key), _Memory())
+        self._clock = SigningClock()
+        self._clock.follow(self._memory.sent)
+        self._links: list[_Link] = []
+        self._ours = self._verifier()
+        self._seen: deque[bytes] = deque(maxlen=_COPIES)
+
+    def sign(self, masters: Sequence[Any]) -> None:
+        """See to it that every link is signed; links come and go, so this is to be called once a second."""
+        for link in list(self._links):
+            if all(link.master is not master for master in masters):
+                self._remember(link)
+                self._links.remove(link)
+        for master in masters:
+            link = self._link_of(master)
+            link.mav = master.mav  # pymavlink makes another one when it switches to MAVLink 2
+            self._set_up(link)
+
+    def _link_of(self, master: Any) -> _Link:
+        for link in self._links:
+            if link.master is master:
+                return link
+        kept = {name: getattr(master.mav.signing, name) for name in _KEPT}
+        link = _Link(master, master.mav, self._free_id(), self._verifier(), kept)
+        self._links.append(link)
+        return link
+
+    def check(self, frame: Frame) -> SignatureVerdict | None:
+        """The verdict on a frame that MAVProxy has not checked. None: a copy of one that came by another link."""
+        verdict = self._ours.check(frame, self._utc(), self._monotonic())
+        if verdict is SignatureVerdict.OK:
+            self._seen.append(frame.raw)
+        elif verdict is SignatureVerdict.REPLAYED and frame.raw in self._seen:
+            return None
+        return verdict
+
+    def release(self) -> None:
+        """Give the links back as they were."""
+        self._memory.proven = max(self._memory.proven, self._ours.newest)
+        for link in self._links:
+            self._remember(link)
+            link.mav.__dict__.pop("check_signature", None)
+            signing = link.mav.signing
+            if signing.secret_key == self._key:
+                newest = signing.timestamp
+                for name, value in link.kept.items():
+                    setattr(signing, name, value)
+                if signing.secret_key is not None:
+                    signing.timestamp = max(signing.timestamp, newest)
+        self._links.clear()
+
+    def _set_up(self, link: _Link) -> None:
+        signing = link.mav.signing
+        now_s = self._monotonic()
+        if signing.secret_key == self._key:
+            self._clock.follow(signing.timestamp, now_s)
+        stamp = self._clock.next(self._utc(), now_s)
+        if stamp is not None:
+            signing.timestamp = stamp
+            self._memory.sent = stamp
+        signing.secret_key = self._key
+        signing.sign_outgoing = True
+        signing.link_id = link.link_id
+        signing.allow_unsigned_callback = _radio_only
+        link.mav.check_signature = partial(self._accept, link)
+
+    def _accept(self, link: _Link, raw: bytes, _sysid: int, _compid: int) -> bool:
+        """In the place of pymavlink's check: a frame whose CRC is proven, with a signature."""
+        frame = parse_one(bytes(raw))
+        if frame is None or link.verifier.check(frame, self._utc(), self._monotonic()) is not SignatureVerdict.OK:
+            return False
+        link.mav.signing.timestamp = max(link.mav.signing.timestamp, link.verifier.newest)
+        return True
+
+    def _verifier(self) -> Verifier:
+        verifier = Verifier(self._key, clock=self._clock, max_streams=_STREAMS)
+        verifier.floor = self._memory.proven
+        return verifier
+
+    def _free_id(self) -> int:
+        taken = {link.link_id for link in self._links}
+        return next((number for number in range(1, _MAX_LINK_ID) if number not in taken), _MAX_LINK_ID)
+
+    def _remember(self, link: _Link) -> None:
+        self._memory.proven = max(self._memory.proven, link.verifier.newest)
+        if link.mav.signing.secret_key == self._key:
+            self._clock.follow(link.mav.signing.timestamp, self._monotonic())
+            self._memory.sent = max(self._memory.sent, link.mav.signing.timestamp)
+
+
+def _radio_only(_mav: Any, msgid: int) -> bool:
+    """Unsigned frames that are let in all the same: those that a telemetry radio puts into the stream itself."""
+    return msgid in _RADIO

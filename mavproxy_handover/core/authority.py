@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Who commands: owner, epoch, phase, and the view that is made of them.
+
+Rules that live here
+--------------------
+* One owner. `commander` is the owner while it is heard, nobody after that.
+* Whenever authority goes to a station, owner and epoch change in one step. It goes by a grant on the ground, by a
+  commit, or back to the owner itself; and it ends by the owner's loss or release. Each is one method here, and whether
+  it may happen is not asked: that is the caller's to know.
+* After a restart the owner of before is lost until it is heard; the epoch has risen already, so its return raises it no
+  more.
+* Every change ends in `refresh`, which makes the view and announces it if it differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import inf
+
+from mavproxy_handover.core.events import Action, Record, ViewChanged
+from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Reason, Station
+from mavproxy_handover.core.phases import PHASES, PhaseCause
+from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.transfer import Transfer
+
+__all__ = ["Authority"]
+
+#: beyond this an epoch is nobody's memory (it travels in 32 bits)
+_EPOCH_MAX = 0x7FFF_FFFF
+
+
+class Authority:
+    """Authority over one vehicle. Times are monotonic seconds."""
+
+    __slots__ = (
+        "_flight",
+        "epoch",
+        "handover_id",
+        "lost",
+        "names",
+        "owner",
+        "phase",
+        "recover_until",
+        "released",
+        "takeover_allowed",
+        "transfer",
+        "view",
+    )
+
+    def __init__(self, stations: Iterable[Station], flight: Flight) -> None:
+        self.names = {station.sysid: station.name for station in stations}
+        self._flight = flight
+        self.owner: int | None = None
+        #: the owner is not heard
+        self.lost = False
+        self.epoch = 0
+        self.phase = Phase.ON_LOAD
+        #: the attempt under way to move authority, and the number of the last one
+        self.transfer: Transfer | None = None
+        self.handover_id = 0
+        #: a request for control is granted without asking the commander
+        self.takeover_allowed = False
+        #: the owner gave up control on the ground: nobody gets it without asking
+        self.released = False
+        #: until then the owner of the run before may come back; None in a run that began without one
+        self.recover_until: float | None = None
+        self.view = AuthorityView(armed=True)
+
+    def restore(self, restored: Snapshot) -> None:
+        """Take up what the run before left behind; nobody commands until its owner is heard again."""
+        self.epoch = restored.epoch + 1
+        self.handover_id = restored.handover_id
+        if restored.phase is not Phase.ON_LOAD:  # on the ground everything begins anew, but for the numbers
+            self.takeover_allowed = restored.takeover_allowed
+            self.phase = Phase.ON_MISSION if restored.phase is Phase.ON_HANDOVER else restored.phase
+            if restored.owner in self.names:
+                self.owner, self.lost = restored.owner, True
+                self.recover_until = inf  # the clock starts with the first event
+        self.refresh(Reason.RESTARTED, [])
+
+    # ---- looking --------------------------------------------------------------------------------------------------
+
+    def name(self, sysid: int | None) -> str:
+        """A station's name, for people."""
+        return "nobody" if not sysid else self.names.get(sysid, f"station {sysid}")
+
+    @property
+    def recovering(self) -> bool:
+        """The owner of the run before may still come back."""
+        return self.recover_until is not None
+
+    def grounded(self, now: float) -> bool:
+        """On the ground and disarmed, and the autopilot has said so just now."""
+        return self._flight.disarmed(now) and self.phase is Phase.ON_LOAD
+
+    # ---- how it changes -------------------------------------------------------------------------------------------
+
+    def grant(self, station: int, reason: Reason, actions: list[Action]) -> None:
+        """A station gets authority on the ground, where nobody has it."""
+        self.owner, self.lost, self.released = station, False, False
+        self.takeover_allowed = False
+        self.epoch += 1
+        text = f"{self.name(station)} commands, epoch {self.epoch}"
+        actions.append(Record("authority", text, reason, station))
+        self.refresh(reason, actions)
+
+    def release(self, actions: list[Action]) -> None:
+        """The owner gives authority up on the ground."""
+        owner = self.owner
+        self.owner, self.released, self.takeover_allowed = None, True, False
+        self.epoch += 1
+        actions.append(Record("authority", "control released: nobody commands", Reason.OPERATOR, owner))
+        self.refresh(Reason.OPERATOR, actions)
+
+    def commit(self, station: int) -> None:
+        """A transfer moves authority. The view follows when its end is told."""
+        self.owner, self.lost, self.recover_until = station, False, None
+        self.epoch += 1
+        self.takeover_allowed = False
+
+    def lose(self, owner: int, actions: list[Action]) -> None:
+        """The owner is not heard any more."""
+        self.lost = True
+        text = f"{self.name(owner)} is lost: nobody commands"
+        actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
+        self.refresh(Reason.COMMANDER_LOST, actions)
+
+    def take_back(self, owner: int, actions: list[Action]) -> None:
+        """The owner is heard again."""
+        self.lost = False
+        if not self.recovering:
+            self.epoch += 1
+        how = "commands on after the restart" if self.recovering else "is back and commands again"
+        self.recover_until = None
+        text = f"{self.name(owner)} {how}, epoch {self.epoch}"
+        actions.append(Record("authority", text, Reason.COMMANDER_RETURNED, owner))
+        self.refresh(Reason.COMMANDER_RETURNED, actions)
+
+    def wait_no_longer(self, owner: int, actions: list[Action]) -> None:
+        """The owner has not come back after the restart."""
+        self.recover_until = None
+        text = f"{self.name(owner)} has not come back after the restart: nobody commands"
+        actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
+        self.refresh(Reason.COMMANDER_LOST, actions)
+
+    def learn_epoch(self, station: int, epoch: int, actions: list[Action]) -> None:
+        """Nobody commands, and a station remembers a later epoch: without it nothing said here would be news there."""
+        if self.owner is None and self.epoch < epoch <= _EPOCH_MAX:
+            text = f"{self.name(station)} remembers epoch {epoch}: the state of an earlier run was lost"
+            actions.append(Record("epoch_learnt", text, Reason.RESTARTED, station))
+            self.epoch = epoch
+            self.refresh(Reason.RESTARTED, actions)
+
+    def allow_takeover(self, allowed: bool, actions: list[Action]) -> None:
+        """Whether a request for control needs no consent from now on."""
+        self.takeover_allowed = allowed
+        self.refresh(Reason.OPERATOR, actions)
+
+    def move_phase(self, cause: PhaseCause) -> None:
+        """By the table of `phases.py`. The view follows with the next `refresh`."""
+        self.phase = PHASES.get((self.phase, cause), self.phase)
+
+    def resume_transfer_phase(self) -> None:
+        """A transfer may have begun where it is no phase: on the ground, or while the aircraft was brought home."""
+        if self.transfer is not None:
+            self.move_phase(PhaseCause.TRANSFER_BEGUN)
+
+    def refresh(self, reason: Reason, actions: list[Action]) -> None:
+        """Make the view of what holds now, and announce it if it differs."""
+        commander = None if self.lost else self.owner
+        if commander is None:
+            lease = LeaseState.RECOVERING if self.recovering else LeaseState.LOST
+        elif self.transfer is not None:
+            lease = LeaseState.TRANSFER
+        else:
+            lease = LeaseState.HELD
+        view = AuthorityView(
+            phase=self.phase,
+            commander=commander,
+            partner=None if self.transfer is None else self.transfer.key.to_station,
+            epoch=self.epoch,
+            lease=lease,
+            armed=self._flight.armed is not False,
+            handover_id=self.handover_id,
+            takeover_allowed=self.takeover_allowed,
+        )
+        if view != self.view:
+            self.view = view
+            actions.append(ViewChanged(view, reason))

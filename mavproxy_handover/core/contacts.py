@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The vehicle asks every station again and again whether it is there (CONNECT), and answers the same question.
+
+What comes of it is in the station's `Presence`. Questions are numbered by nonces of this run: an answer to any other is
+no proof, and is dropped.
+"""
+
+from __future__ import annotations
+
+from mavproxy_handover.core.authority import Authority
+from mavproxy_handover.core.events import Action, Record, Send
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import Connect, ConnectAck
+from mavproxy_handover.core.model import PROTOCOL_VERSION, Station
+from mavproxy_handover.core.presence import Presence
+
+__all__ = ["Contacts"]
+
+
+class Contacts:
+    """Every station of the mission, and the questions that are out. Times are monotonic seconds."""
+
+    __slots__ = ("_limits", "_nonce", "_vehicle", "presence")
+
+    def __init__(self, vehicle: str, stations: tuple[Station, ...], nonce: int, limits: Limits) -> None:
+        self._vehicle = vehicle
+        self._nonce = nonce
+        self._limits = limits
+        self.presence = {station.sysid: Presence(station, limits) for station in stations}
+
+    def heard(self, station: int, now: float, actions: list[Action]) -> None:
+        """A station is heard; one that was not there is asked at once."""
+        presence = self.presence[station]
+        if not presence.alive(now):
+            actions.append(Record("station_heard", f"{presence.station.name} is heard", station=station))
+            if not presence.station.standard:
+                presence.ask_at = now
+        presence.heard_at = now
+
+    def answer(self, station: int, question: Connect, authority: Authority, digest: bytes) -> Send:
+        """The vehicle's answer to a station's CONNECT."""
+        accepted = question.protocol_version == PROTOCOL_VERSION
+        commander = authority.view.commander
+        answer = ConnectAck(
+            station, PROTOCOL_VERSION, question.nonce, authority.epoch, commander, self._vehicle, digest, accepted
+        )
+        return Send(station, answer)
+
+    def answered(self, station: int, answer: ConnectAck, now: float, actions: list[Action]) -> str | None:
+        """A station's answer to CONNECT; returns why it was dropped, None if it counts."""
+        presence = self.presence[station]
+        if not presence.answers(answer.nonce):
+            doubled = presence.answer is not None and answer.nonce == presence.answer.nonce
+            return "doubled answer to CONNECT" if doubled else "stale answer to CONNECT"
+        was_connected = presence.connected(now)
+        presence.answered_at = now
+        presence.answer = answer
+        if not was_connected:
+            actions.append(Record("connected", f"{presence.station.name} is connected", station=station))
+        return None
+
+    def ask(self, authority: Authority, digest: bytes, now: float, actions: list[Action]) -> None:
+        """The questions that are due."""
+        for station, presence in self.presence.items():
+            if now < presence.ask_at:
+                continue
+            self._nonce = self._nonce % 0xFFFFFFFF + 1
+            presence.asked.append(self._nonce)
+            presence.ask_at = now + self._limits.connect_interval_s
+            commander = authority.view.commander
+            question = Connect(
+                station, PROTOCOL_VERSION, self._nonce, authority.epoch, commander, self._vehicle, digest
+            )
+            actions.append(Send(station, question))

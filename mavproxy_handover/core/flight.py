@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What autopilot, position and guard last said, and whether that still counts."""
+
+from __future__ import annotations
+
+from math import inf
+
+from mavproxy_handover.core.events import AutopilotState, GuardSeen, GuardState
+from mavproxy_handover.core.limits import Limits
+
+__all__ = ["Flight"]
+
+
+class Flight:
+    """The state of the aircraft. Times are monotonic seconds."""
+
+    __slots__ = (
+        "_autopilot_at",
+        "_guard",
+        "_guard_at",
+        "_guard_ours",
+        "_limits",
+        "_position_at",
+        "_stale_told",
+        "armed",
+        "flying",
+    )
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        #: None until the autopilot has said it
+        self.armed: bool | None = None
+        self.flying = False
+        self._autopilot_at = -inf
+        self._position_at = -inf
+        self._stale_told = False
+        self._guard = GuardState.SILENT
+        self._guard_ours = False
+        self._guard_at = -inf
+
+    def autopilot_said(self, event: AutopilotState, now: float) -> None:
+        """A heartbeat of the autopilot."""
+        self._autopilot_at = now
+        self.armed = event.armed
+        self.flying = event.armed and event.flying
+
+    def position_seen(self, now: float) -> None:
+        """A fresh position."""
+        self._position_at = now
+        self._stale_told = False
+
+    def guard_said(self, event: GuardSeen, now: float) -> None:
+        """A status message of the guard."""
+        self._guard_at = now
+        self._guard_ours = event.ours
+        self._guard = event.state
+
+    def autopilot_alive(self, now: float) -> bool:
+        """Whether the autopilot's word still counts."""
+        return now < self._autopilot_at + self._limits.autopilot_lost_s
+
+    def position_known(self, now: float) -> bool:
+        """Whether the last position still counts."""
+        return now < self._position_at + self._limits.position_stale_s
+
+    def disarmed(self, now: float) -> bool:
+        """Disarmed, and the autopilot has said so just now."""
+        return self.autopilot_alive(now) and self.armed is False
+
+    def guard(self, now: float) -> GuardState:
+        """What the guard last said of itself; SILENT when that is too long ago."""
+        return self._guard if now - self._guard_at < self._limits.guard_lost_s else GuardState.SILENT
+
+    def guarded(self, now: float) -> bool:
+        """Whether the guard answers the leases of this companion, or none is required."""
+        return not self._limits.guard_required or (self._guard_ours and self.guard(now) is GuardState.LIVE)
+
+    def stale_at(self) -> float | None:
+        """When the position becomes too old in flight; None where that is told already, or does not matter."""
+        if not self.flying or self._stale_told:
+            return None
+        return self._position_at + self._limits.position_stale_s
+
+    def position_lost(self, now: float) -> bool:
+        """True once when the position has become too old in flight."""
+        stale_at = self.stale_at()
+        if stale_at is None or now < stale_at:
+            return False
+        self._stale_told = True
+        return True

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Stations whose links are weak or attacked, by the measurements of the edge.
+
+An attack is a warning for people. Weakness is a reason to move authority to a better station, and slow on purpose: the
+commander's links have been weak for `link_weak_s`, the other's good for `link_steady_s`. That keeps two stations with
+poor links from handing the aircraft back and forth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import inf
+
+from mavproxy_handover.core.events import LinkJudged, Record
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import Reason
+
+__all__ = ["Links"]
+
+
+class Links:
+    """The last judgement of every station's links. Times are monotonic seconds."""
+
+    __slots__ = ("_attacked", "_limits", "_weak", "_weak_until")
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        #: since when all links of a station are over a limit
+        self._weak: dict[int, float] = {}
+        #: until when they were last seen so
+        self._weak_until: dict[int, float] = {}
+        #: stations under whose name bad signatures come in
+        self._attacked: set[int] = set()
+
+    def judged(self, event: LinkJudged, name: str, now: float) -> list[Record]:
+        """Take in a measurement of the station of this name; what it changed is for the journal."""
+        station, records = event.station, []
+        if event.weak is not (station in self._weak):
+            if event.weak:
+                self._weak[station] = now
+            else:
+                del self._weak[station]
+                self._weak_until[station] = now
+            text = f"links of {name} are {'weak' if event.weak else 'good again'}: {event.text}"
+            records.append(Record("link_quality", text, Reason.LINK_QUALITY, station))
+        if event.attacked is not (station in self._attacked):
+            (self._attacked.add if event.attacked else self._attacked.discard)(station)
+            text = f"somebody {'speaks' if event.attacked else 'no longer speaks'} in the name of {name}: {event.text}"
+            records.append(Record("attack", text, Reason.AUTHENTICATION, station))
+        return records
+
+    def better(self, commander: int, stations: Iterable[int], now: float) -> list[int]:
+        """Those of `stations` whose links have long been good, while the commander's have been weak for a while."""
+        if now - self._weak.get(commander, inf) < self._limits.link_weak_s:
+            return []
+        steady_s = self._limits.link_steady_s
+        return [
+            station
+            for station in stations
+            if station not in self._weak and now - self._weak_until.get(station, -inf) >= steady_s
+        ]

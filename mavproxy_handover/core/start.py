@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""How a flight begins: by START, or by whatever else brought the aircraft into the air.
+
+`start_needs` is pure and total: what holds now in, what START still lacks out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mavproxy_handover.core.authority import Authority
+from mavproxy_handover.core.choice import Candidates
+from mavproxy_handover.core.events import Action, BeginStart, Record, StartFinished, StartRefused
+from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.model import Phase, Reason
+from mavproxy_handover.core.phases import PhaseCause
+
+__all__ = ["Start", "StartFacts", "start_needs"]
+
+
+@dataclass(frozen=True, slots=True)
+class StartFacts:
+    """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft."""
+
+    station: str
+    commands: bool
+    on_ground: bool
+    mission_loaded: bool
+    in_transfer: bool
+    autopilot_alive: bool
+    guarded: bool
+    position_known: bool
+    in_zone: bool
+
+
+def start_needs(facts: StartFacts) -> tuple[str, ...]:
+    """What START still lacks, in words; empty when the aircraft may take off."""
+    needs = []
+    if not facts.commands:
+        needs.append(f"{facts.station} does not command")
+    if not facts.on_ground:
+        needs.append("the vehicle is already flying or starting")
+    if not facts.mission_loaded:
+        needs.append("no mission loaded")
+    if facts.in_transfer:
+        needs.append("a handover is under way")
+    if not facts.autopilot_alive:
+        needs.append("no autopilot")
+    if not facts.guarded:
+        needs.append("the guard does not answer the lease")
+    if not facts.position_known:
+        needs.append("no position")
+    elif not facts.in_zone:
+        needs.append(f"outside the zone of {facts.station}")
+    return tuple(needs)
+
+
+class Start:
+    """START on its way, from the station's command to the edge's word that the aircraft is armed and in AUTO."""
+
+    __slots__ = ("_authority", "_candidates", "_flight", "under_way")
+
+    def __init__(self, authority: Authority, flight: Flight, candidates: Candidates) -> None:
+        self._authority = authority
+        self._flight = flight
+        self._candidates = candidates
+        #: accepted, and the edge is carrying it out
+        self.under_way = False
+
+    def needs(self, station: int, now: float) -> tuple[str, ...]:
+        """What START from this station still lacks, in words; empty when the aircraft may take off."""
+        authority, flight = self._authority, self._flight
+        return start_needs(
+            StartFacts(
+                station=authority.name(station),
+                commands=authority.view.commander == station,
+                on_ground=authority.phase is Phase.ON_LOAD and not flight.armed and not self.under_way,
+                mission_loaded=bool(self._candidates.mission.digest),
+                in_transfer=authority.transfer is not None,
+                autopilot_alive=flight.autopilot_alive(now),
+                guarded=flight.guarded(now),
+                position_known=flight.position_known(now),
+                in_zone=self._candidates.zones.holds(station),
+            )
+        )
+
+    def requested(self, station: int, now: float, actions: list[Action]) -> None:
+        """A station commands START."""
+        needs = self.needs(station, now)
+        if needs:
+            actions.append(Record("start_refused", "START refused: " + ", ".join(needs), Reason.NOT_READY, station))
+            actions.append(StartRefused(station, needs))
+            return
+        self.under_way = True
+        actions.append(Record("start", f"START from {self._authority.name(station)}", station=station))
+        actions.append(BeginStart(station))
+
+    def finished(self, event: StartFinished, actions: list[Action]) -> None:
+        """The edge went through the START sequence; what was given up meanwhile is over already."""
+        if not self.under_way:
+            return
+        self.under_way = False
+        if event.ok:
+            self.enter_mission("armed and in AUTO", actions)
+        else:
+            text = f"START failed: {event.text}"
+            actions.append(Record("start_failed", text, Reason.NOT_READY, self._authority.owner))
+
+    def enter_mission(self, how: str, actions: list[Action]) -> None:
+        """The aircraft flies, or is about to."""
+        authority = self._authority
+        authority.move_phase(PhaseCause.STARTED)
+        authority.resume_transfer_phase()
+        self._candidates.zones.forget_entries()
+        actions.append(Record("started", f"on mission: {how}", Reason.STARTED, authority.owner))
+        authority.refresh(Reason.STARTED, actions)

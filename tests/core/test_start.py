@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What START still lacks, as a table: each fact alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mavproxy_handover.core.start import StartFacts, start_needs
+
+READY = StartFacts(
+    station="GCSA",
+    commands=True,
+    on_ground=True,
+    mission_loaded=True,
+    in_transfer=False,
+    autopilot_alive=True,
+    guarded=True,
+    position_known=True,
+    in_zone=True,
+)
+
+NEEDS = {
+    "commands": "GCSA does not command",
+    "on_ground": "the vehicle is already flying or starting",
+    "mission_loaded": "no mission loaded",
+    "in_transfer": "a handover is under way",
+    "autopilot_alive": "no autopilot",
+    "guarded": "the guard does not answer the lease",
+    "position_known": "no position",
+    "in_zone": "outside the zone of GCSA",
+}
+
+
+def test_with_everything_there_nothing_is_needed() -> None:
+    assert start_needs(READY) == ()
+
+
+@pytest.mark.parametrize("fact", NEEDS)
+def test_each_fact_alone_is_named(fact: str) -> None:
+    assert start_needs(replace(READY, **{fact: not getattr(READY, fact)})) == (NEEDS[fact],)
+
+
+def test_without_a_position_nothing_is_said_about_the_zone() -> None:
+    assert start_needs(replace(READY, position_known=False, in_zone=False)) == ("no position",)

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Tests the guard's tests: python -m tests.lua.plant_faults [part of a name] ...
+
+Small faults are planted in a copy of the shipped script, one at a time, and tests/lua is run against each copy: a
+comparison turned around or moved by its edge, a condition that is always or never true, `and` for `or`, plus for minus,
+a `not` dropped, a switch turned, a number one more or doubled, a mask of 32 bits dropped, a statement left out; in
+every function and in the tables of modes, reasons and times. Every fault must be noticed. One that is not is a
+survivor: those that are no faults are listed in `plant_faults_survivors` with the reason, any other ends this with exit
+code 1, and so does one that is listed and is noticed. Takes about half an hour of one core; texts are not changed, and
+luacheck is not asked: what flies wrongly has to be seen to fly wrongly.
+
+A fault is named by function, operator and source line, so that its name survives an edit elsewhere in the file.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+
+from tests.lua.plant_faults_survivors import KNOWN_SURVIVORS
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "ardupilot_lua" / "handover_guard.lua"
+TESTS = ROOT / "tests" / "lua"
+#: the likeliest to notice first
+FILES = (
+    "test_guard_flight",
+    "test_guard_lease",
+    "test_guard_arming",
+    "test_guard_standing",
+    "test_guard_tag",
+    "test_guard_files",
+)
+TIMEOUT_S = 120
+#: asked only when all the others have noticed nothing
+SLOW = "Budget or Resources or wraps_at_16"
+#: what is looked at outside of functions
+TABLES = (
+    "MS",
+    "WORK",
+    "RETURN_MODES",
+    "MANUAL_MODES",
+    "PILOT_REASONS",
+    "FAILSAFE_REASONS",
+    "COMMAND_REASONS",
+    "LADDERS",
+)
+
+_OPERATORS: tuple[tuple[str, str, str], ...] = (
+    ("turned", r"==", "~="),
+    ("turned", r"~=", "=="),
+    ("turned", r"(?<![<>])<(?![<=])", ">="),
+    ("turned", r"(?<![<>])<=", ">"),
+    ("turned", r"(?<![<>])>(?![>=])", "<="),
+    ("turned", r"(?<![<>])>=", "<"),
+    ("edge", r"(?<![<>])<(?![<=])", "<="),
+    ("edge", r"(?<![<>])<=", "<"),
+    ("edge", r"(?<![<>])>(?![>=])", ">="),
+    ("edge", r"(?<![<>])>=", ">"),
+    ("or", r"\band\b", "or"),
+    ("and", r"\bor\b", "and"),
+    ("not dropped", r"\bnot ", ""),
+    ("false", r"\btrue\b", "false"),
+    ("true", r"\bfalse\b", "true"),
+    ("minus", r" \+ ", " - "),
+    ("plus", r"(?<=[\w)]) - ", " + "),
+    ("shift turned", r"<<", ">>"),
+    ("shift turned", r">>", "<<"),
+    ("mask dropped", r" & (?:0xFFFFFFFF|0xFFFF|0xFF|mask)\b", ""),
+)
+_STATEMENT = re.compile(
+    r"(?!local |return |if |elseif |for |function |end|else|do$|until |\w+ *= *function)[\w.:\[\]#, +]+(?:\(.*\)|=.*)$"
+)
+_NUMBER = re.compile(r"(?<![\w.\"%])(\d+)(?![\w.x])")
+
+
+def faults(source: str) -> Iterator[tuple[str, str]]:
+    """Name and source of every copy of the script with one fault in it."""
+    lines = source.splitlines()
+    seen: Counter[str] = Counter()
+    function, in_comment = "", False
+    for number, line in enumerate(lines):
+        if line.startswith("--[["):
+            in_comment = True
+        if in_comment or line.startswith(("--", "local MAV_SEVERITY")):
+            in_comment = in_comment and not line.startswith("--]]")
+            continue
+        opened = re.match(r"local function (\w+)|local (\w+) = ", line)
+        if opened:
+            function = opened[1] or (opened[2] if opened[2] in TABLES else "")
+        if not function:
+            continue
+        code = re.sub(r"\s*--.*", "", line)
+        for operator, changed in _of_line(code):
+            name = f"{function}: {operator}: {code.strip()}"
+            seen[name] += 1
+            if seen[name] > 1:
+                name += f" (number {seen[name]})"
+            yield name, "\n".join([*lines[:number], changed, *lines[number + 1 :]]) + "\n"
+
+
+def _of_line(code: str) -> Iterator[tuple[str, str]]:
+    for operator, pattern, instead in _OPERATORS:
+        for place in re.finditer(pattern, code):
+            if not _quoted(code, place.start()):
+                yield operator, code[: place.start()] + instead + code[place.end() :]
+    for place in _NUMBER.finditer(code):
+        if not _quoted(code, place.start()) and "say(" not in code:
+            value = int(place[1])
+            operator, other = ("one more", value + 1) if value < 100 else ("doubled", value * 2)
+            yield operator, code[: place.start()] + str(other) + code[place.end() :]
+    condition = re.fullmatch(r"(\s*(?:else)?if )(.*)( then.*)", code)
+    if condition:
+        for always in ("true", "false"):
+            yield f"always {always}", condition[1] + always + condition[3]
+    text = code.strip()
+    if (
+        not text.endswith(",")
+        and _STATEMENT.fullmatch(text)
+        and text.count("(") == text.count(")")
+        and text.count("{") == text.count("}")
+    ):
+        indent = code[: len(code) - len(code.lstrip())]
+        if indent:
+            yield "left out", indent + "local _ = nil"
+
+
+def _quoted(code: str, place: int) -> bool:
+    return code[:place].count('"') % 2 == 1
+
+
+def noticed(script: Path) -> bool:
+    """Whether the tests fail with this script."""
+    return _tests_fail(script, f"not test_no_global_is_written and not ({SLOW})") or _tests_fail(script, SLOW)
+
+
+def _tests_fail(script: Path, chosen: str) -> bool:
+    """A process of its own: it may never end."""
+    child = os.fork()
+    if child == 0:
+        os.environ["PLANTED_GUARD"] = str(script)
+        signal.alarm(TIMEOUT_S)
+        import pytest
+
+        files = [str(TESTS / f"{name}.py") for name in FILES]
+        options = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-p", "no:xdist"]
+        options += ["--rootdir", str(ROOT), "-o", "addopts=", "-k", chosen, "--hypothesis-seed=0"]
+        options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+            result = pytest.main([*options, *files])
+        os._exit(0 if result == 0 else 1)
+    return os.waitpid(child, 0)[1] != 0
+
+
+def main(wanted: Sequence[str]) -> int:
+    """Plant every fault whose name has one of the given parts.
+
+    Returns 1 if one survives that is not known, or a known one does not.
+    """
+    import hypothesis  # noqa: F401  (once, for all children)
+    import lupa  # noqa: F401
+    from pymavlink.dialects.v20 import all as dialect  # noqa: F401
+
+    source = SCRIPT.read_text(encoding="utf-8")
+    total, alive, begun = 0, [], time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        script = Path(folder) / "scripts" / SCRIPT.name
+        script.parent.mkdir()
+        for extra in ("handover_guard.md", "handover.parm", ".luacheckrc"):
+            (script.parent / extra).write_bytes((SCRIPT.parent / extra).read_bytes())
+        script.write_text(source, encoding="utf-8")
+        if noticed(script):
+            print("the tests fail without any fault")
+            return 2
+        known = {name for name in KNOWN_SURVIVORS if not wanted or any(part in name for part in wanted)}
+        for name, faulty in faults(source):
+            if wanted and not any(part in name for part in wanted):
+                continue
+            total += 1
+            script.write_text(faulty, encoding="utf-8")
+            if noticed(script):
+                continue
+            alive.append(name)
+            if name not in known:
+                print(f"  survived: {name}", flush=True)
+    stale = sorted(known - set(alive))
+    for name in stale:
+        print(f"  listed, but noticed: {name}")
+    unknown = [name for name in alive if name not in known]
+    print(
+        f"{total} faults, {total - len(alive)} noticed, {len(alive) - len(unknown)} known survivors, {len(unknown)} "
+        f"unknown, {time.monotonic() - begun:.0f} s"
+    )
+    return 1 if unknown or stale or not total else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

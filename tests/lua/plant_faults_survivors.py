@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Faults in the guard that its tests need not notice, each with the reason."""
+
+from __future__ import annotations
+
+__all__ = ["KNOWN_SURVIVORS"]
+
+_MILLISECOND = "a millisecond, or a value that is its own bound"
+_CLAMP = "a bound that nobody should come near"
+_MASKED = "masked again before it is used"
+_FIRST = "the other edge of a range that a 32-bit difference cannot reach, or the same value"
+
+KNOWN_SURVIVORS: dict[str, str] = {
+    "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then": _FIRST,
+    "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then (number 2)": _FIRST,
+    "elapsed: one more: return 0": _MILLISECOND,
+    "say: edge: if before and elapsed(now, before) < gap_ms then": _MILLISECOND,
+    "value_of: edge: if not v or v ~= v or v < low then": _MILLISECOND,
+    "value_of: edge: if v > high then": _MILLISECOND,
+    "read_config: edge: local enable = value_of(HNDO.ENABLE, 0, 1) >= 0.5": "a switch at one half",
+    "read_config: one more: local enable = value_of(HNDO.ENABLE, 0, 1) >= 0.5 (number 2)": _CLAMP,
+    "read_config: edge: config.sysid_sw = value_of(HNDO.SYSID_SW, 0, 1) >= 0.5": "a switch at one half",
+    "read_config: one more: config.sysid_sw = value_of(HNDO.SYSID_SW, 0, 1) >= 0.5 (number 2)": _CLAMP,
+    "x25: mask dropped: local t = (byte(text, i) ~ crc) & 0xFF": _MASKED,
+    "x25: mask dropped: local t = (extra ~ crc) & 0xFF": _MASKED,
+    "x25: mask dropped: return ((crc >> 8) ~ (t << 8) ~ (t << 3) ~ (t >> 4)) & 0xFFFF": "no more than 16 bits are set",
+    "half_siphash: mask dropped: a = (a << 16 | a >> 16) & mask": _MASKED,
+    "half_siphash: mask dropped: c = (c << 16 | c >> 16) & mask": _MASKED,
+    "last_resort: left out: judge(now)": "enforce has judged before it failed",
+}

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""While only stations speak, the module serves them itself; for anything else MAVProxy's loop goes on at once."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.main_loop import readable, waited_for
+from tests.module.conftest import Bench
+
+WAIT_S = 5.0
+
+
+@pytest.fixture
+def pipe() -> Iterator[tuple[int, int]]:
+    ends = os.pipe()
+    yield ends
+    for end in ends:
+        try:
+            os.close(end)
+        except OSError:
+            pass
+
+
+def proxy(masters: list[Any], outputs: tuple[Any, ...] = (), extra: tuple[int, ...] = ()) -> Any:
+    return SimpleNamespace(
+        mav_master=masters, mav_outputs=list(outputs), sysid_outputs={}, select_extra=dict.fromkeys(extra)
+    )
+
+
+def link(fd: int | None, dead: bool = False) -> Any:
+    return SimpleNamespace(fd=fd, portdead=dead)
+
+
+class TestWhatMavproxyWaitsFor:
+    def test_is_every_link_and_every_module_s_descriptor(self) -> None:
+        state = proxy([link(3), link(4)], (link(5), link(None)), (6, 7))
+        state.sysid_outputs = {9: link(8)}
+        assert waited_for(state) == [3, 4, 5, 8, 6, 7]
+
+    @pytest.mark.parametrize("polled", [link(None), link(3, dead=True)], ids=["no descriptor", "dead"])
+    def test_is_nothing_when_a_link_is_polled(self, polled: Any) -> None:
+        assert waited_for(proxy([link(4), polled], extra=(6,))) == []
+
+    def test_is_nothing_without_a_link(self) -> None:
+        assert waited_for(proxy([], extra=(6,))) == []
+
+
+class TestReadable:
+    def test_names_what_is_ours(self, pipe: tuple[int, int]) -> None:
+        os.write(pipe[1], b"x")
+        assert readable([pipe[0]], [pipe[0]], WAIT_S) == [pipe[0]]
+
+    def test_is_empty_for_anything_else_though_ours_has_something_too(self, pipe: tuple[int, int]) -> None:
+        other = os.pipe()
+        for _end, entry in (pipe, other):
+            os.write(entry, b"x")
+        assert readable([pipe[0], other[0]], [pipe[0]], WAIT_S) == []
+        for end in other:
+            os.close(end)
+
+    def test_waits_no_longer_than_it_may(self, pipe: tuple[int, int]) -> None:
+        assert readable([pipe[0]], [pipe[0]], 0.001) == []
+
+    @pytest.mark.parametrize("seconds", [0.0, -1.0])
+    def test_does_not_look_when_time_is_up(self, pipe: tuple[int, int], seconds: float) -> None:
+        os.write(pipe[1], b"x")
+        assert readable([pipe[0]], [pipe[0]], seconds) == []
+
+    @pytest.mark.parametrize("descriptor", [-1, 1 << 20], ids=["none", "beyond select"])
+    def test_a_descriptor_that_is_none_raises_nothing(self, descriptor: int) -> None:
+        assert readable([descriptor], [descriptor], 0.001) == []
+
+    def test_nor_does_one_that_is_closed(self, pipe: tuple[int, int]) -> None:
+        os.close(pipe[0])
+        assert readable([pipe[0]], [pipe[0]], 0.001) == []
+
+
+class TestTheModule:
+    @pytest.fixture
+    def busy(self, bench: Bench) -> Iterator[tuple[Bench, socket.socket]]:
+        """GCSA commands, and MAVProxy has a link to the autopilot that it can wait for: `far` is its other end."""
+        bench.connect()
+        near, far = socket.socketpair()
+        master: Any = bench.mpstate.mav_master[0]
+        master.fd, master.portdead = near.fileno(), False
+        bench.run(0.1)
+        master.written.clear()
+        yield bench, far
+        near.close()
+        far.close()
+
+    @staticmethod
+    def handler(bench: Bench) -> Any:
+        link = bench.companion.ports[251].links[0]
+        return bench.mpstate.select_extra[link.fileno()]
+
+    @staticmethod
+    def requests(bench: Bench) -> int:
+        return sum(raw[7:10] == bytes([20, 0, 0]) for raw in bench.mpstate.mav_master[0].written)
+
+    def test_serves_what_comes_while_it_is_there(
+        self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        bench, _far = busy
+        read = bench.module._read
+        to_send = 3
+
+        def read_and_send_the_next(port: Any, link: Any) -> None:
+            nonlocal to_send
+            read(port, link)
+            if to_send:
+                to_send -= 1
+                bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", to_send))
+
+        monkeypatch.setattr(bench.module, "_read", read_and_send_the_next)
+        function, argument = self.handler(bench)
+        function(argument)  # MAVProxy calls once
+        assert self.requests(bench) == 3
+        assert bench.mpstate.escaped == []
+
+    def test_goes_back_at_once_when_the_autopilot_speaks(
+        self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        bench, far = busy
+        far.send(b"x")
+        bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 1))
+        read = bench.module._read
+        calls = []
+
+        def read_and_send_another(port: Any, link: Any) -> None:
+            calls.append(port.name)
+            read(port, link)
+            bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 2))
+
+        monkeypatch.setattr(bench.module, "_read", read_and_send_another)
+        function, argument = self.handler(bench)
+        function(argument)
+        assert calls == ["GCSA"]
+        assert self.requests(bench) == 1
+
+    def test_goes_back_when_its_tick_is_due(
+        self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        bench, _far = busy
+        read = bench.module._read
+        calls = []
+
+        def read_and_let_time_pass(port: Any, link: Any) -> None:
+            calls.append(bench.clock.now)
+            bench.clock.now += 0.008
+            read(port, link)
+            bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", len(calls)))
+
+        bench.module.idle_task()
+        monkeypatch.setattr(bench.module, "_read", read_and_let_time_pass)
+        function, argument = self.handler(bench)
+        function(argument)
+        assert 1 <= len(calls) <= 3  # a tick comes every 20 ms
+
+    def test_a_fault_in_there_reaches_nobody(
+        self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        bench, _far = busy
+        monkeypatch.setattr("mavproxy_handover.module.waited_for", lambda state: 1 / 0)
+        bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 1))
+        function, argument = self.handler(bench)
+        function(argument)
+        assert self.requests(bench) == 1
+        assert bench.companion.faults["link"] == 1
+        bench.run(1.0)
+        assert bench.companion.view.commander == 251

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The station's rules know no clock, no network and no chance: the part that lies beside `core.py`.
+
+`tests/core/test_purity.py` looks at `core.py` itself; it lets relative imports pass, so what those lead to is here.
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import gcs_module
+from gcs_module import core, events
+
+FOLDER = Path(gcs_module.__file__).parent
+
+
+def imported(path: Path) -> set[str]:
+    """Modules that a file imports; those beside it with a leading dot."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add("." * node.level + (node.module or ""))
+    return found
+
+
+def test_of_what_lies_beside_it_core_imports_the_events_alone() -> None:
+    assert {name for name in imported(FOLDER / "core.py") if name.startswith((".", "gcs_module"))} == {".events"}
+
+
+def test_events_and_actions_are_made_of_the_rules_words_alone() -> None:
+    names = imported(FOLDER / "events.py")
+    assert names == {
+        "__future__",
+        "dataclasses",
+        "mavproxy_handover.core.messages",
+        "mavproxy_handover.core.model",
+    }
+
+
+def test_whoever_uses_the_rules_finds_their_words_there() -> None:
+    assert set(events.__all__) <= set(core.__all__)
+    assert all(getattr(core, name) is getattr(events, name) for name in events.__all__)
