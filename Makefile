@@ -66,7 +66,8 @@ explore: $(VENV)/installed
 	$(BIN)/python tests/model/explore.py $(ARGS)
 
 mutants: $(VENV)/installed
-	$(BIN)/python tests/mutation/run.py $(ARGS)
+	$(BIN)/python tests/mutation/run.py
+	$(BIN)/python tests/mutation/core.py $(ARGS)
 
 scenarios: $(VENV)/installed
 	$(BIN)/python -m sitl.fly_all $(ARGS)
