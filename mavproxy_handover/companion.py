@@ -36,6 +36,7 @@ from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Action, Verdict, judge
 from mavproxy_handover.gate.observers import ObserverRates
 from mavproxy_handover.gate.policy import classify
+from mavproxy_handover.gate.questions import Questions
 from mavproxy_handover.gate.refusals import RefusalLimiter, refusal
 from mavproxy_handover.gate.tables import Access
 from mavproxy_handover.journal import Journal
@@ -98,6 +99,7 @@ class Companion:
         self._memory = Memory(store, restored or self.arbiter.snapshot(), self.fault)
         self._downlink = DownlinkPolicy((port.identity for port in ports.values()), ObserverRates(config.observers))
         self._flusher = FlushTracker(config.sysid)
+        self._questions = Questions(self._flusher)
         self._limiter = RefusalLimiter()
         self._rate_answers = RefusalLimiter(per_second=20)
         guard_key = None if config.guard_key is None else load_key(config.guard_key)
@@ -156,6 +158,7 @@ class Companion:
             port.heartbeat, port.heartbeat_at = frame.raw, now
             self.handle(events.StationHeard(port.sysid), now)
             verdict = judge(frame, port.identity, self.view, self.config.sysid)
+        verdict = self._questions.limit(frame, verdict, port.sysid, self.view.commander, now)
         port.verdicts[verdict.reason.value] += 1
         self._downlink.rates.heard(port.sysid, now)
         if verdict.action is Action.FORWARD:
@@ -316,7 +319,7 @@ class Companion:
         self.journal.write("failed_closed", text, reason="fault")
         if former is not None:
             self._attempt("flush", self._changeover.close_all_of, former)
-        self._attempt("end of START", self._orders.give_start_up, "internal fault")
+        self._attempt("end of START", self._orders.give_start_up, "internal fault", now)
         if self.aircraft.flying:
             self._attempt("way home", self._orders.bring_home, events.FlightAction.RETURN, now)
         line = f"INTERNAL FAULT, authority ends here: {text.strip().splitlines()[-1]}"
@@ -368,6 +371,8 @@ class Companion:
         before, view = self.view, action.view
         self.view, self._reason = view, action.reason
         self._changeover.view_changed(before, view, now)
+        if view.commander != before.commander:
+            self._orders.give_start_up("its commander commands no more", now)
         self._narrator.view(view, action.reason)
         self._send_lease(now)
         self._send_authority_status(now)

@@ -63,14 +63,15 @@ class FlightOrders:
         text = "START refused: " + ", ".join(needs)
         self._answers(port, asker)(mavlink.MAV_RESULT_TEMPORARILY_REJECTED, text)
 
-    def give_start_up(self, why: str) -> None:
+    def give_start_up(self, why: str, now: float) -> None:
         """End a START that is under way, if one is."""
         if self._conversations.drop("start"):
+            self._handle(events.StartFinished(False, why), now)
             self._answer(mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
 
     def bring_home(self, action: events.FlightAction, now: float) -> None:
         """Have the autopilot fly home, or land."""
-        self.give_start_up("the aircraft is brought home")
+        self.give_start_up("the aircraft is brought home", now)
 
         def done(dialogue: Dialogue, now: float) -> None:
             text = dialogue.failure or f"the autopilot flies {dialogue.result}"

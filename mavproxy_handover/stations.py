@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.config import StationLinks
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.tables import COMPANION_COMPID
-from mavproxy_handover.keys import KeysError, StationKeys, load_station_keys
+from mavproxy_handover.keys import StationKeys, check_distinct, load_station_keys
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_device
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
@@ -153,7 +153,9 @@ class StationPort:
 
 
 def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int) -> dict[int, StationPort]:
-    """Open every link of every station, or none. Raises LinkError, KeysError."""
+    """Open every link of every station, or none. Raises LinkError, KeysError (two with the same key, for one)."""
+    keys = {config.station.name: load_station_keys(config.key) for config in configs if config.key is not None}
+    check_distinct(keys)
     ports: dict[int, StationPort] = {}
     opened: list[Device] = []
     try:
@@ -162,9 +164,9 @@ def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int) -> dict[in
             for device in config.links:
                 links.append(open_device(device))
                 opened.append(links[-1])
-            keys = None if config.key is None else load_station_keys(config.key)
-            ports[config.station.sysid] = StationPort(config, tuple(links), vehicle_sysid, keys)
-    except (LinkError, KeysError):
+            name = config.station.name
+            ports[config.station.sysid] = StationPort(config, tuple(links), vehicle_sysid, keys.get(name))
+    except LinkError:
         for link in opened:
             link.close()
         raise

@@ -14,7 +14,7 @@ station's own address. So what is refused is refused for what it says and how it
 When the ports are open it takes orders, a line each, on standard input:
 
     attack LINK SYSID              every message of its repertoire once, as system SYSID
-    flood LINK SYSID RATE SECONDS  RATE datagrams a second, by turns a command, a broken frame and noise
+    flood LINK SYSID RATE SECONDS  RATE datagrams a second, by turns a valid frame, a broken one and noise
     record LINK                    keep what the station sends from here on
     replay LINK                    send that again, as it was
 
@@ -242,11 +242,16 @@ class Rogue:
 
 
 def _stamped(vehicle: int, sysid: int, number: int) -> bytes:
-    """A valid command under a sequence number of its own."""
+    """A valid frame under a sequence number of its own: a command, a question, a word of a transfer that is none."""
     sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
     sender.seq = number
     order = (vehicle, _AUTOPILOT, mavlink.MAV_CMD_NAV_LAND, 0, 0, 0, 0, 0, 0, 0, 0)
-    packed: bytes = mavlink.MAVLink_command_long_message(*order).pack(sender)
+    messages = (
+        mavlink.MAVLink_command_long_message(*order),
+        mavlink.MAVLink_param_request_read_message(vehicle, _AUTOPILOT, b"", number),
+        mavlink.MAVLink_disconnect_handover_message(vehicle, _COMPANION, vehicle, sysid, sysid, number, number),
+    )
+    packed: bytes = messages[number // 3 % 3].pack(sender)
     return packed
 
 

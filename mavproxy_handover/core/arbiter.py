@@ -259,7 +259,7 @@ class Arbiter:
             return None
         dropped = self._contacts.answered(station, answer, now, actions)
         if dropped is None:
-            self._authority.learn_epoch(station, answer.epoch, actions)
+            self._authority.learn_epoch(station, answer, actions)
             self._grant_parent(now, actions)
         return dropped
 
@@ -295,7 +295,7 @@ class Arbiter:
         self._flight.autopilot_said(event, now)
         if not event.armed and authority.phase is not Phase.ON_LOAD:
             self._land(now, actions)
-        elif self._flight.flying and authority.phase is Phase.ON_LOAD and not self._start.under_way:
+        elif self._flight.flying and authority.phase is Phase.ON_LOAD and not authority.starting:
             self._start.enter_mission("airborne", actions)
         elif was_armed is not event.armed:
             authority.refresh(Reason.NONE, actions)
@@ -375,7 +375,7 @@ class Arbiter:
         if not warning:
             if decision.reason is Reason.OUT_OF_COVERAGE:  # a transfer from a lost commander goes on
                 self._handover.move(Cause.OUT_OF_COVERAGE, now, actions)
-            self._start.under_way = False
+            authority.starting = False
             if authority.phase is Phase.ON_LOAD:
                 self._start.enter_mission("airborne", actions)
             authority.move_phase(PhaseCause.EMERGENCY)

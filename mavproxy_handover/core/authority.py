@@ -10,6 +10,8 @@ Rules that live here
   it may happen is not asked: that is the caller's to know.
 * After a restart the owner of before is lost until it is heard; the epoch has risen already, so its return raises it no
   more.
+* A run that began without a state file may be behind what stations remember of earlier ones, and what is behind they do
+  not believe. So it learns from their memory: from each station once, and then nobody can be ahead of it again.
 * Every change ends in `refresh`, which makes the view and announces it if it differs.
 """
 
@@ -20,6 +22,7 @@ from math import inf
 
 from mavproxy_handover.core.events import Action, Record, ViewChanged
 from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.messages import ConnectAck
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Reason, Station
 from mavproxy_handover.core.phases import PHASES, PhaseCause
 from mavproxy_handover.core.snapshot import Snapshot
@@ -36,6 +39,7 @@ class Authority:
 
     __slots__ = (
         "_flight",
+        "_may_be_ahead",
         "epoch",
         "handover_id",
         "lost",
@@ -44,6 +48,7 @@ class Authority:
         "phase",
         "recover_until",
         "released",
+        "starting",
         "takeover_allowed",
         "transfer",
         "view",
@@ -52,6 +57,8 @@ class Authority:
     def __init__(self, stations: Iterable[Station], flight: Flight) -> None:
         self.names = {station.sysid: station.name for station in stations}
         self._flight = flight
+        #: stations that may remember more than this run knows: they have not answered yet
+        self._may_be_ahead = set(self.names)
         self.owner: int | None = None
         #: the owner is not heard
         self.lost = False
@@ -64,6 +71,8 @@ class Authority:
         self.takeover_allowed = False
         #: the owner gave up control on the ground: nobody gets it without asking
         self.released = False
+        #: START was accepted, and the edge is carrying it out
+        self.starting = False
         #: until then the owner of the run before may come back; None in a run that began without one
         self.recover_until: float | None = None
         self.view = AuthorityView(armed=True)
@@ -71,6 +80,7 @@ class Authority:
     def restore(self, restored: Snapshot) -> None:
         """Take up what the run before left behind; nobody commands until its owner is heard again."""
         self.epoch = restored.epoch + 1
+        self._may_be_ahead.clear()
         self.handover_id = restored.handover_id
         if restored.phase is not Phase.ON_LOAD:  # on the ground everything begins anew, but for the numbers
             self.takeover_allowed = restored.takeover_allowed
@@ -92,8 +102,8 @@ class Authority:
         return self.recover_until is not None
 
     def grounded(self, now: float) -> bool:
-        """On the ground and disarmed, and the autopilot has said so just now."""
-        return self._flight.disarmed(now) and self.phase is Phase.ON_LOAD
+        """On the ground to stay: disarmed, the autopilot has said so just now, and no START is under way."""
+        return self._flight.disarmed(now) and self.phase is Phase.ON_LOAD and not self.starting
 
     # ---- how it changes -------------------------------------------------------------------------------------------
 
@@ -145,12 +155,20 @@ class Authority:
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self.refresh(Reason.COMMANDER_LOST, actions)
 
-    def learn_epoch(self, station: int, epoch: int, actions: list[Action]) -> None:
-        """Nobody commands, and a station remembers a later epoch: without it nothing said here would be news there."""
-        if self.owner is None and self.epoch < epoch <= _EPOCH_MAX:
-            text = f"{self.name(station)} remembers epoch {epoch}: the state of an earlier run was lost"
+    def learn_epoch(self, station: int, answer: ConnectAck, actions: list[Action]) -> None:
+        """A station remembers a later epoch, or another commander of this one: nothing said here would be news to it.
+
+        While somebody has authority, only a station's first answer counts: none can move the epoch at will.
+        """
+        owned, first = self.owner is not None, station in self._may_be_ahead
+        if owned and (not first or self.transfer is not None):  # a transfer ends in the epoch that it began in
+            return
+        self._may_be_ahead.discard(station)
+        differs = owned and answer.epoch == self.epoch and answer.commander not in (None, self.owner)
+        if (answer.epoch > self.epoch or differs) and answer.epoch <= _EPOCH_MAX:
+            text = f"{self.name(station)} remembers epoch {answer.epoch}: the state of an earlier run was lost"
             actions.append(Record("epoch_learnt", text, Reason.RESTARTED, station))
-            self.epoch = epoch
+            self.epoch = answer.epoch + 1 if owned else answer.epoch
             self.refresh(Reason.RESTARTED, actions)
 
     def allow_takeover(self, allowed: bool, actions: list[Action]) -> None:

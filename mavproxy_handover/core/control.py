@@ -13,9 +13,9 @@
 * Nobody in command: on the ground the request is granted; in flight it starts a forced transfer from the commander that
   was lost, if the aircraft is in the asking station's zone. While the commander of before a restart may still come
   back, nobody gets its place.
-* A release on the ground leaves nobody in command. In flight the aircraft is never left without a commander: it is
-  offered to a station whose zone holds it, and until one has taken it the commander stays, with takeover allowed. Where
-  somebody waits for its consent, the release is that.
+* A release on the ground leaves nobody in command. In flight, and from START on, the aircraft is never left without a
+  commander: it is offered to a station whose zone holds it, and until one has taken it the commander stays, with
+  takeover allowed. Where somebody waits for its consent, the release is that.
 * Only the commander can release. CONTROL_STATUS, not the answer, tells who commands.
 * A request that comes again right after it has taken effect is its repetition (the answer was lost on the way): it is
   answered again and changes nothing (`Echo`).
@@ -48,10 +48,10 @@ class ControlFacts:
     """What holds when a request comes.
 
     `commander`: who commands, None if nobody. `lost`: there is one, and it is not heard. `recovering`: it has not been
-    heard since the restart, and that was just now. `grounded`: disarmed, and the autopilot has just said so.
-    `waiting_for`: the partner of the transfer under way, None without one. `unfit`: why the station that is to have
-    control could not be a partner, None if it could. `in_zone`: its zone holds the aircraft, or zones or position are
-    not known yet.
+    heard since the restart, and that was just now. `grounded`: disarmed, the autopilot has just said so, and no
+    START is under way. `waiting_for`: the partner of the transfer under way, None without one. `unfit`: why the station
+    that is to have control could not be a partner, None if it could. `in_zone`: its zone holds the aircraft, or zones
+    or position are not known yet.
     """
 
     commander: int | None

@@ -5,9 +5,14 @@
 What may happen in which step is in `transfer.py`; here is what follows from it. A commit changes owner and epoch in one
 step; an abort changes nothing. What carries another epoch or transfer number is dropped, and who asks about the
 transfer that is just over is told its result again.
+
+A forced transfer is short: until it ends nobody commands. On the way home there is no such hurry, and a partner whose
+operator has to be asked gets the time for that.
 """
 
 from __future__ import annotations
+
+from math import inf
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.choice import Candidates
@@ -136,6 +141,8 @@ class Handover:
         if transfer is None:
             return
         before = transfer.step
+        if cause is Cause.PARTNER_ASKS and self._authority.phase is Phase.EMERGENCY:
+            transfer.forced_until = inf  # the aircraft is on its way home already: there is time for an operator
         end = transfer.move(cause, now, relay=relay)
         if isinstance(end, End):
             self._end(transfer, end, now, actions)

@@ -59,14 +59,12 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
 class Start:
     """START on its way, from the station's command to the edge's word that the aircraft is armed and in AUTO."""
 
-    __slots__ = ("_authority", "_candidates", "_flight", "under_way")
+    __slots__ = ("_authority", "_candidates", "_flight")
 
     def __init__(self, authority: Authority, flight: Flight, candidates: Candidates) -> None:
         self._authority = authority
         self._flight = flight
         self._candidates = candidates
-        #: accepted, and the edge is carrying it out
-        self.under_way = False
 
     def needs(self, station: int, now: float) -> tuple[str, ...]:
         """What START from this station still lacks, in words; empty when the aircraft may take off."""
@@ -75,7 +73,7 @@ class Start:
             StartFacts(
                 station=authority.name(station),
                 commands=authority.view.commander == station,
-                on_ground=authority.phase is Phase.ON_LOAD and not flight.armed and not self.under_way,
+                on_ground=authority.phase is Phase.ON_LOAD and not flight.armed and not authority.starting,
                 mission_loaded=bool(self._candidates.mission.digest),
                 in_transfer=authority.transfer is not None,
                 autopilot_alive=flight.autopilot_alive(now),
@@ -92,15 +90,15 @@ class Start:
             actions.append(Record("start_refused", "START refused: " + ", ".join(needs), Reason.NOT_READY, station))
             actions.append(StartRefused(station, needs))
             return
-        self.under_way = True
+        self._authority.starting = True
         actions.append(Record("start", f"START from {self._authority.name(station)}", station=station))
         actions.append(BeginStart(station))
 
     def finished(self, event: StartFinished, actions: list[Action]) -> None:
         """The edge went through the START sequence; what was given up meanwhile is over already."""
-        if not self.under_way:
+        if not self._authority.starting:
             return
-        self.under_way = False
+        self._authority.starting = False
         if event.ok:
             self.enter_mission("armed and in AUTO", actions)
         else:

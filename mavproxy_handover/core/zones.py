@@ -95,8 +95,11 @@ class ZoneTracker:
         self._fresh.clear()
 
     def _time_left_s(self, station: int) -> float:
-        """How long the zone will hold the aircraft on its present track; 0 outside, inf when no end is in sight."""
-        if station not in self._inside:
+        """How long the zone will hold the aircraft on its present track; 0 outside, inf when no end is in sight.
+
+        Across the border, where the zone still counts as holding it, no time is left, though no end is in sight either.
+        """
+        if station not in self._inside or self._facts[station].margin_m < 0.0:
             return 0.0
         exit_s = self._facts[station].exit_s
         return inf if exit_s is None else exit_s

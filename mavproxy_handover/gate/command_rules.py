@@ -59,6 +59,12 @@ COMMAND_RULES: Final = (
     ),
     Rule(
         Access.SAFEGUARD,
+        "restarts the autopilot, in flight too if a parameter says so, and the guard with it; others of its parameters "
+        "lock it up or wipe its settings",
+        names("PREFLIGHT_REBOOT_SHUTDOWN"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
         "declares the battery full: its failsafe would count from there",
         names("BATTERY_RESET"),
     ),
@@ -109,10 +115,10 @@ COMMAND_RULES: Final = (
     ),
     Rule(
         Access.COMMAND,
-        "calibrates, tests or restarts; the autopilot itself refuses what is unsafe in flight",
+        "calibrates or tests; the autopilot itself refuses what is unsafe in flight",
         names("""
             DO_MOTOR_TEST PREFLIGHT_CALIBRATION PREFLIGHT_SET_SENSOR_OFFSETS PREFLIGHT_UAVCAN
-            PREFLIGHT_REBOOT_SHUTDOWN ACTUATOR_TEST CONFIGURE_ACTUATOR POWER_OFF_INITIATED
+            ACTUATOR_TEST CONFIGURE_ACTUATOR POWER_OFF_INITIATED
             FIXED_MAG_CAL FIXED_MAG_CAL_FIELD FIXED_MAG_CAL_YAW DO_START_MAG_CAL DO_ACCEPT_MAG_CAL
             DO_CANCEL_MAG_CAL ACCELCAL_VEHICLE_POS GIMBAL_RESET GIMBAL_AXIS_CALIBRATION_STATUS
             GIMBAL_REQUEST_AXIS_CALIBRATION GIMBAL_FULL_RESET

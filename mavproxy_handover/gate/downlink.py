@@ -11,7 +11,8 @@ texts), what is addressed to it, the answers to what it asked, and the telemetry
 2. A frame addressed to a station goes to that station and to no other, whatever their roles.
 3. Answers without an address (a parameter, a version) are known only by what was asked for. A question opens
    a window for the ids that answer it. Where one question has many answers each of them extends the window, but
-   never past `LIMIT_S` after the question: somebody else's parameters would keep it open for ever.
+   never past `LIMIT_S` after the question: somebody else's parameters would keep it open for ever. Else a question
+   is good for `EACH` messages: to ask again and again for what streams anyway is no way around `observers`.
 4. A station that commands asks the autopilot itself for rates: what it had asked of the companion is forgotten.
 """
 
@@ -31,13 +32,18 @@ from mavproxy_handover.gate.observers import ALWAYS, DEFAULTS, ObserverRates
 from mavproxy_handover.gate.policy import COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 
-__all__ = ["ANSWERS", "COMMAND_ANSWERS", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
+__all__ = ["ANSWERS", "COMMAND_ANSWERS", "EACH", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
 
 #: How long after a question, or after an answer that extends the window, an answer is still one.
 WINDOW_S: Final = 5.0
 
 #: The longest that answers to one question are waited for: a parameter list over a slow link.
 LIMIT_S: Final = 300.0
+
+#: Messages that may be the answer to one question: somebody else's, or what streams anyway, may come first.
+EACH: Final = 4
+#: Such messages that are waited for at once, however many questions there were.
+_MOST: Final = 1000
 
 #: What every known station hears.
 FOR_EVERYBODY: Final = (*ALWAYS, *DEFAULTS)
@@ -116,6 +122,7 @@ class _Window:
     until: float  #: monotonic seconds
     limit: float  #: never extended past this
     many: bool
+    left: int  #: messages that may still be an answer, if there are not many
 
 
 def _stays_aboard(frame: Frame, aim: tuple[int, int] | None) -> bool:
@@ -163,7 +170,8 @@ class DownlinkPolicy:
                 open_window = windows.get(msgid)
                 # A single question during a list must not shorten the list.
                 still_many = open_window is not None and open_window.many and now <= open_window.until
-                windows[msgid] = _Window(now + WINDOW_S, now + LIMIT_S, many or still_many)
+                left = 0 if open_window is None or now > open_window.until else open_window.left
+                windows[msgid] = _Window(now + WINDOW_S, now + LIMIT_S, many or still_many, min(left + EACH, _MOST))
 
     def receivers(self, frame: Frame, stations: Iterable[int], view: AuthorityView, now: float) -> list[int]:
         """Which of the stations (system ids) get this frame of the vehicle; for them it is counted as sent.
@@ -193,4 +201,8 @@ class DownlinkPolicy:
             return False
         if window.many:
             window.until = min(now + WINDOW_S, window.limit)
+            return True
+        if not window.left:
+            return False
+        window.left -= 1
         return True

@@ -12,7 +12,8 @@ Rules:
 3. WriteFile names a session and no path. What may not be opened cannot be written; what was opened before arming
    is closed at arming (`flush`).
 
-Source: ArduPilot's AP_Filesystem (backends chosen by prefix), AP_Bootloader (flash from SD card), StorageManager.
+Source: ArduPilot's AP_Filesystem (backends chosen by prefix), AP_Bootloader (flash from SD card), AP_HAL_ChibiOS,
+AP_HAL_Linux and AP_HAL_SITL (`Storage.cpp`: where the storage is kept as a file, and its copies).
 """
 
 from __future__ import annotations
@@ -50,8 +51,15 @@ FILE_RULES: Final = (
     FileRule(
         Access.MAINTENANCE,
         "unreadable names",
-        "characters that file systems read in more than one way, short names of long ones",
-        ("*[!\x20-\x7e]*", "*~*"),
+        "characters that file systems read in more than one way: a long s is an s to them",
+        ("*[!\x20-\x7e]*",),
+        reads=True,
+    ),
+    FileRule(
+        Access.MAINTENANCE,
+        "short names",
+        "a file system's second name for a long one",
+        ("*~*",),
     ),
     FileRule(
         Access.MAINTENANCE,
@@ -75,8 +83,22 @@ FILE_RULES: Final = (
     FileRule(
         Access.MAINTENANCE,
         "raw memory",
-        "holds the autopilot's signing key",
-        ("/@sys*storage.bin*", "/@sys*flash.bin*", "/@sys*crash_dump.bin*"),
+        "holds the autopilot's signing key; at every start a copy of it is put on the SD card",
+        (
+            "/@sys*storage.bin*",
+            "/@sys*flash.bin*",
+            "/@sys*crash_dump.bin*",
+            "*/strg_bak/*",
+            "*.stg/*",
+            "*/eeprom*.bin/*",
+        ),
+        reads=True,
+    ),
+    FileRule(
+        Access.COMMAND,
+        "flight logs",
+        "a download fills the channel that the lease travels on, as by LOG_REQUEST_DATA",
+        ("*/logs/*",),
         reads=True,
     ),
     FileRule(

@@ -16,6 +16,8 @@ component that began it. Rules, from ArduPilot's source:
    a parameter or mission file, half-written or not. So the header of such a file is overwritten with zeros first:
    a file without its magic number is thrown away. Left alone it would be closed, and applied, whenever some
    station next asks for a file. Parameter files are closed at arming too (`parameters`: nobody may set them then).
+   What a request says is not what has happened: a file counts as open until the autopilot has acknowledged its end,
+   or refused to open it. A second one that is refused, because one is open, does not hide the first.
 3. **Sticks** (RC_CHANNELS_OVERRIDE, MANUAL_CONTROL): released; the autopilot would wait for RC_OVERRIDE_TIME.
 4. **Guided stream** of velocity, acceleration or attitude: zero velocity. GUID_TIMEOUT (3 s) would stop it as well;
    until then the aircraft would go on as the former commander said last. A place to fly to is not a stream: the
@@ -24,7 +26,8 @@ component that began it. Rules, from ArduPilot's source:
 5. **Log download**: ended, it fills the channel.
 
 Nothing is sent for what has ended: the autopilot's answers (`heard`) and the station's own frames tell.
-Memory is bounded: `_MOST_OPEN` of a kind for one station, the oldest is forgotten first.
+Memory is bounded: `_MOST_OPEN` of a kind for one station; the oldest is forgotten first, of files the oldest that the
+autopilot has not acknowledged.
 """
 
 from __future__ import annotations
@@ -48,7 +51,7 @@ _MOST_OPEN: Final = 8
 #: More items than any autopilot stores: the count is refused after it has ended the upload before it.
 _TOO_MANY_ITEMS: Final = 0xFFFF
 
-_FTP_TERMINATE, _FTP_RESET, _FTP_CREATE, _FTP_WRITE, _FTP_OPEN_WRITE, _FTP_NAK = 1, 2, 6, 7, 11, 129
+_FTP_TERMINATE, _FTP_RESET, _FTP_CREATE, _FTP_WRITE, _FTP_OPEN_WRITE, _FTP_ACK, _FTP_NAK = 1, 2, 6, 7, 11, 128, 129
 #: Sequence number, session, opcode, size of the data, opcode that is answered.
 _FTP_HEAD: Final = struct.Struct("<HBBBB")
 _FTP_DATA: Final = slice(12, 250)
@@ -84,6 +87,8 @@ _VELOCITY_IGNORED: Final = 0b111 << 3
 _ACCELERATION_IGNORED: Final = 0b111 << 6
 #: Only the velocity counts: position, acceleration, yaw and yaw rate are ignored.
 _ONLY_VELOCITY: Final = 0b1101_1100_0111
+#: What an upload survives: an item out of turn, and a question by its own sender that had to wait for its end.
+_UPLOAD_GOES_ON: Final = (mavlink.MAV_MISSION_INVALID_SEQUENCE, mavlink.MAV_MISSION_DENIED)
 _GUIDED_ITEM: Final = 2  #: MISSION_ITEM.current: not an item but a place to fly to
 
 _Sender = tuple[int, int]  #: system, component
@@ -98,12 +103,15 @@ class Closing:
     incomplete: bool = False  #: what the autopilot stores may be a mixture of old and new
 
 
+_FileName = tuple[_Sender, int, bytes]  #: who, session, path
+
+
 @dataclass(frozen=True, slots=True)
 class _File:
-    session: int
-    path: bytes
     component: int  #: that the file is open at
-    sequence: int  #: of the last request
+    asked: int  #: sequence number of the request to open it
+    sequence: int  #: of the sender's last request
+    acknowledged: bool = False  #: the autopilot has opened it
 
 
 @dataclass(slots=True)
@@ -111,7 +119,7 @@ class _Open:
     """What one station has open. Values are the component that was addressed, or a file."""
 
     uploads: dict[tuple[_Sender, int], int] = field(default_factory=dict)  #: by sender and mission type
-    files: dict[_Sender, _File] = field(default_factory=dict)
+    files: dict[_FileName, _File] = field(default_factory=dict)
     sticks: dict[_Sender, int] = field(default_factory=dict)
     streams: dict[_Sender, int] = field(default_factory=dict)
     logs: dict[_Sender, int] = field(default_factory=dict)
@@ -164,18 +172,25 @@ class FlushTracker:
         closings = [self._close_sticks(sender, at) for sender, at in opened.sticks.items()]
         closings += [self._close_stream(sender, at) for sender, at in opened.streams.items()]
         closings += [self._close_upload(sender, kind, at) for (sender, kind), at in opened.uploads.items()]
-        closings += [self._close_file(sender, file) for sender, file in opened.files.items()]
+        # One session may have had several: what closing would apply is spoiled before anything closes it.
+        files = sorted(opened.files.items(), key=lambda entry: not is_upload(entry[0][2]))
+        closings += [self._close_file(name, file) for name, file in files]
         closings += [self._close_log(sender, at) for sender, at in opened.logs.items()]
         return closings
+
+    def writes(self, station_sysid: int) -> bool:
+        """Whether a station has a file open for writing at the autopilot."""
+        opened = self._open.get(station_sysid)
+        return opened is not None and bool(opened.files)
 
     def parameters(self) -> list[Closing]:
         """Throw away parameter files that are being written: to be called when the vehicle is armed."""
         closings = []
         for opened in self._open.values():
-            for sender, file in list(opened.files.items()):
-                if is_parameter_file(file.path):
-                    del opened.files[sender]
-                    closings.append(self._close_file(sender, file))
+            for name, file in list(opened.files.items()):
+                if is_parameter_file(name[2]):
+                    del opened.files[name]
+                    closings.append(self._close_file(name, file))
         return closings
 
     # ---- what opens and ends ----------------------------------------------------------------------------------------
@@ -190,14 +205,16 @@ class FlushTracker:
     def _saw_file(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
         request = field_bytes(frame, "payload")
         sequence, session, opcode, _size, _request = _FTP_HEAD.unpack_from(request)
-        file = opened.files.get(sender)
         if opcode in (_FTP_CREATE, _FTP_OPEN_WRITE):
-            path = request[_FTP_DATA].partition(b"\0")[0]
-            _remember(opened.files, sender, _File(session, path, component, sequence))
-        elif file is not None and opcode in (_FTP_TERMINATE, _FTP_RESET) and session == file.session:
-            del opened.files[sender]
-        elif file is not None:
-            opened.files[sender] = replace(file, sequence=sequence)
+            name = sender, session, request[_FTP_DATA].partition(b"\0")[0]
+            known = opened.files.get(name)
+            acknowledged = known is not None and known.acknowledged
+            if known is None and len(opened.files) >= _MOST_OPEN:  # rather what may never have been opened
+                del opened.files[min(opened.files, key=lambda other: opened.files[other].acknowledged)]
+            _remember(opened.files, name, _File(component, sequence, sequence, acknowledged))
+        for name, file in opened.files.items():
+            if name[0] == sender:
+                opened.files[name] = replace(file, sequence=sequence)
 
     def _saw_sticks(self, _frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
         _remember(opened.sticks, sender, component)
@@ -226,16 +243,25 @@ class FlushTracker:
             _remember(opened.logs, sender, component)
 
     def _heard_ack(self, frame: Frame) -> None:
-        # An item out of turn is refused, and the upload goes on.
-        if field_int(frame, "type") != mavlink.MAV_MISSION_INVALID_SEQUENCE:
+        if field_int(frame, "type") not in _UPLOAD_GOES_ON:
             for opened in self._open.values():
                 opened.uploads.pop((_addressee(frame), field_int(frame, "mission_type")), None)
 
     def _heard_file(self, frame: Frame) -> None:
-        _sequence, _session, opcode, _size, request = _FTP_HEAD.unpack_from(field_bytes(frame, "payload"))
-        if opcode == _FTP_NAK and request in (_FTP_CREATE, _FTP_OPEN_WRITE):
-            for opened in self._open.values():
-                opened.files.pop(_addressee(frame), None)
+        sequence, session, opcode, _size, request = _FTP_HEAD.unpack_from(field_bytes(frame, "payload"))
+        asked = (sequence - 1) & 0xFFFF
+        session_of = _addressee(frame), session
+        for opened in self._open.values():
+            for name, file in list(opened.files.items()):
+                if name[:2] != session_of:
+                    continue
+                if opcode == _FTP_ACK and request in (_FTP_TERMINATE, _FTP_RESET):
+                    del opened.files[name]
+                elif request in (_FTP_CREATE, _FTP_OPEN_WRITE) and file.asked == asked:
+                    if opcode == _FTP_ACK:
+                        opened.files[name] = replace(file, acknowledged=True)
+                    elif opcode == _FTP_NAK and not file.acknowledged:
+                        del opened.files[name]
 
     # ---- what closes ------------------------------------------------------------------------------------------------
 
@@ -245,18 +271,19 @@ class FlushTracker:
         fence = kind == mavlink.MAV_MISSION_TYPE_FENCE
         return Closing(f"unfinished {name} upload ended", _packed(sender, count), incomplete=not fence)
 
-    def _close_file(self, sender: _Sender, file: _File) -> Closing:
+    def _close_file(self, name: _FileName, file: _File) -> Closing:
+        sender, session, path = name
         requests = [(_FTP_TERMINATE, 0)]
-        if is_upload(file.path):
+        if is_upload(path):
             requests.insert(0, (_FTP_WRITE, _HEADER_BYTES))  # zeros, at offset zero
         messages = []
         for number, (opcode, size) in enumerate(requests, start=1):
-            head = _FTP_HEAD.pack((file.sequence + number) & 0xFFFF, file.session, opcode, size, 0)
+            head = _FTP_HEAD.pack((file.sequence + number) & 0xFFFF, session, opcode, size, 0)
             payload = list(head.ljust(_FTP_BYTES, b"\0"))
             messages.append(mavlink.MAVLink_file_transfer_protocol_message(0, self._vehicle, file.component, payload))
-        name = file.path.decode("ascii", "replace")
-        thrown_away = ", contents thrown away" if is_upload(file.path) else ""
-        return Closing(f"file {name!r} closed{thrown_away}", _packed(sender, *messages), incomplete=not thrown_away)
+        shown = path.decode("ascii", "replace")
+        thrown_away = ", contents thrown away" if is_upload(path) else ""
+        return Closing(f"file {shown!r} closed{thrown_away}", _packed(sender, *messages), incomplete=not thrown_away)
 
     def _close_sticks(self, sender: _Sender, component: int) -> Closing:
         # 0 releases channels 1 to 8, UINT16_MAX - 1 the others.

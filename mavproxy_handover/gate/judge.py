@@ -60,6 +60,8 @@ class GateReason(Enum):
     SPOOFED_STATION = "spoofed station"  #: claims a system id that is not this station's
     UNKNOWN_MESSAGE = "unknown message"
     UNKNOWN_COMMAND = "unknown command"  #: or file-transfer opcode, or mission type
+    TOO_MANY = "too many questions"  #: of a station that does not command (`questions`)
+    FILE_BUSY = "the commander uses file transfer"  #: and the autopilot has only one open (`questions`)
     OTHER_TARGET = "other target"  #: aimed at another system
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
 

@@ -37,6 +37,7 @@ AUTOPILOT_COMPID: Final = 1
 RESULT_NOT_IN_CONTROL: Final = 10
 
 FTP_NAK: Final = 129
+FTP_ERROR_NO_SESSION: Final = 5
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
 FTP_ERROR_FILE_PROTECTED: Final = 9
 
@@ -53,6 +54,12 @@ _RESULTS: Final = {
     GateReason.MAINTENANCE_ONLY: mavlink.MAV_RESULT_DENIED,
     GateReason.UNKNOWN_COMMAND: mavlink.MAV_RESULT_UNSUPPORTED,
     GateReason.COMPANION_TARGET: mavlink.MAV_RESULT_UNSUPPORTED,
+}
+
+_FTP_ERRORS: Final = {
+    GateReason.UNKNOWN_COMMAND: FTP_ERROR_UNKNOWN_COMMAND,
+    GateReason.COMPANION_TARGET: FTP_ERROR_UNKNOWN_COMMAND,
+    GateReason.FILE_BUSY: FTP_ERROR_NO_SESSION,
 }
 
 _WORDS: Final = {
@@ -131,8 +138,7 @@ def _param_ext_ack(frame: Frame, _verdict: Verdict) -> mavlink.MAVLink_message:
 def _ftp_nak(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
     request = field_bytes(frame, "payload")
     sequence, session, opcode, offset = _FTP_REQUEST.unpack_from(request)
-    unknown = verdict.reason in (GateReason.UNKNOWN_COMMAND, GateReason.COMPANION_TARGET)
-    error = FTP_ERROR_UNKNOWN_COMMAND if unknown else FTP_ERROR_FILE_PROTECTED
+    error = _FTP_ERRORS.get(verdict.reason, FTP_ERROR_FILE_PROTECTED)
     answer = _FTP_ANSWER.pack((sequence + 1) & 0xFFFF, session, FTP_NAK, 1, opcode, offset, error)
     return mavlink.MAVLink_file_transfer_protocol_message(
         target_network=0,

@@ -9,6 +9,8 @@ So this module finds frames in a byte stream, checks them, and leaves them whole
    dialect does not have cannot be checked; it is skipped and counted. Its length is believed only if a magic
    byte follows, because a stray magic byte in garbage has a length too, and would swallow the frame behind it.
 2. A frame with an incompatibility flag other than "signed" is not understood; it is skipped and counted.
+   Nor is a MAVLink 1 frame with more payload than its message has, which is skipped before the rest of it is
+   there: MAVLink 1 knows no newer fields, and a stray magic byte must not hold up the frames behind it.
 3. After garbage or a bad CRC the search goes on one byte behind the magic byte, so a damaged frame costs no
    frame but itself.
 4. Any cut of the stream gives the same frames. What is kept between two calls is no longer than one frame.
@@ -179,6 +181,12 @@ def _message_id(data: bytes, start: int) -> int:
     return data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
 
 
+def _too_long(data: bytes, start: int) -> bool:
+    """Whether the MAVLink 1 header that begins at `start` gives its message more payload than it has."""
+    definition = _DEFINITIONS.get(data[start + 5])
+    return definition is not None and data[start + 1] > definition.length
+
+
 def _build(raw: bytes, definition: _Definition | None) -> Frame:
     """The frame that `raw` holds. Its length and CRC have been checked."""
     length = raw[1]
@@ -207,6 +215,8 @@ def parse_one(raw: bytes) -> Frame | None:
     if _frame_length(raw, 0) != len(raw):
         return None
     if raw[0] == MAGIC_V2 and raw[2] & ~FLAG_SIGNED:
+        return None
+    if raw[0] == MAGIC_V1 and _too_long(raw, 0):
         return None
     definition = _DEFINITIONS.get(_message_id(raw, 0))
     header = HEADER_V1 if raw[0] == MAGIC_V1 else HEADER_V2
@@ -254,6 +264,10 @@ class FrameSplitter:
             position = start
             if buffer[start] == MAGIC_V2 and end - start > 2 and buffer[start + 2] & ~FLAG_SIGNED:
                 counters.bad_flags += 1
+                counters.garbage_bytes += 1
+                position = start + 1
+                continue
+            if buffer[start] == MAGIC_V1 and end - start >= HEADER_V1 and _too_long(buffer, start):
                 counters.garbage_bytes += 1
                 position = start + 1
                 continue

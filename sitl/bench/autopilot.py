@@ -4,15 +4,17 @@
 world.
 
 It does not fly: its place is set, in one step if need be. It reads the lease, so it knows who commands without asking.
-How its bytes travel is its owner's business (`TcpAutopilot`: a server for one MAVProxy).
+How its bytes travel is its owner's business (`SerialAutopilot`: a line for one MAVProxy).
 """
 
 from __future__ import annotations
 
 import math
-import socket
+import os
 import time
+import tty
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -22,7 +24,7 @@ from mavproxy_handover.wire.lease import LEASE_TYPE
 from sitl.bench.loop import BenchError, Loop, Timer
 from sitl.bench.traffic import AUTOPILOT, DOWNLINK, VEHICLE, Place, downlink_message, split
 
-__all__ = ["FakeAutopilot", "TcpAutopilot"]
+__all__ = ["FakeAutopilot", "SerialAutopilot"]
 
 #: what is answered, if the companion sends it
 _ASKED = frozenset(
@@ -149,55 +151,45 @@ class FakeAutopilot:
             self._put(mavlink.MAVLink_mission_ack_message(*asker, 0, m.mission_type))
 
 
-class TcpAutopilot:
-    """A `FakeAutopilot` behind a TCP port of 127.0.0.1, for one MAVProxy to connect to."""
+class SerialAutopilot:
+    """A `FakeAutopilot` at a serial line, as on the aircraft: a pseudo-terminal, for one MAVProxy to open."""
 
     def __init__(self, loop: Loop, place: Place) -> None:
-        """Listen. Raises OSError."""
+        """Make the line. Raises OSError."""
         self._loop = loop
-        self._server = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._server.bind(("127.0.0.1", 0))
-        self._server.listen(1)
-        self._server.setblocking(False)
-        self.port: int = self._server.getsockname()[1]
-        self._peer: socket.socket | None = None
+        self._ours, self._theirs = os.openpty()
+        for end in (self._ours, self._theirs):
+            tty.setraw(end)
+        os.set_blocking(self._ours, False)
+        #: what MAVProxy is to open
+        self.device = f"{os.ttyname(self._theirs)},921600"
         self._rest = b""
         self.model = FakeAutopilot(loop, self._write, place)
+        #: MAVProxy is there: it has said something
+        self.connected = False
         #: when what is being taken in arrived
         self.received_at = -math.inf
-        loop.add_reader(self._server.fileno(), self._accept)
-
-    @property
-    def connected(self) -> bool:
-        """Whether MAVProxy is there."""
-        return self._peer is not None
-
-    def _accept(self) -> None:
-        self._peer, _address = self._server.accept()
-        self._peer.setblocking(False)
-        self._peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._loop.remove_reader(self._server.fileno())
-        self._loop.add_reader(self._peer.fileno(), self._read)
+        loop.add_reader(self._ours, self._read)
 
     def _write(self, raw: bytes) -> None:
-        if self._peer is None:
+        if not self.connected:
             return
         try:
-            self._peer.send(raw)
-        except OSError as error:  # also BlockingIOError: it has not read for megabytes
+            sent = os.write(self._ours, raw)
+        except OSError as error:  # also BlockingIOError: it has not read for kilobytes
             self._lost(error.strerror or str(error))
+        if sent < len(raw):
+            self._lost("it does not read")
 
     def _read(self) -> None:
-        assert self._peer is not None
         try:
-            data = self._peer.recv(65536)
+            data = os.read(self._ours, 65536)
         except BlockingIOError:
             return
         except OSError as error:
             self._lost(error.strerror or str(error))
         self.received_at = time.monotonic()
-        if not data:
-            self._lost("it closed the connection")
+        self.connected = True
         frames, self._rest = split(self._rest + data)
         for raw in frames:
             self.model.take(raw)
@@ -207,10 +199,9 @@ class TcpAutopilot:
         raise BenchError(f"MAVProxy under test is gone: {why}")
 
     def close(self) -> None:
-        """Close the port and the connection."""
-        self._loop.remove_reader(self._server.fileno())
-        self._server.close()
-        if self._peer is not None:
-            self._loop.remove_reader(self._peer.fileno())
-            self._peer.close()
-            self._peer = None
+        """Close both ends."""
+        self._loop.remove_reader(self._ours)
+        for end in (self._ours, self._theirs):
+            with suppress(OSError):
+                os.close(end)
+        self._ours = self._theirs = -1

@@ -14,7 +14,7 @@ from types import TracebackType
 
 from mavproxy_handover.launch import companion_argv, station_argv
 from sitl.bad_links import LinkPlan
-from sitl.bench.autopilot import TcpAutopilot
+from sitl.bench.autopilot import SerialAutopilot
 from sitl.bench.durations import read_journal
 from sitl.bench.lanes import link_plans
 from sitl.bench.loop import BenchError, Loop
@@ -39,7 +39,7 @@ class Flight:
     ) -> None:
         """`bad_links`: proxies on every link, perfect ones until `weather` is called. Raises OSError, KeysError."""
         self.loop = Loop()
-        self.autopilot = TcpAutopilot(self.loop, Place(52.6790, 5.9240))
+        self.autopilot = SerialAutopilot(self.loop, Place(52.6790, 5.9240))
         self.shuttle = Shuttle(self.autopilot.model, pause_s, seed)
         self._folder = folder
         self._processes = Processes()
@@ -88,7 +88,7 @@ class Flight:
         for sysid, name in ((A, "GCSA"), (B, "GCSB")):
             master = f"udpin:127.0.0.1:{self._listen[sysid]}"
             self._run(name, station_argv(self.wires.stations[sysid], master, self._folder / name / "mav.tlog"))
-        master = f"tcp:127.0.0.1:{self.autopilot.port}"
+        master = self.autopilot.device
         self._run("companion", companion_argv(self.wires.companion, master, self._folder / "companion" / "mav.tlog"))
         model = self.autopilot.model
         model.stream(_STREAM)

@@ -3,8 +3,8 @@
 """Two MAVProxy processes under the same load: the companion, and a stock MAVProxy with one `--out` a station.
 
 Both are the installed MAVProxy with the same options (those of `handover companion`), the stock one without our module
-and with its own heartbeat. Each has an autopilot and stations of its own; the companion's parent commands, its mission
-is loaded, and its aircraft is in the air, in the parent's zone.
+and with its own heartbeat. Each has an autopilot at a serial line (a pseudo-terminal) and stations of its own; the
+companion's parent commands, its mission is loaded, and its aircraft is in the air, in the parent's zone.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mavproxy_handover.keys import key_path, write_key
 from mavproxy_handover.launch import companion_argv
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.resources import shipped
-from sitl.bench.autopilot import TcpAutopilot
+from sitl.bench.autopilot import SerialAutopilot
 from sitl.bench.loop import BenchError, Loop, cpu_s
 from sitl.bench.station import FakeStation
 from sitl.bench.traffic import VEHICLE, Place
@@ -70,7 +70,7 @@ class Proxy:
 
     def __init__(self, loop: Loop, processes: Processes, folder: Path, name: str, stations: int, signing: bool) -> None:
         self.name = name
-        self.autopilot = TcpAutopilot(loop, IN_ZONE_A)
+        self.autopilot = SerialAutopilot(loop, IN_ZONE_A)
         self.stations: list[FakeStation] = []
         for number in range(stations):
             station = f"GCS{chr(ord('A') + number)}"
@@ -188,7 +188,7 @@ class Rig:
 
     @staticmethod
     def _master(proxy: Proxy) -> str:
-        return f"tcp:127.0.0.1:{proxy.autopilot.port}"
+        return proxy.autopilot.device
 
     def _configure(self) -> Path:
         folder = self._folder / "ours"

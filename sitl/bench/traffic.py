@@ -199,7 +199,7 @@ def uplink_message(number: int) -> Any:
 
 
 def split(data: bytes) -> tuple[list[bytes], bytes]:
-    """Whole MAVLink frames in trusted bytes (our own processes' TCP), and the rest that waits for more."""
+    """Whole MAVLink frames in trusted bytes (of our own processes), and the rest that waits for more."""
     frames = []
     start, end = 0, len(data)
     while end - start >= 3:

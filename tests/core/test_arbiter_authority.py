@@ -532,3 +532,26 @@ class TestLanding:
         bench.alive = {B}
         bench.run(10.0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)] * 2
+
+
+class TestLooking:
+    """What consoles and reports ask for: never an error, whoever is asked about."""
+
+    def test_how_long_ago_a_station_was_heard(self) -> None:
+        bench = Bench().on_ground()
+        bench.alive = set()
+        bench.give(StationHeard(A))
+        heard_at = bench.now
+        bench.run(2.25)
+        assert bench.arbiter.heard_ago_s(A, heard_at + 2.25) == 2.25
+        assert bench.arbiter.heard_ago_s(C, bench.now) is None
+
+    def test_a_station_that_is_not_known_is_not_connected(self) -> None:
+        bench = Bench().on_ground()
+        assert bench.arbiter.connected(A, bench.now)
+        assert not bench.arbiter.connected(99, bench.now)
+        assert not bench.arbiter.connected(0, bench.now)
+
+    def test_everybody_has_a_name(self) -> None:
+        names = [Bench().arbiter.name(sysid) for sysid in (A, C, 99, 0, None)]
+        assert names == ["GCSA", "GCSC", "station 99", "nobody", "nobody"]

@@ -13,6 +13,7 @@ from mavproxy_handover.core.events import (
     Fly,
     GuardSeen,
     GuardState,
+    Record,
     StartFinished,
     StartRequested,
     ViewChanged,
@@ -305,6 +306,20 @@ class TestZones:
         bench.run(30.0)
         assert bench.sent() == []
 
+    def test_a_first_position_in_the_air_is_no_entry(self) -> None:
+        # no fix before take-off: where the aircraft is found then it may have been all along
+        bench = Bench()
+        bench.facts = None
+        bench.on_ground()
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        bench.position(inside(A), inside(B))
+        bench.run(10.0)
+        assert bench.sent() == []
+        bench.position(inside(A), outside(B))
+        bench.position(inside(A), inside(B))
+        assert bench.arbiter.view.partner == B
+
     def test_but_the_end_of_the_commanders_zone_does(self) -> None:
         bench = Bench().on_ground()
         bench.position(inside(A), inside(B))
@@ -335,6 +350,18 @@ class TestZones:
         bench.run(5.0)
         assert bench.sent() == []
         assert bench.arbiter.view.commander == A
+
+    def test_what_is_entered_and_left_is_journalled(self) -> None:
+        bench = Bench().on_mission()
+        bench.log.clear()
+        bench.position(outside(A), inside(B), outside(C))
+        bench.position(outside(A), inside(B), inside(C))
+        told = [(a.event, a.text, a.station) for _at, a in bench.log if isinstance(a, Record) and "zone" in a.event]
+        assert told == [
+            ("zone_entered", "zone of GCSB entered", B),
+            ("zone_left", "zone of GCSA left", A),
+            ("zone_entered", "zone of GCSC entered", C),
+        ]
 
     def test_the_zone_shown_is_the_commanders_first(self) -> None:
         bench = Bench().on_mission()

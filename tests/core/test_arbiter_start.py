@@ -11,6 +11,9 @@ import pytest
 
 from mavproxy_handover.core.events import (
     BeginStart,
+    ControlAnswer,
+    ControlRequested,
+    ControlResult,
     GuardSeen,
     GuardState,
     MissionLoaded,
@@ -22,7 +25,20 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import AuthorityView, LeaseState
-from tests.core.bench import DIGEST, A, B, Bench, Phase, Reason, inside, not_records, outside
+from tests.core.bench import (
+    DIGEST,
+    KEY,
+    A,
+    B,
+    Bench,
+    DroneConnected,
+    OnHandover,
+    Phase,
+    Reason,
+    inside,
+    not_records,
+    outside,
+)
 
 
 def without_autopilot(bench: Bench) -> None:
@@ -157,6 +173,17 @@ def test_an_end_without_a_beginning_starts_nothing() -> None:
     assert bench.arbiter.view.phase is Phase.ON_LOAD
 
 
+def test_what_was_loaded_is_journalled_and_that_it_holds_no_more_is_too() -> None:
+    bench = Bench().on_ground()
+    bench.give(MissionLoaded(b"", ()))
+    assert [record.text for record in bench.records("mission_loaded")] == [
+        "mission loaded, commanders along the route: GCSA GCSB GCSA GCSB GCSA"
+    ]
+    assert [record.text for record in bench.records("mission_dropped")] == [
+        "the autopilot no longer holds the mission that was loaded"
+    ]
+
+
 def test_the_mission_loaded_is_the_one_that_partners_must_hold() -> None:
     bench = Bench().on_ground()
     assert bench.arbiter.mission_digest == DIGEST
@@ -164,3 +191,51 @@ def test_the_mission_loaded_is_the_one_that_partners_must_hold() -> None:
     bench.give(MissionLoaded(bytes(32), (A, B)))
     assert bench.arbiter.mission_digest == bytes(32)
     assert bench.arbiter.unfit(B, bench.now) is Reason.MISSION_DIFFERS
+
+
+class TestOnItsWay:
+    """From START on the aircraft is about to fly: the rules of the ground hold no more."""
+
+    def test_the_aircraft_is_not_left_without_a_commander(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(StartRequested(A))
+        answer = ControlAnswer(A, ControlResult.ACCEPTED)
+        assert answer in bench.give(ControlRequested(A, False, False, 0.0, A))
+        # nobody's zone but the commander's holds it: the commander stays, and whoever can take it later need not ask
+        assert (bench.arbiter.view.commander, bench.arbiter.view.takeover_allowed) == (A, True)
+        bench.autopilot_says(armed=True, flying=False)
+        bench.give(StartFinished(ok=True))
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(1.0)
+        assert (bench.arbiter.view.phase, bench.arbiter.view.commander) == (Phase.ON_MISSION, A)
+        assert bench.flights() == []
+
+    def test_nobody_gets_it_who_could_not_have_it_in_flight(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(ControlRequested(A, True, True, 10.0, A))
+        bench.give(StartRequested(A))
+        answer = ControlAnswer(B, ControlResult.DENIED, "the aircraft is outside its zone")
+        assert answer in bench.give(ControlRequested(B, True, False, 10.0, B))
+        assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (A, None)
+
+    def test_the_parent_does_not_inherit_it(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(ControlRequested(A, True, False, 10.0, B))
+        for word in (OnHandover(KEY), DroneConnected(KEY)):
+            bench.say(B, word)
+        bench.position(inside(A), inside(B))
+        assert bench.arbiter.view.commander == B
+        bench.give(StartRequested(B))
+        bench.alive = {A}
+        bench.run(6.0)
+        assert bench.arbiter.view.commander is None
+        bench.give(StartFinished(ok=False, text="arming refused"))
+        bench.run(1.0)
+        assert bench.arbiter.view.commander == A
+
+    def test_when_it_has_failed_the_rules_of_the_ground_hold_again(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(StartRequested(A))
+        bench.give(StartFinished(ok=False, text="arming refused"))
+        bench.give(ControlRequested(A, False, False, 0.0, A))
+        assert bench.arbiter.view.commander is None

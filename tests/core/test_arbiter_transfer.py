@@ -369,6 +369,10 @@ class TestEnds:
         bench.say(B, DroneConnected(KEY))
         assert bench.arbiter.view == MOVED
         assert bench.flights() == []
+        # it began for the zone's sake, but that is not what it was decided by
+        assert [record.reason for record in bench.records("transfer_committed")] == [Reason.COMMANDER_LOST]
+        results = [m.reason for _at, _station, m, _attempt in bench.sent() if isinstance(m, HandoverResult)]
+        assert results == [Reason.COMMANDER_LOST] * 2
 
     @pytest.mark.parametrize("step", ["REQUEST", "CONSENT", "CONNECT", "CONNECT_FREED"])
     def test_when_the_partner_is_lost_it_ends_there_and_then(self, step: str) -> None:
@@ -604,6 +608,15 @@ class TestResult:
             (0.5, B, COMMITTED, 3),
         ]
 
+    def test_an_answer_to_connect_shows_it_as_well(self) -> None:
+        bench = Bench().commit()
+        bench.log.clear()
+        bench.run(1.1)  # in this time both have answered CONNECT
+        assert [attempt for _at, station, _m, attempt in bench.sent() if station == B][-1] <= 4
+        bench.log.clear()
+        bench.run(8.0)
+        assert bench.sent() == []
+
     def test_an_answer_that_shows_the_old_epoch_acknowledges_nothing(self) -> None:
         bench = Bench().commit()
         bench.log.clear()
@@ -652,6 +665,11 @@ class TestResult:
             (1.625, B, result, 5),
             (2.625, B, result, 6),
         ]
+
+    def test_what_acknowledges_it_is_no_answer_that_went_astray(self) -> None:
+        bench = Bench().commit()
+        bench.say(B, ConnectAck(B, 1, 0, 2, B, "GCSB", b""))
+        assert bench.dropped() == {}
 
     def test_the_next_transfer_supersedes_it(self) -> None:
         bench = Bench().in_transfer()

@@ -492,6 +492,21 @@ class TestRelease:
         bench.say(B, DroneConnected(key(bench)))
         assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
 
+    def test_who_thinks_again_before_it_is_taken_offers_it_to_nobody_any_more(self) -> None:
+        bench = flight()
+        bench.give(releases(A))
+        assert (bench.arbiter.view.partner, bench.arbiter.view.takeover_allowed) == (B, True)
+        bench.give(asks(A))
+        assert (bench.arbiter.view.partner, bench.arbiter.view.takeover_allowed) == (None, False)
+        bench.run(11.0)
+        assert answers(bench.give(asks(B))) == [ControlAnswer(B, PENDING)]
+
+    def test_on_the_ground_it_is_journalled(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(releases(A))
+        told = bench.records("authority")[-1]
+        assert (told.text, told.station) == ("control released: nobody commands", A)
+
     def test_in_flight_with_nobody_to_take_it_the_commander_stays(self) -> None:
         bench = flight()
         bench.alive = {A}

@@ -43,6 +43,13 @@ def test_while_it_is_not_known_that_nothing_is_wrong_no_emergency_ends() -> None
     assert emergency.judge(FINE) == NOTHING_WRONG
 
 
+def test_what_is_wrong_is_wrong_while_that_is_not_known() -> None:
+    emergency = Emergency(Limits(out_hold_s=1.0))
+    emergency.resume()
+    out = Situation(flying=True, commander_lost=False, out_since=90.0, now=100.0)
+    assert emergency.judge(out, certain=False) == Decision(FlightAction.RETURN, Reason.OUT_OF_COVERAGE)
+
+
 def test_the_end_of_the_hold_time_is_due_until_it_was_judged() -> None:
     emergency = Emergency(Limits(out_hold_s=1.0))
     assert emergency.due_at(None) is None

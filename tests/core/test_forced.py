@@ -243,6 +243,32 @@ class TestBound:
         assert len(begun(bench)) in range(12, 17)
         assert bench.records("emergency_over") == []
 
+    def test_on_the_way_home_there_is_time_to_ask_an_operator(self) -> None:
+        bench = lost()
+        bench.run(4.5)
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, B, 1, LeaseState.LOST, True, 2)
+        second = TransferKey(A, B, 2, 1)
+        bench.say(B, OnHandover(second, Consent.WAITING))
+        asked_at = bench.now
+        for _ in range(29):
+            bench.run(1.0)
+            bench.say(B, OnHandover(second, Consent.WAITING))
+        assert bench.arbiter.view.handover_id == 2
+        bench.say(B, OnHandover(second))
+        bench.say(B, DroneConnected(second))
+        assert bench.arbiter.view == replace(TAKEN, handover_id=2)
+        assert bench.now - asked_at == pytest.approx(29.0)
+        assert bench.flights() == [RETURN]
+
+    def test_but_not_for_ever(self) -> None:
+        bench = lost()
+        bench.run(4.5)
+        bench.say(B, OnHandover(TransferKey(A, B, 2, 1), Consent.WAITING))
+        bench.run(29.9)
+        assert bench.arbiter.view.partner == B
+        bench.run(0.1)
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 2)
+
     def test_an_attempt_after_that_takes_it(self) -> None:
         bench = lost()
         bench.run(4.5)
@@ -472,8 +498,9 @@ class TestByRequest:
         bench = lost()
         bench.run(3.0)
         bench.give(bench.request(B, timeout_s=60.0))
-        bench.say(B, OnHandover(TransferKey(A, B, 2, 1), Consent.WAITING))
-        bench.run(2.1)
+        bench.run(1.9)
+        assert bench.arbiter.view.partner == B
+        bench.run(0.1)
         assert bench.arbiter.view.partner is None
 
     def test_a_request_while_it_runs_is_pending_and_changes_nothing(self) -> None:

@@ -145,6 +145,11 @@ class TestWaiting:
         bench.run(1.0)
         assert "GCSA does not command" in bench.arbiter.start_needs(A, bench.now)
 
+    def test_nor_is_it_one_of_the_ground_before_the_autopilot_has_spoken(self) -> None:
+        arbiter = Arbiter(Identity("drone", STATIONS, A), Limits(), LEFT)
+        arbiter.handle(StationHeard(A), 1.0)
+        assert arbiter.start_needs(A, 1.0)[0] == "the vehicle is already flying or starting"
+
     def test_the_clock_begins_with_the_first_event(self) -> None:
         # whatever MAVProxy did before that is not held against the commander
         bench = started(LEFT)
@@ -468,6 +473,15 @@ class TestOnTheGround:
         assert answer.result is ControlResult.ACCEPTED
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, B, None, 6, LeaseState.HELD, False, 7)
 
+    @pytest.mark.parametrize(("back_after_s", "commander"), [(4.5, B), (5.5, A)])
+    def test_the_parent_waits_for_the_commander_of_before(self, back_after_s: float, commander: int) -> None:
+        bench = started(replace(LEFT, owner=B))
+        bench.armed = bench.flying = False
+        bench.alive = {A}
+        bench.run(back_after_s)
+        bench.give(StationHeard(B))
+        assert bench.arbiter.view.commander == commander
+
     def test_the_time_to_come_back_does_not_outlive_the_one_who_was_granted(self) -> None:
         bench = started(replace(LEFT, owner=B))
         bench.alive = {A}
@@ -475,6 +489,16 @@ class TestOnTheGround:
         bench.run(6.0)
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, A, None, 6, LeaseState.HELD, False, 7)
         assert len(bench.records("authority_lost")) == 1
+
+
+def last_answer(bench: Bench, station: int) -> ConnectAck:
+    """The station's honest answer to the last CONNECT that was sent to it."""
+    question = next(
+        a.message
+        for _at, a in reversed(bench.log)
+        if isinstance(a, Send) and a.station == station and isinstance(a.message, Connect)
+    )
+    return bench.ack(station, question)
 
 
 class TestNumbersLost:
@@ -514,7 +538,82 @@ class TestNumbersLost:
             bench.say(B, ConnectAck(B, 1, nonce, 50, B, "GCSB", b""))
         assert bench.arbiter.view.epoch == 0
 
-    def test_while_somebody_has_authority_nobodys_memory_counts(self) -> None:
+    @staticmethod
+    def late(epoch: int, commander: int | None, *, flying: bool = True) -> Bench:
+        """A companion that knows nothing and commands under GCSA; GCSB comes into reach and remembers more."""
+        bench = Bench()
+        bench.alive = {A}
+        bench.on_mission() if flying else bench.on_ground()
+        bench.log.clear()
+        bench.give(StationHeard(B))
+        bench.say(B, replace(last_answer(bench, B), epoch=epoch, commander=commander))
+        bench.alive = {A, B}
+        return bench
+
+    @pytest.mark.parametrize("flying", [True, False])
+    @pytest.mark.parametrize(("epoch", "commander"), [(2, B), (9, C), (9, None), (0x7FFFFFFF, B), (1, B)])
+    def test_a_station_that_comes_into_reach_later_is_outdone_once(
+        self, epoch: int, commander: int | None, flying: bool
+    ) -> None:
+        bench = self.late(epoch, commander, flying=flying)
+        assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (A, epoch + 1)
+        assert [record.text for record in bench.records("epoch_learnt")] == [
+            f"GCSB remembers epoch {epoch}: the state of an earlier run was lost"
+        ]
+        # and now that it has heard, no answer of its counts any more
+        bench.alive = {A}
+        bench.run(2.0)
+        bench.say(B, replace(last_answer(bench, B), epoch=epoch + 50))
+        assert bench.arbiter.view.epoch == epoch + 1
+
+    @pytest.mark.parametrize(("epoch", "commander"), [(0, None), (1, A), (1, None), (0x80000000, B)])
+    def test_who_is_not_ahead_moves_nothing(self, epoch: int, commander: int | None) -> None:
+        assert self.late(epoch, commander).arbiter.view.epoch == 1
+
+    @pytest.mark.parametrize(("epoch", "commander"), [(0, None), (1, A), (0, D), (2, B), (2, None)])
+    def test_what_is_remembered_of_this_run_moves_nothing(self, epoch: int, commander: int | None) -> None:
+        bench = Bench().commit()
+        bench.log.clear()
+        bench.give(StationHeard(C))
+        bench.say(C, replace(last_answer(bench, C), epoch=epoch, commander=commander))
+        assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (B, 2)
+        assert bench.records("epoch_learnt") == []
+
+    def test_a_transfer_ends_in_the_epoch_in_which_it_began(self) -> None:
+        bench = Bench()
+        bench.in_transfer()
+        bench.log.clear()
+        bench.give(StationHeard(C))
+        bench.say(C, replace(last_answer(bench, C), epoch=9))
+        for station, word in ((B, OnHandover(KEY)), (A, OkHandover(KEY)), (B, DroneConnected(KEY))):
+            bench.say(station, word)
+        bench.say(A, DisconnectHandover(KEY))
+        assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (B, 2)
+        bench.run(1.0)
+        bench.say(C, replace(last_answer(bench, C), epoch=9))
+        assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (B, 10)
+
+    def test_an_old_copy_of_the_state_file_is_outdone_on_the_ground(self) -> None:
+        bench = Bench()
+        bench.alive = set()
+        bench.restart(0.0, Snapshot(None, 4, 7, Phase.ON_LOAD, 0, b"", ()))
+        for epoch in (3, 9, 8, 12, 12):  # whoever answers, and as often as he likes
+            bench.give(StationHeard(B))
+            bench.run(1.0)
+            bench.say(B, replace(last_answer(bench, B), epoch=epoch, commander=B))
+        assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (None, 12)
+        assert [record.text.split(":")[0] for record in bench.records("epoch_learnt")] == [
+            "GCSB remembers epoch 9",
+            "GCSB remembers epoch 12",
+        ]
+
+    def test_with_a_state_file_not_even_the_first_answer_counts(self) -> None:
+        bench = started(LEFT)
+        bench.give(StationHeard(B))
+        bench.say(B, replace(last_answer(bench, B), epoch=99))
+        assert bench.arbiter.view.epoch == 5
+
+    def test_with_a_state_file_nobodys_memory_counts_while_somebody_has_authority(self) -> None:
         bench = started(LEFT)
         bench.alive = {B}
         bench.run(0.0)

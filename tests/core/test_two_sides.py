@@ -182,6 +182,14 @@ class TestDeaths:
         assert network.flights == []
         assert network.cores[B].commander == B
 
+    def test_where_an_operator_has_to_be_asked_the_aircraft_turns_home_and_he_may_still_take_it(self) -> None:
+        operators = {B: (True, 6.0)}
+        network = Network({A: [(0, 99)], B: [(2, 99)]}, (A, B), dies={A: 20.0}, operators=operators).run(60.0)
+        assert [fly.reason for _at, fly in network.flights] == [Reason.COMMANDER_LOST]
+        ((old, new, epoch),) = [move[1:] for move in network.watch.moves if move[2] == B]
+        assert (old, new, epoch) == (None, B, 2)
+        assert network.arbiter.view.phase is Phase.ON_MISSION
+
     def test_both(self) -> None:
         network = Network(ONE_CROSSING, (A, B), dies={A: 20.0, B: 20.0}).run(60.0)
         assert network.arbiter.view.commander is None

@@ -249,3 +249,28 @@ def test_a_better_link_calls_no_station_whose_zone_is_about_to_end(left_s: float
     zones.update((fact(A, 50.0), fact(B, 50.0, left_s)), 0.0)
     zones.moved(0.0)
     assert zones.next_commander(A, [B], None, 100.0, better=[B]) == called
+
+
+class TestBeyondTheBorder:
+    """Up to five metres outside a zone still counts as holding the aircraft, but not for long: it is on its way out."""
+
+    def test_a_better_link_calls_no_station_whose_border_is_crossed(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50.0), fact(B, 50.0)], 0.0)
+        zones.moved(0.0)
+        zones.update([fact(A, 50.0), fact(B, -1.0)], 99.0)
+        assert zones.holds(B)
+        assert zones.next_commander(A, [B], None, 100.0, better=[B]) is None
+
+    def test_a_commander_whose_border_is_crossed_is_followed_by_whoever_keeps_the_aircraft(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50.0), fact(B, 50.0)], 0.0)
+        zones.moved(0.0)
+        zones.update([fact(A, -1.0), fact(B, 50.0, 20.0)], 99.0)
+        assert zones.next_commander(A, [B], None, 100.0) == B
+
+    def test_the_one_inside_its_border_is_better_than_the_one_beyond_it(self) -> None:
+        zones = tracker()
+        zones.update([fact(B, 50.0), fact(C, 50.0)], 0.0)
+        zones.update([fact(B, -1.0), fact(C, 50.0, 3.0)], 1.0)
+        assert zones.best([B, C], None) == C

@@ -12,8 +12,8 @@
    * transfer: to the partner of a transfer that was under way until then. The partner has confirmed this very transfer
      and lives. The commander has consented, beforehand or in this transfer, or is lost.
 3. The epoch grows by one with every other change than a loss. After a restart it has grown already when the commander
-   of before comes back. While nobody has authority, or had it, a station's memory may raise it. Never otherwise, and
-   it never falls.
+   of before comes back. While nobody has authority, or had it, a station's memory may raise it; in a run that began
+   without a state file each station's first answer may, outside transfers. Never otherwise, and it never falls.
 4. Phase, lease and partner of a view say the same.
 5. That takeover is allowed is the word of one commander: with another one it is not.
 """
@@ -71,6 +71,9 @@ class Watch:
         self._allowed: set[int | str] = set()
         self._released = False
         self._armed = True  # until the autopilot says otherwise
+        #: stations whose memory has counted
+        self._learnt: set[int] = set()
+        self._unaware = restored is None
         #: every change of commander: time, from, to, epoch
         self.moves: list[tuple[float, int | None, int | None, int]] = []
         if restored is None:
@@ -159,12 +162,17 @@ class Watch:
         self._had_authority, self._released = new.commander, False
 
     def _check_memory(self, old: AuthorityView, new: AuthorityView, event: Event) -> None:
-        assert old.commander is None
-        assert self._had_authority is None
         assert new.epoch > old.epoch
         assert isinstance(event, StationMessage)
         assert isinstance(event.message, ConnectAck)
-        assert event.message.epoch == new.epoch
+        if self._had_authority is None:
+            assert event.message.epoch == new.epoch
+            return
+        assert self._unaware
+        assert event.station not in self._learnt
+        assert new.partner is None
+        assert event.message.epoch + 1 == new.epoch
+        self._learnt.add(event.station)
 
     def _check_end(
         self, old: AuthorityView, new: AuthorityView, event: Event, heard: dict[int, float], now: float

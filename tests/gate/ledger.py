@@ -56,8 +56,8 @@ ITEM_MESSAGES = listed("MISSION_COUNT MISSION_ITEM MISSION_ITEM_INT MISSION_WRIT
 MISSION_TYPES = [0, 1, 2, 255]
 
 # --- the commander's alone, and while the vehicle is armed nobody's
-#: PREFLIGHT_STORAGE, DO_SET_PARAMETER, BATTERY_RESET
-SAFEGUARD_COMMANDS = [245, 180, 42651]
+#: PREFLIGHT_STORAGE, DO_SET_PARAMETER, BATTERY_RESET, PREFLIGHT_REBOOT_SHUTDOWN
+SAFEGUARD_COMMANDS = [245, 180, 42651, 246]
 PARAMETER_MESSAGES = listed("PARAM_SET PARAM_EXT_SET PARAM_MAP_RC")
 SAFEGUARD_PARAMETERS = listed("""
     HNDO_ENABLE HNDO_TIMEOUT HNDO_SYSID_SW SCR_ENABLE SCR_VM_I_COUNT SCR_HEAP_SIZE FS_GCS_ENABLE FS_GCS_TIMEOUT
@@ -114,6 +114,24 @@ MAINTENANCE_FILES = [
     (4, b"@sys/crash_dump.bin"),
     (3, b"@SYS/storage.bin"),
     (16, b"@SYS/storage.bin"),
+    (4, b"/APM/STRG_BAK/STRG0.bak"),
+    (3, b"APM/STRG_BAK"),
+    (14, b"apm/strg_bak/last_storage_bak"),
+    (13, b"APM/STRG_BAK\0APM/x"),
+    (4, b"APM/\xc5\xbfTRG_BAK/STRG0.bak"),
+    (4, b"/APM/CubeOrange.stg"),
+    (4, b"APM/CUBEOR~1.STG"),
+    (11, b"APM/mission.stg"),
+    (4, b"eeprom.bin"),
+    (4, b"./eeprom-replay.bin"),
+]
+#: the commander's alone, though it only reads
+TOLD_FILES = [
+    (4, b"APM/LOGS/00000001.BIN"),
+    (3, b"APM/LOGS"),
+    (16, b"/apm/logs/"),
+    (14, b"logs/1.BIN"),
+    (8, b"APM/LOGS/1.BIN"),
 ]
 #: the commander's on the ground
 SAFEGUARD_FILES = [
@@ -141,6 +159,11 @@ PLAIN_FILES = [
     (4, b"@SYS/tasks.txt"),
     (4, b"ardupilot.abin"),
     (3, b"@SYS"),
+    (3, b"APM"),
+    (4, b"APM/catalogs/x"),
+    (4, b"APM/logs.txt"),
+    (4, b"APM/stg"),
+    (4, b"APM/xeeprom.bin"),
     (4, b"APM/SCRIPT~1/x.lua"),
     (5, b"scripts"),
     (7, b"scripts/x.lua"),
@@ -319,7 +342,12 @@ def cases() -> Iterator[Case]:
     for opcode in range(256):
         payload = ftp_request(opcode)
         yield Case("FILE_TRANSFER_PROTOCOL", kind_of_opcode(opcode), (("payload", payload),))
-    for files, kind in ((MAINTENANCE_FILES, MAINTENANCE), (SAFEGUARD_FILES, SAFEGUARD), (PLAIN_FILES, None)):
+    for files, kind in (
+        (MAINTENANCE_FILES, MAINTENANCE),
+        (TOLD_FILES, TOLD),
+        (SAFEGUARD_FILES, SAFEGUARD),
+        (PLAIN_FILES, None),
+    ):
         for opcode, path in files:
             payload = ftp_request(opcode, path)
             yield Case("FILE_TRANSFER_PROTOCOL", kind or kind_of_opcode(opcode), (("payload", payload),))

@@ -195,6 +195,48 @@ def test_a_stream_asked_for_once_is_not_a_stream(policy: DownlinkPolicy, say: Ma
     assert heard == [True, True, False]
 
 
+def test_asking_again_and_again_for_a_stream_does_not_make_it_one(
+    policy: DownlinkPolicy, say: Make, make: Make
+) -> None:
+    request = make("COMMAND_LONG", sysid=GCSB, command=512, param1=30.0)
+    heard = []
+    for second in range(0, 60, 4):
+        policy.asked(request, GCSB, float(second))
+        for tenth in range(40):
+            at = second + tenth / 10
+            heard += [at] * len(policy.receivers(say("ATTITUDE"), [GCSB], MISSION, at))
+    assert len(heard) == 15 * 4
+    assert heard[:5] == [0.0, 0.1, 0.2, 0.3, 4.0]
+
+
+def test_every_one_of_many_questions_is_answered(policy: DownlinkPolicy, say: Make, make: Make) -> None:
+    """The parameters that a list left out, asked for one by one before the first answer is there."""
+    for _ in range(200):
+        policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 0.0)
+    value = say("PARAM_VALUE")
+    assert sum(len(policy.receivers(value, [GCSB], MISSION, 1.0)) for _ in range(200)) == 200
+
+
+@pytest.mark.parametrize(("again", "answers"), [(5.0, 8), (5.1, 4)])
+def test_a_question_counts_until_its_window_closes(
+    policy: DownlinkPolicy, say: Make, make: Make, again: float, answers: int
+) -> None:
+    for at in (0.0, again):
+        policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, at)
+    value = say("PARAM_VALUE")
+    assert sum(len(policy.receivers(value, [GCSB], MISSION, again)) for _ in range(20)) == answers
+
+
+def test_what_one_asks_at_once_has_an_end(policy: DownlinkPolicy, say: Make, make: Make) -> None:
+    for _ in range(2000):
+        policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 0.0)
+    value = say("PARAM_VALUE")
+    assert sum(len(policy.receivers(value, [GCSB], MISSION, 1.0)) for _ in range(2000)) == 1000
+    policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 0.0)
+    policy.asked(make("PARAM_REQUEST_READ", sysid=GCSB), GCSB, 9.0)  # what was left of before is not
+    assert sum(len(policy.receivers(value, [GCSB], MISSION, 9.0)) for _ in range(20)) == 4
+
+
 @pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
 def test_a_command_is_answered_by_its_ack_and_the_message_it_asks_for(
     policy: DownlinkPolicy, say: Make, make: Make, name: str

@@ -77,11 +77,13 @@ def test_a_partial_upload_is_an_upload(tracker: FlushTracker, make: Make) -> Non
 
 
 @pytest.mark.parametrize(
-    ("result", "ended"), [(ACCEPTED, True), (ERROR, True), (DENIED, True), (CANCELLED, True), (INVALID_SEQUENCE, False)]
+    ("result", "ended"),
+    [(ACCEPTED, True), (ERROR, True), (CANCELLED, True), (INVALID_SEQUENCE, False), (DENIED, False)],
 )
 def test_an_upload_has_ended_when_the_autopilot_says_so(
     tracker: FlushTracker, make: Make, result: int, ended: bool
 ) -> None:
+    """DENIED is the answer to a question that its own sender asks while the upload lasts, which goes on."""
     send(tracker, make("MISSION_COUNT", count=3, mission_type=2))
     tracker.heard(
         make("MISSION_ACK", sysid=1, compid=1, target_system=GCSA, target_component=190, mission_type=2, type=result)
@@ -150,29 +152,82 @@ def test_what_is_applied_when_it_is_closed_is_spoiled_before_it_is_closed(
     assert close.payload == [0, 0, 4, 1, *[0] * 247]
 
 
+def answer(
+    make: Make, opcode: int, of: int, *, session: int = 4, sequence: int = 1, target: int = GCSA, compid: int = 190
+) -> Frame:
+    """What the autopilot says to a request with the sequence number before: 128 done, 129 refused."""
+    payload = [*sequence.to_bytes(2, "little"), session, opcode, 0, of, *[0] * 245]
+    aimed = {"target_system": target, "target_component": compid}
+    return make("FILE_TRANSFER_PROTOCOL", sysid=1, compid=1, payload=payload, **aimed)
+
+
+DONE, REFUSED = 128, 129
+
+
 @pytest.mark.parametrize(("opcode", "session", "closed"), [(1, 4, True), (2, 4, True), (1, 5, False), (2, 5, False)])
-def test_a_file_that_the_station_closed_itself_is_closed(
+def test_a_file_is_closed_when_the_autopilot_says_that_the_station_closed_it(
     tracker: FlushTracker, make: Make, opcode: int, session: int, closed: bool
 ) -> None:
     send(tracker, ftp(make, 6, b"x"), ftp(make, opcode, session=session))
+    tracker.heard(answer(make, REFUSED, opcode, session=session))
+    tracker.heard(answer(make, DONE, opcode, session=session, target=GCSB))
+    assert len(tracker.flush(GCSA)) == 1
+    send(tracker, ftp(make, 6, b"x"), ftp(make, opcode, session=session))
+    tracker.heard(answer(make, DONE, opcode, session=session))
     assert (tracker.flush(GCSA) == []) is closed
 
 
-def test_a_file_that_could_not_be_opened_is_not_open(tracker: FlushTracker, make: Make) -> None:
-    def nak(of: int, target: int = GCSA) -> Frame:
-        payload = [1, 0, 4, 129, 1, of, *[0] * 245]
-        return make(
-            "FILE_TRANSFER_PROTOCOL", sysid=1, compid=1, target_system=target, target_component=190, payload=payload
-        )
+def test_an_end_that_the_autopilot_never_heard_of_is_none(tracker: FlushTracker, make: Make) -> None:
+    """Its queue takes a few requests and drops the others: to ask for the end is not the end."""
+    send(tracker, ftp(make, 6, b"@PARAM/param.pck"), ftp(make, 1))
+    assert [what for what, _ in read(tracker.parameters())] == [
+        "file '@PARAM/param.pck' closed, contents thrown away",
+    ]
 
+
+def test_a_file_that_could_not_be_opened_is_not_open(tracker: FlushTracker, make: Make) -> None:
     send(tracker, ftp(make, 6, b"x"))
-    tracker.heard(nak(of=7))  # of a write: the file is still open
-    tracker.heard(nak(of=6, target=GCSB))
+    tracker.heard(answer(make, REFUSED, 7))  # of a write: the file is still open
+    tracker.heard(answer(make, REFUSED, 6, target=GCSB))
+    tracker.heard(answer(make, REFUSED, 6, session=5))
+    tracker.heard(answer(make, REFUSED, 6, sequence=2))
     tracker.heard(make("FILE_TRANSFER_PROTOCOL", sysid=1, target_system=GCSA, target_component=190, payload=[0] * 251))
     assert len(tracker.flush(GCSA)) == 1
-    send(tracker, ftp(make, 6, b"x"))
-    tracker.heard(nak(of=6))
+    send(tracker, ftp(make, 6, b"x", sequence=0xFFFF))
+    tracker.heard(answer(make, REFUSED, 6, sequence=0))
     assert tracker.flush(GCSA) == []
+
+
+@pytest.mark.parametrize("session", [4, 5])
+@pytest.mark.parametrize("path", [b"x", b"@PARAM/param.pck"])
+def test_a_second_file_that_is_refused_does_not_hide_the_first(
+    tracker: FlushTracker, make: Make, session: int, path: bytes
+) -> None:
+    """There is one open file at the autopilot; asked for another one it refuses, and the first stays open."""
+    send(tracker, ftp(make, 6, b"@PARAM/param.pck", sequence=0))
+    tracker.heard(answer(make, DONE, 6, sequence=1))
+    send(tracker, ftp(make, 6, path, session=session, sequence=2))
+    tracker.heard(answer(make, REFUSED, 6, session=session, sequence=3))
+    ((what, [spoil, _close]),) = read(tracker.parameters())
+    assert what == "file '@PARAM/param.pck' closed, contents thrown away"
+    assert spoil.payload[2:4] == [4, 7]
+
+
+def test_a_crowd_of_requests_does_not_hide_the_file_that_is_open(tracker: FlushTracker, make: Make) -> None:
+    send(tracker, ftp(make, 6, b"@PARAM/param.pck"))
+    tracker.heard(answer(make, DONE, 6))
+    for compid in range(1, 100):
+        send(tracker, ftp(make, 6, b"x", compid=compid))
+    assert [what for what, _ in read(tracker.parameters())] == ["file '@PARAM/param.pck' closed, contents thrown away"]
+    assert len(tracker.flush(GCSA)) == 7
+
+
+def test_what_closing_would_apply_is_spoiled_before_anything_closes_its_session(
+    tracker: FlushTracker, make: Make
+) -> None:
+    send(tracker, ftp(make, 6, b"x"), ftp(make, 6, b"@PARAM/param.pck"))
+    opcodes = [message.payload[3] for _, messages in read(tracker.flush(GCSA)) for message in messages]
+    assert opcodes == [7, 1, 1]
 
 
 def test_reading_files_leaves_nothing_to_close(tracker: FlushTracker, make: Make) -> None:

@@ -206,6 +206,17 @@ def test_an_unfinished_upload_no_longer_blocks_the_new_commander(companion: Comp
     assert companion.flush() == []
 
 
+@pytest.mark.parametrize("companion", ARDUCOPTER, indirect=True)
+def test_an_upload_goes_on_while_its_sender_is_denied_a_download(companion: Companion) -> None:
+    companion.upload(0, 3, GCSA)
+    companion.count(0, 3)
+    companion.send(mavlink.MAVLink_mission_request_list_message(VEHICLE, 1, 0))
+    assert companion.wait("MISSION_ACK", lambda m: m.target_system == GCSA).type == DENIED
+    assert companion.count(0, 3, GCSB).type == DENIED, "it goes on"
+    assert companion.flush() == ["unfinished mission upload ended"]
+    companion.upload(0, 3, GCSB)
+
+
 @pytest.mark.parametrize("companion", VEHICLES, indirect=True)
 def test_a_finished_upload_leaves_nothing_to_flush(companion: Companion) -> None:
     companion.upload(0, 3, GCSA)
@@ -257,6 +268,18 @@ def test_a_file_of_parameters_that_is_open_is_thrown_away(companion: Companion, 
         companion.socket.sendall(raw)
     companion.wait("FILE_TRANSFER_PROTOCOL", lambda m: m.payload[5] == TERMINATE)
     assert companion.parameter("WPNAV_SPEED") != speed
+
+
+@pytest.mark.parametrize("companion", ARDUCOPTER, indirect=True)
+def test_a_second_file_is_refused_and_the_first_one_thrown_away(companion: Companion) -> None:
+    assert companion.ftp(CREATE, b"@PARAM/param.pck", 1)[3] == 128
+    assert companion.ftp(WRITE, parameter_file(b"WPNAV_SPEED", 324.0), 2)[3] == 128
+    assert companion.ftp(CREATE, b"x", 3)[3] == 129
+    (closing,) = companion.tracker.parameters()
+    for raw in closing.frames:
+        companion.socket.sendall(raw)
+    companion.wait("FILE_TRANSFER_PROTOCOL", lambda m: m.payload[5] == TERMINATE)
+    assert companion.parameter("WPNAV_SPEED") != 324.0
 
 
 @pytest.mark.parametrize("companion", ARDUCOPTER, indirect=True)

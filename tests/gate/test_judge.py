@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -57,6 +58,23 @@ def test_every_message_and_command_from_every_sender_in_every_phase(
     make: Callable[..., Frame], station: StationIdentity, sysid: int, version: int, wrong: GateReason | None
 ) -> None:
     assert sum(check(case, station, sysid, version, wrong, make) for case in CASES) > 10000
+
+
+@pytest.mark.parametrize(("station", "sysid", "version", "wrong"), [SENDERS[0], SENDERS[3], SENDERS[6]])
+def test_every_message_and_command_to_everybody_is_judged_as_if_to_the_vehicle(
+    make: Callable[..., Frame], station: StationIdentity, sysid: int, version: int, wrong: GateReason | None
+) -> None:
+    fieldnames = {cls.msgname: cls.fieldnames for cls in mavlink.mavlink_map.values()}
+    broadcast = 0
+    for case in CASES:
+        everybody = {
+            field: 0 for field in ("target", "target_system", "target_component") if field in fieldnames[case.name]
+        }
+        if everybody:
+            broadcast += 1
+            everywhere = replace(case, fields=(*case.fields, *everybody.items()))
+            check(everywhere, station, sysid, version, wrong, make)
+    assert broadcast > 900
 
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(range(1, 33))

@@ -365,6 +365,7 @@ class Packer:
         authority = _Class(
             Authority,
             _flight=_Shared(),
+            _may_be_ahead=_Set(),
             names=names_fixed,
             owner=plain,
             lost=plain,
@@ -374,6 +375,7 @@ class Packer:
             handover_id=number,
             takeover_allowed=plain,
             released=plain,
+            starting=plain,
             recover_until=_Time(0.0),
             view=value,
         )
@@ -413,7 +415,7 @@ class Packer:
         requests = _Class(
             Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _handover=_Shared()
         )
-        start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared(), under_way=plain)
+        start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared())
         emergency = _Class(Emergency, _limits=plain, _worst=plain, _judged_at=_Ago(limits.out_hold_s))
         self._arbiter = _Class(
             Arbiter,

@@ -11,7 +11,8 @@ rules make of it. Nothing is asked of an arbiter but its view, the gate's word o
    the partner's word and the commander's consent and release (the release may be overdue; who gives control away by
    the standard's command has released with that), or with no commander left (forced). The aircraft is in the partner's
    zone, the partner alive.
-3. The epoch grows by one with every such change but the first return after a restart, and never otherwise.
+3. The epoch grows by one with every such change but the first return after a restart, and never otherwise; unless the
+   state file was lost and a station remembers a later one.
 4. What carries another epoch or transfer number does no more than a heartbeat would, and what comes twice no more than
    what comes once.
 5. LOST means that the commander was not heard for that long and no forced transfer is running; then the aircraft is
@@ -96,6 +97,8 @@ class Books:
     recovering: int | None = None
     #: the state file was lost: nobody commands until the next flight
     blank: bool = False
+    #: the run began without a state file
+    unaware: bool = False
 
     def later(self, limits: Limits) -> Books:
         """One tick later."""
@@ -109,7 +112,7 @@ class Books:
 
     def restarted(self, phase: Phase, *, blank: bool) -> Books:
         """The companion begins anew, from a state file that says `phase`: what was said to the one before is lost."""
-        known = Books(zones=self.zones, blank=blank or self.blank)
+        known = Books(zones=self.zones, blank=blank or self.blank, unaware=blank)
         if blank or phase is Phase.ON_LOAD:
             return known
         interrupted = phase is Phase.ON_HANDOVER
@@ -233,7 +236,8 @@ def _check_change(
     if begun:
         _check_begun(books, old, new, event)
     if new.commander == old.commander:
-        learnt = old.commander is None and books.had is None and new.epoch == _remembered(event)
+        rise = 0 if books.had is None else 1
+        learnt = (rise == 0 or (books.unaware and not new.partner)) and new.epoch == _remembered(event) + rise
         demand(new.epoch == old.epoch or learnt, f"the epoch changed with nothing: {old.epoch} -> {new.epoch}")
         return
     silent_limit = int(limits.heartbeat_lost_s)

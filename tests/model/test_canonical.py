@@ -45,6 +45,7 @@ class Shadow:
         self._identity = Identity("drone", graph.stations, PARENT)
         nobody = Snapshot(None, FIRST_EPOCH - 1, FIRST_NUMBER, Phase.ON_LOAD, 0, b"", ())
         self.arbiter = Arbiter(self._identity, graph.setting.limits, nobody)
+        self.arbiter._authority._may_be_ahead.update(self.arbiter._presence)  # as in a first run, but for the numbers
         self.cores: dict[int, gcs.StationCore] = {}
         self._originals = (graph.vehicles.step, graph.vehicles.later, graph.vehicles.up, graph.cores.step)
         graph.vehicles.step = self._step  # type: ignore[method-assign]

@@ -13,7 +13,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover import stations as stations_module
-from mavproxy_handover.keys import key_of, key_path, write_key
+from mavproxy_handover.keys import key_of, key_path, rotate_key, write_key
 from mavproxy_handover.wire.frames import FrameSplitter, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 from tests.module.conftest import Bench, Clock
@@ -226,3 +226,18 @@ def test_a_key_that_others_can_read_is_refused(signed: SignedBench) -> None:
     assert signed.load() is None
     assert "GCSA.key" in signed.mpstate.console.lines[0]
     assert "0600" in signed.mpstate.console.lines[0]
+
+
+@pytest.mark.parametrize("rotating", [False, True])
+def test_two_stations_with_the_same_key_are_refused(signed: SignedBench, rotating: bool) -> None:
+    """Who holds it could speak for both."""
+    path = key_path(signed.folder / "keys", "GCSB")
+    path.unlink()
+    write_key(path, KEY_A)
+    if rotating:
+        rotate_key(path, KEY_B)
+    assert signed.load() is None
+    assert signed.mpstate.console.lines == [
+        "handover is not loaded: GCSA and GCSB have the same key; each station needs one of its own"
+    ]
+    assert signed.mpstate.select_extra == {}

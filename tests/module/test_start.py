@@ -212,8 +212,26 @@ def test_a_start_that_is_overtaken_by_the_way_home_is_answered(ready: Bench) -> 
     ready.autopilot.airborne = True
     ready.a.alive = False
     ready.until(lambda: FAILED in ready.a.acks(START))
-    assert "START failed: the aircraft is brought home" in ready.a.texts()
+    assert "START failed: its commander commands no more" in ready.a.texts()
     ready.until(lambda: ready.autopilot.mode == RTL)
+
+
+def test_an_aircraft_is_not_armed_for_a_commander_that_is_lost(ready: Bench) -> None:
+    ready.a.alive = False
+    ready.run(3.0)
+    ready.autopilot.script[ARM] = None
+    ready.a.command(START)
+    ready.until(lambda: FAILED in ready.a.acks(START))
+    assert ready.companion.view.commander is None
+    assert "START failed: its commander commands no more" in ready.a.texts()
+    asked = len(ready.autopilot.commands())
+    ready.a.alive = True
+    ready.run(6.0)
+    assert len(ready.autopilot.commands()) == asked
+    assert (ready.companion.view.commander, ready.companion.view.phase) == (251, Phase.ON_LOAD)
+    ready.autopilot.script.clear()
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
 
 
 def test_in_flight_the_commanders_mission_start_is_the_autopilots_business(ready: Bench) -> None:

@@ -41,6 +41,7 @@ TESTED = {
     "files": ("test_judge.py", "test_flush.py"),
     "flush": ("test_flush.py",),
     "observers": ("test_observers.py",),
+    "questions": ("test_questions.py",),
     "downlink": ("test_downlink.py",),
     "refusals": ("test_refusals.py",),
     "explain": ("test_explain.py",),

@@ -135,6 +135,24 @@ def test_fields_newer_than_our_definition_are_left_out_of_the_payload_but_not_of
     assert frame.raw == raw
 
 
+def test_a_version_1_frame_longer_than_its_message_is_none() -> None:
+    longer, right = (raw_frame(0, bytes(length), version=1) for length in (10, 9))
+    splitter = FrameSplitter()
+    assert [f.raw for f in splitter.feed(longer + right)] == [right]
+    assert splitter.counters.garbage_bytes == len(longer)
+    assert parse_one(longer) is None
+
+
+@pytest.mark.parametrize("cut", range(7))
+def test_a_stray_version_1_magic_byte_does_not_hold_up_the_frame_behind_it(cut: int) -> None:
+    """Read as a head it is a HEARTBEAT of 255 bytes: the frame behind it does not wait for them."""
+    frame = raw_frame(0, bytes(9))
+    stream = b"\xfe\xff\x00\x00\x00\x00" + frame
+    splitter = FrameSplitter()
+    frames = [*splitter.feed(stream[:cut]), *splitter.feed(stream[cut:])]
+    assert [f.raw for f in frames] == [frame]
+
+
 def test_a_frame_with_a_bad_crc_costs_only_itself() -> None:
     before, damaged, after = (raw_frame(0, bytes([1] * 9), seq=n) for n in range(3))
     for position in range(len(damaged)):

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A station that does not command asks so much and no more, and leaves the commander's file alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.flush import FlushTracker
+from mavproxy_handover.gate.judge import Action, GateReason, Verdict, judge
+from mavproxy_handover.gate.questions import Questions
+from mavproxy_handover.gate.refusals import refusal
+from mavproxy_handover.wire.frames import Frame
+from tests.gate.frames import ftp_request
+from tests.gate.ledger import GCSA, GCSB, GCSC, TRACKER_OF_B, VEHICLE, A, B
+
+Make = Callable[..., Frame]
+COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
+ALLOWED = (Action.FORWARD, GateReason.ALLOWED)
+TOO_MANY = (Action.DROP, GateReason.TOO_MANY)
+FILE_BUSY = (Action.REFUSE, GateReason.FILE_BUSY)
+CREATE, TERMINATE, READ, OPEN = 6, 1, 5, 4
+
+
+class Desk:
+    """The gate's way of a frame: judged, limited, followed by the flush."""
+
+    def __init__(self) -> None:
+        self.flusher = FlushTracker(VEHICLE)
+        self.questions = Questions(self.flusher, per_second=10, burst=20)
+
+    def ask(self, frame: Frame, now: float, commander: int | None = GCSA) -> Verdict:
+        view = COMMANDED_BY_A if commander else AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST)
+        station = A if frame.sysid == GCSA else B
+        verdict = judge(frame, station, view, VEHICLE)
+        verdict = self.questions.limit(frame, verdict, station.sysid, commander, now)
+        self.flusher.saw(frame, verdict, station.sysid)
+        return verdict
+
+    def outcome(self, frame: Frame, now: float, commander: int | None = GCSA) -> tuple[Action, GateReason]:
+        verdict = self.ask(frame, now, commander)
+        return verdict.action, verdict.reason
+
+
+@pytest.fixture
+def desk() -> Desk:
+    return Desk()
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("PARAM_REQUEST_LIST", {}),
+        ("PING", {}),
+        ("COMMAND_LONG", {"command": 512}),
+        ("FILE_TRANSFER_PROTOCOL", {"payload": ftp_request(READ)}),
+        ("CONNECT", {}),
+        ("COMMAND_LONG", {"command": 32100}),
+    ],
+)
+def test_an_observer_has_a_reserve_and_then_so_many_a_second(
+    desk: Desk, make: Make, name: str, fields: dict[str, object]
+) -> None:
+    frame = make(name, sysid=GCSB, **fields)
+    for second, expected in ((0.0, 20), (1.0, 10), (3.0, 20), (100.0, 20)):
+        passed = [desk.outcome(frame, second) for _ in range(50)]
+        assert passed[expected:] == [TOO_MANY] * (50 - expected)
+        assert TOO_MANY not in passed[:expected]
+
+
+def test_the_commander_asks_as_much_as_it_likes(desk: Desk, make: Make) -> None:
+    frame = make("PARAM_REQUEST_READ", sysid=GCSA)
+    assert [desk.outcome(frame, 0.0) for _ in range(100)] == [ALLOWED] * 100
+
+
+def test_what_is_refused_or_dropped_anyway_is_not_counted(desk: Desk, make: Make) -> None:
+    for name, fields in (("COMMAND_LONG", {"command": 400}), ("RC_CHANNELS_OVERRIDE", {}), ("HEARTBEAT", {})):
+        for _ in range(100):
+            assert desk.ask(make(name, sysid=GCSB, **fields), 0.0).reason is not GateReason.TOO_MANY
+    assert desk.outcome(make("PING", sysid=GCSB), 0.0) == ALLOWED
+
+
+def test_who_asks_too_much_of_the_autopilot_can_still_take_part_in_a_transfer(desk: Desk, make: Make) -> None:
+    for _ in range(100):
+        desk.ask(make("PING", sysid=GCSB), 0.0)
+    assert desk.outcome(make("ON_HANDOVER", sysid=GCSB), 0.0) == (Action.CONSUME, GateReason.COMPANION)
+
+
+def test_one_stations_questions_are_not_anothers(desk: Desk, make: Make) -> None:
+    verdict = judge(make("PING", sysid=GCSB), B, COMMANDED_BY_A, VEHICLE)
+    for _ in range(100):
+        desk.questions.limit(make("PING", sysid=GCSB), verdict, GCSB, GCSA, 0.0)
+    assert desk.questions.limit(make("PING", sysid=GCSB), verdict, GCSC, GCSA, 0.0) == verdict
+
+
+def test_so_many_senders_of_one_station_reach_the_autopilot(desk: Desk, make: Make) -> None:
+    frames = [make("PING", sysid=sysid, compid=compid) for compid in range(1, 100) for sysid in (GCSB, TRACKER_OF_B)]
+    outcomes = [desk.outcome(frame, float(number)) for number, frame in enumerate(frames)]
+    assert outcomes == [ALLOWED] * 4 + [TOO_MANY] * 194
+    assert desk.outcome(frames[3], 1000.0) == ALLOWED
+    assert desk.ask(make("CONNECT", sysid=GCSB, compid=99), 1000.0).action is Action.CONSUME
+
+
+def test_a_clock_that_stands_still_or_goes_back_gives_nothing(desk: Desk, make: Make) -> None:
+    frame = make("PING", sysid=GCSB)
+    assert [desk.outcome(frame, 9.0 - number) for number in range(21)] == [ALLOWED] * 20 + [TOO_MANY]
+
+
+def ftp(make: Make, opcode: int, sysid: int, data: bytes = b"", session: int = 3) -> Frame:
+    return make("FILE_TRANSFER_PROTOCOL", sysid=sysid, payload=ftp_request(opcode, data, session))
+
+
+def test_nobody_else_uses_file_transfer_while_the_commander_writes_a_file(desk: Desk, make: Make) -> None:
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"@SYS/tasks.txt"), 0.0) == ALLOWED
+    desk.ask(ftp(make, CREATE, GCSA, b"@MISSION/mission.dat"), 0.0)
+    for opcode in (0, 3, 4, 5, 14, 15, 16):
+        assert desk.outcome(ftp(make, opcode, GCSB), 0.1) == FILE_BUSY
+    assert desk.outcome(make("PING", sysid=GCSB), 0.1) == ALLOWED
+    assert desk.outcome(ftp(make, READ, GCSA), 0.1) == ALLOWED
+    desk.ask(ftp(make, TERMINATE, GCSA), 0.2)
+    done = [1, 0, 3, 128, 0, TERMINATE, *[0] * 245]
+    aim = {"target_system": GCSA, "target_component": 190}
+    desk.flusher.heard(make("FILE_TRANSFER_PROTOCOL", sysid=1, compid=1, payload=done, **aim))
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"@SYS/tasks.txt"), 10.1) == FILE_BUSY
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"@SYS/tasks.txt"), 10.2) == ALLOWED
+
+
+def test_a_file_that_stays_open_keeps_others_out_however_long_the_commander_is_silent(desk: Desk, make: Make) -> None:
+    desk.ask(ftp(make, CREATE, GCSA, b"@MISSION/mission.dat"), 0.0)
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"y"), 1000.0) == FILE_BUSY
+
+
+def test_a_reader_does_not_keep_the_commander_out(desk: Desk, make: Make) -> None:
+    """The autopilot refuses the commander's first request, and the next one once the reader was silent for 3 s."""
+    assert desk.outcome(ftp(make, READ, GCSB), 0.0) == ALLOWED
+    assert desk.outcome(ftp(make, 3, GCSA, b"/"), 0.1) == ALLOWED
+    assert [desk.outcome(ftp(make, READ, GCSB), at) for at in (0.2, 5.0, 10.0, 10.2)] == [FILE_BUSY] * 3 + [ALLOWED]
+
+
+def test_what_a_commander_is_refused_does_not_keep_others_out(desk: Desk, make: Make) -> None:
+    assert desk.outcome(ftp(make, CREATE, GCSA, b"scripts/x.lua"), 0.0)[0] is Action.REFUSE
+    desk.ask(make("PING", sysid=GCSA), 0.0)
+    assert desk.outcome(ftp(make, READ, GCSB), 0.1) == ALLOWED
+
+
+def test_a_file_of_a_station_that_commands_no_more_keeps_nobody_waiting(desk: Desk, make: Make) -> None:
+    desk.ask(ftp(make, CREATE, GCSA, b"x"), 0.0)
+    assert desk.outcome(ftp(make, OPEN, GCSB, b"y"), 0.1, commander=None) == ALLOWED
+
+
+def test_the_refusal_says_that_there_is_no_session(desk: Desk, make: Make) -> None:
+    desk.ask(ftp(make, CREATE, GCSA, b"x"), 0.0)
+    frame = ftp(make, OPEN, GCSB, b"y")
+    own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=191)
+    (answer,) = refusal(frame, desk.ask(frame, 0.1), own)
+    message = mavlink.MAVLink(None).decode(bytearray(answer))
+    assert (message.target_system, message.get_srcComponent()) == (GCSB, 1)
+    assert (message.payload[3], message.payload[5], message.payload[12]) == (129, OPEN, 5)
