@@ -49,6 +49,8 @@ Start = Callable[..., "subprocess.Popen[str]"]
 def start() -> Iterator[Start]:
     """Starts `handover sim`; what a failed test leaves running is ended."""
     started: list[subprocess.Popen[str]] = []
+    # a shell starts what runs in the background, tests among it, deaf to ctrl-c; children inherit that
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def begin(folder: Path, *arguments: str) -> subprocess.Popen[str]:
         process = subprocess.Popen(
@@ -63,6 +65,7 @@ def start() -> Iterator[Start]:
         return process
 
     yield begin
+    signal.signal(signal.SIGINT, before)
     for process in started:
         if process.poll() is None:
             process.kill()
