@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.lua.stub import HELD, LOST, RECOVERING, TRANSFER, Bench
+from tests.lua.stub import AUTO, HELD, LOST, RECOVERING, RTL, TRANSFER, Bench
 
 DISARM = 4
 
@@ -107,6 +107,19 @@ def test_lease_lost_while_armed_on_the_ground_is_disarmed(bench: Bench) -> None:
     bench.run(500)
     assert not bench.vehicle.armed
     assert bench.texts[-1] == "HNDO: lease lost, disarmed"
+
+
+def test_a_take_off_that_the_autopilot_does_not_call_flying_yet_is_left_alone(bench: Bench) -> None:
+    """`get_likely_flying` is false for the first moments; a loss a moment later is one in flight, for all that."""
+    bench.with_lease()
+    bench.vehicle.armed, bench.vehicle.mode = True, AUTO
+    bench.run(2000)
+    assert (bench.vehicle.armed, bench.vehicle.mode, bench.vehicle.disarms) == (True, AUTO, 0)
+    bench.sending = False
+    bench.run(1000)
+    bench.vehicle.flying = True
+    bench.run(2300)
+    assert (bench.vehicle.armed, bench.vehicle.mode, bench.vehicle.disarms) == (True, RTL, 0)
 
 
 def test_nobody_commands_while_armed_on_the_ground(bench: Bench) -> None:
