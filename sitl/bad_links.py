@@ -201,7 +201,6 @@ class BadLinks:
         self._proxies: dict[str, _Proxy] = {}
         self._heap: list[tuple[float, int, Callable[[], None]]] = []
         self._number = itertools.count()
-        self.overflown = 0
         try:
             for plan in plans:
                 self._proxies[plan.name] = _Proxy(plan, seed, start)
@@ -218,10 +217,8 @@ class BadLinks:
         for at, send in proxy.receive(sock, now):
             if at <= now and not (self._heap and self._heap[0][0] <= at):
                 send()
-            elif len(self._heap) < _IN_FLIGHT:
+            elif len(self._heap) < _IN_FLIGHT:  # beyond that it is lost, as in any full queue
                 heapq.heappush(self._heap, (at, next(self._number), send))
-            else:
-                self.overflown += 1
 
     def send_due(self, now: float) -> float | None:
         """Send what is due; seconds until the next is, None if nothing waits."""

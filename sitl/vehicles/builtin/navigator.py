@@ -121,12 +121,6 @@ class Navigator:
         self._speed = speed_now if rounding else min(speed_now, self._speed)
         self.reached = False
 
-    def fly_from(self, start: Vector, destination: Vector) -> None:
-        """Leg that begins at `start`, for when the last destination was given up."""
-        self.destination = start
-        self._next = None
-        self.fly_to(destination, 0.0)
-
     def then(self, next_destination: Vector) -> None:
         """Announce what follows, so that the aircraft rounds the corner instead of stopping."""
         onward, length = _unit(self.destination, next_destination)
