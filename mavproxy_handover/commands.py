@@ -10,8 +10,10 @@ from collections.abc import Callable
 from mavproxy_handover.companion import Companion
 from mavproxy_handover.core import events
 from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.stations import StationPort
+from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["VehicleCommands"]
 
@@ -88,7 +90,7 @@ class VehicleCommands:
                     f"  {link.device}: {_measured(port, link, now)}, "
                     f"{counted.frames_in} frames in, {counted.frames_out} out, {counted.bad_crc} damaged"
                 )
-            verdicts = ", ".join(f"{reason} {count}" for reason, count in port.verdicts.most_common())
+            verdicts = ", ".join(f"{_words(reason)} {count}" for reason, count in port.verdicts.most_common())
             self._show(f"  gate: {verdicts or 'nothing yet'}")
 
     def _zones(self) -> None:
@@ -110,6 +112,10 @@ class VehicleCommands:
             self._show("no transfer is under way")
             return
         companion.handle(events.Cancel(companion.view.partner), time.monotonic())
+
+
+def _words(reason: GateReason | SignatureVerdict) -> str:
+    return reason.value if isinstance(reason, GateReason) else f"signature: {reason.name.lower()}"
 
 
 def _measured(port: StationPort, link: Device, now: float) -> str:

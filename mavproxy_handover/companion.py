@@ -159,18 +159,20 @@ class Companion:
             self.handle(events.StationHeard(port.sysid), now)
             verdict = judge(frame, port.identity, self.view, self.config.sysid)
         verdict = self._questions.limit(frame, verdict, port.sysid, self.view.commander, now)
-        port.verdicts[verdict.reason.value] += 1
-        self._downlink.rates.heard(port.sysid, now)
+        if verdict.action is Action.FORWARD:  # and the rest behind it: nothing delays a frame that may pass
+            self._write_autopilot(frame.raw)
+        port.verdicts[verdict.reason] += 1
+        if port.sysid != self.view.commander:
+            self._downlink.rates.heard(port.sysid, now)
         if verdict.action is Action.FORWARD:
-            self._forward(port, frame, verdict, now)
+            self._forwarded(port, frame, verdict, now)
         elif verdict.action is Action.CONSUME:
             if own_voice or verdict.access in (Access.COMMAND, Access.ANSWERED):
                 self._consume(port, frame, verdict, now)
         else:
             self._refuse(port, frame, verdict, now)
 
-    def _forward(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        self._write_autopilot(frame.raw)
+    def _forwarded(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         self._downlink.asked(frame, port.sysid, now)
         self._flusher.saw(frame, verdict, port.sysid)
         if verdict.access in (Access.COMMAND, Access.SAFEGUARD):

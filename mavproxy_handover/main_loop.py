@@ -2,9 +2,10 @@
 
 """What a busy station costs in MAVProxy: a round of its main loop for every frame, or a look at the sockets.
 
-A round looks at queues, timers and modules, which costs several times what the gate spends on a frame. So after a frame
-the module stays with its own links (`HandoverModule._stay`) as long as nothing else has anything to read, and no longer
-than until its own tick is due: neither MAVProxy's timers nor the lease wait for a station to fall silent.
+A round looks at queues, timers and modules, which costs several times what the gate spends on a frame. So the module
+waits in MAVProxy's place (`HandoverModule._stay`), for all that MAVProxy would wait for, and serves its own links as
+long as nothing else has anything to read. Its own ticks go on meanwhile, the lease among them; MAVProxy's timers and
+what the operator types get their turn after `STAY_S` at the latest.
 """
 
 from __future__ import annotations
@@ -13,7 +14,10 @@ import select
 from collections.abc import Collection
 from typing import Any
 
-__all__ = ["readable", "waited_for"]
+__all__ = ["STAY_S", "readable", "waited_for"]
+
+#: MAVProxy's fastest timers run ten times a second
+STAY_S = 0.05
 
 
 def waited_for(mpstate: Any) -> list[int]:
@@ -29,12 +33,20 @@ def waited_for(mpstate: Any) -> list[int]:
     return [*found, *mpstate.select_extra] if found else []
 
 
-def readable(descriptors: Collection[int], ours: Collection[int], seconds: float) -> list[int]:
-    """Wait for something to read; what can be read if all of it is `ours`, else nothing. Never raises."""
-    if not descriptors or seconds <= 0.0:
+def readable(descriptors: Collection[int], ours: Collection[int], seconds: float) -> list[int] | None:
+    """Wait for something to read; what can be read, nothing when time is up. Never raises.
+
+    None: it is not all `ours`, or nobody can wait for it, so it is MAVProxy's turn.
+    """
+    if not descriptors:
+        return None
+    if seconds <= 0.0:
         return []
     try:
         ready = select.select(descriptors, [], [], seconds)[0]
     except (OSError, ValueError):  # one was closed: MAVProxy finds out which
-        return []
-    return ready if all(descriptor in ours for descriptor in ready) else []
+        return None
+    for descriptor in ready:
+        if descriptor not in ours:
+            return None
+    return ready

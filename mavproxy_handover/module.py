@@ -25,13 +25,14 @@ from typing import Any
 
 from MAVProxy.modules.lib import mp_module, mp_util
 
+from mavproxy_handover.autopilot_link import AutopilotLink
 from mavproxy_handover.commands import VehicleCommands
 from mavproxy_handover.companion import Companion
 from mavproxy_handover.config import ConfigError, VehicleConfig, config_argument, find_vehicle_config, load_vehicle
 from mavproxy_handover.journal import Journal
 from mavproxy_handover.keys import KeysError, load_key
 from mavproxy_handover.link.devices import Device, LinkError
-from mavproxy_handover.main_loop import readable, waited_for
+from mavproxy_handover.main_loop import STAY_S, readable, waited_for
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
@@ -45,8 +46,6 @@ __all__ = ["HandoverModule", "init"]
 
 #: MAVProxy settings that would let others past the gate -> the value that does not
 _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
-#: MAVProxy's own signed messages use link id 0
-_AUTOPILOT_LINK_ID = 1
 #: ticks come no faster than this, however fast MAVProxy's main loop goes round
 _IDLE_S = 0.02
 #: how often links are measured; the most frequent probes go out 10 times a second
@@ -72,20 +71,20 @@ class HandoverModule(mp_module.MPModule):
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
         #: looked at in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
-        self._autopilot = None if config.autopilot_key is None else SignedPeer(load_key(config.autopilot_key))
+        autopilot = None if config.autopilot_key is None else SignedPeer(load_key(config.autopilot_key))
+        self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot)
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
         store = None if config.state is None else StateStore(config.state, config.name)
-        self.companion = Companion(config, ports, journal, self._write_autopilot, nonce, self._show, store, on_board)
+        self.companion = Companion(config, ports, journal, self._to_autopilot.write, nonce, self._show, store, on_board)
         self._commands = VehicleCommands(self.companion, self._show)
         self._links = [(port, link) for port in ports.values() for link in port.links]
-        self._ports = {link: port for port, link in self._links}
-        self._to: Any = None
         self._idle_at = 0.0
         self._links_at = 0.0
         self._poll_at = 0.0
         #: MAVProxy waits for our links; it does not while it has no link to the autopilot
         self._selected = False
         self._watched: dict[Device, tuple[int, list[int]]] = {}
+        self._by_descriptor: dict[int, tuple[StationPort, Device]] = {}
         for port, link in self._links:
             self._watch(port, link)
         self.add_command(
@@ -122,6 +121,7 @@ class HandoverModule(mp_module.MPModule):
     def idle_task(self) -> None:
         """Called by MAVProxy in every round of its main loop."""
         self._guarded("idle", self._idle)
+        self._guarded("link", self._stay)
 
     def mavlink_packet(self, m: Any) -> None:
         """A message from the vehicle's side."""
@@ -129,7 +129,7 @@ class HandoverModule(mp_module.MPModule):
 
     def _readable(self, where: tuple[StationPort, Device]) -> None:
         """A link has something to read."""
-        self._guarded("link", partial(self._serve, *where))
+        self._serve(*where, once=True)
         self._guarded("link", self._stay)
 
     def _command(self, args: list[str]) -> None:
@@ -142,6 +142,7 @@ class HandoverModule(mp_module.MPModule):
             for descriptor in held:
                 mp_util.child_fd_list_remove(descriptor)
         self._links.clear()
+        self._by_descriptor = {}
         self.remove_command("handover")
         self.mpstate.public_modules.pop("handover", None)
         for name, value in self._kept.items():
@@ -149,6 +150,7 @@ class HandoverModule(mp_module.MPModule):
         if self._replay is not None:
             self._guarded("replay state", self._replay.close)
         self._guarded("unload", self.companion.close)
+        self._guarded("tlog", self._to_autopilot.log)
 
     # ---- behind them ----------------------------------------------------------------------------------------------
 
@@ -163,19 +165,32 @@ class HandoverModule(mp_module.MPModule):
 
     def _stay(self) -> None:
         """Serve our links while nothing else happens (see `main_loop`)."""
-        descriptors = waited_for(self.mpstate)
-        ours = {fileno: link for link, (fileno, _held) in self._watched.items()}
-        while ready := readable(descriptors, ours, self._idle_at - time.monotonic()):
-            for fileno in ready:
-                link = ours[fileno]
-                self._serve(self._ports[link], link)
-                if link.fileno() != fileno:  # `descriptors` no longer holds
-                    return
+        now = time.monotonic()
+        until = now + STAY_S
+        while now < until:
+            descriptors, ours = waited_for(self.mpstate), self._by_descriptor
+            while ready := readable(descriptors, ours, min(self._idle_at, until) - now):
+                for fileno in ready:
+                    port, link = ours[fileno]
+                    self._serve(port, link, once=True)
+                    if link.fileno() != fileno:  # `descriptors` no longer holds
+                        return
+                now = time.monotonic()
+            if ready is None:
+                return
+            self._guarded("idle", self._idle)
+            now = time.monotonic()
 
-    def _serve(self, port: StationPort, link: Device) -> None:
-        self._guarded("link", partial(self._read, port, link))
+    def _serve(self, port: StationPort, link: Device, once: bool = False) -> None:
+        try:
+            now = time.monotonic()
+            frames = port.read(link, now, once)
+            if frames or port.rejected:
+                self.companion.on_station(port, frames, now)
+        except Exception:
+            self.companion.fault("link", traceback.format_exc(limit=-3))
         if link.fileno() != self._watched[link][0]:
-            self._watch(port, link)
+            self._guarded("link", partial(self._watch, port, link))
 
     def _idle(self) -> None:
         self._guarded("side doors", self._close_side_doors)
@@ -189,24 +204,19 @@ class HandoverModule(mp_module.MPModule):
         if now >= self._poll_at or not self._selected:
             self._poll_at = now + _POLL_S
             for port, link in self._links:
-                self._guarded("link", partial(self._serve, port, link))
+                self._serve(port, link)
                 self._guarded("link", partial(self._watch, port, link))
         self.companion.tick(now)
+        self._guarded("tlog", partial(self._to_autopilot.tick, now))
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
 
     def _look_after_links(self, now: float) -> None:
         """Links are measured, and it may be another one that leads to the autopilot."""
         self._selected = bool(waited_for(self.mpstate))
-        self._to = self.master  # a search through all links: not for every frame
+        self._to_autopilot.choose()
         for port in self.companion.ports.values():
             self._guarded("measuring links", partial(self._measure, port, now))
-
-    def _read(self, port: StationPort, link: Device) -> None:
-        now = time.monotonic()
-        frames = port.read(link, now)
-        if frames or port.rejected:
-            self.companion.on_station(port, frames, now)
 
     def _measure(self, port: StationPort, now: float) -> None:
         self.companion.on_links(port, port.tick(now), now)
@@ -227,6 +237,9 @@ class HandoverModule(mp_module.MPModule):
         for descriptor in holds:  # or a map's process would keep the port after `unload`
             mp_util.child_fd_list_add(descriptor)
         self._watched[link] = (fileno, holds)
+        self._by_descriptor = {
+            self._watched[link][0]: (port, link) for port, link in self._links if link in self._watched
+        }
 
     def _close_side_doors(self, *, tell: bool = True) -> None:
         for setting, value in self._doors:
@@ -239,14 +252,6 @@ class HandoverModule(mp_module.MPModule):
         for output in _take_outputs(self.mpstate, self.companion.config):
             self._guarded("output", output.close)
             self._show(f"handover: output {output.address} is closed: stations belong in the configuration")
-
-    def _write_autopilot(self, data: bytes) -> None:
-        if self._autopilot is not None:  # signed once, here: ids and payload stay the sender's
-            data = self._autopilot.sign(data, _AUTOPILOT_LINK_ID, time.time(), time.monotonic()) or data
-        if self._to not in self.mpstate.mav_master:
-            self._to = self.master
-        if self._to is not None:  # None after `link remove`
-            self._to.write(data)
 
     def _show(self, text: str) -> None:
         self.console.writeln(text)

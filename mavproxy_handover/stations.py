@@ -13,7 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config import StationLinks
-from mavproxy_handover.gate.judge import StationIdentity
+from mavproxy_handover.gate.judge import GateReason, StationIdentity
 from mavproxy_handover.gate.tables import COMPANION_COMPID
 from mavproxy_handover.keys import StationKeys, check_distinct, load_station_keys
 from mavproxy_handover.link.bundle import LinkBundle
@@ -46,8 +46,8 @@ class StationPort:
         #: the station's last heartbeat, and when it came (monotonic s)
         self.heartbeat = b""
         self.heartbeat_at = -inf
-        #: verdicts by reason, for `handover stations`
-        self.verdicts: Counter[str] = Counter()
+        #: what became of frames and why, for `handover stations`
+        self.verdicts: Counter[GateReason | SignatureVerdict] = Counter()
         #: the station's key and what was heard under it; None where there is no key
         self.peer = None if keys is None else SignedPeer(keys.current, keys.previous)
         #: frames whose signature did not hold, with the verdict, newest last
@@ -62,27 +62,29 @@ class StationPort:
         """System and component to address."""
         return self.sysid, self.component
 
-    def read(self, link: Device, now: float) -> list[Frame]:
+    def read(self, link: Device, now: float, once: bool = False) -> list[Frame]:
         """Frames that arrived on `link`: no copies of what came by another link, no answers to probes.
+
+        `once`: see `link.base.Device.read`.
 
         Frames that name somebody else as their sender are among them: the gate drops and counts those. They do nothing
         for the link, neither to its measurements nor to the address that it answers.
         """
         kept = []
-        for frame in self._bundle.read(link, now):
-            if not self.owned(frame) or (self._signed(link, frame, now) and self._bundle.accept(link, frame, now)):
+        sysids, peer, bundle = self.identity.sysids, self.peer, self._bundle
+        for frame in bundle.read(link, now, once):
+            proven = peer is None or frame.sysid not in sysids or self._signed(peer, link, frame, now)
+            if proven and (frame.sysid not in sysids or bundle.accept(link, frame, now)):
                 kept.append(frame)
         return kept
 
-    def _signed(self, link: Device, frame: Frame, now: float) -> bool:
-        """Whether the frame is proven to be the station's, or nothing is asked for."""
-        if self.peer is None:
-            return True
-        verdict = self.peer.check(frame, time.time(), now)
+    def _signed(self, peer: SignedPeer, link: Device, frame: Frame, now: float) -> bool:
+        """Whether the frame is proven to be the station's."""
+        verdict = peer.check(frame, time.time(), now)
         if verdict is SignatureVerdict.OK:
             return True
         self._bundle.bad_signature(link, now)
-        self.verdicts[f"signature: {verdict.name.lower()}"] += 1
+        self.verdicts[verdict] += 1
         self.rejected.append((frame, verdict))
         return False
 

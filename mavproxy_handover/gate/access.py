@@ -31,6 +31,9 @@ class Access(Enum):
     MAINTENANCE = "maintenance"  #: over no radio link, whoever sends it
     NEVER = "never"  #: no station has a reason to send it; dropped
 
+    #: members are single objects: their identity tells them apart, and is looked up much faster than their name
+    __hash__ = object.__hash__
+
 
 @dataclass(frozen=True, slots=True)
 class Rule:

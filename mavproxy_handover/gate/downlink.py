@@ -114,6 +114,7 @@ _COMMAND_INT: Final = mavlink.MAVLINK_MSG_ID_COMMAND_INT
 _COMMAND_ACK: Final = mavlink.MAVLINK_MSG_ID_COMMAND_ACK
 _TUNNEL: Final = mavlink.MAVLINK_MSG_ID_TUNNEL
 _REQUEST_MESSAGE: Final = mavlink.MAV_CMD_REQUEST_MESSAGE
+_QUESTIONS: Final = frozenset({*_BY_MESSAGE, _COMMAND_LONG, _COMMAND_INT})
 _FLOAT: Final = struct.Struct("<f")
 
 
@@ -133,12 +134,9 @@ def _stays_aboard(frame: Frame, aim: tuple[int, int] | None) -> bool:
 
 
 def _answers_to(frame: Frame) -> list[tuple[tuple[int, ...], bool]]:
-    """What may answer a frame from a station."""
-    if not frame.known:
-        return []
-    if frame.msgid not in (_COMMAND_LONG, _COMMAND_INT):
-        found = _BY_MESSAGE.get(frame.msgid)
-        return [] if found is None else [found]
+    """What may answer a question of a station."""
+    if frame.msgid in _BY_MESSAGE:
+        return [_BY_MESSAGE[frame.msgid]]
     command = field_int(frame, "command")
     answers: list[tuple[tuple[int, ...], bool]] = [((_COMMAND_ACK,), False)]
     if command == _REQUEST_MESSAGE:
@@ -164,6 +162,8 @@ class DownlinkPolicy:
 
     def asked(self, frame: Frame, station_sysid: int, now: float) -> None:
         """Note a question of a station that the gate let through; anything else a station sends is ignored."""
+        if not frame.known or frame.msgid not in _QUESTIONS:
+            return
         for msgids, many in _answers_to(frame):
             windows = self._windows.setdefault(station_sysid, {})
             for msgid in msgids:

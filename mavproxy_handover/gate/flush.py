@@ -154,7 +154,9 @@ class FlushTracker:
             return
         aim = target(frame)
         component = aim[1] if aim is not None and aim[1] != 0 else _AUTOPILOT
-        opened = self._open.setdefault(station_sysid, _Open())
+        opened = self._open.get(station_sysid)
+        if opened is None:
+            opened = self._open[station_sysid] = _Open()
         handler(frame, opened, (frame.sysid, frame.compid), component)
 
     def heard(self, frame: Frame) -> None:

@@ -44,6 +44,9 @@ class Action(Enum):
     REFUSE = "refuse"  #: not passed on; the sender is told where its protocol has an answer
     DROP = "drop"  #: not passed on, no answer
 
+    #: as in `Access`
+    __hash__ = object.__hash__
+
 
 class GateReason(Enum):
     """Why."""
@@ -64,6 +67,9 @@ class GateReason(Enum):
     FILE_BUSY = "the commander uses file transfer"  #: and the autopilot has only one open (`questions`)
     OTHER_TARGET = "other target"  #: aimed at another system
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
+
+    #: as in `Access`
+    __hash__ = object.__hash__
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +116,7 @@ _FOR_COMMANDER = {
     Access.MAINTENANCE: (Action.REFUSE, GateReason.MAINTENANCE_ONLY),
     Access.NEVER: (Action.DROP, GateReason.NEVER),
 }
-_WHILE_ARMED = {Access.SAFEGUARD: (Action.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
+_FOR_COMMANDER_ARMED = {**_FOR_COMMANDER, Access.SAFEGUARD: (Action.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
 _FOR_OTHERS = {
     Access.READ: (Action.FORWARD, GateReason.ALLOWED),
     Access.LIVENESS: (Action.CONSUME, GateReason.LIVENESS_NOT_COMMANDER),
@@ -129,8 +135,7 @@ def outcome(access: Access, commands: bool, armed: bool) -> tuple[Action, GateRe
     """What becomes of a class (rule 4), before rules 5 and 6."""
     if not commands:
         return _FOR_OTHERS[access]
-    locked = _WHILE_ARMED.get(access) if armed else None
-    return _FOR_COMMANDER[access] if locked is None else locked
+    return _FOR_COMMANDER_ARMED[access] if armed else _FOR_COMMANDER[access]
 
 
 def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int) -> Verdict:

@@ -132,8 +132,11 @@ class Device(ABC):
         self._closed = False
 
     @abstractmethod
-    def read(self) -> list[Frame]:
-        """Whole, checked frames that have arrived, from whomever; also looks after the connection. Call it often."""
+    def read(self, once: bool = False) -> list[Frame]:
+        """Whole, checked frames that have arrived, from whomever; also looks after the connection. Call it often.
+
+        `once`: as few system calls as there can be; what is left waits, and makes `fileno` readable again.
+        """
 
     @abstractmethod
     def write(self, data: bytes) -> bool:

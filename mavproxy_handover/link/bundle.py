@@ -60,6 +60,8 @@ _CHECK_S: Final = 0.2
 #: frames remembered for each link: two seconds of 250 a second
 _REMEMBERED: Final = 512
 _SENDERS: Final = 64
+#: frames that wait to be counted, at most: there are twenty ticks a second
+_UNCOUNTED: Final = 512
 _BETTER_SHARE: Final = 0.75
 _BETTER_S: Final = 0.02
 #: a link whose round trip is not known is worth as much as one with this
@@ -76,7 +78,7 @@ class LinkDevice(Protocol):
     def counters(self) -> LinkCounters: ...
     @property
     def open(self) -> bool: ...
-    def read(self) -> list[Frame]: ...
+    def read(self, once: bool = False) -> list[Frame]: ...
     def write(self, data: bytes) -> bool: ...
     def accept_sender(self, frame: Frame) -> None: ...
     def close(self) -> None: ...
@@ -98,15 +100,23 @@ class _Link:
         self.device = device
         self.monitor = monitor
         self.remembered: OrderedDict[bytes, _Remembered] = OrderedDict()  #: frames that came first by this link
+        self.uncounted: list[tuple[Frame, float]] = []  #: genuine frames, with the time they came at
         self._bytes_in = self._bytes_out = self._bad_crc = 0
 
     def count(self, now: float) -> None:
-        """Tell the monitor what the device counted since the last time."""
+        """Tell the monitor what came in since the last time, and what the device counted."""
+        self.count_frames()
         seen = self.device.counters
         self.monitor.on_traffic(
             now, seen.bytes_in - self._bytes_in, seen.bytes_out - self._bytes_out, seen.bad_crc - self._bad_crc
         )
         self._bytes_in, self._bytes_out, self._bad_crc = seen.bytes_in, seen.bytes_out, seen.bad_crc
+
+    def count_frames(self) -> None:
+        """Many at once take a third of the time that they would take one by one, and none of them waits for it."""
+        waiting, self.uncounted = self.uncounted, []
+        for frame, at in waiting:
+            self.monitor.on_frame(frame, at)
 
     def works(self, now: float) -> bool:
         """Whether there is young proof that frames arrive at the station."""
@@ -155,12 +165,15 @@ class LinkBundle:
 
     # ---- up -------------------------------------------------------------------------------------------------------
 
-    def read(self, device: LinkDevice, now: float) -> list[Frame]:
-        """Frames that have arrived on one of the devices, without the copies of those that came by another."""
-        number = self._index[id(device)]
-        frames = device.read()
+    def read(self, device: LinkDevice, now: float, once: bool = False) -> list[Frame]:
+        """Frames that have arrived on one of the devices, without the copies of those that came by another.
+
+        `once`: see `base.Device.read`.
+        """
+        frames = device.read(once)
         if len(self._links) == 1 or not frames:
             return frames
+        number = self._index[id(device)]
         fresh = []
         for frame in frames:
             if self._is_copy(number, frame, now):
@@ -176,10 +189,9 @@ class LinkBundle:
         False: it answered a probe and is of no interest to anybody else.
         """
         number = self._index[id(device)]
-        link = self._links[number]
         if len(self._links) > 1:
             self._remember(number, frame, now)
-        return not self._credit(link, frame, now)
+        return not self._credit(self._links[number], frame, now)
 
     def bad_signature(self, device: LinkDevice, now: float) -> None:
         """The signature of a frame that came in on `device` does not hold, or is missing."""
@@ -212,8 +224,10 @@ class LinkBundle:
             remembered.popitem(last=False)
 
     def _credit(self, link: _Link, frame: Frame, now: float) -> bool:
-        """Count a genuine frame for its link; True if it answers a probe."""
-        link.monitor.on_frame(frame, now)
+        """A genuine frame will be counted for its link; True if it answers a probe."""
+        link.uncounted.append((frame, now))
+        if len(link.uncounted) >= _UNCOUNTED:
+            link.count_frames()
         link.device.accept_sender(frame)
         stamp = answered_stamp(frame) if frame.msgid == TIMESYNC else None
         if stamp is None or not any(other.monitor.asked(stamp) for other in self._links):
@@ -245,6 +259,7 @@ class LinkBundle:
     def tick(self, now: float) -> list[LinkEvent]:
         """Send the probes that are due and look at the links; what happened. To be called 20 times a second or more."""
         for number, link in enumerate(self._links):
+            link.count_frames()
             stamp = link.monitor.probe(now) if link.device.open else None
             if stamp is not None:
                 link.device.write(self._probe(number, stamp))

@@ -54,7 +54,7 @@ class SerialLine(Device):
     def fileno(self) -> int:
         return -1 if self._port is None else int(self._port.fileno())
 
-    def read(self) -> list[Frame]:
+    def read(self, once: bool = False) -> list[Frame]:
         if self._closed:
             return []
         if self._port is None:

@@ -132,7 +132,7 @@ class TcpOut(Device):
         connecting = [] if self._connecting is None else [self._connecting.fileno()]
         return connecting + super().descriptors()
 
-    def read(self) -> list[Frame]:
+    def read(self, once: bool = False) -> list[Frame]:
         if self._closed:
             return []
         if self._connection is None:
@@ -248,7 +248,7 @@ class TcpIn(Device):
             return []
         return [self._listener.fileno(), *(client.socket.fileno() for client in self._clients)]
 
-    def read(self) -> list[Frame]:
+    def read(self, once: bool = False) -> list[Frame]:
         if self._closed:
             return []
         now = self._clock()

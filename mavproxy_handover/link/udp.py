@@ -128,7 +128,7 @@ class UdpOut(_Udp):
         super().__init__(spec, clock)
         self._peer = self._address
 
-    def read(self) -> list[Frame]:
+    def read(self, once: bool = False) -> list[Frame]:
         frames: list[Frame] = []
         looked_at = 0
         for _ in range(_TAKEN):
@@ -141,7 +141,7 @@ class UdpOut(_Udp):
                 continue
             frames += self._peer_frames(data)
             looked_at += 1
-            if looked_at == _PEER_DATAGRAMS:
+            if once or looked_at == _PEER_DATAGRAMS:
                 break
         return frames
 
@@ -163,7 +163,7 @@ class UdpIn(_Udp):
             self._socket.close()
             raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
 
-    def read(self) -> list[Frame]:
+    def read(self, once: bool = False) -> list[Frame]:
         frames: list[Frame] = []
         senders: dict[int, Address] = {}
         peers = strangers = stranger_bytes = 0
@@ -185,7 +185,7 @@ class UdpIn(_Udp):
             for frame in found:
                 senders[id(frame)] = address
             frames += found
-            if peers == _PEER_DATAGRAMS:
+            if peers and (once or peers == _PEER_DATAGRAMS):
                 break
         self._senders, self._last = senders, list(frames)
         return frames

@@ -23,11 +23,12 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
-from pymavlink.generator.mavcrc import x25crc
+from pymavlink.generator import mavcrc
 
 __all__ = [
     "MAX_FRAME_BYTES",
@@ -53,7 +54,8 @@ FLAG_SIGNED: Final = 0x01
 MAX_FRAME_BYTES: Final = HEADER_V2 + 255 + CRC_BYTES + SIGNATURE_BYTES
 
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
-_CRC: Final = struct.Struct("<H")
+#: magic, length, incompatibility and compatibility flags, sequence, system, component, message id (16 and 8 bits)
+_HEADER_V2: Final = struct.Struct("<7BHB")
 _STRUCT_ITEM: Final = re.compile(r"(\d*)([a-zA-Z])")
 
 
@@ -158,9 +160,14 @@ def target(frame: Frame) -> tuple[int, int] | None:
     return payload[definition.target_system], 0 if component is None else payload[component]
 
 
+#: pymavlink's CRC without the object around it, where pymavlink has one that is not written in Python
+_crc_of: Callable[[bytes, int], int] | None = getattr(mavcrc, "mcrf4xx", None)
+
+
 def _crc_fits(raw: bytes, end: int, crc_extra: bytes) -> bool:
-    crc = x25crc(raw[1:end] + crc_extra).crc
-    return bool(crc == _CRC.unpack_from(raw, end)[0])
+    data = raw[1:end] + crc_extra
+    crc = mavcrc.x25crc(data).crc if _crc_of is None else _crc_of(data, 0xFFFF)
+    return bool(crc == raw[end] | raw[end + 1] << 8)
 
 
 def _frame_length(data: bytes, start: int) -> int:
@@ -210,17 +217,27 @@ def parse_one(raw: bytes) -> Frame | None:
     id is returned with `known` False, because its CRC cannot be checked.
     """
     raw = bytes(raw)
-    if len(raw) < HEADER_V1 + CRC_BYTES or raw[0] not in (MAGIC_V1, MAGIC_V2):
+    size = len(raw)
+    if size >= HEADER_V2 + CRC_BYTES and raw[0] == MAGIC_V2:  # nearly every frame, so at one go
+        _magic, length, flags, _compatible, seq, sysid, compid, low, high = _HEADER_V2.unpack_from(raw)
+        end = HEADER_V2 + length
+        signed = flags == FLAG_SIGNED
+        if size != end + (CRC_BYTES + SIGNATURE_BYTES if signed else CRC_BYTES) or flags & ~FLAG_SIGNED:
+            return None
+        msgid = low | high << 16
+        definition = _DEFINITIONS.get(msgid)
+        payload = raw[HEADER_V2:end]
+        if definition is None:
+            return Frame(raw, 2, msgid, sysid, compid, seq, signed, payload, False)
+        if not _crc_fits(raw, end, definition.crc_extra):
+            return None
+        if length != definition.length:
+            payload = (payload + definition.padding)[: definition.length]
+        return Frame(raw, 2, msgid, sysid, compid, seq, signed, payload, True)
+    if size < HEADER_V1 + CRC_BYTES or raw[0] != MAGIC_V1 or _frame_length(raw, 0) != size or _too_long(raw, 0):
         return None
-    if _frame_length(raw, 0) != len(raw):
-        return None
-    if raw[0] == MAGIC_V2 and raw[2] & ~FLAG_SIGNED:
-        return None
-    if raw[0] == MAGIC_V1 and _too_long(raw, 0):
-        return None
-    definition = _DEFINITIONS.get(_message_id(raw, 0))
-    header = HEADER_V1 if raw[0] == MAGIC_V1 else HEADER_V2
-    if definition is not None and not _crc_fits(raw, header + raw[1], definition.crc_extra):
+    definition = _DEFINITIONS.get(raw[5])
+    if definition is not None and not _crc_fits(raw, HEADER_V1 + raw[1], definition.crc_extra):
         return None
     return _build(raw, definition)
 

@@ -75,7 +75,7 @@ class FakeDevice:
         self.closed = False
         self._on_write = on_write
 
-    def read(self) -> list[Frame]:
+    def read(self, once: bool = False) -> list[Frame]:
         frames, self.inbox = self.inbox, []
         return frames
 

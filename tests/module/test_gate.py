@@ -11,6 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.gate.judge import GateReason
 from tests.module.conftest import Bench
 
 RTL = mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH
@@ -81,14 +82,16 @@ def test_when_the_commander_falls_silent_no_heartbeat_reaches_the_autopilot(flig
 
 @pytest.mark.parametrize("claimed", [1, 251, 77])
 def test_a_frame_from_b_that_claims_to_be_somebody_else_is_dropped(flight: Bench, claimed: int) -> None:
+    reason = GateReason.SPOOFED_VEHICLE if claimed == 1 else GateReason.SPOOFED_STATION
     flight.b.alive = False
     command = mavlink.MAVLink_command_long_message(1, 1, RTL, 0, 0, 0, 0, 0, 0, 0, 0)
     flight.b.send(command, sysid=claimed)
     flight.b.send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), sysid=claimed)
     flight.mpstate.loop()
+    flight.mpstate.loop()
     written = b"".join(flight.mpstate.mav_master[0].written)
     assert RTL.to_bytes(2, "little") not in written
-    assert flight.companion.ports[252].verdicts[f"spoofed {'vehicle' if claimed == 1 else 'station'}"] == 2
+    assert flight.companion.ports[252].verdicts[reason] == 2
 
 
 def test_garbage_from_a_station_costs_nothing(flight: Bench) -> None:

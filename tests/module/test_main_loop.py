@@ -59,11 +59,13 @@ class TestReadable:
         os.write(pipe[1], b"x")
         assert readable([pipe[0]], [pipe[0]], WAIT_S) == [pipe[0]]
 
-    def test_is_empty_for_anything_else_though_ours_has_something_too(self, pipe: tuple[int, int]) -> None:
+    def test_is_nobody_s_turn_but_mavproxy_s_for_anything_else_though_ours_has_something_too(
+        self, pipe: tuple[int, int]
+    ) -> None:
         other = os.pipe()
         for _end, entry in (pipe, other):
             os.write(entry, b"x")
-        assert readable([pipe[0], other[0]], [pipe[0]], WAIT_S) == []
+        assert readable([pipe[0], other[0]], [pipe[0]], WAIT_S) is None
         for end in other:
             os.close(end)
 
@@ -77,18 +79,29 @@ class TestReadable:
 
     @pytest.mark.parametrize("descriptor", [-1, 1 << 20], ids=["none", "beyond select"])
     def test_a_descriptor_that_is_none_raises_nothing(self, descriptor: int) -> None:
-        assert readable([descriptor], [descriptor], 0.001) == []
+        assert readable([descriptor], [descriptor], 0.001) is None
 
     def test_nor_does_one_that_is_closed(self, pipe: tuple[int, int]) -> None:
         os.close(pipe[0])
-        assert readable([pipe[0]], [pipe[0]], 0.001) == []
+        assert readable([pipe[0]], [pipe[0]], 0.001) is None
+
+    def test_without_anything_to_wait_for_it_does_not_wait(self) -> None:
+        assert readable([], [], WAIT_S) is None
 
 
 class TestTheModule:
     @pytest.fixture
-    def busy(self, bench: Bench) -> Iterator[tuple[Bench, socket.socket]]:
+    def busy(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Bench, socket.socket]]:
         """GCSA commands, and MAVProxy has a link to the autopilot that it can wait for: `far` is its other end."""
+
+        def wait_by_the_clock(descriptors: list[int], ours: list[int], seconds: float) -> list[int] | None:
+            found = readable(descriptors, ours, min(seconds, 1e-4))
+            if found == []:
+                bench.clock.now += max(seconds, 0.0)
+            return found
+
         bench.connect()
+        monkeypatch.setattr("mavproxy_handover.module.readable", wait_by_the_clock)
         near, far = socket.socketpair()
         master: Any = bench.mpstate.mav_master[0]
         master.fd, master.portdead = near.fileno(), False
@@ -111,17 +124,17 @@ class TestTheModule:
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         bench, _far = busy
-        read = bench.module._read
+        read = bench.module._serve
         to_send = 3
 
-        def read_and_send_the_next(port: Any, link: Any) -> None:
+        def read_and_send_the_next(port: Any, link: Any, once: bool = False) -> None:
             nonlocal to_send
-            read(port, link)
+            read(port, link, once)
             if to_send:
                 to_send -= 1
                 bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", to_send))
 
-        monkeypatch.setattr(bench.module, "_read", read_and_send_the_next)
+        monkeypatch.setattr(bench.module, "_serve", read_and_send_the_next)
         function, argument = self.handler(bench)
         function(argument)  # MAVProxy calls once
         assert self.requests(bench) == 3
@@ -133,38 +146,65 @@ class TestTheModule:
         bench, far = busy
         far.send(b"x")
         bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 1))
-        read = bench.module._read
+        read = bench.module._serve
         calls = []
 
-        def read_and_send_another(port: Any, link: Any) -> None:
+        def read_and_send_another(port: Any, link: Any, once: bool = False) -> None:
             calls.append(port.name)
-            read(port, link)
+            read(port, link, once)
             bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 2))
 
-        monkeypatch.setattr(bench.module, "_read", read_and_send_another)
+        monkeypatch.setattr(bench.module, "_serve", read_and_send_another)
         function, argument = self.handler(bench)
         function(argument)
         assert calls == ["GCSA"]
         assert self.requests(bench) == 1
 
-    def test_goes_back_when_its_tick_is_due(
+    def test_goes_back_after_a_twentieth_of_a_second_however_much_comes_and_its_ticks_go_on(
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         bench, _far = busy
-        read = bench.module._read
+        read = bench.module._serve
         calls = []
 
-        def read_and_let_time_pass(port: Any, link: Any) -> None:
+        def read_and_let_time_pass(port: Any, link: Any, once: bool = False) -> None:
             calls.append(bench.clock.now)
             bench.clock.now += 0.008
-            read(port, link)
+            read(port, link, once)
             bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", len(calls)))
 
+        def tick(now: float) -> None:
+            ticks.append(now)
+            companion_tick(now)
+
+        companion_tick, ticks = bench.companion.tick, []
         bench.module.idle_task()
-        monkeypatch.setattr(bench.module, "_read", read_and_let_time_pass)
+        monkeypatch.setattr(bench.module, "_serve", read_and_let_time_pass)
+        monkeypatch.setattr(bench.companion, "tick", tick)
+        began = bench.clock.now
         function, argument = self.handler(bench)
         function(argument)
-        assert 1 <= len(calls) <= 3  # a tick comes every 20 ms
+        assert 0.05 <= bench.clock.now - began <= 0.07
+        assert 2 <= len(ticks) <= 3  # one every 20 ms
+        assert len(calls) > 5
+
+    def test_in_a_quiet_moment_ticks_go_on_and_mavproxy_gets_its_turn(
+        self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        bench, _far = busy
+        ticks: list[float] = []
+        monkeypatch.setattr(bench.companion, "tick", ticks.append)
+        began = bench.clock.now
+        bench.module.idle_task()
+        assert bench.clock.now - began == pytest.approx(0.05)
+        assert 2 <= len(ticks) <= 4
+
+    def test_an_idle_round_goes_back_at_once_when_the_autopilot_speaks(self, busy: tuple[Bench, socket.socket]) -> None:
+        bench, far = busy
+        far.send(b"x")
+        began = bench.clock.now
+        bench.module.idle_task()
+        assert bench.clock.now == began
 
     def test_a_fault_in_there_reaches_nobody(
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch

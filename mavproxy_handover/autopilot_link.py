@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The way to the autopilot: MAVProxy's own link, with as little as possible between the gate and the wire.
+
+Rules that live here:
+
+1. Which link it is, is MAVProxy's choice. To ask is a search through all links, so it is asked again twenty times
+   a second (`choose`), and at once when the link is no more.
+2. A serial line is written to directly as long as it takes all of a frame. pyserial looks at the line again after each
+   write, which costs as much as the write itself. What the line does not take, and every fault, is for MAVProxy, which
+   waits, reports, and opens the line again.
+3. With a key of the autopilot, frames are signed here, once; ids and payload stay the sender's.
+4. What was written goes into MAVProxy's tlog too, as MAVProxy does with what it forwards itself. The way there leads
+   through a pipe, which costs several times what a frame costs elsewhere, so all frames of LOG_S take it at once:
+   they have their own time each, and stand that much behind their place in the file at most.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+import serial
+
+from mavproxy_handover.wire.signing import SignedPeer
+
+__all__ = ["LOG_S", "AutopilotLink"]
+
+#: MAVProxy's own signed messages use link id 0
+_LINK_ID: Final = 1
+LOG_S: Final = 0.1
+_STAMP: Final = struct.Struct(">Q")
+
+
+class AutopilotLink:
+    """Takes whole frames. `find` is MAVProxy's search for the link, `peer` the autopilot's key, if there is one."""
+
+    def __init__(self, mpstate: Any, find: Callable[[], Any], peer: SignedPeer | None) -> None:
+        self._mpstate = mpstate
+        self._find = find
+        self._peer = peer
+        self._master: Any = None
+        self._log = bytearray()
+        self._log_at = 0.0
+
+    def choose(self) -> None:
+        """Ask MAVProxy anew which link leads to the autopilot."""
+        self._master = self._find()
+
+    def write(self, data: bytes) -> None:
+        """Send a frame. Without a link it is gone; whatever a link raises is passed on."""
+        if self._peer is not None:
+            data = self._peer.sign(data, _LINK_ID, time.time(), time.monotonic()) or data
+        if self._master not in self._mpstate.mav_master:
+            self.choose()
+        master = self._master
+        if master is None:  # after `link remove`
+            return
+        rest = _to_serial_line(master, data)
+        if rest:
+            master.write(rest)
+        self._log += _STAMP.pack(int(time.time() * 1e6)) + data
+
+    def tick(self, now: float) -> None:
+        """Hand the frames of the last LOG_S to MAVProxy's tlog; to be called often."""
+        if now >= self._log_at:
+            self._log_at = now + LOG_S
+            self.log()
+
+    def log(self) -> None:
+        """The same at once."""
+        frames, self._log = self._log, bytearray()
+        queue = getattr(self._mpstate, "logqueue", None)
+        if frames and queue:
+            queue.put(frames)
+
+
+def _to_serial_line(master: Any, data: bytes) -> bytes:
+    """Write to a link's serial line what it takes now; the rest, which is all of it where there is no such line."""
+    if not isinstance(getattr(master, "port", None), serial.Serial) or master.portdead:
+        return data
+    try:
+        return data[os.write(master.fd, data) :]
+    except (OSError, TypeError):  # full, unplugged, or just being opened again
+        return data
