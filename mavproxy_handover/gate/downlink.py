@@ -167,11 +167,13 @@ class DownlinkPolicy:
         for msgids, many in _answers_to(frame):
             windows = self._windows.setdefault(station_sysid, {})
             for msgid in msgids:
-                open_window = windows.get(msgid)
-                # A single question during a list must not shorten the list.
-                still_many = open_window is not None and open_window.many and now <= open_window.until
-                left = 0 if open_window is None or now > open_window.until else open_window.left
-                windows[msgid] = _Window(now + WINDOW_S, now + LIMIT_S, many or still_many, min(left + EACH, _MOST))
+                window = windows.get(msgid)
+                if window is None or now > window.until:
+                    windows[msgid] = _Window(now + WINDOW_S, now + LIMIT_S, many, EACH)
+                    continue
+                window.until, window.limit = now + WINDOW_S, now + LIMIT_S
+                window.many = window.many or many  # a single question during a list must not shorten the list
+                window.left = min(window.left + EACH, _MOST)
 
     def receivers(self, frame: Frame, stations: Iterable[int], view: AuthorityView, now: float) -> list[int]:
         """Which of the stations (system ids) get this frame of the vehicle; for them it is counted as sent.

@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from statistics import median
 from typing import Final
 
@@ -61,7 +62,7 @@ class _Bucket:
     probes_lost: int = 0
 
 
-_COUNTS: Final = tuple(entry.name for entry in fields(_Bucket))
+_counts: Final = attrgetter(*(entry.name for entry in fields(_Bucket)))
 
 
 class _Window:
@@ -82,11 +83,7 @@ class _Window:
     def sum(self, now: float) -> _Bucket:
         """All of them together."""
         self.at(now)
-        total = _Bucket()
-        for _second, bucket in self._buckets:
-            for name in _COUNTS:
-                setattr(total, name, getattr(total, name) + getattr(bucket, name))
-        return total
+        return _Bucket(*map(sum, zip(*(_counts(bucket) for _second, bucket in self._buckets), strict=True)))
 
 
 class SequenceTracker:

@@ -246,7 +246,8 @@ class Verifier:
         """
         if max_streams < 1:
             raise ValueError(f"max_streams = {max_streams}: must be 1 or more")
-        self._key = _checked(key)
+        #: SHA-256 with the key already in it
+        self._keyed = hashlib.sha256(_checked(key))
         self._max_streams = max_streams
         self._max_age = None if max_age_s is None else int(max_age_s * UNITS_PER_S)
         self._tolerance = int(first_packet_tolerance_s * UNITS_PER_S)
@@ -265,7 +266,9 @@ class Verifier:
         if not frame.signed:
             return SignatureVerdict.UNSIGNED
         raw = frame.raw
-        if not hmac.compare_digest(hashlib.sha256(self._key + raw[:-6]).digest()[:6], raw[-6:]):
+        digest = self._keyed.copy()
+        digest.update(raw[:-6])
+        if not hmac.compare_digest(digest.digest()[:6], raw[-6:]):
             return SignatureVerdict.BAD
         stamp = int.from_bytes(raw[-12:-6], "little")
         delay = int(now_s * UNITS_PER_S) - stamp
