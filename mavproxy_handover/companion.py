@@ -254,7 +254,7 @@ class Companion:
     # ---- time -----------------------------------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
-        """To be called often (MAVProxy: at least 50 times a second). What fails in here stops nothing else in here."""
+        """To be called often (the module: 20 times a second). What fails in here stops nothing else in here."""
         self._conversations.tick(now)
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)

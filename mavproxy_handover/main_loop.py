@@ -2,10 +2,10 @@
 
 """What a busy station costs in MAVProxy: a round of its main loop for every frame, or a look at the sockets.
 
-A round looks at queues, timers and modules, which costs several times what the gate spends on a frame. So the module
-waits in MAVProxy's place (`HandoverModule._stay`), for all that MAVProxy would wait for, and serves its own links as
-long as nothing else has anything to read. Its own ticks go on meanwhile, the lease among them; MAVProxy's timers and
-what the operator types get their turn after `STAY_S` at the latest.
+A round looks at queues, timers and modules, which costs several times what the gate spends on a frame. So while stations
+speak, the module waits in MAVProxy's place (`HandoverModule._stay`), for all that MAVProxy would wait for, and serves
+its own links as long as nothing else has anything to read. Its own ticks go on meanwhile, the lease among them.
+MAVProxy's timers and what the operator types get their turn after `STAY_S` at the latest.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ import select
 from collections.abc import Collection
 from typing import Any
 
-__all__ = ["STAY_S", "readable", "waited_for"]
+__all__ = ["STAY_S", "TALKING_S", "readable", "waited_for"]
 
 #: MAVProxy's fastest timers run ten times a second
 STAY_S = 0.05
+#: for so long after a frame its station is expected to go on
+TALKING_S = 0.1
 
 
 def waited_for(mpstate: Any) -> list[int]:

@@ -16,6 +16,7 @@ The lease goes out from MAVProxy's main loop, so it stops when that loop stalls.
 
 from __future__ import annotations
 
+import math
 import secrets
 import time
 import traceback
@@ -32,7 +33,7 @@ from mavproxy_handover.config import ConfigError, VehicleConfig, config_argument
 from mavproxy_handover.journal import Journal
 from mavproxy_handover.keys import KeysError, load_key
 from mavproxy_handover.link.devices import Device, LinkError
-from mavproxy_handover.main_loop import STAY_S, readable, waited_for
+from mavproxy_handover.main_loop import STAY_S, TALKING_S, readable, waited_for
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
@@ -79,6 +80,8 @@ class HandoverModule(mp_module.MPModule):
         self._links = [(port, link) for port in ports.values() for link in port.links]
         self._idle_at = 0.0
         self._poll_at = 0.0
+        #: when a station's frames were read last
+        self._heard_at = -math.inf
         #: MAVProxy waits for our links; it does not while it has no link to the autopilot
         self._selected = False
         self._watched: dict[Device, tuple[int, list[int]]] = {}
@@ -119,7 +122,8 @@ class HandoverModule(mp_module.MPModule):
     def idle_task(self) -> None:
         """Called by MAVProxy in every round of its main loop."""
         self._guarded("idle", self._idle)
-        self._guarded("link", self._stay)
+        if time.monotonic() - self._heard_at < TALKING_S:
+            self._guarded("link", self._stay)
 
     def mavlink_packet(self, m: Any) -> None:
         """A message from the vehicle's side."""
@@ -184,6 +188,7 @@ class HandoverModule(mp_module.MPModule):
             now = time.monotonic()
             frames = port.read(link, now, once)
             if frames or port.rejected:
+                self._heard_at = now
                 self.companion.on_station(port, frames, now)
         except Exception:
             self.companion.fault("link", traceback.format_exc(limit=-3))
