@@ -2,9 +2,9 @@
 
 """What a busy station costs in MAVProxy: a round of its main loop for every frame, or a look at the sockets.
 
-A round looks at queues, timers and modules, which costs several times what the gate spends on a frame. So while stations
-speak, the module waits in MAVProxy's place (`HandoverModule._stay`), for all that MAVProxy would wait for, and serves
-its own links as long as nothing else has anything to read. Its own ticks go on meanwhile, the lease among them.
+A round looks at queues, timers and modules, which costs several times what the gate spends on a frame. So while
+stations speak, the module waits in MAVProxy's place (`HandoverModule._stay`), for all that MAVProxy would wait for, and
+serves its own links as long as nothing else has anything to read. Its own ticks go on meanwhile, the lease among them.
 MAVProxy's timers and what the operator types get their turn after `STAY_S` at the latest.
 """
 
