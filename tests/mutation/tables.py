@@ -119,7 +119,11 @@ def survivors() -> tuple[int, list[str]]:
         for opcode in getattr(files, name):
             judge_mutant(f"{name} without {opcode}", files, name, getattr(files, name) - {opcode}, transfers)
 
-    tables = {"commander": judge._FOR_COMMANDER, "while armed": judge._WHILE_ARMED, "others": judge._FOR_OTHERS}
+    tables = {
+        "commander": judge._FOR_COMMANDER,
+        "commander, armed": judge._FOR_COMMANDER_ARMED,
+        "others": judge._FOR_OTHERS,
+    }
     outcomes = sorted({outcome for table in tables.values() for outcome in table.values()}, key=repr)
     for who, table in tables.items():
         for access, outcome in table.items():
