@@ -324,7 +324,6 @@ class Arbiter:
             actions.append(Record("mission_loaded", f"mission loaded, commanders along the route: {names}"))
         else:
             actions.append(Record("mission_dropped", "the autopilot no longer holds the mission that was loaded"))
-        self._authority.refresh(Reason.NONE, actions)
 
     # ---- time and safety ------------------------------------------------------------------------------------------
 
@@ -346,10 +345,8 @@ class Arbiter:
         self._handover.move(Cause.COMMANDER_LOST, now, actions)
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
-        self._candidates.forget_pauses()  # what was agreed or denied under it
         self._authority.lose(owner, actions)
-        self._handover.imply(now, actions)
-        # a step that this commander left unanswered must not keep a ready partner waiting
+        # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()
         self._handover.seek(now, actions)
 

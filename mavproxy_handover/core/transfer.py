@@ -203,7 +203,6 @@ class Transfer:
         self.key = key
         self.reason = reason
         self.started_at = now
-        self.operator_asked = False
         self._enter(Step.REQUEST, now, speak_now=True)
 
     def _enter(self, step: Step, now: float, *, speak_now: bool) -> None:

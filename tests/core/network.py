@@ -36,7 +36,7 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import DisconnectHandover, Message, OkHandover
+from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, Message, OkHandover, OnHandover
 from mavproxy_handover.core.model import Consent, Station
 from tests.core.watch import Watch
 
@@ -233,13 +233,17 @@ class Network:
                 self._check_word(sysid, action.message)
                 self._to_vehicle(StationMessage(sysid, action.message))
             elif isinstance(action, gcs.ToPeer):
+                self._check_word(sysid, action.message)
                 self.over_ground += 1
                 self._over_ground(action.peer, gcs.FromPeer(sysid, action.message))
             else:
                 self.notices[sysid].append(action.text)
 
     def _check_word(self, sysid: int, message: Message) -> None:
-        """A station releases only what it has consented to."""
+        """A station releases only what it has consented to, and says nothing but its own words."""
+        if isinstance(message, (OnHandover, DroneConnected)):
+            assert message.key.to_station == sysid
+            assert not message.relayed
         if isinstance(message, OkHandover) and message.consent is Consent.GRANTED:
             self._consented[sysid].add(message.key)
         if isinstance(message, DisconnectHandover):

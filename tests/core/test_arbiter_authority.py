@@ -276,6 +276,14 @@ class TestLoss:
         assert {at for at, action in bench.log if isinstance(action, (ViewChanged, Fly))} == {heard_at + 5.0}
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
 
+    def test_who_was_lost_is_journalled(self) -> None:
+        bench = Bench().on_mission()
+        bench.alive = {B}
+        bench.run(5.0)
+        assert bench.records("authority_lost") == [
+            Record("authority_lost", "GCSA is lost: nobody commands", Reason.COMMANDER_LOST, A)
+        ]
+
     def test_the_return_is_asked_for_once(self) -> None:
         bench = Bench().on_mission()
         bench.alive = {B}

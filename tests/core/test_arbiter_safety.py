@@ -108,6 +108,33 @@ class TestOutOfCoverage:
         bench.run(2.0)
         assert bench.flights() == [RETURN]
 
+    def test_it_ends_one_to_a_station_whose_zone_was_never_entered_too(self) -> None:
+        # given on the ground, where no zone is asked for, and not taken yet when the aircraft takes off
+        bench = Bench().on_ground()
+        bench.position(*far(A, B))
+        bench.run(5.0)
+        bench.give(bench.request(A, give_to=B))
+        assert bench.arbiter.view.partner == B
+        bench.autopilot_says(armed=True, flying=True)
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, A, None, 1, LeaseState.HELD, True, 1)
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.OUT_OF_COVERAGE]
+        assert bench.flights() == [RETURN]
+
+    def test_one_that_begins_as_a_zone_is_entered_again_outlives_it(self) -> None:
+        # the loss of the commander is no more than a warning here, so what it flies home for is over in the next zone
+        bench = Bench(replace(Limits(), commander_lost=FlightAction.WARN)).on_mission()
+        bench.alive = {B}
+        bench.position(*far(A, B))
+        bench.run(6.0)
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 0)
+        bench.position(outside(A), inside(B))
+        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1)
+        assert len(bench.records("emergency_over")) == 1
+        bench.say(B, OnHandover(TransferKey(A, B, 1, 1)))
+        bench.say(B, DroneConnected(TransferKey(A, B, 1, 1)))
+        assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
+        assert bench.flights() == [RETURN]
+
     def test_the_policy_may_be_to_land_or_to_warn(self) -> None:
         for policy, flights in (
             (FlightAction.LAND, [Fly(FlightAction.LAND, Reason.OUT_OF_COVERAGE)]),

@@ -210,6 +210,13 @@ class TestOnItsWay:
         assert (bench.arbiter.view.phase, bench.arbiter.view.commander) == (Phase.ON_MISSION, A)
         assert bench.flights() == []
 
+    def test_nor_between_its_end_and_the_autopilots_next_heartbeat(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(StartRequested(A))
+        bench.give(StartFinished(ok=True))  # armed and in AUTO, but the last heartbeat was of before
+        bench.give(ControlRequested(A, False, False, 0.0, A))
+        assert (bench.arbiter.view.commander, bench.arbiter.view.takeover_allowed) == (A, True)
+
     def test_nobody_gets_it_who_could_not_have_it_in_flight(self) -> None:
         bench = Bench().on_ground()
         bench.give(ControlRequested(A, True, True, 10.0, A))

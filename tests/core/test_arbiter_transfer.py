@@ -152,6 +152,11 @@ class TestStepByStep:
         (record,) = bench.records("transfer_committed")
         assert record.text == "handover 1 committed: GCSB commands, epoch 2"
         assert record.duration_s == pytest.approx(0.5)
+        assert [(step.text, step.duration_s) for step in bench.records("step")] == [
+            ("handover 1: request -> consent (partner ready)", pytest.approx(0.125)),
+            ("handover 1: consent -> connect (commander consented)", pytest.approx(0.25)),
+            ("handover 1: connect -> release (partner connected)", pytest.approx(0.375)),
+        ]
         assert bench.now == pytest.approx(begun_at + 0.5)
         assert bench.arbiter.view == MOVED
 
@@ -518,6 +523,12 @@ class TestAgain:
         assert not_records(bench.say(A, DisconnectHandover(KEY))) == [Send(A, aborted(Reason.LEFT_REGION), 1)]
         assert not_records(bench.say(B, DroneConnected(KEY))) == [Send(B, aborted(Reason.LEFT_REGION), 1)]
         assert bench.arbiter.view == STAYS
+
+    def test_a_word_of_another_transfer_gets_no_result(self) -> None:
+        bench = Bench().commit()
+        bench.log.clear()
+        assert not_records(bench.say(A, DisconnectHandover(TransferKey(A, B, 2, 1)))) == []
+        assert bench.dropped() == {"stale epoch or unknown transfer": 1}
 
     def test_a_third_station_gets_no_result(self) -> None:
         bench = Bench().commit()

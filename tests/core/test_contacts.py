@@ -101,6 +101,7 @@ def test_what_is_no_answer_to_an_open_question_says_why_and_proves_nothing() -> 
     assert made.answered(A, answer(6), 100.1, []) == "stale answer to CONNECT"
     assert made.answered(A, answer(7), 100.2, []) is None
     assert made.answered(A, replace(answer(7), mission_digest=b""), 100.3, []) == "doubled answer to CONNECT"
+    assert made.answered(A, answer(6), 100.4, []) == "stale answer to CONNECT"
     assert made.presence[A].answer == answer(7)
     assert made.presence[A].answered_at == 100.2
 

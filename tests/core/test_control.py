@@ -855,6 +855,17 @@ class TestTraps:
         else:
             assert answer.result is (PENDING if how == "consents" else DENIED)
 
+    @pytest.mark.parametrize("consent", [asks(A, give_to=B), releases(A)], ids=["gives", "releases"])
+    def test_the_same_if_it_is_repeated_only_then(self, consent: ControlRequested) -> None:
+        bench = flight()
+        bench.give(consent)
+        bench.say(B, OnHandover(key(bench)))
+        bench.say(B, DroneConnected(key(bench)))
+        moved = bench.arbiter.view
+        assert moved.commander == B
+        assert answers(bench.give(consent)) == [ControlAnswer(A, ACCEPTED)]
+        assert bench.arbiter.view == moved
+
     def test_a_release_on_the_ground_may_be_repeated_too(self) -> None:
         bench = Bench().on_ground()
         for _ in range(3):
@@ -878,16 +889,40 @@ class TestTraps:
         assert answers(bench.give(asks(A))) == [ControlAnswer(A, PENDING)]
         assert bench.arbiter.view.partner == A
 
-    def test_a_consent_of_before_is_no_echo_of_the_next_transfer(self) -> None:
-        # A consents; then B gives it to C. That A asks now, in the same words, is a request.
+    @pytest.mark.parametrize("how", ["B gives it", "C asks for it"])
+    def test_a_consent_of_before_is_no_echo_of_the_next_transfer(self, how: str) -> None:
+        # A consents; then C has it from B. That A asks now, in the same words, is a request.
         bench = flight(facts=(inside(A), inside(B), inside(C), outside(D)))
         bench.give(asks(B))
         bench.give(asks(A, takeover=True))
         bench.say(B, OnHandover(key(bench)))
         bench.say(B, DroneConnected(key(bench)))
-        bench.give(asks(B, give_to=C))
-        bench.say(C, OnHandover(key(bench, B)))
-        bench.say(C, DroneConnected(key(bench, B)))
+        if how == "B gives it":
+            bench.give(asks(B, give_to=C))
+        else:
+            bench.give(asks(C))
+        transfer = key(bench, B)
+        bench.say(C, OnHandover(transfer))
+        if how == "C asks for it":
+            bench.say(B, OkHandover(transfer))
+        bench.say(C, DroneConnected(transfer))
+        if how == "C asks for it":
+            bench.say(B, DisconnectHandover(transfer))
+        assert bench.arbiter.view.commander == C
+        assert answers(bench.give(asks(A, takeover=True))) == [ControlAnswer(A, PENDING)]
+
+    def test_nor_of_one_that_a_zone_begins_where_takeover_is_allowed(self) -> None:
+        bench = flight(facts=(inside(A), inside(B), outside(C), outside(D)))
+        bench.give(asks(B))
+        bench.give(asks(A, takeover=True))
+        bench.say(B, OnHandover(key(bench)))
+        bench.say(B, DroneConnected(key(bench)))
+        bench.give(asks(B, takeover=True))
+        bench.run(6.0)
+        bench.position(inside(A), inside(B), inside(C), outside(D))
+        transfer = key(bench, B)
+        bench.say(C, OnHandover(transfer))
+        bench.say(C, DroneConnected(transfer))
         assert bench.arbiter.view.commander == C
         assert answers(bench.give(asks(A, takeover=True))) == [ControlAnswer(A, PENDING)]
 

@@ -181,6 +181,16 @@ class TestTaking:
         assert bench.arbiter.view.epoch == 3
 
 
+def test_a_loss_says_nothing_to_the_partner_that_it_has_just_been_told() -> None:
+    bench = Bench(replace(Limits(), step_timeout_s=20.0)).up_to("CONNECT")
+    bench.alive = {B}
+    heard_at = bench.now
+    bench.run(5.5)
+    assert [at - heard_at for at, _station, _message, attempt in bench.sent() if attempt == 1] == [
+        pytest.approx(5.2),  # 0.2 s after the loss, in the step that begins there
+    ]
+
+
 class TestBound:
     """Two seconds for all of it, then the aircraft turns home; and it is commanded home once."""
 
@@ -259,6 +269,14 @@ class TestBound:
         assert bench.arbiter.view == replace(TAKEN, handover_id=2)
         assert bench.now - asked_at == pytest.approx(29.0)
         assert bench.flights() == [RETURN]
+
+    def test_without_one_to_ask_there_is_no_more_time_than_ever(self) -> None:
+        bench = lost()
+        bench.run(4.5)
+        bench.say(B, OnHandover(TransferKey(A, B, 2, 1)))
+        assert bench.arbiter.view.partner == B
+        bench.run(2.0)
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 2)
 
     def test_but_not_for_ever(self) -> None:
         bench = lost()

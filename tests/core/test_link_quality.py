@@ -5,7 +5,10 @@ an attack is told and changes nothing."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from mavproxy_handover.core.events import LinkJudged
+from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Phase, Reason
 from tests.core.bench import A, B, Bench, inside, outside
 
@@ -36,6 +39,13 @@ def test_weak_links_of_the_commander_call_a_station_with_good_ones() -> None:
     assert bench.records("link_quality")[-1].text == f"links of GCSB are weak: {WEAK}"
 
 
+def test_without_a_time_to_wait_it_is_called_at_once() -> None:
+    bench = Bench(replace(Limits(), link_weak_s=0.0, link_steady_s=0.0)).commit()
+    bench.run(8.0)
+    judged(bench, B, weak=True)
+    assert (bench.arbiter.view.phase, bench.arbiter.view.partner) == (Phase.ON_HANDOVER, A)
+
+
 def test_nobody_is_called_whose_links_are_weak_too() -> None:
     bench = settled()
     judged(bench, A, weak=True)
@@ -50,9 +60,9 @@ def test_a_station_that_was_weak_just_now_is_not_called() -> None:
     judged(bench, A, weak=True)
     judged(bench, A)
     judged(bench, B, weak=True)
-    bench.run(29.0)
+    bench.run(29.5)
     assert bench.arbiter.view.partner is None
-    bench.run(2.0)
+    bench.run(1.0)
     assert bench.arbiter.view.partner == A
 
 

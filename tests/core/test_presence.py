@@ -118,3 +118,18 @@ def test_a_question_stays_open_as_long_as_its_answer_would_prove_something() -> 
     station.asked.extend([1, 2, 3, 4, 5, 6])
     assert not station.answers(1)
     assert station.answers(2)
+
+
+def test_where_an_answer_proves_something_no_longer_than_one_question_lasts_only_the_last_is_open() -> None:
+    station = Presence(Station(252, "GCSB"), replace(Limits(), connect_lost_s=1.0, connect_interval_s=1.0))
+    station.asked.extend([1, 2])
+    assert not station.answers(1)
+    assert station.answers(2)
+
+
+def test_a_station_of_the_standard_is_connected_while_it_is_heard() -> None:
+    station = Presence(Station(252, "GCSB", standard=True), Limits())
+    assert not station.connected(100.0)
+    station.heard_at = 100.0
+    assert station.connected(104.999)
+    assert not station.connected(105.0)

@@ -232,6 +232,13 @@ class TestFromStandardToOurs:
         actions = bench.say(B, OnHandover(KEY, relay=True))
         assert not_records(actions) == [NotifyOwner(A, B, 30.0)]
 
+    def test_the_partner_has_no_more_time_than_from_any_other(self, made: Made) -> None:
+        bench = made.on_mission(A)
+        bench.position(inside(A), inside(B))
+        bench.run(4.0)
+        assert bench.arbiter.view == STAYS
+        assert bench.records("transfer_aborted")[0].reason is Reason.PARTNER_SILENT
+
     def test_its_consent_is_to_allow_takeover(self, made: Made) -> None:
         bench = made.on_mission(A)
         bench.position(inside(A), inside(B))

@@ -382,3 +382,22 @@ class TestForced:
         assert transfer.implied(partner_standard=False, commander_standard=False) is None
         transfer.forced = transfer.consented = True
         assert transfer.implied(partner_standard=False, commander_standard=False) is implied
+
+
+class TestStandardStations:
+    """A station without our module has no words for some steps: they come by themselves."""
+
+    @pytest.mark.parametrize(
+        ("step", "of_partner", "of_commander"),
+        [
+            (Step.REQUEST, Cause.PARTNER_READY, None),
+            (Step.CONSENT, None, None),  # it has a word for that
+            (Step.CONNECT, Cause.CONNECTED, None),
+            (Step.CONNECT_FREED, Cause.CONNECTED, None),
+            (Step.RELEASE, None, Cause.RELEASED),
+        ],
+    )
+    def test_what_it_cannot_say(self, step: Step, of_partner: Cause | None, of_commander: Cause | None) -> None:
+        transfer = transfer_in(step)
+        assert transfer.implied(partner_standard=True, commander_standard=False) is of_partner
+        assert transfer.implied(partner_standard=False, commander_standard=True) is of_commander

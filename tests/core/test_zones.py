@@ -197,6 +197,13 @@ class TestNextCommander:
         zones.update([fact(A, -50), fact(B, 40, 0.5)], 1.0)
         assert zones.next_commander(A, (B,), None, 1.0) == B
 
+    @pytest.mark.parametrize("commanders", [(), (fact(A, 3.0),)], ids=["has no zone", "is not yet in its zone"])
+    def test_whose_zone_does_not_hold_the_aircraft_has_no_time_left(self, commanders: tuple[ZoneFact, ...]) -> None:
+        zones = tracker()
+        zones.update([*commanders, fact(B, 50, 20.0)], 0.0)
+        zones.moved(0.0)
+        assert zones.next_commander(A, (B,), None, 10.0) == B
+
     @pytest.mark.parametrize(
         ("left_b_s", "left_c_s", "route_next", "expected"),
         [
@@ -243,7 +250,7 @@ class TestNextCommander:
         assert changes == [(1, B)]
 
 
-@pytest.mark.parametrize(("left_s", "called"), [(1.0, None), (60.0, B), (None, B)])
+@pytest.mark.parametrize(("left_s", "called"), [(1.0, None), (8.0, None), (8.001, B), (None, B)])
 def test_a_better_link_calls_no_station_whose_zone_is_about_to_end(left_s: float | None, called: int | None) -> None:
     zones = tracker()
     zones.update((fact(A, 50.0), fact(B, 50.0, left_s)), 0.0)
@@ -261,6 +268,13 @@ class TestBeyondTheBorder:
         zones.update([fact(A, 50.0), fact(B, -1.0)], 99.0)
         assert zones.holds(B)
         assert zones.next_commander(A, [B], None, 100.0, better=[B]) is None
+
+    def test_on_the_border_it_is_not_crossed(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50.0), fact(B, 50.0)], 0.0)
+        zones.moved(0.0)
+        zones.update([fact(A, 50.0), fact(B, 0.0)], 99.0)
+        assert zones.next_commander(A, [B], None, 100.0, better=[B]) == B
 
     def test_a_commander_whose_border_is_crossed_is_followed_by_whoever_keeps_the_aircraft(self) -> None:
         zones = tracker()

@@ -84,6 +84,17 @@ def in_child(task: Callable[[], Any]) -> Any:
     return pickle.loads(data) if data else None
 
 
+def import_once() -> None:
+    """What all children need, and no fault is planted in."""
+    import hypothesis
+    import pytest  # noqa: F401
+    from pymavlink.dialects.v20 import handover  # noqa: F401
+
+    # what was found with one fault must not help to find the next: on another machine nobody remembers it
+    hypothesis.settings.register_profile("mutants", database=None)
+    hypothesis.settings.load_profile("mutants")
+
+
 def tests_pass(module: str, source: str | None) -> bool:
     """Whether the tests of a module pass with this source in its place."""
     import pytest
@@ -140,9 +151,7 @@ def main(wanted: Sequence[str]) -> int:
     if unknown:
         print(f"mutants: unknown {', '.join(unknown)}; known are tables, {', '.join(TESTED)}")
         return 2
-    import hypothesis  # noqa: F401  (once, for all children)
-    from pymavlink.dialects.v20 import handover  # noqa: F401
-
+    import_once()
     wrong = 0
     for part in parts:
         begun = time.monotonic()
