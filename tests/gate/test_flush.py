@@ -230,6 +230,17 @@ def test_what_closing_would_apply_is_spoiled_before_anything_closes_its_session(
     assert opcodes == [7, 1, 1]
 
 
+def test_a_station_writes_while_it_has_a_file_open_for_writing(tracker: FlushTracker, make: Make) -> None:
+    assert not tracker.writes(GCSA)
+    send(tracker, make("RC_CHANNELS_OVERRIDE"), ftp(make, 4, b"x"))
+    assert not tracker.writes(GCSA)
+    send(tracker, ftp(make, 6, b"x"))
+    assert tracker.writes(GCSA)
+    assert not tracker.writes(GCSB)
+    tracker.flush(GCSA)
+    assert not tracker.writes(GCSA)
+
+
 def test_reading_files_leaves_nothing_to_close(tracker: FlushTracker, make: Make) -> None:
     send(tracker, ftp(make, 4, b"@PARAM/param.pck"), ftp(make, 15), ftp(make, 5), ftp(make, 3, b"/"))
     assert tracker.flush(GCSA) == []
