@@ -22,6 +22,9 @@ __all__ = ["Journal"]
 
 _MAX_BYTES = 64 * 1024 * 1024
 
+#: made once: to make an encoder takes as long as to use it
+_encode = json.JSONEncoder(ensure_ascii=False, default=str).encode
+
 
 class Journal:
     """An append-only event log."""
@@ -51,7 +54,7 @@ class Journal:
             entry["text"] = text
         entry.update((key, value) for key, value in values.items() if value is not None)
         try:
-            line = json.dumps(entry, ensure_ascii=False, default=str) + "\n"
+            line = _encode(entry) + "\n"
             self._put(line.encode("utf-8", "backslashreplace"))
         except (OSError, TypeError, ValueError):
             self.lost += 1

@@ -18,7 +18,7 @@ __all__ = ["STAY_S", "TALKING_S", "readable", "waited_for"]
 
 #: MAVProxy's fastest timers run ten times a second
 STAY_S = 0.05
-#: for so long after a frame its station is expected to go on
+#: frames that follow each other as fast as this are expected to go on
 TALKING_S = 0.1
 
 

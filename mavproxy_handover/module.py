@@ -82,6 +82,8 @@ class HandoverModule(mp_module.MPModule):
         self._poll_at = 0.0
         #: when a station's frames were read last
         self._heard_at = -math.inf
+        #: and whether others came shortly before: a heartbeat now and then is no talk
+        self._talking = False
         #: MAVProxy waits for our links; it does not while it has no link to the autopilot
         self._selected = False
         self._watched: dict[Device, tuple[int, list[int]]] = {}
@@ -122,7 +124,7 @@ class HandoverModule(mp_module.MPModule):
     def idle_task(self) -> None:
         """Called by MAVProxy in every round of its main loop."""
         self._guarded("idle", self._idle)
-        if time.monotonic() - self._heard_at < TALKING_S:
+        if self._talking and time.monotonic() - self._heard_at < TALKING_S:
             self._guarded("link", self._stay)
 
     def mavlink_packet(self, m: Any) -> None:
@@ -188,6 +190,7 @@ class HandoverModule(mp_module.MPModule):
             now = time.monotonic()
             frames = port.read(link, now, once)
             if frames or port.rejected:
+                self._talking = now - self._heard_at < TALKING_S
                 self._heard_at = now
                 self.companion.on_station(port, frames, now)
         except Exception:

@@ -117,6 +117,13 @@ class TestTheModule:
         return bench.mpstate.select_extra[link.fileno()]
 
     @staticmethod
+    def talk(bench: Bench) -> None:
+        """Two frames, one shortly after the other."""
+        for number in (1, 2):
+            bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", number))
+            bench.mpstate.loop()
+
+    @staticmethod
     def requests(bench: Bench) -> int:
         return sum(raw[7:10] == bytes([20, 0, 0]) for raw in bench.mpstate.mav_master[0].written)
 
@@ -192,8 +199,7 @@ class TestTheModule:
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         bench, _far = busy
-        bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 1))
-        bench.mpstate.loop()
+        self.talk(bench)
         ticks: list[float] = []
         monkeypatch.setattr(bench.companion, "tick", ticks.append)
         began = bench.clock.now
@@ -211,8 +217,7 @@ class TestTheModule:
 
     def test_an_idle_round_goes_back_at_once_when_the_autopilot_speaks(self, busy: tuple[Bench, socket.socket]) -> None:
         bench, far = busy
-        bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 1))
-        bench.mpstate.loop()
+        self.talk(bench)
         far.send(b"x")
         began = bench.clock.now
         bench.module.idle_task()
