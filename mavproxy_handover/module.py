@@ -47,9 +47,10 @@ __all__ = ["HandoverModule", "init"]
 
 #: MAVProxy settings that would let others past the gate -> the value that does not
 _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
-#: ticks come no faster than this, however fast MAVProxy's main loop goes round; what is more urgent comes as a frame.
-#: The most frequent thing to do by the clock is to probe links, 10 times a second
+#: ticks come no faster than this, however fast MAVProxy's main loop goes round; what is more urgent comes as a frame
 _IDLE_S = 0.05
+#: how often links are measured where a station has several, which are probed 10 times a second, and where none has
+_SEVERAL_S, _SINGLE_S = 0.05, 0.2
 #: how often links are looked at though MAVProxy waits for what they receive: lines have to be opened again
 _POLL_S = 0.2
 #: the configuration of the last load, for `module reload handover`
@@ -79,6 +80,8 @@ class HandoverModule(mp_module.MPModule):
         self._commands = VehicleCommands(self.companion, self._show)
         self._links = [(port, link) for port in ports.values() for link in port.links]
         self._idle_at = 0.0
+        self._links_at = 0.0
+        self._links_s = _SEVERAL_S if any(len(port.links) > 1 for port in ports.values()) else _SINGLE_S
         self._poll_at = 0.0
         #: when a station's frames were read last
         self._heard_at = -math.inf
@@ -204,7 +207,9 @@ class HandoverModule(mp_module.MPModule):
         if now < self._idle_at:  # a round for every frame that comes in: most of them have nothing to do here
             return
         self._idle_at = now + _IDLE_S
-        self._guarded("links", partial(self._look_after_links, now))
+        if now >= self._links_at:
+            self._links_at = now + self._links_s
+            self._guarded("links", partial(self._look_after_links, now))
         if now >= self._poll_at or not self._selected:
             self._poll_at = now + _POLL_S
             for port, link in self._links:

@@ -60,7 +60,7 @@ _CHECK_S: Final = 0.2
 #: frames remembered for each link: two seconds of 250 a second
 _REMEMBERED: Final = 512
 _SENDERS: Final = 64
-#: frames that wait to be counted, at most: there are twenty ticks a second
+#: frames that wait for a tick to be counted, at most
 _UNCOUNTED: Final = 512
 _BETTER_SHARE: Final = 0.75
 _BETTER_S: Final = 0.02
@@ -257,7 +257,10 @@ class LinkBundle:
     # ---- time -----------------------------------------------------------------------------------------------------
 
     def tick(self, now: float) -> list[LinkEvent]:
-        """Send the probes that are due and look at the links; what happened. To be called 20 times a second or more."""
+        """Send the probes that are due and look at the links; what happened.
+
+        To be called 20 times a second where there are several links, 5 times where there is one.
+        """
         for number, link in enumerate(self._links):
             link.count_frames()
             stamp = link.monitor.probe(now) if link.device.open else None
