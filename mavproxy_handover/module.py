@@ -136,7 +136,7 @@ class HandoverModule(mp_module.MPModule):
 
     def _readable(self, where: tuple[StationPort, Device]) -> None:
         """A link has something to read."""
-        self._serve(*where, once=True)
+        self._guarded("link", partial(self._serve, *where, once=True))
         self._guarded("link", self._stay)
 
     def _command(self, args: list[str]) -> None:

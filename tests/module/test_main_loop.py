@@ -223,6 +223,19 @@ class TestTheModule:
         bench.module.idle_task()
         assert bench.clock.now == began
 
+    @pytest.mark.parametrize("name", ["read", "fileno"])
+    def test_whatever_a_link_raises_reaches_nobody(
+        self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch, name: str
+    ) -> None:
+        bench, _far = busy
+        function, argument = self.handler(bench)
+        with monkeypatch.context() as broken:
+            broken.setattr(bench.companion.ports[251].links[0], name, lambda *_: 1 / 0)
+            function(argument)
+        assert bench.companion.faults["link"] >= 1
+        bench.run(1.0)
+        assert bench.companion.view.commander == 251
+
     def test_a_fault_in_there_reaches_nobody(
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
     ) -> None:
