@@ -80,7 +80,9 @@ class AutopilotLink:
 
 def _to_serial_line(master: Any, data: bytes) -> bytes:
     """Write to a link's serial line what it takes now; the rest, which is all of it where there is no such line."""
-    if not isinstance(getattr(master, "port", None), serial.Serial) or master.portdead:
+    port = getattr(master, "port", None)
+    # a port that was closed under its link: the number may be another file's by now
+    if not isinstance(port, serial.Serial) or master.portdead or getattr(port, "fd", None) != master.fd:
         return data
     try:
         return data[os.write(master.fd, data) :]

@@ -66,7 +66,7 @@ LIMIT_RANGES: Final[Ranges] = {
     "heartbeat_lost_s": (1.5, 60),
     "connect_interval_s": (0.2, 10),
     "connect_lost_s": (1, 60),
-    "retry_first_s": (0.02, 5),
+    "retry_first_s": (0.05, 5),
     "retry_growth": (1, 4),
     "retry_max_s": (0.05, 10),
     "step_timeout_s": (0.5, 60),

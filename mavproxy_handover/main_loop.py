@@ -32,7 +32,7 @@ def waited_for(mpstate: Any) -> list[int]:
     for output in (*mpstate.mav_outputs, *mpstate.sysid_outputs.values()):
         if output.fd is not None:
             found.append(output.fd)
-    return [*found, *mpstate.select_extra] if found else []
+    return [*found, *(descriptor for descriptor in mpstate.select_extra if descriptor is not None)] if found else []
 
 
 def readable(descriptors: Collection[int], ours: Collection[int], seconds: float) -> list[int] | None:

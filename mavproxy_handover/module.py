@@ -87,6 +87,8 @@ class HandoverModule(mp_module.MPModule):
         self._heard_at = -math.inf
         #: and whether others came shortly before: a heartbeat now and then is no talk
         self._talking = False
+        #: when MAVProxy gets its turn, however much our links have to read
+        self._stay_until = 0.0
         #: MAVProxy waits for our links; it does not while it has no link to the autopilot
         self._selected = False
         self._watched: dict[Device, tuple[int, list[int]]] = {}
@@ -126,6 +128,7 @@ class HandoverModule(mp_module.MPModule):
 
     def idle_task(self) -> None:
         """Called by MAVProxy in every round of its main loop."""
+        self._stay_until = time.monotonic() + STAY_S
         self._guarded("idle", self._idle)
         if self._talking and time.monotonic() - self._heard_at < TALKING_S:
             self._guarded("link", self._stay)
@@ -172,8 +175,7 @@ class HandoverModule(mp_module.MPModule):
 
     def _stay(self) -> None:
         """Serve our links while nothing else happens (see `main_loop`)."""
-        now = time.monotonic()
-        until = now + STAY_S
+        now, until = time.monotonic(), self._stay_until
         while now < until:
             descriptors, ours = waited_for(self.mpstate), self._by_descriptor
             while ready := readable(descriptors, ours, min(self._idle_at, until) - now):
@@ -207,13 +209,14 @@ class HandoverModule(mp_module.MPModule):
         if now < self._idle_at:  # a round for every frame that comes in: most of them have nothing to do here
             return
         self._idle_at = now + _IDLE_S
+        self._guarded("autopilot link", self._to_autopilot.choose)
         if now >= self._links_at:
             self._links_at = now + self._links_s
             self._guarded("links", partial(self._look_after_links, now))
         if now >= self._poll_at or not self._selected:
             self._poll_at = now + _POLL_S
             for port, link in self._links:
-                self._serve(port, link)
+                self._guarded("link", partial(self._serve, port, link))
                 self._guarded("link", partial(self._watch, port, link))
         self.companion.tick(now)
         self._guarded("tlog", partial(self._to_autopilot.tick, now))
@@ -221,9 +224,8 @@ class HandoverModule(mp_module.MPModule):
             self._guarded("replay state", partial(self._replay.tick, now))
 
     def _look_after_links(self, now: float) -> None:
-        """Links are measured, and it may be another one that leads to the autopilot."""
+        """Links are measured, and MAVProxy may have begun or ceased to wait for them."""
         self._selected = bool(waited_for(self.mpstate))
-        self._to_autopilot.choose()
         for port in self.companion.ports.values():
             self._guarded("measuring links", partial(self._measure, port, now))
 

@@ -41,6 +41,7 @@ def flight(bench: Bench) -> Bench:
 HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "reading a link": lambda b, patch: patch.setattr(b.companion.ports[252], "read", broken),
     "reading every link": lambda b, patch: [patch.setattr(port, "read", broken) for port in b.companion.ports.values()],
+    "the descriptor of a link": lambda b, patch: patch.setattr(b.companion.ports[252].links[0], "fileno", broken),
     "judging a frame": lambda b, patch: patch.setattr(b.companion, "_on_frame", broken),
     "sending to a station": lambda b, patch: patch.setattr(b.companion.ports[251], "write", broken),
     "the console": lambda b, patch: patch.setattr(b.mpstate.console, "writeln", broken),

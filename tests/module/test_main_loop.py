@@ -195,6 +195,27 @@ class TestTheModule:
         assert len(ticks) == 1  # one every 50 ms
         assert len(calls) > 5
 
+    def test_several_busy_links_together_keep_mavproxy_no_longer_than_one(
+        self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        bench, _far = busy
+        serve = bench.module._serve
+
+        def serve_and_let_time_pass(port: Any, link: Any, once: bool = False) -> None:
+            bench.clock.now += 0.008
+            serve(port, link, once)
+            for station in (bench.a, bench.b):
+                station.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 1))
+
+        self.talk(bench)
+        handlers = [bench.mpstate.select_extra[port.links[0].fileno()] for port in bench.companion.ports.values()]
+        monkeypatch.setattr(bench.module, "_serve", serve_and_let_time_pass)
+        began = bench.clock.now
+        bench.module.idle_task()
+        for function, argument in handlers:  # both are readable when MAVProxy looks
+            function(argument)
+        assert 0.05 <= bench.clock.now - began <= 0.1  # not 50 ms each
+
     def test_in_a_quiet_moment_ticks_go_on_and_mavproxy_gets_its_turn(
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
     ) -> None:

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What comes before what when a station's frame is served: authority first, then the autopilot, then the books."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot_link import AutopilotLink
+from mavproxy_handover.wire.frames import parse_one
+from mavproxy_handover.wire.signing import SignedPeer
+from tests.module.conftest import Bench
+from tests.module.proxy import Master
+
+
+def speed(metres_per_s: float) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_command_long_message(
+        1, 1, mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, 1, metres_per_s, -1, 0, 0, 0, 0
+    )
+
+
+def test_after_a_stall_the_first_frame_is_judged_by_the_authority_there_is_now(bench: Bench) -> None:
+    """The commander was silent for too long while nothing ran; its command comes before the first tick."""
+    bench.connect()
+    link = bench.companion.ports[251].links[0]
+    function, argument = bench.mpstate.select_extra[link.fileno()]
+    bench.mpstate.mav_master[0].written.clear()
+    command = speed(7)
+    bench.clock.now += 30.0
+    bench.a.send(command)
+    function(argument)
+    assert bench.companion.view.commander is None
+    assert not any(command.get_msgbuf()[10:-2] in raw for raw in bench.mpstate.mav_master[0].written)
+
+
+def test_a_frame_is_on_its_way_before_anything_is_written_down(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.connect()
+    steps: list[str] = []
+    companion = bench.companion
+    for name, owner, method in (
+        ("autopilot", companion, "_write_autopilot"),
+        ("question", companion._downlink, "asked"),
+        ("open", companion._flusher, "saw"),
+        ("journal", companion.journal, "write"),
+    ):
+        before = getattr(owner, method)
+
+        def noted(*arguments: Any, _name: str = name, _before: Any = before, **values: Any) -> Any:
+            steps.append(_name)
+            return _before(*arguments, **values)
+
+        monkeypatch.setattr(owner, method, noted)
+    port = companion.ports[251]
+    raw = speed(7).pack(mavlink.MAVLink(None, srcSystem=251, srcComponent=190))
+    frame = parse_one(bytes(raw))
+    assert frame is not None
+    companion._on_frame(port, frame, bench.clock.now)
+    assert steps == ["autopilot", "question", "open", "journal"]
+
+
+def test_what_an_observer_says_keeps_its_wishes_alive_and_a_commander_has_none(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.connect()
+    heard: list[int] = []
+    monkeypatch.setattr(bench.companion._downlink.rates, "heard", lambda station, now: heard.append(station))
+    bench.run(2.5)
+    assert set(heard) == {252}
+
+
+def test_with_a_key_of_the_autopilot_what_cannot_be_signed_goes_there_as_it_is() -> None:
+    """MAVLink 1 has no signatures; whether the autopilot takes it is the autopilot's business."""
+    master = Master()
+    state = SimpleNamespace(mav_master=[master], logqueue=None)
+    link = AutopilotLink(state, lambda: master, SignedPeer(bytes(range(32))))
+    old = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, 251, 190), True))
+    assert old[0] == 0xFE
+    new = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, 251, 190)))
+    link.write(old)
+    link.write(new)
+    assert master.written[0] == old
+    assert (len(master.written[1]), master.written[1][2]) == (len(new) + 13, 1)
