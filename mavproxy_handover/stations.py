@@ -73,8 +73,9 @@ class StationPort:
         kept = []
         sysids, peer, bundle = self.identity.sysids, self.peer, self._bundle
         for frame in bundle.read(link, now, once):
-            proven = peer is None or frame.sysid not in sysids or self._signed(peer, link, frame, now)
-            if proven and (frame.sysid not in sysids or bundle.accept(link, frame, now)):
+            if frame.sysid not in sysids or (
+                (peer is None or self._signed(peer, link, frame, now)) and bundle.accept(link, frame, now)
+            ):
                 kept.append(frame)
         return kept
 
@@ -101,10 +102,6 @@ class StationPort:
             self.write_all(data)
         else:
             self.write(data)
-
-    def owned(self, frame: Frame) -> bool:
-        """Whether a frame names the station, or what is behind it, as its sender."""
-        return frame.sysid in self.identity.sysids
 
     def write(self, data: bytes) -> None:
         """Send a frame on the best link."""

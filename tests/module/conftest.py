@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from gcs_module import module as gcs_module
 from mavproxy_handover import commands as vehicle_commands
 from mavproxy_handover import module as vehicle_module
+from mavproxy_handover.main_loop import readable
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.package_transfer import PackageSender
@@ -178,3 +180,26 @@ def bench(clock: Clock, tmp_path: Path) -> Iterator[Bench]:
 @pytest.fixture(scope="session")
 def delivery() -> MissionPackage:
     return mission_package.load(MISSIONS / "delivery")
+
+
+@pytest.fixture
+def waited_for_far(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+    """Both stations are connected, and MAVProxy can wait for its link to the autopilot: this is that link's other end.
+
+    Waiting in MAVProxy's place moves the clock of the test.
+    """
+
+    def wait_by_the_clock(descriptors: list[int], ours: list[int], seconds: float) -> list[int] | None:
+        found = readable(descriptors, ours, min(seconds, 1e-4))
+        if found == []:
+            bench.clock.now += max(seconds, 0.0)
+        return found
+
+    bench.connect()
+    monkeypatch.setattr("mavproxy_handover.module.readable", wait_by_the_clock)
+    near, far = socket.socketpair()
+    master: Any = bench.mpstate.mav_master[0]
+    master.fd, master.portdead = near.fileno(), False
+    yield far
+    near.close()
+    far.close()

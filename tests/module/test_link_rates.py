@@ -5,13 +5,11 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.main_loop import readable
 from tests.module.conftest import Bench
 from tests.module.proxy import Master
 
@@ -107,26 +105,12 @@ class TestReading:
 
 class TestWaiting:
     @pytest.fixture
-    def selected(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+    def selected(self, bench: Bench, waited_for_far: socket.socket) -> Bench:
         """MAVProxy has a silent link to the autopilot that can be waited for; waiting moves the clock of the test."""
-
-        def wait_by_the_clock(descriptors: list[int], ours: list[int], seconds: float) -> list[int] | None:
-            found = readable(descriptors, ours, min(seconds, 1e-4))
-            if found == []:
-                bench.clock.now += max(seconds, 0.0)
-            return found
-
-        bench.connect()
-        monkeypatch.setattr("mavproxy_handover.module.readable", wait_by_the_clock)
-        near, far = socket.socketpair()
-        master: Any = bench.mpstate.mav_master[0]
-        master.fd, master.portdead = near.fileno(), False
         bench.a.alive = bench.b.alive = False
         bench.run(1.0)
-        master.written.clear()
-        yield bench
-        near.close()
-        far.close()
+        bench.mpstate.mav_master[0].written.clear()
+        return bench
 
     @staticmethod
     def talk(bench: Bench) -> None:

@@ -91,25 +91,11 @@ class TestReadable:
 
 class TestTheModule:
     @pytest.fixture
-    def busy(self, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Bench, socket.socket]]:
+    def busy(self, bench: Bench, waited_for_far: socket.socket) -> tuple[Bench, socket.socket]:
         """GCSA commands, and MAVProxy has a link to the autopilot that it can wait for: `far` is its other end."""
-
-        def wait_by_the_clock(descriptors: list[int], ours: list[int], seconds: float) -> list[int] | None:
-            found = readable(descriptors, ours, min(seconds, 1e-4))
-            if found == []:
-                bench.clock.now += max(seconds, 0.0)
-            return found
-
-        bench.connect()
-        monkeypatch.setattr("mavproxy_handover.module.readable", wait_by_the_clock)
-        near, far = socket.socketpair()
-        master: Any = bench.mpstate.mav_master[0]
-        master.fd, master.portdead = near.fileno(), False
         bench.run(0.1)
-        master.written.clear()
-        yield bench, far
-        near.close()
-        far.close()
+        bench.mpstate.mav_master[0].written.clear()
+        return bench, waited_for_far
 
     @staticmethod
     def handler(bench: Bench) -> Any:
