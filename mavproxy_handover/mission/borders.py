@@ -9,6 +9,10 @@ at a few dozen edges of a thousand; without that, a hundred zones of a thousand 
 What is nearest is judged by the scales of the ellipsoid halfway between the aircraft and the edge, as in
 `geodesy.distance_m`, which then measures the way to the place found. A track is a straight line in the plane that
 touches the earth at the aircraft, so the scale is right where the decision falls.
+
+Which side a place is on, shapely knows. To ask it costs more than all the rest of a check when little else runs on the
+processor, so it is asked when there is reason to: an aircraft that has moved by less than it was away from the border
+is on the same side of it.
 """
 
 from __future__ import annotations
@@ -35,6 +39,13 @@ _ROUNDING_M = 0.01
 _EDGE_ROUNDING = 1e-9
 #: how far behind a crossing the track is looked at
 _PROBE_M = 1.0
+#: a crossing with less of its edge on either side may be one of a corner
+_CORNER = 1e-6
+#: a track that comes this near to running along an edge, in metres across its length, does not clearly cross it
+_ALONG_M = 1e-3
+#: part of the distance to the border within which the side is the same, and the most of it in metres: so near, scales
+#: are a hundred times better than needed
+_SAME_SIDE, _SAME_SIDE_M = 0.9, 10_000.0
 #: edges in the smallest box: half of it costs more boxes, twice of it more edges
 _LEAF_EDGES = 8
 #: boxes are wider than their edges by this much, so that rounding never leaves out an edge: 0.1 mm
@@ -92,8 +103,8 @@ class Border(Protocol):
         """Whether a place is inside; the border itself is outside."""
         ...
 
-    def distance_m(self, lat: float, lon: float, plane: Plane) -> float:
-        """Geodesic distance to the nearest place on the border."""
+    def margin_m(self, lat: float, lon: float, plane: Plane) -> float:
+        """Geodesic distance to the nearest place on the border, negative where `contains` is false."""
         ...
 
     def exit_m(self, lat: float, lon: float, plane: Plane, east: float, north: float, reach_m: float) -> float:
@@ -113,8 +124,8 @@ class CircleBorder:
     def contains(self, lat: float, lon: float) -> bool:
         return distance_m(lat, lon, self._lat, self._lon) < self._radius
 
-    def distance_m(self, lat: float, lon: float, _plane: Plane) -> float:
-        return abs(self._radius - distance_m(lat, lon, self._lat, self._lon))
+    def margin_m(self, lat: float, lon: float, _plane: Plane) -> float:
+        return self._radius - distance_m(lat, lon, self._lat, self._lon)
 
     def exit_m(self, lat: float, lon: float, plane: Plane, east: float, north: float, _reach_m: float) -> float:
         x = wrap_longitude_deg(self._lon - lon) * plane.per_lon
@@ -136,6 +147,9 @@ class PolygonBorder:
                     edges.append((start[0], start[1], end[0] - start[0], end[1] - start[1]))
         self._tree = _boxed(edges)
         self._mid_lon, self._mid_lat, self._half_lon, self._half_lat = self._tree[:4]
+        #: the last place that shapely was asked about, how far around it the answer holds, and the answer
+        self._asked_lat = self._asked_lon = self._holds_m = 0.0
+        self._inside = False
 
     def _beside(self, lon: float) -> float:
         """The longitude counted so that the area is on the same side of the 180th meridian."""
@@ -148,7 +162,14 @@ class PolygonBorder:
             return False  # most zones are far away, and this is a tenth of what shapely's answer costs
         return bool(shapely.contains_xy(self._area, lon, lat))
 
-    def distance_m(self, lat: float, lon: float, plane: Plane) -> float:
+    def margin_m(self, lat: float, lon: float, plane: Plane) -> float:
+        away = self._distance_m(lat, lon, plane)
+        if distance_m(lat, lon, self._asked_lat, self._asked_lon) >= self._holds_m:
+            self._asked_lat, self._asked_lon, self._holds_m = lat, lon, min(_SAME_SIDE * away, _SAME_SIDE_M)
+            self._inside = self.contains(lat, lon)
+        return away if self._inside else -away
+
+    def _distance_m(self, lat: float, lon: float, plane: Plane) -> float:
         lon = self._beside(lon)
         per_lat, per_lon, slope = plane.per_lat, plane.per_lon, plane.slope
         nearest, nearest_lat, nearest_lon = math.inf, lat, lon
@@ -232,15 +253,20 @@ class PolygonBorder:
                 slant = east * dy - north * dx
                 if slant == 0.0:  # along the edge: its neighbours tell where it ends
                     continue
-                if -_EDGE_ROUNDING <= (x * north - y * east) / slant <= 1.0 + _EDGE_ROUNDING:
+                part = (x * north - y * east) / slant
+                if -_EDGE_ROUNDING <= part <= 1.0 + _EDGE_ROUNDING:
                     ahead = (x * dy - y * dx) / slant
                     if -_ROUNDING_M < ahead <= farthest:
-                        crossings.append(ahead)
-        # a corner touched is not a border crossed, nor is the border one has just come over: the way beyond must be
-        # outside, for more than a rounding error
-        for here, beyond in pairwise([*sorted(crossings), math.inf]):
+                        crossings.append((ahead, _CORNER < part < 1.0 - _CORNER and abs(slant) > _ALONG_M))
+        # a corner touched is not a border crossed, nor is the border one has just come over: where that is not clear,
+        # the way beyond must be outside, for more than a rounding error
+        before = 0.0
+        for (here, clear), (beyond, _) in pairwise([*sorted(crossings), (math.inf, False)]):
+            alone, before = clear and here - before > _ROUNDING_M, here
             if beyond - here < _ROUNDING_M:
                 continue
+            if alone:
+                return here
             probe = here + min(_PROBE_M, (beyond - here) / 2.0)
             if not self.contains(lat + probe * north / per_lat, lon + probe * east / per_lon):
                 return max(0.0, here)

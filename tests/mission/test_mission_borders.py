@@ -112,6 +112,31 @@ def test_margin_is_what_a_walk_along_every_edge_finds(data):
     assert (margin > 0.0) == area.contains(Point(lon, lat)) or abs(margin) < 1e-6
 
 
+@settings(deadline=None, max_examples=200)
+@given(st.data())
+def test_facts_along_a_track_are_those_of_a_finder_that_was_never_asked_before(data):
+    """Steps of every size, from one side of the border to the other and back."""
+    area = data.draw(areas())
+    finder = ZoneFinder([Zone(251, "A", area)])
+    lat, lon = data.draw(places(area))
+    for _ in range(data.draw(st.integers(1, 12))):
+        assert finder.facts(lat, lon, EAST, 20.0) == ZoneFinder([Zone(251, "A", area)]).facts(lat, lon, EAST, 20.0)
+        if data.draw(st.booleans()):
+            there, part = data.draw(places(area)), data.draw(st.floats(0.0, 1.0))
+            lat, lon = lat + part * (there[0] - lat), lon + part * (there[1] - lon)
+        else:
+            lat, lon = offset(lat, lon, *data.draw(st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))))
+
+
+def test_border_crossed_in_small_steps_is_noticed_at_the_border():
+    finder = ZoneFinder([Zone(251, "A", SQUARE)])
+    for step in range(-200, 201):
+        lon = 10.0 + step * 1e-6  # 11 cm
+        margin = finder.facts(0.005, lon, EAST, 5.0)[0].margin_m
+        assert (margin > 0.0) is (step > 0), step
+        assert margin == pytest.approx(step * 0.111319, abs=1e-3)
+
+
 @settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**32), st.floats(-75.0, 75.0), st.floats(0.0, 360.0), st.floats(3_000.0, 50_000.0))
 def test_distance_to_a_zone_of_many_corners_is_geodesic_to_a_permille(seed, lat, direction, away):
@@ -183,6 +208,15 @@ def test_exit_is_where_the_track_is_first_outside(data, track):
 def test_track_that_runs_into_a_corner_ends_there(lat, lon, track, exit_s):
     """Rounding puts these tracks past the ends of both edges: there was no crossing at all, and the check failed."""
     assert fact(SQUARE, lat, lon, track, 10.0).exit_s == pytest.approx(exit_s, abs=0.001)
+
+
+def test_track_that_just_misses_the_end_of_a_long_edge_goes_on():
+    """By 0.01 mm, which rounding takes for a crossing of the edge of 56 km, but not of its short neighbour."""
+    notched = Polygon(
+        [(10.0, 0.0), (10.4, 0.0), (10.5, 0.5), (10.50001, 0.4999), (10.6, 0.0), (11.0, 0.0), (11.0, 1.0), (10.0, 1.0)]
+    )
+    assert fact(notched, 0.5 + 1e-10, 10.2, EAST, 400.0).exit_s == pytest.approx(222.635, abs=0.01)
+    assert fact(notched, 0.4999, 10.2, EAST, 400.0).exit_s == pytest.approx(83.483, abs=0.01)
 
 
 def test_border_just_come_over_is_no_exit():
