@@ -57,6 +57,8 @@ class AutopilotWatch:
         self.guard_status: GuardStatus | None = None
         self._second_manager_told = False
         self._zones_at = 0.0
+        #: a position came that no zone was compared to yet
+        self.position_waits = False
 
     def take(self, message: Any, now: float) -> None:
         """A message of the autopilot itself."""
@@ -76,7 +78,9 @@ class AutopilotWatch:
             # before the first heartbeat nothing is known of arming: in flight it would read as disarmed
             self._handle(events.AutopilotState(aircraft.armed, aircraft.flying), now)
         elif kind == "GLOBAL_POSITION_INT":
-            self._check_zones(now)
+            # the second: that message held no position
+            if now - self._zones_at >= _ZONE_CHECK_S and aircraft.position_at == now:
+                self._zones_at, self.position_waits = now, True
         elif kind == "TUNNEL" and message.payload_type == GUARD_STATUS_TYPE:
             self._on_guard(message, now)
         elif kind == "STATUSTEXT":
@@ -103,11 +107,9 @@ class AutopilotWatch:
         where = position.lat / 1e7, position.lon / 1e7
         return finder.facts(*where, *self._aircraft.track, position.relative_alt / 1000.0)
 
-    def _check_zones(self, now: float) -> None:
-        # the second: that message held no position
-        if now - self._zones_at < _ZONE_CHECK_S or self._aircraft.position_at != now:
-            return
-        self._zones_at = now
+    def check_zones(self, now: float) -> None:
+        """Tell the arbiter where the last position is with respect to every zone."""
+        self.position_waits = False
         self._streams.position_seen()
         self._handle(events.PositionSeen(self.zone_facts()), now)
 

@@ -122,8 +122,12 @@ class Companion:
         )
         #: station, system and component that asked for START last
         self._start_asker = (0, 0, 0)
-        lease, status = (self._send_lease, broadcast.LEASE_INTERVAL_S), (self._send_authority_status, 0.5)
-        self._schedule = Schedule([lease, status, (self._each_second, 1.0)], self.fault)
+        jobs = [
+            ("send_lease", self._send_lease, broadcast.LEASE_INTERVAL_S),
+            ("send_authority_status", self._send_authority_status, 0.5),
+            ("each_second", self._each_second, 1.0),
+        ]
+        self._schedule = Schedule(jobs, self.fault)
         package = self._memory.resume(restored, trouble, self.arbiter, narrator)
         if package is not None:
             loader.adopt(package)
@@ -250,6 +254,18 @@ class Companion:
             self.autopilot.take(message, now)
         for station in self._downlink.receivers(frame, self.ports, self.view, now):
             self.ports[station].write(raw)
+
+    @property
+    def position_waits(self) -> bool:
+        """There is a position for `check_zones`."""
+        return self.autopilot.position_waits
+
+    def check_zones(self, now: float) -> None:
+        """Compare the newest position to the zones; to be called soon after it came.
+
+        Not at once: this is the longest job there is, and stations' frames that came meanwhile go before it.
+        """
+        self._attempt("zone check", self.autopilot.check_zones, now)
 
     # ---- time -----------------------------------------------------------------------------------------------------
 

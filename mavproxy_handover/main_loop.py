@@ -36,16 +36,14 @@ def waited_for(mpstate: Any) -> list[int]:
 
 
 def readable(descriptors: Collection[int], ours: Collection[int], seconds: float) -> list[int] | None:
-    """Wait for something to read; what can be read, nothing when time is up. Never raises.
+    """Wait for something to read; what can be read, nothing when time was up before. Never raises.
 
     None: it is not all `ours`, or nobody can wait for it, so it is MAVProxy's turn.
     """
     if not descriptors:
         return None
-    if seconds <= 0.0:
-        return []
     try:
-        ready = select.select(descriptors, [], [], seconds)[0]
+        ready = select.select(descriptors, [], [], seconds if seconds > 0.0 else 0.0)[0]
     except (OSError, ValueError):  # one was closed: MAVProxy finds out which
         return None
     for descriptor in ready:

@@ -38,6 +38,7 @@ from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.replay import ReplayStore
+from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.state_store import StateStore
 from mavproxy_handover.stations import StationPort, open_ports
 from mavproxy_handover.version import VERSION
@@ -47,8 +48,6 @@ __all__ = ["HandoverModule", "init"]
 
 #: MAVProxy settings that would let others past the gate -> the value that does not
 _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
-#: ticks come no faster than this, however fast MAVProxy's main loop goes round; what is more urgent comes as a frame
-_IDLE_S = 0.05
 #: how often links are measured where a station has several, which are probed 10 times a second, and where none has
 _SEVERAL_S, _SINGLE_S = 0.05, 0.2
 #: how often links are looked at though MAVProxy waits for what they receive: lines have to be opened again
@@ -80,17 +79,15 @@ class HandoverModule(mp_module.MPModule):
         self._commands = VehicleCommands(self.companion, self._show)
         self._links = [(port, link) for port in ports.values() for link in port.links]
         self._idle_at = 0.0
-        self._links_at = 0.0
-        self._links_s = _SEVERAL_S if any(len(port.links) > 1 for port in ports.values()) else _SINGLE_S
-        self._poll_at = 0.0
+        jobs = [("measuring links", partial(self._measure, port), _measured_s(port)) for port in ports.values()]
+        jobs += [("link", partial(self._look_at, port, link), _POLL_S) for port, link in self._links]
+        self._schedule = Schedule(jobs, self.companion.fault)
         #: when a station's frames were read last
         self._heard_at = -math.inf
         #: and whether others came shortly before: a heartbeat now and then is no talk
         self._talking = False
         #: when MAVProxy gets its turn, however much our links have to read
         self._stay_until = 0.0
-        #: MAVProxy waits for our links; it does not while it has no link to the autopilot
-        self._selected = False
         self._watched: dict[Device, tuple[int, list[int]]] = {}
         self._by_descriptor: dict[int, tuple[StationPort, Device]] = {}
         for port, link in self._links:
@@ -128,10 +125,12 @@ class HandoverModule(mp_module.MPModule):
 
     def idle_task(self) -> None:
         """Called by MAVProxy in every round of its main loop."""
-        self._stay_until = time.monotonic() + STAY_S
-        self._guarded("idle", self._idle)
-        if self._talking and time.monotonic() - self._heard_at < TALKING_S:
+        now = time.monotonic()
+        self._stay_until = now + STAY_S
+        self._guarded("side doors", self._close_side_doors)
+        if self._talking and now - self._heard_at < TALKING_S:
             self._guarded("link", self._stay)
+        self._guarded("idle", self._idle)
 
     def mavlink_packet(self, m: Any) -> None:
         """A message from the vehicle's side."""
@@ -176,19 +175,22 @@ class HandoverModule(mp_module.MPModule):
     def _stay(self) -> None:
         """Serve our links while nothing else happens (see `main_loop`)."""
         now, until = time.monotonic(), self._stay_until
+        descriptors, ours = waited_for(self.mpstate), self._by_descriptor
         while now < until:
-            descriptors, ours = waited_for(self.mpstate), self._by_descriptor
-            while ready := readable(descriptors, ours, min(self._idle_at, until) - now):
-                for fileno in ready:
-                    port, link = ours[fileno]
-                    self._serve(port, link, once=True)
-                    if link.fileno() != fileno:  # `descriptors` no longer holds
-                        return
-                now = time.monotonic()
+            due = now if self.companion.position_waits else min(self._idle_at, until)
+            ready = readable(descriptors, ours, due - now)
             if ready is None:
                 return
-            self._guarded("idle", self._idle)
+            for fileno in ready:
+                port, link = ours[fileno]
+                self._serve(port, link, once=True)
+                if link.fileno() != fileno:  # `descriptors` no longer holds
+                    return
             now = time.monotonic()
+            if now >= due:  # however much there is to read
+                self._guarded("idle", self._idle)
+                descriptors, ours = waited_for(self.mpstate), self._by_descriptor
+                now = time.monotonic()
 
     def _serve(self, port: StationPort, link: Device, once: bool = False) -> None:
         try:
@@ -204,30 +206,25 @@ class HandoverModule(mp_module.MPModule):
             self._guarded("link", partial(self._watch, port, link))
 
     def _idle(self) -> None:
-        self._guarded("side doors", self._close_side_doors)
         now = time.monotonic()
+        if self.companion.position_waits:
+            self.companion.check_zones(now)
         if now < self._idle_at:  # a round for every frame that comes in: most of them have nothing to do here
             return
-        self._idle_at = now + _IDLE_S
+        self._idle_at = now + TICK_S
         self._guarded("autopilot link", self._to_autopilot.choose)
-        if now >= self._links_at:
-            self._links_at = now + self._links_s
-            self._guarded("links", partial(self._look_after_links, now))
-        if now >= self._poll_at or not self._selected:
-            self._poll_at = now + _POLL_S
+        if not waited_for(self.mpstate):
             for port, link in self._links:
-                self._guarded("link", partial(self._serve, port, link))
-                self._guarded("link", partial(self._watch, port, link))
+                self._guarded("link", partial(self._look_at, port, link, now))
+        self._schedule.run(now)
         self.companion.tick(now)
         self._guarded("tlog", partial(self._to_autopilot.tick, now))
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
 
-    def _look_after_links(self, now: float) -> None:
-        """Links are measured, and MAVProxy may have begun or ceased to wait for them."""
-        self._selected = bool(waited_for(self.mpstate))
-        for port in self.companion.ports.values():
-            self._guarded("measuring links", partial(self._measure, port, now))
+    def _look_at(self, port: StationPort, link: Device, _now: float) -> None:
+        self._serve(port, link)
+        self._watch(port, link)
 
     def _measure(self, port: StationPort, now: float) -> None:
         self.companion.on_links(port, port.tick(now), now)
@@ -266,6 +263,10 @@ class HandoverModule(mp_module.MPModule):
 
     def _show(self, text: str) -> None:
         self.console.writeln(text)
+
+
+def _measured_s(port: StationPort) -> float:
+    return _SEVERAL_S if len(port.links) > 1 else _SINGLE_S
 
 
 def _outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:

@@ -73,9 +73,10 @@ class TestReadable:
         assert readable([pipe[0]], [pipe[0]], 0.001) == []
 
     @pytest.mark.parametrize("seconds", [0.0, -1.0])
-    def test_does_not_look_when_time_is_up(self, pipe: tuple[int, int], seconds: float) -> None:
-        os.write(pipe[1], b"x")
+    def test_looks_without_waiting_when_time_is_up(self, pipe: tuple[int, int], seconds: float) -> None:
         assert readable([pipe[0]], [pipe[0]], seconds) == []
+        os.write(pipe[1], b"x")
+        assert readable([pipe[0]], [pipe[0]], seconds) == [pipe[0]]
 
     @pytest.mark.parametrize("descriptor", [-1, 1 << 20], ids=["none", "beyond select"])
     def test_a_descriptor_that_is_none_raises_nothing(self, descriptor: int) -> None:
@@ -180,6 +181,47 @@ class TestTheModule:
         assert 0.05 <= bench.clock.now - began <= 0.07
         assert len(ticks) == 1  # one every 50 ms
         assert len(calls) > 5
+
+    @staticmethod
+    def position(bench: Bench) -> None:
+        message = mavlink.MAVLink_global_position_int_message(0, *[1] * 8)
+        message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1))
+        bench.mpstate.deliver(message)
+
+    def test_a_frame_that_waits_goes_before_the_zone_check(
+        self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        bench, far = busy
+        self.talk(bench)
+        steps: list[str] = []
+        check, write = bench.companion.autopilot.check_zones, bench.companion._write_autopilot
+        monkeypatch.setattr(bench.companion.autopilot, "check_zones", lambda now: (steps.append("zones"), check(now)))
+        monkeypatch.setattr(bench.companion, "_write_autopilot", lambda raw: (steps.append("frame"), write(raw)))
+        bench.module._idle_at = bench.clock.now + 0.03
+        self.position(bench)
+        assert steps == []
+        bench.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 3))
+        began = bench.clock.now
+        serve = bench.module._serve
+
+        def serve_and_let_the_autopilot_speak(port: Any, link: Any, once: bool = False) -> None:
+            serve(port, link, once)
+            far.send(b"x")
+
+        monkeypatch.setattr(bench.module, "_serve", serve_and_let_the_autopilot_speak)
+        bench.module.idle_task()
+        assert steps == ["frame", "zones"]
+        assert bench.clock.now == began
+
+    def test_without_talk_the_zone_check_comes_in_the_next_round(self, busy: tuple[Bench, socket.socket]) -> None:
+        bench, _far = busy
+        bench.module._idle_at = bench.clock.now + 0.03
+        for _ in range(2):  # once for each position
+            self.position(bench)
+            assert bench.companion.position_waits
+            bench.module.idle_task()
+            assert not bench.companion.position_waits
+            bench.clock.now += 0.04
 
     def test_several_busy_links_together_keep_mavproxy_no_longer_than_one(
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch

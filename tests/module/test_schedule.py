@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mavproxy_handover.schedule import Schedule
 
 
@@ -11,10 +13,10 @@ class Bench:
     def __init__(self) -> None:
         self.runs: list[tuple[str, float]] = []
         self.faults: list[str] = []
-        jobs = [(self._broken_job, 1.0), (self.often, 0.25), (self.seldom, 1.0)]
+        jobs = [("often", self.often, 0.25), ("broken job", self.broken, 1.0), ("seldom", self.seldom, 1.0)]
         self.schedule = Schedule(jobs, lambda where, _text: self.faults.append(where))
 
-    def _broken_job(self, now: float) -> None:
+    def broken(self, now: float) -> None:
         raise RuntimeError("a bug")
 
     def often(self, now: float) -> None:
@@ -55,4 +57,25 @@ def test_what_was_missed_in_a_stall_is_not_made_up_for() -> None:
 def test_a_job_that_breaks_is_told_by_its_name_and_stops_no_other() -> None:
     bench = Bench()
     assert bench.run(10.0) == [("often", 10.0), ("seldom", 10.0)]
-    assert bench.faults == ["broken_job"]
+    assert bench.faults == ["broken job"]
+
+
+def times(interval_s: float, number: int, ticks: int = 64) -> list[float]:
+    """When the job of that number ran, 32 times a second being asked."""
+    found: list[float] = []
+    jobs = [("other", lambda now: None, 1.0)] * number + [("last", found.append, interval_s)]
+    schedule = Schedule(jobs, lambda *_: None)
+    for tick in range(ticks):
+        schedule.run(10.0 + tick / 32.0)
+    return [at - 10.0 for at in found]
+
+
+def test_jobs_are_a_tick_apart_after_the_first_time() -> None:
+    assert times(1.0, 0) == [0.0, 1.0]
+    assert times(1.0, 1) == [0.0, pytest.approx(1.05, abs=1 / 32)]
+    assert times(1.0, 4) == [0.0, pytest.approx(1.2, abs=1 / 32)]
+    assert times(0.5, 4) == [0.0, *(pytest.approx(at, abs=1 / 32) for at in (0.7, 1.2, 1.7))]
+
+
+def test_no_job_is_put_off_by_as_much_as_its_interval() -> None:
+    assert times(0.5, 12) == [0.0, *(pytest.approx(at, abs=1 / 32) for at in (0.6, 1.1, 1.6))]
