@@ -59,6 +59,8 @@ from mavproxy_handover.wire.frames import Frame, parse_one
 
 __all__ = ["Companion"]
 
+#: accepted commands are in the journal at most this much later
+JOURNAL_S = 0.2
 _START = mavlink.MAV_CMD_MISSION_START
 #: what changes the mission at the autopilot behind the companion's back
 _MISSION_WRITES = ("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_WRITE_PARTIAL_LIST", "FILE_TRANSFER_PROTOCOL/")
@@ -126,6 +128,7 @@ class Companion:
             ("send_lease", self._send_lease, broadcast.LEASE_INTERVAL_S),
             ("send_authority_status", self._send_authority_status, 0.5),
             ("each_second", self._each_second, 1.0),
+            ("journal", lambda _now: journal.flush(), JOURNAL_S),
         ]
         self._schedule = Schedule(jobs, self.fault)
         package = self._memory.resume(restored, trouble, self.arbiter, narrator)
@@ -180,7 +183,7 @@ class Companion:
         self._downlink.asked(frame, port.sysid, now)
         self._flusher.saw(frame, verdict, port.sysid)
         if verdict.access in (Access.COMMAND, Access.SAFEGUARD):
-            self.journal.write("accepted", station=port.name, what=verdict.what)
+            self.journal.note("accepted", station=port.name, what=verdict.what)
             rewrites = verdict.what.startswith(_MISSION_WRITES)
             if rewrites and self.view.phase is Phase.ON_LOAD and self.arbiter.mission_digest:
                 self.handle(events.MissionLoaded(b"", ()), now)

@@ -6,6 +6,9 @@ Every entry carries `t` (monotonic seconds: differences are true even when the c
 `text` is the sentence for people. The file is size-capped: when full it moves to `NAME.1` and a new one begins, so the
 newest events are always there. Writing never raises: a full disk must not end a flight; what is lost is counted, and
 when there is room again the journal goes on. An entry that was cut (full disk, power failure) stays a line by itself.
+
+`note` is for what comes often and changes nothing: a single entry costs as much as several that are written together,
+when little else runs on the processor. Its entries have their own time and place, and are in the file a moment later.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ from typing import Any
 __all__ = ["Journal"]
 
 _MAX_BYTES = 64 * 1024 * 1024
+#: so many entries are not left waiting for `flush`
+_MOST_WAITING = 256
 
 #: made once: to make an encoder takes as long as to use it
 _encode = json.JSONEncoder(ensure_ascii=False, default=str).encode
@@ -39,25 +44,40 @@ class Journal:
         self._closed = False
         #: the file ends in the middle of a line
         self._cut = False
+        #: entries that are not in the file yet: both times, event, text, values
+        self._waiting: list[tuple[float, float, str, str, dict[str, Any]]] = []
         path.parent.mkdir(parents=True, exist_ok=True)
         self._open()
 
     def write(self, event: str, text: str = "", **values: Any) -> None:
-        """Add an entry. Values that are None are left out."""
-        entry: dict[str, Any] = {
-            "t": round(time.monotonic(), 4),
-            "utc": datetime.now(timezone.utc).isoformat(timespec="milliseconds"),
-            "who": self._who,
-            "event": event,
-        }
-        if text:
-            entry["text"] = text
-        entry.update((key, value) for key, value in values.items() if value is not None)
-        try:
-            line = _encode(entry) + "\n"
-            self._put(line.encode("utf-8", "backslashreplace"))
-        except (OSError, TypeError, ValueError):
-            self.lost += 1
+        """Add an entry, and those that wait. Values that are None are left out."""
+        self.note(event, text, **values)
+        self.flush()
+
+    def note(self, event: str, text: str = "", **values: Any) -> None:
+        """The same, but in the file with the next `write` or `flush`, whichever comes first."""
+        self._waiting.append((time.monotonic(), time.time(), event, text, values))
+        if len(self._waiting) >= _MOST_WAITING:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits; to be called a few times a second."""
+        waiting, self._waiting = self._waiting, []
+        for at, utc, event, text, values in waiting:
+            entry: dict[str, Any] = {
+                "t": round(at, 4),
+                "utc": datetime.fromtimestamp(utc, timezone.utc).isoformat(timespec="milliseconds"),
+                "who": self._who,
+                "event": event,
+            }
+            if text:
+                entry["text"] = text
+            entry.update((key, value) for key, value in values.items() if value is not None)
+            try:
+                line = _encode(entry) + "\n"
+                self._put(line.encode("utf-8", "backslashreplace"))
+            except (OSError, TypeError, ValueError):
+                self.lost += 1
 
     def _open(self) -> int:
         if self._descriptor is None:
@@ -92,5 +112,6 @@ class Journal:
 
     def close(self) -> None:
         """Close the file; entries after this are lost and counted."""
+        self.flush()
         self._closed = True
         self._release()

@@ -10,6 +10,7 @@ import signal
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -52,6 +53,43 @@ def test_an_entry_is_in_the_file_when_write_returns(path: Path) -> None:
     journal = Journal(path, "a")
     journal.write("one")
     assert [entry["event"] for entry in entries(path)] == ["one"]
+
+
+def test_a_note_comes_with_the_next_entry_in_its_place_and_with_its_time(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr("mavproxy_handover.journal.time", SimpleNamespace(monotonic=lambda: now, time=lambda: now))
+    journal = Journal(path, "a")
+    journal.note("one", "text", value=1)
+    now = 101.5
+    assert entries(path) == []
+    journal.write("two")
+    first, second = entries(path)
+    assert (first["event"], first["text"], first["value"], first["t"]) == ("one", "text", 1, 100.0)
+    assert (second["event"], second["t"]) == ("two", 101.5)
+    assert first["utc"] == "1970-01-01T00:01:40.000+00:00"
+
+
+@pytest.mark.parametrize("writes", ["flush", "close"])
+def test_notes_are_in_the_file_after(path: Path, writes: str) -> None:
+    journal = Journal(path, "a")
+    journal.note("one")
+    journal.note("two")
+    getattr(journal, writes)()
+    assert [entry["event"] for entry in entries(path)] == ["one", "two"]
+    journal.close()
+    assert len(entries(path)) == 2
+    assert journal.lost == 0
+
+
+def test_notes_that_nobody_flushes_do_not_pile_up(path: Path) -> None:
+    journal = Journal(path, "a")
+    for number in range(255):
+        journal.note("note", number=number)
+    assert entries(path) == []
+    journal.note("note", number=255)
+    assert [entry["number"] for entry in entries(path)] == list(range(256))
 
 
 def test_text_and_values_may_hold_anything(path: Path) -> None:

@@ -6,7 +6,9 @@
 comes from the very address that was written to, whichever of the two sides is translated, or it would not find its way
 back. A station that answers from another address or socket than the one it listens on is not heard; reach it by
 `udpin`. The socket is not connected, so the way out is chosen anew for each datagram: a modem that comes back with
-another address of our own needs no reconnect.
+another address of our own needs no reconnect. Where the kernel can (Linux), it throws away what others send, before
+it costs anything here, and datagrams are taken without their sender's address: to put that into words takes longer than
+to judge the frame.
 
 `udpin` listens. Anybody can send to it, so:
 
@@ -25,7 +27,10 @@ Datagrams of more than 2 KiB are dropped: no station sends them, and a long one 
 
 from __future__ import annotations
 
+import ctypes
 import socket
+import struct
+import sys
 import time
 from typing import Final
 
@@ -46,11 +51,22 @@ _STRANGER_DATAGRAMS: Final = 16
 _STRANGER_BYTES: Final = 4096
 _RECEIVE_BUFFER_BYTES: Final = 1 << 20
 
+#: not in Python's `socket`; the same on all of Linux's common machines (asm-generic/socket.h)
+_SO_ATTACH_FILTER: Final = 26
+#: classic BPF (linux/filter.h): load 32 or 16 bits, go on if equal, return. A socket's filter sees a datagram from its
+#: UDP header on, and the IP header from SKF_NET_OFF on.
+_LOAD_32, _LOAD_16, _IF_EQUAL, _RETURN = 0x20, 0x28, 0x15, 0x06
+_IP_SOURCE: Final = -0x100000 + 12
+_UDP_SOURCE: Final = 0
+_ALL, _NOTHING = 0xFFFFFFFF, 0
+
 
 class _Udp(Device):
     def __init__(self, spec: DeviceSpec, clock: Clock) -> None:
         super().__init__(spec.text, clock)
         self._peer: Address | None = None
+        #: nobody but the peer gets through to the socket
+        self._peer_alone = False
         self._splitter = FrameSplitter()
         try:
             # the resolver may ask the network, so this happens once, before anything flies
@@ -93,7 +109,10 @@ class _Udp(Device):
     def _receive(self) -> tuple[bytes, Address] | None:
         """The next datagram; None when there is none. One too long comes back empty."""
         try:
-            data, address = self._socket.recvfrom(_DATAGRAM_BYTES + 1)
+            if self._peer_alone and self._peer is not None:
+                data, address = self._socket.recv(_DATAGRAM_BYTES + 1), self._peer
+            else:
+                data, address = self._socket.recvfrom(_DATAGRAM_BYTES + 1)
         except (BlockingIOError, InterruptedError):
             return None
         except OSError as error:
@@ -127,6 +146,7 @@ class UdpOut(_Udp):
         assert spec.kind is Kind.UDP_OUT
         super().__init__(spec, clock)
         self._peer = self._address
+        self._peer_alone = _hear_only(self._socket, self._address)  # before anything can have arrived
 
     def read(self, once: bool = False) -> list[Frame]:
         frames: list[Frame] = []
@@ -201,6 +221,29 @@ class UdpIn(_Udp):
             self._peer = address
             self._splitter = FrameSplitter()
         self._heard_at = now
+
+
+def _hear_only(udp: socket.socket, address: Address) -> bool:
+    """Have the kernel throw away what comes from any other address; False where it cannot."""
+    if sys.platform != "linux":
+        return False
+    host = int.from_bytes(socket.inet_aton(address[0]), "big")
+    program = (  # operation, instructions to leave out if equal and if not, operand
+        (_LOAD_32, 0, 0, _IP_SOURCE & _ALL),
+        (_IF_EQUAL, 0, 3, host),
+        (_LOAD_16, 0, 0, _UDP_SOURCE),
+        (_IF_EQUAL, 0, 1, address[1]),
+        (_RETURN, 0, 0, _ALL),
+        (_RETURN, 0, 0, _NOTHING),
+    )
+    code = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
+    try:
+        udp.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, struct.pack("HP", len(program), ctypes.addressof(code)))
+        # some that are not quite Linux agree to it and do nothing; the size that comes back is in instructions
+        found = udp.getsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, len(code))
+    except OSError:
+        return False
+    return found == code.raw[: len(program)]
 
 
 def _begins_with_frame(data: bytes) -> bool:

@@ -308,7 +308,10 @@ def test_a_flood_on_one_connection_is_read_in_bounded_pieces(closing: contextlib
         while True:
             station.send(heartbeat(1).raw * 1000)
     read_until(device, lambda: device.counters.bytes_in > 0)
-    before = device.counters.bytes_in
-    frames = device.read()
-    assert device.counters.bytes_in - before == 8192
-    assert len(frames) <= 8192 // len(heartbeat(1).raw) + 1
+    pieces = []
+    for _ in range(20):
+        before = device.counters.bytes_in
+        frames = device.read()
+        pieces.append(device.counters.bytes_in - before)
+        assert len(frames) <= 8192 // len(heartbeat(1).raw) + 1
+    assert max(pieces) == 8192

@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 import socket
+import sys
 import tracemalloc
 from collections.abc import Iterator
 
 import pytest
 
+from mavproxy_handover.link import udp
 from mavproxy_handover.link.devices import LinkError, open_device
 from mavproxy_handover.link.udp import UdpIn, UdpOut
 from tests.link.frames import Clock, command, heartbeat
@@ -185,7 +187,15 @@ def test_half_frames_of_strangers_are_not_kept_and_spoil_nothing(
     assert device.counters.strangers == 1  # the rest of a frame does not begin with one
 
 
-def test_udpout_hears_only_the_address_it_sends_to(peers: list[Peer], clock: Clock) -> None:
+@pytest.mark.parametrize("by_kernel", [True, False])
+def test_udpout_hears_only_the_address_it_sends_to(
+    peers: list[Peer], clock: Clock, by_kernel: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether the kernel throws away what others send, or we do."""
+    if by_kernel and sys.platform != "linux":
+        pytest.skip("only Linux can do that")
+    if not by_kernel:
+        monkeypatch.setattr(udp, "_hear_only", lambda *_: False)
     station, stranger, _, _ = peers
     device = open_device(f"udpout:{LOOPBACK}:{station.address[1]}", clock)
     assert isinstance(device, UdpOut)
@@ -196,9 +206,29 @@ def test_udpout_hears_only_the_address_it_sends_to(peers: list[Peer], clock: Clo
         port = same.getsockname()[1]
     stranger.send(heartbeat(1).raw, port)
     station.send(heartbeat(2).raw, port)
-    assert device.read() == [heartbeat(2)]
-    assert device.counters.strangers == 1
+    station.send(heartbeat(3).raw + bytes(2048), port)  # longer than any station sends
+    station.send(heartbeat(4).raw, port)
+    assert device.read() == [heartbeat(2), heartbeat(4)]
+    assert device.counters.strangers == (0 if by_kernel else 1)
+    assert device.counters.oversize == 1
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as elsewhere:  # the same port at another address
+        elsewhere.bind(("127.0.0.2", station.address[1]))
+        elsewhere.sendto(heartbeat(5).raw, (LOOPBACK, port))
+        assert device.read() == []
     device.close()
+
+
+def test_a_kernel_that_cannot_throw_away_what_others_send_leaves_that_to_us(
+    peers: list[Peer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as plain:
+        monkeypatch.setattr(sys, "platform", "darwin")
+        assert udp._hear_only(plain, peers[0].address) is False
+        monkeypatch.setattr(sys, "platform", "linux")
+        monkeypatch.setattr(udp, "_SO_ATTACH_FILTER", -1)  # refused
+        assert udp._hear_only(plain, peers[0].address) is False
+        monkeypatch.setattr(udp, "_SO_ATTACH_FILTER", socket.SO_RCVBUF)  # taken, and no filter
+        assert udp._hear_only(plain, peers[0].address) is False
 
 
 def test_a_station_that_is_not_there_is_no_error(clock: Clock) -> None:

@@ -40,6 +40,7 @@ def test_the_commanders_command_is_passed_on_byte_for_byte(flight: Bench) -> Non
     flight.a.send_bytes(raw)
     flight.mpstate.loop()
     assert bytes(raw) in flight.mpstate.mav_master[0].written
+    flight.run(0.3)
     assert [entry["what"] for entry in flight.journal("accepted")] == ["COMMAND_LONG/MAV_CMD_NAV_RETURN_TO_LAUNCH"]
 
 

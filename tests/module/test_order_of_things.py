@@ -45,7 +45,7 @@ def test_a_frame_is_on_its_way_before_anything_is_written_down(bench: Bench, mon
         ("autopilot", companion, "_write_autopilot"),
         ("question", companion._downlink, "asked"),
         ("open", companion._flusher, "saw"),
-        ("journal", companion.journal, "write"),
+        ("journal", companion.journal, "note"),
     ):
         before = getattr(owner, method)
 
