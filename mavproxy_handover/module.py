@@ -49,7 +49,7 @@ __all__ = ["HandoverModule", "init"]
 #: MAVProxy settings that would let others past the gate -> the value that does not
 _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
 #: how often links are measured where a station has several, which are probed 10 times a second, and where none has
-_SEVERAL_S, _SINGLE_S = 0.05, 0.2
+_SEVERAL_S, _SINGLE_S = 0.05, 0.5
 #: how often links are looked at though MAVProxy waits for what they receive: lines have to be opened again
 _POLL_S = 0.2
 #: the configuration of the last load, for `module reload handover`

@@ -259,7 +259,7 @@ class LinkBundle:
     def tick(self, now: float) -> list[LinkEvent]:
         """Send the probes that are due and look at the links; what happened.
 
-        To be called 20 times a second where there are several links, 5 times where there is one.
+        To be called 20 times a second where there are several links, twice where there is one.
         """
         for number, link in enumerate(self._links):
             link.count_frames()

@@ -28,9 +28,9 @@ def measured_in(bench: Bench, monkeypatch: pytest.MonkeyPatch, seconds: float, s
     return len(times)
 
 
-def test_single_links_are_measured_five_times_a_second(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_single_links_are_measured_twice_a_second(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.connect()
-    assert 8 <= measured_in(bench, monkeypatch, 2.0) <= 10
+    assert 3 <= measured_in(bench, monkeypatch, 2.0) <= 5
 
 
 def test_several_links_of_one_station_are_measured_twenty_times_a_second(
@@ -43,7 +43,7 @@ def test_several_links_of_one_station_are_measured_twenty_times_a_second(
     bench.config.write_text(text.replace(one, several))
     bench.connect()
     assert 36 <= measured_in(bench, monkeypatch, 2.0, station=252) <= 41
-    assert 8 <= measured_in(bench, monkeypatch, 2.0, station=251) <= 10
+    assert 3 <= measured_in(bench, monkeypatch, 2.0, station=251) <= 5
 
 
 def test_frames_follow_mavproxy_to_another_link_though_the_former_is_still_there(bench: Bench) -> None:
