@@ -35,18 +35,17 @@ def waited_for(mpstate: Any) -> list[int]:
     return [*found, *(descriptor for descriptor in mpstate.select_extra if descriptor is not None)] if found else []
 
 
-def readable(descriptors: Collection[int], ours: Collection[int], seconds: float) -> list[int] | None:
-    """Wait for something to read; what can be read, nothing when time was up before. Never raises.
+def readable(descriptors: Collection[int], ours: Collection[int], seconds: float) -> tuple[list[int], bool]:
+    """Wait for something to read, not at all if `seconds` is not above 0. Never raises.
 
-    None: it is not all `ours`, or nobody can wait for it, so it is MAVProxy's turn.
+    What of `ours` can be read, and whether it is MAVProxy's turn: something else can be read, or nothing can be waited
+    for.
     """
     if not descriptors:
-        return None
+        return [], True
     try:
         ready = select.select(descriptors, [], [], seconds if seconds > 0.0 else 0.0)[0]
     except (OSError, ValueError):  # one was closed: MAVProxy finds out which
-        return None
-    for descriptor in ready:
-        if descriptor not in ours:
-            return None
-    return ready
+        return [], True
+    found = [descriptor for descriptor in ready if descriptor in ours]
+    return found, len(found) != len(ready)

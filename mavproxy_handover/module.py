@@ -178,14 +178,14 @@ class HandoverModule(mp_module.MPModule):
         descriptors, ours = waited_for(self.mpstate), self._by_descriptor
         while now < until:
             due = now if self.companion.position_waits else min(self._idle_at, until)
-            ready = readable(descriptors, ours, due - now)
-            if ready is None:
-                return
+            ready, others = readable(descriptors, ours, due - now)
             for fileno in ready:
                 port, link = ours[fileno]
                 self._serve(port, link, once=True)
                 if link.fileno() != fileno:  # `descriptors` no longer holds
                     return
+            if others:
+                return
             now = time.monotonic()
             if now >= due:  # however much there is to read
                 self._guarded("idle", self._idle)

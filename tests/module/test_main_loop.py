@@ -57,37 +57,36 @@ class TestWhatMavproxyWaitsFor:
 class TestReadable:
     def test_names_what_is_ours(self, pipe: tuple[int, int]) -> None:
         os.write(pipe[1], b"x")
-        assert readable([pipe[0]], [pipe[0]], WAIT_S) == [pipe[0]]
+        assert readable([pipe[0]], [pipe[0]], WAIT_S) == ([pipe[0]], False)
 
-    def test_is_nobody_s_turn_but_mavproxy_s_for_anything_else_though_ours_has_something_too(
-        self, pipe: tuple[int, int]
-    ) -> None:
+    def test_anything_else_is_for_mavproxy_and_ours_is_named_all_the_same(self, pipe: tuple[int, int]) -> None:
         other = os.pipe()
         for _end, entry in (pipe, other):
             os.write(entry, b"x")
-        assert readable([pipe[0], other[0]], [pipe[0]], WAIT_S) is None
+        assert readable([pipe[0], other[0]], [pipe[0]], WAIT_S) == ([pipe[0]], True)
+        assert readable([other[0]], [pipe[0]], WAIT_S) == ([], True)
         for end in other:
             os.close(end)
 
     def test_waits_no_longer_than_it_may(self, pipe: tuple[int, int]) -> None:
-        assert readable([pipe[0]], [pipe[0]], 0.001) == []
+        assert readable([pipe[0]], [pipe[0]], 0.001) == ([], False)
 
     @pytest.mark.parametrize("seconds", [0.0, -1.0])
     def test_looks_without_waiting_when_time_is_up(self, pipe: tuple[int, int], seconds: float) -> None:
-        assert readable([pipe[0]], [pipe[0]], seconds) == []
+        assert readable([pipe[0]], [pipe[0]], seconds) == ([], False)
         os.write(pipe[1], b"x")
-        assert readable([pipe[0]], [pipe[0]], seconds) == [pipe[0]]
+        assert readable([pipe[0]], [pipe[0]], seconds) == ([pipe[0]], False)
 
     @pytest.mark.parametrize("descriptor", [-1, 1 << 20], ids=["none", "beyond select"])
     def test_a_descriptor_that_is_none_raises_nothing(self, descriptor: int) -> None:
-        assert readable([descriptor], [descriptor], 0.001) is None
+        assert readable([descriptor], [descriptor], 0.001) == ([], True)
 
     def test_nor_does_one_that_is_closed(self, pipe: tuple[int, int]) -> None:
         os.close(pipe[0])
-        assert readable([pipe[0]], [pipe[0]], 0.001) is None
+        assert readable([pipe[0]], [pipe[0]], 0.001) == ([], True)
 
     def test_without_anything_to_wait_for_it_does_not_wait(self) -> None:
-        assert readable([], [], WAIT_S) is None
+        assert readable([], [], WAIT_S) == ([], True)
 
 
 class TestTheModule:
@@ -134,7 +133,7 @@ class TestTheModule:
         assert self.requests(bench) == 3
         assert bench.mpstate.escaped == []
 
-    def test_goes_back_at_once_when_the_autopilot_speaks(
+    def test_goes_back_when_the_autopilot_speaks_with_what_waits_served_before(
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
     ) -> None:
         bench, far = busy
@@ -151,8 +150,8 @@ class TestTheModule:
         monkeypatch.setattr(bench.module, "_serve", read_and_send_another)
         function, argument = self.handler(bench)
         function(argument)
-        assert calls == ["GCSA"]
-        assert self.requests(bench) == 1
+        assert calls == ["GCSA", "GCSA"]  # the one that MAVProxy called for, and the one that came meanwhile
+        assert self.requests(bench) == 2
 
     def test_goes_back_after_a_twentieth_of_a_second_however_much_comes_and_its_ticks_go_on(
         self, busy: tuple[Bench, socket.socket], monkeypatch: pytest.MonkeyPatch
