@@ -31,7 +31,7 @@ __all__ = ["LOG_S", "AutopilotLink"]
 
 #: MAVProxy's own signed messages use link id 0
 _LINK_ID: Final = 1
-LOG_S: Final = 0.1
+LOG_S: Final = 0.25
 _STAMP: Final = struct.Struct(">Q")
 
 
