@@ -48,7 +48,7 @@ class Plans:
 
 FULL = Plans(
     (2, 3),
-    uplink.Plan({200: 2.5, 1000: 1.5}, 1.2, 2),
+    uplink.Plan({200: 4.2, 1000: 1.8}, 3.6, 2),
     downlink.Plan((50, 200), 2.5),
     (2, 10),
     zones.Plan((2, 10, 100), (50, 1000), 0.2, 4, 8),
@@ -61,7 +61,7 @@ FULL = Plans(
 )
 QUICK = Plans(
     (1, 1),
-    uplink.Plan({1000: 0.8}, 0.5, 1),
+    uplink.Plan({1000: 0.9}, 0.9, 1),
     downlink.Plan((50,), 1.0),
     (2,),
     zones.Plan((2, 10), (50,), 0.05, 1, 2),

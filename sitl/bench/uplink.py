@@ -2,8 +2,9 @@
 
 """What a frame from a station costs on its way to the autopilot: processor time, and delay.
 
-Processor time a frame is what the process spends under the mix, less what it spends on the downlink alone, measured
-just before and just after, by the frames that were sent; ours and the baseline in turns. Delay is from the station's
+Processor time a frame is what the process spends under the mix, less what it spends on the downlink alone, by the
+frames that were sent; both in many short slices one after the other, as what an idle process spends drifts with the
+machine by more than the frames cost; ours and the baseline in turns. Delay is from the station's
 `sendto` to the autopilot's `recv`, both in this process, for every frame; ours and the baseline at the same time,
 frame by frame, so what else the machine does hits both. It holds what sockets and this process add, on both sides
 alike. What a frame does to a busy loop is in both numbers: the aircraft's stream runs on, fifty frames a second.
@@ -35,6 +36,8 @@ TRIES = 4
 UNCERTAINTY = 0.04
 STREAM = 50
 _SETTLE_S = 0.3
+#: of each rate, and of the downlink alone before each of them
+_SLICES = 6
 _DRAIN_S = 0.05
 #: of the frames, how many may get lost before a measurement is void: UDP on a busy machine
 _LOSS_LIMIT = 0.01
@@ -44,7 +47,8 @@ _LOSS_LIMIT = 0.01
 class Plan:
     """How long, for each start of the two processes.
 
-    `rates`: frames a second -> seconds. `windows`: stretches of `window_s` in which delays are compared.
+    `rates`: frames a second -> seconds; `idle_s`: seconds of the downlink alone, all together. `windows`: stretches of
+    `window_s` in which delays are compared.
     """
 
     rates: dict[int, float]
@@ -99,9 +103,13 @@ class Sender:
 
     def check(self) -> None:
         """Raises Disturbed if too many frames got lost."""
-        lost = self.frames - len(self.delays_s)
-        if lost > self.frames * _LOSS_LIMIT:
-            raise Disturbed(f"{self.proxy.name}: {lost} of {self.frames} frames did not arrive", self.proxy.name)
+        _check(self.proxy, self.frames, len(self.delays_s))
+
+
+def _check(proxy: Proxy, frames: int, arrived: int) -> None:
+    lost = frames - arrived
+    if lost > frames * _LOSS_LIMIT:
+        raise Disturbed(f"{proxy.name}: {lost} of {frames} frames did not arrive", proxy.name)
 
 
 @dataclass(slots=True)
@@ -113,36 +121,41 @@ class _Visit:
     passed: dict[int, float] = field(default_factory=dict)
 
 
-def _idle(rig: Rig, proxy: Proxy, seconds: float) -> float:
+def _spent(rig: Rig, proxy: Proxy, seconds: float) -> float:
+    """Processor time in the next `seconds`."""
     before = proxy.cpu_s()
     rig.loop.run(seconds)
-    return (proxy.cpu_s() - before) / seconds
+    return proxy.cpu_s() - before
 
 
 def _visit(rig: Rig, proxy: Proxy, plan: Plan, station: int) -> _Visit:
-    """Idle, the mix at every rate, idle again."""
+    """Slices of the mix at every rate, and of the downlink alone between them."""
     proxy.autopilot.model.stream(STREAM)
     rig.loop.run(_SETTLE_S)
-    before = _idle(rig, proxy, plan.idle_s)
-    visit = _Visit()
-    spent: dict[int, float] = {}
-    frames: dict[int, int] = {}
+    idle_s = plan.idle_s / len(plan.rates) / _SLICES
+    idle: list[float] = []
+    spent = dict.fromkeys(plan.rates, 0.0)
+    frames: Counter[int] = Counter()
+    arrived: Counter[int] = Counter()
+    for _ in range(_SLICES):
+        for rate, seconds in plan.rates.items():
+            idle.append(_spent(rig, proxy, idle_s) / idle_s)
+            sender = Sender(rig, proxy, station)
+            before = proxy.cpu_s()
+            sender.begin(rate)
+            rig.loop.run(seconds / _SLICES)
+            sender.end()
+            rig.loop.run(_DRAIN_S)
+            spent[rate] += proxy.cpu_s() - before
+            frames[rate] += sender.frames
+            arrived[rate] += len(sender.delays_s)
+    visit = _Visit(idle_per_s=sum(idle) / len(idle))
     for rate, seconds in plan.rates.items():
-        sender = Sender(rig, proxy, station)
-        began = proxy.cpu_s()
-        sender.begin(rate)
-        rig.loop.run(seconds)
-        sender.end()
-        rig.loop.run(_DRAIN_S)
-        spent[rate] = proxy.cpu_s() - began
-        frames[rate] = sender.frames
-        visit.passed[rate] = len(sender.delays_s) / sender.frames
         if station == 0:
-            sender.check()
-    rig.loop.run(_SETTLE_S)
-    visit.idle_per_s = (before + _idle(rig, proxy, plan.idle_s)) / 2.0
-    for rate, seconds in plan.rates.items():
-        visit.cpu_us[rate] = (spent[rate] - visit.idle_per_s * (seconds + _DRAIN_S)) / frames[rate] * 1e6
+            _check(proxy, frames[rate], arrived[rate])
+        visit.passed[rate] = arrived[rate] / frames[rate]
+        alone = visit.idle_per_s * (seconds + _SLICES * _DRAIN_S)
+        visit.cpu_us[rate] = (spent[rate] - alone) / frames[rate] * 1e6
     proxy.autopilot.model.stream(0)
     proxy.check()
     return visit
