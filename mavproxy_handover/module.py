@@ -182,7 +182,7 @@ class HandoverModule(mp_module.MPModule):
             for fileno in ready:
                 port, link = ours[fileno]
                 self._serve(port, link, once=True)
-                if link.fileno() != fileno:  # `descriptors` no longer holds
+                if fileno not in self._by_descriptor:  # `descriptors` no longer holds
                     return
             if others:
                 return

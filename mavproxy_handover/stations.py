@@ -73,21 +73,22 @@ class StationPort:
         kept = []
         sysids, peer, bundle = self.identity.sysids, self.peer, self._bundle
         for frame in bundle.read(link, now, once):
-            if frame.sysid not in sysids or (
-                (peer is None or self._signed(peer, link, frame, now)) and bundle.accept(link, frame, now)
-            ):
-                kept.append(frame)
+            if frame.sysid in sysids:
+                if peer is not None:
+                    verdict = peer.check(frame, time.time(), now)
+                    if verdict is not SignatureVerdict.OK:
+                        self._reject(link, frame, verdict, now)
+                        continue
+                if not bundle.accept(link, frame, now):
+                    continue
+            kept.append(frame)
         return kept
 
-    def _signed(self, peer: SignedPeer, link: Device, frame: Frame, now: float) -> bool:
-        """Whether the frame is proven to be the station's."""
-        verdict = peer.check(frame, time.time(), now)
-        if verdict is SignatureVerdict.OK:
-            return True
+    def _reject(self, link: Device, frame: Frame, verdict: SignatureVerdict, now: float) -> None:
+        """The frame is not proven to be the station's."""
         self._bundle.bad_signature(link, now)
         self.verdicts[verdict] += 1
         self.rejected.append((frame, verdict))
-        return False
 
     def _sealed(self, data: bytes) -> bytes | None:
         """As the station gets it: signed with its key. None: it cannot be signed (MAVLink 1)."""

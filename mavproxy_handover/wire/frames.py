@@ -233,7 +233,8 @@ def parse_one(raw: bytes) -> Frame | None:
             return None
         if length != definition.length:
             payload = (payload + definition.padding)[: definition.length]
-        return Frame(raw, 2, msgid, sysid, compid, seq, signed, payload, True)
+        # what Frame(...) does, without its function in between
+        return tuple.__new__(Frame, (raw, 2, msgid, sysid, compid, seq, signed, payload, True))
     if size < HEADER_V1 + CRC_BYTES or raw[0] != MAGIC_V1 or _frame_length(raw, 0) != size or _too_long(raw, 0):
         return None
     definition = _DEFINITIONS.get(raw[5])

@@ -44,9 +44,9 @@ Time is an argument: UTC and monotonic seconds. Nothing that arrives raises.
 from __future__ import annotations
 
 import hashlib
-import hmac
 from collections.abc import Mapping
 from enum import Enum
+from hmac import compare_digest
 from typing import Final
 
 from pymavlink.generator.mavcrc import x25crc
@@ -75,7 +75,7 @@ UNITS_PER_S: Final = 100_000
 _EPOCH_S: Final = 1_420_070_400  # 2015-01-01 00:00 UTC
 
 #: How fast a stream's usual delay may grow without being a delay: clocks drift, and slewing ones by up to 0.05 %.
-_DRIFT: Final = 0.001
+_DRIFT_PER_S: Final = 0.001 * UNITS_PER_S
 
 
 def timestamp_of(utc_s: float) -> int:
@@ -173,7 +173,10 @@ class SigningClock:
 
     def follow(self, timestamp: int, now_s: float | None = None) -> None:
         """The other end proved this stamp: go on from there. `now_s` None: it is not known when that was."""
-        if timestamp > (self._anchor if now_s is None else self._running(now_s)):
+        running = self._anchor
+        if now_s is not None and self._anchor_at is not None:  # as `_running` has it, for every frame that is checked
+            running += max(0, int((now_s - self._anchor_at) * UNITS_PER_S))
+        if timestamp > running:
             self._anchor = timestamp
             self._anchor_at = now_s
 
@@ -268,19 +271,24 @@ class Verifier:
         raw = frame.raw
         digest = self._keyed.copy()
         digest.update(raw[:-6])
-        if not hmac.compare_digest(digest.digest()[:6], raw[-6:]):
+        if not compare_digest(digest.digest()[:6], raw[-6:]):
             return SignatureVerdict.BAD
         stamp = int.from_bytes(raw[-12:-6], "little")
         delay = int(now_s * UNITS_PER_S) - stamp
         name = (frame.sysid, frame.compid, raw[-13])
         stream = self._streams.get(name)
+        verdict = SignatureVerdict.OK
         if stream is None:
             verdict = self._first(name, stamp, delay, now_utc_s, now_s)
         elif stamp <= stream.last:
             return SignatureVerdict.REPLAYED
         else:
             stream.last = stamp  # of frames that are too old as well: nothing may make them fresh again
-            verdict = self._next(stream, stamp, delay, now_utc_s, now_s)
+            late = delay - stream.usual - int((now_s - stream.usual_at) * _DRIFT_PER_S)
+            if late <= 0:
+                stream.usual, stream.usual_at = delay, now_s
+            elif self._max_age is not None and late > self._max_age:
+                verdict = self._late(stream, stamp, delay, late, now_utc_s, now_s)
         if verdict is SignatureVerdict.OK and stamp > self.newest:
             self.newest = stamp
             if self._clock is not None:
@@ -317,16 +325,13 @@ class Verifier:
         self._streams[name] = _Stream(stamp, delay, now_s)
         return SignatureVerdict.OK
 
-    def _next(self, stream: _Stream, stamp: int, delay: int, now_utc_s: float, now_s: float) -> SignatureVerdict:
-        late = delay - stream.usual - int((now_s - stream.usual_at) * (UNITS_PER_S * _DRIFT))
-        if late > 0:
-            if self._max_age is None or late <= self._max_age:
-                return SignatureVerdict.OK
-            if abs(timestamp_of(now_utc_s) - stamp) > self._max_age:
-                self.behind_s = late / UNITS_PER_S
-                return SignatureVerdict.TOO_OLD
-        stream.usual = delay
-        stream.usual_at = now_s
+    def _late(
+        self, stream: _Stream, stamp: int, delay: int, late: int, now_utc_s: float, now_s: float
+    ) -> SignatureVerdict:
+        if self._max_age is not None and abs(timestamp_of(now_utc_s) - stamp) > self._max_age:
+            self.behind_s = late / UNITS_PER_S
+            return SignatureVerdict.TOO_OLD
+        stream.usual, stream.usual_at = delay, now_s
         return SignatureVerdict.OK
 
 
@@ -375,7 +380,8 @@ class SignedPeer:
         for index, verifier in enumerate(self._verifiers):
             verdict = verifier.check(frame, now_utc_s, now_s)
             if verdict is SignatureVerdict.OK:
-                self._proven(index)
+                self._current_seen = self._current_seen or index == 0
+                self._in_use = 0 if self._current_seen else index
             elif verdict is SignatureVerdict.TOO_OLD:
                 self.behind_s = verifier.behind_s
             if verdict is not SignatureVerdict.BAD:
@@ -395,7 +401,3 @@ class SignedPeer:
         """See `Verifier.restore`."""
         for verifier in self._verifiers:
             verifier.restore(state, floor)
-
-    def _proven(self, index: int) -> None:
-        self._current_seen = self._current_seen or index == 0
-        self._in_use = 0 if self._current_seen else index
