@@ -27,6 +27,8 @@ __all__ = ["AutopilotWatch"]
 
 #: the autopilot is asked for 20 positions a second; they come unevenly, so less than 50 ms is no reason to skip one
 _ZONE_CHECK_S = 0.03
+#: a position that has waited for longer, because the main loop stood still, does not count: another is on its way
+_OLD_S = 0.2
 
 
 class AutopilotWatch:
@@ -110,6 +112,8 @@ class AutopilotWatch:
     def check_zones(self, now: float) -> None:
         """Tell the arbiter where the last position is with respect to every zone."""
         self.position_waits = False
+        if now - self._aircraft.position_at > _OLD_S:
+            return
         self._streams.position_seen()
         self._handle(events.PositionSeen(self.zone_facts()), now)
 

@@ -59,7 +59,7 @@ from mavproxy_handover.wire.frames import Frame, parse_one
 
 __all__ = ["Companion"]
 
-#: accepted commands are in the journal at most this much later
+#: accepted commands are in the journal this much later at most, as long as the main loop goes round
 JOURNAL_S = 0.2
 _START = mavlink.MAV_CMD_MISSION_START
 #: what changes the mission at the autopilot behind the companion's back
@@ -144,6 +144,8 @@ class Companion:
             what = classify(frame).what  # words for people, of somebody who is not known to be the station
             self._narrator.refused(port, (port.sysid, frame.msgid, signature), what, signature.value, False, now)
         if self._arbiter_is_due(now):  # after a stall: nothing is judged by authority that has run out
+            if self.position_waits:  # a position that came before counts before, too
+                self.check_zones(now)
             self.handle(events.Tick(), now)
         for frame in frames:
             try:
@@ -402,6 +404,6 @@ class Companion:
     def close(self) -> None:
         """Close links and journal."""
         for port in self.ports.values():
-            port.close()
+            self._attempt("closing links", port.close)
         self.journal.write("unloaded")
         self.journal.close()

@@ -64,19 +64,15 @@ class Journal:
         """Write what waits; to be called a few times a second."""
         waiting, self._waiting = self._waiting, []
         for at, utc, event, text, values in waiting:
-            entry: dict[str, Any] = {
-                "t": round(at, 4),
-                "utc": datetime.fromtimestamp(utc, timezone.utc).isoformat(timespec="milliseconds"),
-                "who": self._who,
-                "event": event,
-            }
+            entry: dict[str, Any] = {"t": round(at, 4), "utc": "", "who": self._who, "event": event}
             if text:
                 entry["text"] = text
             entry.update((key, value) for key, value in values.items() if value is not None)
             try:
+                entry["utc"] = datetime.fromtimestamp(utc, timezone.utc).isoformat(timespec="milliseconds")
                 line = _encode(entry) + "\n"
                 self._put(line.encode("utf-8", "backslashreplace"))
-            except (OSError, TypeError, ValueError):
+            except (OSError, OverflowError, TypeError, ValueError):
                 self.lost += 1
 
     def _open(self) -> int:

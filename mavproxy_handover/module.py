@@ -182,7 +182,7 @@ class HandoverModule(mp_module.MPModule):
             for fileno in ready:
                 port, link = ours[fileno]
                 self._serve(port, link, once=True)
-                if fileno not in self._by_descriptor:  # `descriptors` no longer holds
+                if self._by_descriptor is not ours:  # nor do `descriptors` hold any longer
                     return
             if others:
                 return
@@ -213,14 +213,19 @@ class HandoverModule(mp_module.MPModule):
             return
         self._idle_at = now + TICK_S
         self._guarded("autopilot link", self._to_autopilot.choose)
-        if not waited_for(self.mpstate):
-            for port, link in self._links:
-                self._guarded("link", partial(self._look_at, port, link, now))
+        self._guarded("links", partial(self._poll, now))
         self._schedule.run(now)
         self.companion.tick(now)
         self._guarded("tlog", partial(self._to_autopilot.tick, now))
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
+
+    def _poll(self, now: float) -> None:
+        """Read all links if MAVProxy does not wait for them, as while it has no link to the autopilot."""
+        if waited_for(self.mpstate):
+            return
+        for port, link in self._links:
+            self._guarded("link", partial(self._look_at, port, link, now))
 
     def _look_at(self, port: StationPort, link: Device, _now: float) -> None:
         self._serve(port, link)

@@ -83,6 +83,17 @@ def test_notes_are_in_the_file_after(path: Path, writes: str) -> None:
     assert journal.lost == 0
 
 
+def test_a_clock_beyond_all_years_costs_one_entry(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = Journal(path, "a")
+    journal.note("before")
+    with monkeypatch.context() as odd:
+        odd.setattr("mavproxy_handover.journal.time", SimpleNamespace(monotonic=lambda: 1.0, time=lambda: 1e18))
+        journal.note("odd")
+    journal.write("after")
+    assert [entry["event"] for entry in entries(path)] == ["before", "after"]
+    assert journal.lost == 1
+
+
 def test_notes_that_nobody_flushes_do_not_pile_up(path: Path) -> None:
     journal = Journal(path, "a")
     for number in range(255):

@@ -104,7 +104,7 @@ class Border(Protocol):
         ...
 
     def margin_m(self, lat: float, lon: float, plane: Plane) -> float:
-        """Geodesic distance to the nearest place on the border, negative where `contains` is false."""
+        """Geodesic distance to the nearest place on the border, negative outside; above 0 inside only."""
         ...
 
     def exit_m(self, lat: float, lon: float, plane: Plane, east: float, north: float, reach_m: float) -> float:
@@ -163,14 +163,16 @@ class PolygonBorder:
         return bool(shapely.contains_xy(self._area, lon, lat))
 
     def margin_m(self, lat: float, lon: float, plane: Plane) -> float:
+        lon = self._beside(lon)
         away = self._distance_m(lat, lon, plane)
-        if distance_m(lat, lon, self._asked_lat, self._asked_lon) >= self._holds_m:
+        # an area on both sides of the 180th meridian has its other part a whole turn away, and not in `away`
+        turned = abs(lon - self._asked_lon) > 180.0
+        if turned or distance_m(lat, lon, self._asked_lat, self._asked_lon) >= self._holds_m:
             self._asked_lat, self._asked_lon, self._holds_m = lat, lon, min(_SAME_SIDE * away, _SAME_SIDE_M)
             self._inside = self.contains(lat, lon)
         return away if self._inside else -away
 
     def _distance_m(self, lat: float, lon: float, plane: Plane) -> float:
-        lon = self._beside(lon)
         per_lat, per_lon, slope = plane.per_lat, plane.per_lon, plane.slope
         nearest, nearest_lat, nearest_lon = math.inf, lat, lon
         box = self._tree

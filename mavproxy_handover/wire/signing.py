@@ -288,7 +288,11 @@ class Verifier:
             if late <= 0:
                 stream.usual, stream.usual_at = delay, now_s
             elif self._max_age is not None and late > self._max_age:
-                verdict = self._late(stream, stamp, delay, late, now_utc_s, now_s)
+                if abs(timestamp_of(now_utc_s) - stamp) > self._max_age:
+                    self.behind_s = late / UNITS_PER_S
+                    verdict = SignatureVerdict.TOO_OLD
+                else:  # rule 8: the sender set its clock back
+                    stream.usual, stream.usual_at = delay, now_s
         if verdict is SignatureVerdict.OK and stamp > self.newest:
             self.newest = stamp
             if self._clock is not None:
@@ -323,15 +327,6 @@ class Verifier:
             del self._streams[oldest]
             self.floor = max(self.floor, last)
         self._streams[name] = _Stream(stamp, delay, now_s)
-        return SignatureVerdict.OK
-
-    def _late(
-        self, stream: _Stream, stamp: int, delay: int, late: int, now_utc_s: float, now_s: float
-    ) -> SignatureVerdict:
-        if self._max_age is not None and abs(timestamp_of(now_utc_s) - stamp) > self._max_age:
-            self.behind_s = late / UNITS_PER_S
-            return SignatureVerdict.TOO_OLD
-        stream.usual, stream.usual_at = delay, now_s
         return SignatureVerdict.OK
 
 

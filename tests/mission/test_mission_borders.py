@@ -128,6 +128,22 @@ def test_facts_along_a_track_are_those_of_a_finder_that_was_never_asked_before(d
             lat, lon = offset(lat, lon, *data.draw(st.tuples(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0))))
 
 
+@pytest.mark.parametrize("first", [179.96, -179.96])
+def test_zone_on_both_sides_of_the_180th_meridian_is_left_and_entered_across_it(first):
+    area = MultiPolygon(
+        [
+            Polygon([(-180.0, 0.0), (-179.0, 0.0), (-179.0, 1.0), (-180.0, 1.0)]),
+            Polygon([(179.0, 2.0), (180.0, 2.0), (180.0, 3.0), (179.0, 3.0)]),
+        ]
+    )
+    finder = ZoneFinder([Zone(251, "A", area)])
+    for hundredth in range(9):
+        east = first + math.copysign(hundredth / 100.0, -1.0 if first < 0.0 else 1.0)
+        lon = east - 360.0 if east > 180.0 else east + 360.0 if east < -180.0 else east
+        margin = finder.facts(0.5, lon, EAST, 20.0)[0].margin_m
+        assert (margin > 0.0) is (lon < 0.0 and lon > -180.0), lon
+
+
 def test_border_crossed_in_small_steps_is_noticed_at_the_border():
     finder = ZoneFinder([Zone(251, "A", SQUARE)])
     for step in range(-200, 201):

@@ -37,6 +37,52 @@ def test_after_a_stall_the_first_frame_is_judged_by_the_authority_there_is_now(b
     assert not any(command.get_msgbuf()[10:-2] in raw for raw in bench.mpstate.mav_master[0].written)
 
 
+def position() -> mavlink.MAVLink_message:
+    message = mavlink.MAVLink_global_position_int_message(0, *[1] * 8)
+    message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1))
+    return message
+
+
+def spied(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the events that the arbiter gets from now on."""
+    seen: list[str] = []
+    handle = bench.companion.arbiter.handle
+
+    def noted(event: Any, now: float) -> Any:
+        seen.append(type(event).__name__)
+        return handle(event, now)
+
+    monkeypatch.setattr(bench.companion.arbiter, "handle", noted)
+    return seen
+
+
+def test_a_position_that_waited_through_a_stall_does_not_count(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would pass for the present one."""
+    bench.connect()
+    seen = spied(bench, monkeypatch)
+    for stall_s, counts in ((0.1, True), (3.0, False)):
+        seen.clear()
+        bench.mpstate.deliver(position())
+        bench.clock.now += stall_s
+        bench.module.idle_task()
+        assert ("PositionSeen" in seen) is counts
+        assert not bench.companion.position_waits
+
+
+def test_a_fresh_position_counts_before_it_is_judged_whether_positions_are_fresh(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.connect()
+    link = bench.companion.ports[251].links[0]
+    function, argument = bench.mpstate.select_extra[link.fileno()]
+    bench.clock.now += 30.0
+    bench.mpstate.deliver(position())
+    bench.a.send(speed(7))
+    seen = spied(bench, monkeypatch)
+    function(argument)
+    assert seen.index("PositionSeen") < seen.index("Tick")
+
+
 def test_a_frame_is_on_its_way_before_anything_is_written_down(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.connect()
     steps: list[str] = []
