@@ -173,10 +173,7 @@ class SigningClock:
 
     def follow(self, timestamp: int, now_s: float | None = None) -> None:
         """The other end proved this stamp: go on from there. `now_s` None: it is not known when that was."""
-        running = self._anchor
-        if now_s is not None and self._anchor_at is not None:  # as `_running` has it, for every frame that is checked
-            running += max(0, int((now_s - self._anchor_at) * UNITS_PER_S))
-        if timestamp > running:
+        if timestamp > (self._anchor if now_s is None else self._running(now_s)):
             self._anchor = timestamp
             self._anchor_at = now_s
 
