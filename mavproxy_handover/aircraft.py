@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -36,27 +37,37 @@ class Aircraft:
 
     def take(self, m: Any, now: float) -> None:
         """Take in a message of the autopilot."""
-        kind = m.get_type()
-        if kind == "HEARTBEAT":
-            self.heartbeat_at = now
-            self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            self.custom_mode = m.custom_mode
-        elif kind == "GLOBAL_POSITION_INT":
-            if m.lat != 0 or m.lon != 0:  # both 0: no position yet
-                self.position, self.position_at = m, now
-        elif kind == "ATTITUDE":
-            self._attitude = m
-        elif kind == "SYS_STATUS":
-            self._battery_voltage = m.voltage_battery
-            self._battery_remaining = m.battery_remaining
-        elif kind == "EXTENDED_SYS_STATE":
-            self.landed_state, self.landed_state_at = m.landed_state, now
-        elif kind == "MISSION_CURRENT":
-            self.waypoint = m.seq
-        elif kind == "NAV_CONTROLLER_OUTPUT":
-            self.waypoint_distance_m = float(m.wp_dist)
-        elif kind == "STATUSTEXT":
-            self.status_text = m.text
+        take = _TAKE.get(m.get_type())
+        if take is not None:
+            take(self, m, now)
+
+    def _take_heartbeat(self, m: Any, now: float) -> None:
+        self.heartbeat_at = now
+        self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.custom_mode = m.custom_mode
+
+    def _take_position(self, m: Any, now: float) -> None:
+        if m.lat != 0 or m.lon != 0:  # both 0: no position yet
+            self.position, self.position_at = m, now
+
+    def _take_attitude(self, m: Any, _now: float) -> None:
+        self._attitude = m
+
+    def _take_battery(self, m: Any, _now: float) -> None:
+        self._battery_voltage = m.voltage_battery
+        self._battery_remaining = m.battery_remaining
+
+    def _take_landed(self, m: Any, now: float) -> None:
+        self.landed_state, self.landed_state_at = m.landed_state, now
+
+    def _take_waypoint(self, m: Any, _now: float) -> None:
+        self.waypoint = m.seq
+
+    def _take_distance(self, m: Any, _now: float) -> None:
+        self.waypoint_distance_m = float(m.wp_dist)
+
+    def _take_text(self, m: Any, _now: float) -> None:
+        self.status_text = m.text
 
     @property
     def flying(self) -> bool:
@@ -116,3 +127,15 @@ class Aircraft:
             int(self.armed),
             self.custom_mode,
         )
+
+
+_TAKE: Final[dict[str, Callable[[Aircraft, Any, float], None]]] = {
+    "HEARTBEAT": Aircraft._take_heartbeat,
+    "GLOBAL_POSITION_INT": Aircraft._take_position,
+    "ATTITUDE": Aircraft._take_attitude,
+    "SYS_STATUS": Aircraft._take_battery,
+    "EXTENDED_SYS_STATE": Aircraft._take_landed,
+    "MISSION_CURRENT": Aircraft._take_waypoint,
+    "NAV_CONTROLLER_OUTPUT": Aircraft._take_distance,
+    "STATUSTEXT": Aircraft._take_text,
+}

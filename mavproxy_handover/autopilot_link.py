@@ -43,7 +43,8 @@ class AutopilotLink:
         self._find = find
         self._peer = peer
         self._master: Any = None
-        self._log = bytearray()
+        #: what was written, and when (UTC s)
+        self._log: list[tuple[float, bytes]] = []
         self._log_at = 0.0
 
     def choose(self) -> None:
@@ -62,7 +63,7 @@ class AutopilotLink:
         rest = _to_serial_line(master, data)
         if rest:
             master.write(rest)
-        self._log += _STAMP.pack(int(time.time() * 1e6)) + data
+        self._log.append((time.time(), data))
 
     def tick(self, now: float) -> None:
         """Hand the frames of the last LOG_S to MAVProxy's tlog; to be called often."""
@@ -72,10 +73,10 @@ class AutopilotLink:
 
     def log(self) -> None:
         """The same at once."""
-        frames, self._log = self._log, bytearray()
+        frames, self._log = self._log, []
         queue = getattr(self._mpstate, "logqueue", None)
         if frames and queue:
-            queue.put(frames)
+            queue.put(b"".join(_STAMP.pack(int(at * 1e6)) + data for at, data in frames))
 
 
 def _to_serial_line(master: Any, data: bytes) -> bytes:

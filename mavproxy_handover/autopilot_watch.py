@@ -55,6 +55,14 @@ class AutopilotWatch:
         self._streams = streams
         self._narrator = narrator
         self._handle = handle
+        self._heed: dict[str, Callable[[Any, float], None]] = {
+            "HEARTBEAT": self._on_state,
+            "EXTENDED_SYS_STATE": self._on_state,
+            "GLOBAL_POSITION_INT": self._on_position,
+            "TUNNEL": self._on_tunnel,
+            "STATUSTEXT": lambda m, _now: preflight.text(m.text),
+            "MISSION_ITEM_REACHED": lambda m, _now: self._on_reached(m.seq),
+        }
         #: what the guard said last of itself
         self.guard_status: GuardStatus | None = None
         self._second_manager_told = False
@@ -64,33 +72,20 @@ class AutopilotWatch:
 
     def take(self, message: Any, now: float) -> None:
         """A message of the autopilot itself."""
-        kind, aircraft, journal = message.get_type(), self._aircraft, self._narrator.journal
+        aircraft = self._aircraft
         waypoint, mode = aircraft.waypoint, aircraft.custom_mode
         aircraft.take(message, now)
-        if getattr(message, "target_system", 0) in (0, self._sysid) and (
-            getattr(message, "target_component", 0) in (0, COMPANION_COMPID)
-        ):
+        if self._conversations and _for_companion(message, self._sysid):
             self._conversations.on_message(message, now)
-        if kind == "HEARTBEAT":
-            if aircraft.custom_mode != mode:
-                name = COPTER_MODES.get(aircraft.custom_mode, f"mode {aircraft.custom_mode}")
-                journal.write("mode", f"mode {name}", mode=name)
-            self._handle(events.AutopilotState(aircraft.armed, aircraft.flying), now)
-        elif kind == "EXTENDED_SYS_STATE" and aircraft.heartbeat_at > -math.inf:
-            # before the first heartbeat nothing is known of arming: in flight it would read as disarmed
-            self._handle(events.AutopilotState(aircraft.armed, aircraft.flying), now)
-        elif kind == "GLOBAL_POSITION_INT":
-            # the second: that message held no position
-            if now - self._zones_at >= _ZONE_CHECK_S and aircraft.position_at == now:
-                self._zones_at, self.position_waits = now, True
-        elif kind == "TUNNEL" and message.payload_type == GUARD_STATUS_TYPE:
-            self._on_guard(message, now)
-        elif kind == "STATUSTEXT":
-            self._preflight.text(message.text)
-        elif kind == "MISSION_ITEM_REACHED":
-            self._on_reached(message.seq)
-        elif kind == "MISSION_CURRENT" and message.seq != waypoint:
-            journal.write("waypoint", f"flying to waypoint {message.seq}", number=message.seq)
+        if aircraft.custom_mode != mode:
+            name = COPTER_MODES.get(aircraft.custom_mode, f"mode {aircraft.custom_mode}")
+            self._narrator.journal.write("mode", f"mode {name}", mode=name)
+        if aircraft.waypoint != waypoint:
+            text = f"flying to waypoint {aircraft.waypoint}"
+            self._narrator.journal.write("waypoint", text, number=aircraft.waypoint)
+        heed = self._heed.get(message.get_type())
+        if heed is not None:
+            heed(message, now)
 
     def second_manager(self, frame: Frame) -> None:
         """CONTROL_STATUS of somebody else on board. The stations must hear one voice: it goes no further."""
@@ -117,7 +112,19 @@ class AutopilotWatch:
         self._streams.position_seen()
         self._handle(events.PositionSeen(self.zone_facts()), now)
 
-    def _on_guard(self, message: Any, now: float) -> None:
+    def _on_state(self, _message: Any, now: float) -> None:
+        aircraft = self._aircraft
+        if aircraft.heartbeat_at > -math.inf:  # before that nothing is known of arming: in flight it would read as no
+            self._handle(events.AutopilotState(aircraft.armed, aircraft.flying), now)
+
+    def _on_position(self, _message: Any, now: float) -> None:
+        # the second: that message held no position
+        if now - self._zones_at >= _ZONE_CHECK_S and self._aircraft.position_at == now:
+            self._zones_at, self.position_waits = now, True
+
+    def _on_tunnel(self, message: Any, now: float) -> None:
+        if message.payload_type != GUARD_STATUS_TYPE:
+            return
         status = unpack_guard_status(bytes(message.payload)[: message.payload_length])
         if status is None:
             return
@@ -130,3 +137,9 @@ class AutopilotWatch:
         if number == self._loader.delivery:
             journal.write("delivery", f"delivery point (waypoint {number}) reached", number=number)
             self._narrator.tell(f"Delivery point reached, waypoint {number}.")
+
+
+def _for_companion(message: Any, sysid: int) -> bool:
+    """Whether a message is for the companion, among others at least."""
+    system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
+    return system in (0, sysid) and component in (0, COMPANION_COMPID)

@@ -62,6 +62,13 @@ __all__ = ["Companion"]
 #: accepted commands are in the journal this much later at most, as long as the main loop goes round
 JOURNAL_S = 0.2
 _START = mavlink.MAV_CMD_MISSION_START
+_CONTROL_STATUS = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
+_OURS = frozenset(mavlink.mavlink_map.values())
+_CHANGES = frozenset((Access.COMMAND, Access.SAFEGUARD))
+#: of the commander's frames, what may come often and is noted with the next tick (see `_note_passed`)
+_FREQUENT = frozenset((Access.READ, Access.STREAM))
+#: frames that wait to be noted, at most
+_UNNOTED = 512
 #: what changes the mission at the autopilot behind the companion's back
 _MISSION_WRITES = ("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_WRITE_PARTIAL_LIST", "FILE_TRANSFER_PROTOCOL/")
 
@@ -95,6 +102,7 @@ class Companion:
         #: the arbiter's next deadline; it moves with events only
         self._deadline: float | None = None
         self._deadline_known = False
+        self._sysid = config.sysid
         self._write_autopilot = write_autopilot
         self._voice = Voice(config.sysid, write_autopilot, ports)
         narrator = self._narrator = Narrator(config.name, journal, self.arbiter, show, lambda: self.view.phase)
@@ -104,6 +112,8 @@ class Companion:
         self._questions = Questions(self._flusher)
         self._limiter = RefusalLimiter()
         self._rate_answers = RefusalLimiter(per_second=20)
+        #: frames that went to the autopilot and are not noted yet
+        self._passed: list[tuple[StationPort, Frame, Verdict, float]] = []
         guard_key = None if config.guard_key is None else load_key(config.guard_key)
         self._lease = broadcast.LeaseSequence(nonce, guard_key)
         self._reason = Reason.NONE
@@ -167,24 +177,47 @@ class Companion:
             port.heartbeat, port.heartbeat_at = frame.raw, now
             self.handle(events.StationHeard(port.sysid), now)
             verdict = judge(frame, port.identity, self.view, self.config.sysid)
-        verdict = self._questions.limit(frame, verdict, port.sysid, self.view.commander, now)
+        commands = port.sysid == self.view.commander
+        if not commands:
+            self._note_passed()
+            verdict = self._questions.limit(frame, verdict, port.sysid, self.view.commander, now)
+            self._downlink.rates.heard(port.sysid, now)
         if verdict.action is Action.FORWARD:  # and the rest behind it: nothing delays a frame that may pass
             self._write_autopilot(frame.raw)
+            self._passed.append((port, frame, verdict, now))
+            if not commands or verdict.access not in _FREQUENT or len(self._passed) >= _UNNOTED:
+                self._forwarded(port, verdict, now)
+            return
         port.verdicts[verdict.reason] += 1
-        if port.sysid != self.view.commander:
-            self._downlink.rates.heard(port.sysid, now)
-        if verdict.action is Action.FORWARD:
-            self._forwarded(port, frame, verdict, now)
-        elif verdict.action is Action.CONSUME:
+        if verdict.action is Action.CONSUME:
             if own_voice or verdict.access in (Access.COMMAND, Access.ANSWERED):
                 self._consume(port, frame, verdict, now)
         else:
             self._refuse(port, frame, verdict, now)
 
-    def _forwarded(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        self._downlink.asked(frame, port.sysid, now)
-        self._flusher.saw(frame, verdict, port.sysid)
-        if verdict.access in (Access.COMMAND, Access.SAFEGUARD):
+    def _note_passed(self) -> None:
+        """Note what the frames mean that went to the autopilot: what they ask, and what they leave open there.
+
+        Before the arbiter hears of anything, before another station's frames, and with every tick; what opens something
+        that an answer of the autopilot may close is noted at once. Several together cost much less than each by itself
+        (see `journal`), and none of them waits for it.
+        """
+        if not self._passed:
+            return
+        passed, self._passed = self._passed, []
+        for port, frame, verdict, at in passed:
+            try:
+                port.verdicts[verdict.reason] += 1
+                if port.sysid == self.view.commander:
+                    self._questions.commander_sent(frame, at)
+                self._downlink.asked(frame, port.sysid, at)
+                self._flusher.saw(frame, verdict, port.sysid)
+            except Exception:
+                self.fault("frame that passed", traceback.format_exc(limit=-3))
+
+    def _forwarded(self, port: StationPort, verdict: Verdict, now: float) -> None:
+        self._note_passed()
+        if verdict.access in _CHANGES:
             self.journal.note("accepted", station=port.name, what=verdict.what)
             rewrites = verdict.what.startswith(_MISSION_WRITES)
             if rewrites and self.view.phase is Phase.ON_LOAD and self.arbiter.mission_digest:
@@ -247,16 +280,18 @@ class Companion:
 
     def on_autopilot(self, message: Any, now: float) -> None:
         """A message that MAVProxy received from the vehicle's side."""
-        raw = bytes(message.get_msgbuf())
-        frame = parse_one(raw)
+        # MAVProxy has checked the CRC of what it knows by our own definitions
+        frame = parse_one(message.get_msgbuf(), proven=type(message) in _OURS)
         if frame is None:
             return
-        if frame.sysid == self.config.sysid and frame.known and frame.msgid == mavlink.MAVLINK_MSG_ID_CONTROL_STATUS:
-            self.autopilot.second_manager(frame)
-            return
-        if frame.sysid == self.config.sysid and frame.compid == AUTOPILOT and frame.known:
-            self._flusher.heard(frame)
-            self.autopilot.take(message, now)
+        if frame.sysid == self._sysid and frame.known:
+            if frame.msgid == _CONTROL_STATUS:
+                self.autopilot.second_manager(frame)
+                return
+            if frame.compid == AUTOPILOT:
+                self._flusher.heard(frame)
+                self.autopilot.take(message, now)
+        raw = frame.raw
         for station in self._downlink.receivers(frame, self.ports, self.view, now):
             self.ports[station].write(raw)
 
@@ -276,6 +311,7 @@ class Companion:
 
     def tick(self, now: float) -> None:
         """To be called often (the module: 20 times a second). What fails in here stops nothing else in here."""
+        self._note_passed()
         self._conversations.tick(now)
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)
@@ -323,6 +359,7 @@ class Companion:
         """Give one event to the arbiter and carry out what it asks for."""
         if self.failed:
             return
+        self._note_passed()
         self._deadline_known = False
         try:
             actions = self.arbiter.handle(event, now)
@@ -340,6 +377,7 @@ class Companion:
         former, self.failed = self.view.commander, True
         self.view = AuthorityView(self.view.phase, None, None, self.view.epoch, LeaseState.LOST, self.view.armed)
         self.journal.write("failed_closed", text, reason="fault")
+        self._note_passed()
         if former is not None:
             self._attempt("flush", self._changeover.close_all_of, former)
         self._attempt("end of START", self._orders.give_start_up, "internal fault", now)

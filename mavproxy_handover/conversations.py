@@ -24,6 +24,9 @@ class Conversations:
         self._fault = fault
         self._running: dict[str, tuple[Dialogue, Done]] = {}
 
+    def __len__(self) -> int:
+        return len(self._running)
+
     def __contains__(self, name: str) -> bool:
         return name in self._running
 

@@ -134,7 +134,10 @@ class HandoverModule(mp_module.MPModule):
 
     def mavlink_packet(self, m: Any) -> None:
         """A message from the vehicle's side."""
-        self._guarded("message of the autopilot", lambda: self.companion.on_autopilot(m, time.monotonic()))
+        try:
+            self.companion.on_autopilot(m, time.monotonic())
+        except Exception:
+            self.companion.fault("message of the autopilot", traceback.format_exc(limit=-3))
 
     def _readable(self, where: tuple[StationPort, Device]) -> None:
         """A link has something to read."""

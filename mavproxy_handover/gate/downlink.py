@@ -186,15 +186,18 @@ class DownlinkPolicy:
         owner = None if aim is None else self._owner.get(aim[0])
         if owner is not None:
             return [station for station in stations if station == owner]
-        return [station for station in stations if self._wanted(frame, station, view, now)]
-
-    def _wanted(self, frame: Frame, station_sysid: int, view: AuthorityView, now: float) -> bool:
-        if station_sysid == view.commander:
-            self.rates.forget(station_sysid)
-            return True
-        if station_sysid == view.partner or self._answers(frame.msgid, station_sysid, now):
-            return True
-        return self.rates.due(frame, station_sysid, now)
+        found = []
+        for station in stations:
+            if station == view.commander:
+                self.rates.forget(station)
+                found.append(station)
+            elif (
+                station == view.partner
+                or self._answers(frame.msgid, station, now)
+                or self.rates.due(frame, station, now)
+            ):
+                found.append(station)
+        return found
 
     def _answers(self, msgid: int, station_sysid: int, now: float) -> bool:
         windows = self._windows.get(station_sysid)

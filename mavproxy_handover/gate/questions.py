@@ -62,10 +62,13 @@ class Questions:
         #: by station: who has asked the autopilot
         self._senders: dict[int, set[tuple[int, int]]] = {}
 
+    def commander_sent(self, frame: Frame, now: float) -> None:
+        """A frame of the commander went to the autopilot (rule 2)."""
+        if frame.msgid == _FTP:
+            self._commander_at = now
+
     def limit(self, frame: Frame, verdict: Verdict, station_sysid: int, commander: int | None, now: float) -> Verdict:
         """The verdict that stands: `verdict`, or that the station has to wait."""
-        if station_sysid == commander and frame.msgid == _FTP and verdict.action is Action.FORWARD:
-            self._commander_at = now
         if station_sysid == commander or (verdict.action, verdict.access) not in _COUNTED:
             return verdict
         known = verdict.action is not Action.FORWARD or self._knows(station_sysid, (frame.sysid, frame.compid))

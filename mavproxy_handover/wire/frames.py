@@ -210,11 +210,11 @@ def _build(raw: bytes, definition: _Definition | None) -> Frame:
     return Frame(raw, version, _message_id(raw, 0), sysid, compid, seq, signed, payload, definition is not None)
 
 
-def parse_one(raw: bytes) -> Frame | None:
+def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
     """The frame that `raw` holds from its first byte to its last, or None.
 
     None means: not a frame, not exactly one, a bad CRC, or flags we do not understand. A frame of an unknown
-    id is returned with `known` False, because its CRC cannot be checked.
+    id is returned with `known` False, because its CRC cannot be checked. `proven`: somebody has checked it already.
     """
     raw = bytes(raw)
     size = len(raw)
@@ -229,7 +229,7 @@ def parse_one(raw: bytes) -> Frame | None:
         payload = raw[HEADER_V2:end]
         if definition is None:
             return Frame(raw, 2, msgid, sysid, compid, seq, signed, payload, False)
-        if not _crc_fits(raw, end, definition.crc_extra):
+        if not proven and not _crc_fits(raw, end, definition.crc_extra):
             return None
         if length != definition.length:
             payload = (payload + definition.padding)[: definition.length]
@@ -238,7 +238,7 @@ def parse_one(raw: bytes) -> Frame | None:
     if size < HEADER_V1 + CRC_BYTES or raw[0] != MAGIC_V1 or _frame_length(raw, 0) != size or _too_long(raw, 0):
         return None
     definition = _DEFINITIONS.get(raw[5])
-    if definition is not None and not _crc_fits(raw, HEADER_V1 + raw[1], definition.crc_extra):
+    if definition is not None and not proven and not _crc_fits(raw, HEADER_V1 + raw[1], definition.crc_extra):
         return None
     return _build(raw, definition)
 

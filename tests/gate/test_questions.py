@@ -38,6 +38,8 @@ class Desk:
         station = A if frame.sysid == GCSA else B
         verdict = judge(frame, station, view, VEHICLE)
         verdict = self.questions.limit(frame, verdict, station.sysid, commander, now)
+        if station.sysid == commander and verdict.action is Action.FORWARD:
+            self.questions.commander_sent(frame, now)
         self.flusher.saw(frame, verdict, station.sysid)
         return verdict
 

@@ -142,6 +142,31 @@ def test_an_observer_sees_position_and_authority_and_not_the_attitude(flight: Be
     assert flight.b.got("TUNNEL") == flight.a.got("TUNNEL") == [], "lease and guard status stay aboard"
 
 
+class _Foreign:
+    """A message as MAVProxy hands it over that runs with another dialect than ours."""
+
+    def __init__(self, raw: bytes) -> None:
+        self._raw = raw
+
+    def get_msgbuf(self) -> bytearray:
+        return bytearray(self._raw)
+
+    def get_type(self) -> str:
+        return "UNKNOWN_30"
+
+
+def test_what_mavproxy_did_not_check_by_our_definitions_is_checked_here(flight: Bench) -> None:
+    raw = bytes(mavlink.MAVLink_attitude_message(0, *[0.5] * 6).pack(mavlink.MAVLink(None, srcSystem=1)))
+    wrong = raw[:-1] + bytes([raw[-1] ^ 1])
+    flight.mpstate.deliver(_Foreign(wrong))
+    flight.run(0.1)
+    assert flight.a.got("ATTITUDE") == []
+    flight.mpstate.deliver(_Foreign(raw))
+    flight.run(0.1)
+    assert len(flight.a.got("ATTITUDE")) == 1
+    assert flight.companion.faults == {}
+
+
 def test_an_observer_gets_the_answer_to_what_it_asked_and_no_other(flight: Bench) -> None:
     def value(name: bytes) -> None:
         flight.autopilot.say(mavlink.MAVLink_param_value_message(name, 1.0, 9, 1, 0))

@@ -11,10 +11,14 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot_link import AutopilotLink
+from mavproxy_handover.core import events
+from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import SignedPeer
+from tests.gate.frames import ftp_request
 from tests.module.conftest import Bench
 from tests.module.proxy import Master
+from tests.module.vehicle import Station
 
 
 def speed(metres_per_s: float) -> mavlink.MAVLink_message:
@@ -130,3 +134,100 @@ def test_with_a_key_of_the_autopilot_what_cannot_be_signed_goes_there_as_it_is()
     link.write(new)
     assert master.written[0] == old
     assert (len(master.written[1]), master.written[1][2]) == (len(new) + 13, 1)
+
+
+# ---- what is noted with the next tick --------------------------------------------------------------------------------
+
+
+def sticks() -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_rc_channels_override_message(1, 1, *[1500] * 8)
+
+
+def listing() -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, ftp_request(3, b"/"))
+
+
+def served(bench: Bench, station: Station, *messages: mavlink.MAVLink_message) -> None:
+    """The station's frames are read, and nothing else happens."""
+    port = bench.companion.ports[station.sysid]
+    for message in messages:
+        station.send(message)
+        bench.module._serve(port, port.links[0], once=True)
+
+
+def overrides(bench: Bench) -> list[int]:
+    """The first channel of every override that went to the autopilot."""
+    parser = mavlink.MAVLink(None)
+    messages = [parser.decode(bytearray(raw)) for raw in bench.mpstate.mav_master[0].written]
+    return [m.chan1_raw for m in messages if m.get_type() == "RC_CHANNELS_OVERRIDE"]
+
+
+def test_what_the_commander_streams_goes_out_at_once_and_is_counted_with_the_next_tick(bench: Bench) -> None:
+    bench.connect()
+    verdicts = bench.companion.ports[251].verdicts
+    before = verdicts[GateReason.ALLOWED]
+    served(bench, bench.a, sticks(), sticks())
+    assert overrides(bench) == [1500, 1500]
+    assert verdicts[GateReason.ALLOWED] == before
+    bench.companion.tick(bench.clock.now)
+    assert verdicts[GateReason.ALLOWED] == before + 2
+
+
+@pytest.mark.parametrize("end", ["commander silent", "fault inside"])
+def test_sticks_are_released_though_they_had_not_been_noted_yet(bench: Bench, end: str) -> None:
+    bench.connect()
+    served(bench, bench.a, sticks())
+    if end == "fault inside":
+        bench.companion.fail_closed("planted", bench.clock.now)
+    else:
+        bench.companion.handle(events.Tick(), bench.clock.now + 30.0)
+    assert bench.companion.view.commander is None
+    assert overrides(bench) == [1500, 0]
+
+
+def test_another_station_finds_noted_what_the_commander_sent_before_it(bench: Bench) -> None:
+    bench.connect()
+    served(bench, bench.a, listing())
+    served(bench, bench.b, listing())
+    assert bench.companion.ports[252].verdicts[GateReason.FILE_BUSY] == 1
+
+
+def test_what_another_station_asks_is_noted_at_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answer may come before the next tick."""
+    bench.connect()
+    asked: list[int] = []
+    monkeypatch.setattr(bench.companion._downlink, "asked", lambda frame, station, now: asked.append(station))
+    request = mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1)
+    served(bench, bench.b, request)
+    served(bench, bench.a, request)
+    assert asked == [252]
+
+
+def test_a_frame_that_cannot_be_noted_costs_no_other_frame(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.connect()
+    saw = bench.companion._flusher.saw
+    seen = 0
+
+    def breaks_once(*arguments: Any) -> None:
+        nonlocal seen
+        seen += 1
+        if seen == 1:
+            raise RuntimeError("planted")
+        saw(*arguments)
+
+    monkeypatch.setattr(bench.companion._flusher, "saw", breaks_once)
+    served(bench, bench.a, sticks(), sticks())
+    bench.companion.handle(events.Tick(), bench.clock.now + 30.0)
+    assert bench.companion.faults == {"frame that passed": 1}
+    assert overrides(bench) == [1500, 1500, 0]
+
+
+def test_so_many_frames_wait_to_be_noted_at_most(bench: Bench) -> None:
+    bench.connect()
+    port = bench.companion.ports[251]
+    frame = parse_one(bytes(sticks().pack(mavlink.MAVLink(None, srcSystem=251, srcComponent=190))))
+    assert frame is not None
+    for _ in range(10):
+        bench.companion.on_station(port, [frame] * 100, bench.clock.now)
+    assert len(bench.companion._passed) < 512
+    assert port.verdicts[GateReason.ALLOWED] >= 512

@@ -315,3 +315,15 @@ def test_parse_one_never_raises(data: bytes) -> None:
     for candidate in (data, b"\xfd" + data, b"\xfe" + data):
         frame = parse_one(candidate)
         assert frame is None or frame.raw == candidate
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_parse_one_believes_that_a_crc_was_checked_and_nothing_else(version: int) -> None:
+    raw = raw_frame(0, bytes(9), version=version)
+    assert parse_one(raw, proven=True) == parse_one(raw) is not None
+    wrong = raw_frame(0, bytes(9), version=version, crc_extra=51)
+    frame = parse_one(wrong, proven=True)
+    assert frame is not None
+    assert frame.raw == wrong
+    assert parse_one(raw[:-1], proven=True) is None
+    assert parse_one(raw + b"\x00", proven=True) is None
