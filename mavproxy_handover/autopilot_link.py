@@ -43,6 +43,9 @@ class AutopilotLink:
         self._find = find
         self._peer = peer
         self._master: Any = None
+        #: the port behind the link, and whether it is a serial line (to ask takes long)
+        self._port: Any = None
+        self._is_serial = False
         #: what was written, and when (UTC s)
         self._log: list[tuple[float, bytes]] = []
         self._log_at = 0.0
@@ -60,7 +63,7 @@ class AutopilotLink:
         master = self._master
         if master is None:  # after `link remove`
             return
-        rest = _to_serial_line(master, data)
+        rest = self._to_serial_line(master, data)
         if rest:
             master.write(rest)
         self._log.append((time.time(), data))
@@ -78,14 +81,15 @@ class AutopilotLink:
         if frames and queue:
             queue.put(b"".join(_STAMP.pack(int(at * 1e6)) + data for at, data in frames))
 
-
-def _to_serial_line(master: Any, data: bytes) -> bytes:
-    """Write to a link's serial line what it takes now; the rest, which is all of it where there is no such line."""
-    port = getattr(master, "port", None)
-    # a port that was closed under its link: the number may be another file's by now
-    if not isinstance(port, serial.Serial) or master.portdead or getattr(port, "fd", None) != master.fd:
-        return data
-    try:
-        return data[os.write(master.fd, data) :]
-    except (OSError, TypeError):  # full, unplugged, or just being opened again
-        return data
+    def _to_serial_line(self, master: Any, data: bytes) -> bytes:
+        """Write to a link's serial line what it takes now; the rest, which is all of it where there is no such line."""
+        port = getattr(master, "port", None)
+        if port is not self._port:
+            self._port, self._is_serial = port, isinstance(port, serial.Serial)
+        # a port that was closed under its link: the number may be another file's by now
+        if not self._is_serial or master.portdead or getattr(port, "fd", None) != master.fd:
+            return data
+        try:
+            return data[os.write(master.fd, data) :]
+        except (OSError, TypeError):  # full, unplugged, or just being opened again
+            return data

@@ -11,10 +11,10 @@ MAVProxy's timers and what the operator types get their turn after `STAY_S` at t
 from __future__ import annotations
 
 import select
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from typing import Any
 
-__all__ = ["STAY_S", "TALKING_S", "readable", "waited_for"]
+__all__ = ["STAY_S", "TALKING_S", "poller", "readable", "waited_for"]
 
 #: MAVProxy's fastest timers run ten times a second
 STAY_S = 0.05
@@ -35,17 +35,32 @@ def waited_for(mpstate: Any) -> list[int]:
     return [*found, *(descriptor for descriptor in mpstate.select_extra if descriptor is not None)] if found else []
 
 
-def readable(descriptors: Collection[int], ours: Collection[int], seconds: float) -> tuple[list[int], bool]:
-    """Wait for something to read, not at all if `seconds` is not above 0. Never raises.
+def poller(descriptors: Iterable[int]) -> select.poll | None:
+    """Waits for these; None if there are none, or one is closed. A poll object costs less to wait with than select."""
+    found = select.poll()
+    last = None
+    try:
+        for last in descriptors:
+            found.register(last, select.POLLIN)
+    except (OverflowError, ValueError):
+        return None
+    return None if last is None else found
+
+
+def readable(waiting: select.poll | None, ours: Collection[int], seconds: float) -> tuple[list[int], bool]:
+    """Wait for something to read, not at all if `seconds` is not above 0, and a millisecond too long at most.
+
+    `waiting`: see `poller`. Never raises.
 
     What of `ours` can be read, and whether it is MAVProxy's turn: something else can be read, or nothing can be waited
     for.
     """
-    if not descriptors:
+    if waiting is None:
         return [], True
     try:
-        ready = select.select(descriptors, [], [], seconds if seconds > 0.0 else 0.0)[0]
-    except (OSError, ValueError):  # one was closed: MAVProxy finds out which
+        ready = waiting.poll(seconds * 1000.0 if seconds > 0.0 else 0)
+    except OSError:
         return [], True
-    found = [descriptor for descriptor in ready if descriptor in ours]
+    # one that was closed: MAVProxy finds out
+    found = [descriptor for descriptor, what in ready if descriptor in ours and not what & select.POLLNVAL]
     return found, len(found) != len(ready)

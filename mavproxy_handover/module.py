@@ -33,7 +33,7 @@ from mavproxy_handover.config import ConfigError, VehicleConfig, config_argument
 from mavproxy_handover.journal import Journal
 from mavproxy_handover.keys import KeysError, load_key
 from mavproxy_handover.link.devices import Device, LinkError
-from mavproxy_handover.main_loop import STAY_S, TALKING_S, readable, waited_for
+from mavproxy_handover.main_loop import STAY_S, TALKING_S, poller, readable, waited_for
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
@@ -178,21 +178,21 @@ class HandoverModule(mp_module.MPModule):
     def _stay(self) -> None:
         """Serve our links while nothing else happens (see `main_loop`)."""
         now, until = time.monotonic(), self._stay_until
-        descriptors, ours = waited_for(self.mpstate), self._by_descriptor
+        waiting, ours = poller(waited_for(self.mpstate)), self._by_descriptor
         while now < until:
             due = now if self.companion.position_waits else min(self._idle_at, until)
-            ready, others = readable(descriptors, ours, due - now)
+            ready, others = readable(waiting, ours, due - now)
             for fileno in ready:
                 port, link = ours[fileno]
                 self._serve(port, link, once=True)
-                if self._by_descriptor is not ours:  # nor do `descriptors` hold any longer
+                if self._by_descriptor is not ours:  # nor does `waiting` hold any longer
                     return
             if others:
                 return
             now = time.monotonic()
             if now >= due:  # however much there is to read
                 self._guarded("idle", self._idle)
-                descriptors, ours = waited_for(self.mpstate), self._by_descriptor
+                waiting, ours = poller(waited_for(self.mpstate)), self._by_descriptor
                 now = time.monotonic()
 
     def _serve(self, port: StationPort, link: Device, once: bool = False) -> None:

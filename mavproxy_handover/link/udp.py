@@ -109,20 +109,18 @@ class _Udp(Device):
     def _receive(self) -> tuple[bytes, Address] | None:
         """The next datagram; None when there is none. One too long comes back empty."""
         try:
-            if self._peer_alone and self._peer is not None:
-                data, address = self._socket.recv(_DATAGRAM_BYTES + 1), self._peer
-            else:
-                data, address = self._socket.recvfrom(_DATAGRAM_BYTES + 1)
-        except (BlockingIOError, InterruptedError):
-            return None
+            data, address = self._socket.recvfrom(_DATAGRAM_BYTES + 1)
         except OSError as error:
-            if not self._closed:
-                self._failed(error)
+            self._not_received(error)
             return None
         if len(data) > _DATAGRAM_BYTES:
             self.counters.oversize += 1
             return b"", address
         return data, address
+
+    def _not_received(self, error: OSError) -> None:
+        if not self._closed and not isinstance(error, (BlockingIOError, InterruptedError)):
+            self._failed(error)
 
     def write(self, data: bytes) -> bool:
         if self._peer is None or self._closed:
@@ -152,8 +150,15 @@ class UdpOut(_Udp):
 
     def read(self, once: bool = False) -> list[Frame]:
         if once and self._peer_alone:  # nearly every read: without all that the others need
-            received = self._receive()
-            return [] if received is None else self._peer_frames(received[0])
+            try:
+                data = self._socket.recv(_DATAGRAM_BYTES + 1)
+            except OSError as error:
+                self._not_received(error)
+                return []
+            if len(data) <= _DATAGRAM_BYTES:
+                return self._peer_frames(data)
+            self.counters.oversize += 1
+            return []
         frames: list[Frame] = []
         looked_at = 0
         for _ in range(_TAKEN):

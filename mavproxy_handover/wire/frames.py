@@ -54,8 +54,6 @@ FLAG_SIGNED: Final = 0x01
 MAX_FRAME_BYTES: Final = HEADER_V2 + 255 + CRC_BYTES + SIGNATURE_BYTES
 
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
-#: magic, length, incompatibility and compatibility flags, sequence, system, component, message id (16 and 8 bits)
-_HEADER_V2: Final = struct.Struct("<7BHB")
 _STRUCT_ITEM: Final = re.compile(r"(\d*)([a-zA-Z])")
 
 
@@ -216,15 +214,17 @@ def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
     None means: not a frame, not exactly one, a bad CRC, or flags we do not understand. A frame of an unknown
     id is returned with `known` False, because its CRC cannot be checked. `proven`: somebody has checked it already.
     """
-    raw = bytes(raw)
+    if type(raw) is not bytes:
+        raw = bytes(raw)
     size = len(raw)
     if size >= HEADER_V2 + CRC_BYTES and raw[0] == MAGIC_V2:  # nearly every frame, so at one go
-        _magic, length, flags, _compatible, seq, sysid, compid, low, high = _HEADER_V2.unpack_from(raw)
+        length, flags = raw[1], raw[2]
         end = HEADER_V2 + length
         signed = flags == FLAG_SIGNED
         if size != end + (CRC_BYTES + SIGNATURE_BYTES if signed else CRC_BYTES) or flags & ~FLAG_SIGNED:
             return None
-        msgid = low | high << 16
+        seq, sysid, compid = raw[4], raw[5], raw[6]
+        msgid = raw[7] | raw[8] << 8 | raw[9] << 16
         definition = _DEFINITIONS.get(msgid)
         payload = raw[HEADER_V2:end]
         if definition is None:

@@ -180,7 +180,8 @@ class SigningClock:
     def _running(self, now_s: float) -> int:
         if self._anchor_at is None:
             return self._anchor
-        return self._anchor + max(0, int((now_s - self._anchor_at) * UNITS_PER_S))
+        passed_s = now_s - self._anchor_at
+        return self._anchor + int(passed_s * UNITS_PER_S) if passed_s > 0.0 else self._anchor
 
 
 class Signer:
@@ -369,11 +370,11 @@ class SignedPeer:
     def check(self, frame: Frame, now_utc_s: float, now_s: float) -> SignatureVerdict:
         """The verdict on a frame from this peer."""
         verdict = SignatureVerdict.BAD
-        for index, verifier in enumerate(self._verifiers):
+        for verifier in self._verifiers:
             verdict = verifier.check(frame, now_utc_s, now_s)
             if verdict is SignatureVerdict.OK:
-                self._current_seen = self._current_seen or index == 0
-                self._in_use = 0 if self._current_seen else index
+                self._current_seen = self._current_seen or verifier is self._verifiers[0]
+                self._in_use = 0 if self._current_seen else 1
             elif verdict is SignatureVerdict.TOO_OLD:
                 self.behind_s = verifier.behind_s
             if verdict is not SignatureVerdict.BAD:

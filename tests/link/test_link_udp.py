@@ -319,3 +319,34 @@ def test_50000_datagrams_of_garbage_cost_bounded_work_and_no_memory(
         pass
     station.send(heartbeat(5).raw, port)
     assert device.read() == [heartbeat(5)]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere one read is like any other")
+def test_one_datagram_at_a_time_is_held_to_the_same_size_and_its_faults_are_counted(
+    peers: list[Peer], clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    station = peers[0]
+    device = open_device(f"udpout:{LOOPBACK}:{station.address[1]}", clock)
+    assert isinstance(device, UdpOut)
+    device.write(b"hello")
+    with socket.socket(fileno=socket.dup(device.fileno())) as same:
+        port = same.getsockname()[1]
+    station.send(heartbeat(1).raw + bytes(2048), port)
+    station.send(heartbeat(2).raw, port)
+    assert [device.read(once=True) for _ in range(3)] == [[], [heartbeat(2)], []]
+    assert (device.counters.oversize, device.counters.errors, device.counters.frames_in) == (1, 0, 1)
+
+    class Gone:
+        def recv(self, size: int) -> bytes:
+            raise OSError(100, "Network is down")
+
+        def close(self) -> None:
+            """Nothing."""
+
+    device._socket.close()
+    monkeypatch.setattr(device, "_socket", Gone())
+    assert device.read(once=True) == []
+    assert (device.counters.errors, device.trouble) == (1, "Network is down")
+    device.close()
+    assert device.read(once=True) == []
+    assert device.counters.errors == 1, "after the end nothing is a fault"

@@ -189,8 +189,8 @@ def waited_for_far(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[so
     Waiting in MAVProxy's place moves the clock of the test.
     """
 
-    def wait_by_the_clock(descriptors: list[int], ours: list[int], seconds: float) -> tuple[list[int], bool]:
-        found, others = readable(descriptors, ours, min(seconds, 1e-4))
+    def wait_by_the_clock(waiting: Any, ours: list[int], seconds: float) -> tuple[list[int], bool]:
+        found, others = readable(waiting, ours, min(seconds, 1e-4))
         if not found and not others:
             bench.clock.now += max(seconds, 0.0)
         return found, others

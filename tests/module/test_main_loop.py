@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.main_loop import readable, waited_for
+from mavproxy_handover.main_loop import poller, readable, waited_for
 from tests.module.conftest import Bench
 
 WAIT_S = 5.0
@@ -57,36 +57,42 @@ class TestWhatMavproxyWaitsFor:
 class TestReadable:
     def test_names_what_is_ours(self, pipe: tuple[int, int]) -> None:
         os.write(pipe[1], b"x")
-        assert readable([pipe[0]], [pipe[0]], WAIT_S) == ([pipe[0]], False)
+        assert readable(poller([pipe[0]]), [pipe[0]], WAIT_S) == ([pipe[0]], False)
 
     def test_anything_else_is_for_mavproxy_and_ours_is_named_all_the_same(self, pipe: tuple[int, int]) -> None:
         other = os.pipe()
         for _end, entry in (pipe, other):
             os.write(entry, b"x")
-        assert readable([pipe[0], other[0]], [pipe[0]], WAIT_S) == ([pipe[0]], True)
-        assert readable([other[0]], [pipe[0]], WAIT_S) == ([], True)
+        assert readable(poller([pipe[0], other[0]]), [pipe[0]], WAIT_S) == ([pipe[0]], True)
+        assert readable(poller([other[0]]), [pipe[0]], WAIT_S) == ([], True)
         for end in other:
             os.close(end)
 
     def test_waits_no_longer_than_it_may(self, pipe: tuple[int, int]) -> None:
-        assert readable([pipe[0]], [pipe[0]], 0.001) == ([], False)
+        assert readable(poller([pipe[0]]), [pipe[0]], 0.001) == ([], False)
 
     @pytest.mark.parametrize("seconds", [0.0, -1.0])
     def test_looks_without_waiting_when_time_is_up(self, pipe: tuple[int, int], seconds: float) -> None:
-        assert readable([pipe[0]], [pipe[0]], seconds) == ([], False)
+        assert readable(poller([pipe[0]]), [pipe[0]], seconds) == ([], False)
         os.write(pipe[1], b"x")
-        assert readable([pipe[0]], [pipe[0]], seconds) == ([pipe[0]], False)
+        assert readable(poller([pipe[0]]), [pipe[0]], seconds) == ([pipe[0]], False)
 
     @pytest.mark.parametrize("descriptor", [-1, 1 << 20], ids=["none", "beyond select"])
     def test_a_descriptor_that_is_none_raises_nothing(self, descriptor: int) -> None:
-        assert readable([descriptor], [descriptor], 0.001) == ([], True)
+        assert readable(poller([descriptor]), [descriptor], 0.001) == ([], True)
 
     def test_nor_does_one_that_is_closed(self, pipe: tuple[int, int]) -> None:
         os.close(pipe[0])
-        assert readable([pipe[0]], [pipe[0]], 0.001) == ([], True)
+        assert readable(poller([pipe[0]]), [pipe[0]], 0.001) == ([], True)
+
+    def test_is_told_in_seconds_and_waits_in_milliseconds(self) -> None:
+        told: list[float] = []
+        waiting: Any = SimpleNamespace(poll=lambda milliseconds: told.append(milliseconds) or [])
+        assert readable(waiting, [], 0.05) == ([], False)
+        assert told == [50.0]
 
     def test_without_anything_to_wait_for_it_does_not_wait(self) -> None:
-        assert readable([], [], WAIT_S) == ([], True)
+        assert readable(poller([]), [], WAIT_S) == ([], True)
 
 
 class TestTheModule:

@@ -737,3 +737,10 @@ def test_a_new_key_starts_afresh_after_stamps_from_a_clock_far_ahead() -> None:
     rotated.restore(peer.state())
     assert rotated.check(heartbeat(MIDNIGHT, key=OTHER_KEY), MIDNIGHT_UTC_S, 0.0) is TOO_OLD
     assert rotated.check(heartbeat(MIDNIGHT, key=KEY), MIDNIGHT_UTC_S, 0.0) is OK
+
+
+def test_a_stamp_that_was_proven_holds_though_the_monotonic_clock_should_go_back() -> None:
+    clock = SigningClock()
+    clock.follow(900_000, 10.0)
+    clock.follow(500_000, 5.0)
+    assert clock.next(0.0, 5.0) == 900_000
