@@ -163,9 +163,8 @@ _crc_of: Callable[[bytes, int], int] | None = getattr(mavcrc, "mcrf4xx", None)
 
 
 def _crc_fits(raw: bytes, end: int, crc_extra: bytes) -> bool:
-    data = raw[1:end] + crc_extra
-    crc = mavcrc.x25crc(data).crc if _crc_of is None else _crc_of(data, 0xFFFF)
-    return bool(crc == raw[end] | raw[end + 1] << 8)
+    data = raw[1:end] + crc_extra + raw[end : end + CRC_BYTES]  # with its CRC behind it, any data has the CRC 0
+    return not (mavcrc.x25crc(data).crc if _crc_of is None else _crc_of(data, 0xFFFF))
 
 
 def _frame_length(data: bytes, start: int) -> int:
@@ -208,6 +207,9 @@ def _build(raw: bytes, definition: _Definition | None) -> Frame:
     return Frame(raw, version, _message_id(raw, 0), sysid, compid, seq, signed, payload, definition is not None)
 
 
+_new: Final = tuple.__new__
+
+
 def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
     """The frame that `raw` holds from its first byte to its last, or None.
 
@@ -221,10 +223,12 @@ def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
         length, flags = raw[1], raw[2]
         end = HEADER_V2 + length
         signed = flags == FLAG_SIGNED
-        if size != end + (CRC_BYTES + SIGNATURE_BYTES if signed else CRC_BYTES) or flags & ~FLAG_SIGNED:
+        if size != end + (CRC_BYTES + SIGNATURE_BYTES if signed else CRC_BYTES) or (flags and not signed):
             return None
         seq, sysid, compid = raw[4], raw[5], raw[6]
-        msgid = raw[7] | raw[8] << 8 | raw[9] << 16
+        msgid = raw[7]
+        if raw[8] or raw[9]:
+            msgid |= raw[8] << 8 | raw[9] << 16
         definition = _DEFINITIONS.get(msgid)
         payload = raw[HEADER_V2:end]
         if definition is None:
@@ -234,7 +238,7 @@ def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
         if length != definition.length:
             payload = (payload + definition.padding)[: definition.length]
         # what Frame(...) does, without its function in between
-        return tuple.__new__(Frame, (raw, 2, msgid, sysid, compid, seq, signed, payload, True))
+        return _new(Frame, (raw, 2, msgid, sysid, compid, seq, signed, payload, True))
     if size < HEADER_V1 + CRC_BYTES or raw[0] != MAGIC_V1 or _frame_length(raw, 0) != size or _too_long(raw, 0):
         return None
     definition = _DEFINITIONS.get(raw[5])
