@@ -63,7 +63,8 @@ __all__ = ["Companion"]
 JOURNAL_S = 0.2
 _START = mavlink.MAV_CMD_MISSION_START
 _CONTROL_STATUS = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
-_OURS = frozenset(mavlink.mavlink_map.values())
+#: messages whose CRC pymavlink has checked, and by our own definitions, unless it is told not to (MAV_IGNORE_CRC)
+_CHECKED = frozenset(() if getattr(mavlink, "MAVLINK_IGNORE_CRC", False) else mavlink.mavlink_map.values())
 _CHANGES = frozenset((Access.COMMAND, Access.SAFEGUARD))
 #: of the commander's frames, what may come often and is noted with the next tick (see `_note_passed`)
 _FREQUENT = frozenset((Access.READ, Access.STREAM))
@@ -280,8 +281,7 @@ class Companion:
 
     def on_autopilot(self, message: Any, now: float) -> None:
         """A message that MAVProxy received from the vehicle's side."""
-        # MAVProxy has checked the CRC of what it knows by our own definitions
-        frame = parse_one(message.get_msgbuf(), proven=type(message) in _OURS)
+        frame = parse_one(message.get_msgbuf(), proven=type(message) in _CHECKED)
         if frame is None:
             return
         if frame.sysid == self._sysid and frame.known:

@@ -155,10 +155,10 @@ class UdpOut(_Udp):
             except OSError as error:
                 self._not_received(error)
                 return []
-            if len(data) <= _DATAGRAM_BYTES:
-                return self._peer_frames(data)
-            self.counters.oversize += 1
-            return []
+            if len(data) > _DATAGRAM_BYTES:
+                self.counters.oversize += 1
+                data = b""
+            return self._peer_frames(data)
         frames: list[Frame] = []
         looked_at = 0
         for _ in range(_TAKEN):

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import os
 import random
+import subprocess
+import sys
 from typing import Any
 
 import pytest
@@ -165,6 +168,16 @@ def test_what_mavproxy_did_not_check_by_our_definitions_is_checked_here(flight: 
     flight.run(0.1)
     assert len(flight.a.got("ATTITUDE")) == 1
     assert flight.companion.faults == {}
+
+
+def test_what_pymavlink_was_told_not_to_check_is_checked_here() -> None:
+    script = "from mavproxy_handover.companion import _CHECKED; print(len(_CHECKED))"
+    plain = {name: value for name, value in os.environ.items() if name != "MAV_IGNORE_CRC"}
+    checked = [
+        int(subprocess.run([sys.executable, "-c", script], env=env, check=True, capture_output=True, text=True).stdout)
+        for env in (plain, plain | {"MAV_IGNORE_CRC": "1"})
+    ]
+    assert checked == [len(mavlink.mavlink_map), 0]
 
 
 def test_an_observer_gets_the_answer_to_what_it_asked_and_no_other(flight: Bench) -> None:
