@@ -103,7 +103,6 @@ class Companion:
         #: the arbiter's next deadline; it moves with events only
         self._deadline: float | None = None
         self._deadline_known = False
-        self._sysid = config.sysid
         self._write_autopilot = write_autopilot
         self._voice = Voice(config.sysid, write_autopilot, ports)
         narrator = self._narrator = Narrator(config.name, journal, self.arbiter, show, lambda: self.view.phase)
@@ -284,7 +283,7 @@ class Companion:
         frame = parse_one(message.get_msgbuf(), proven=type(message) in _CHECKED)
         if frame is None:
             return
-        if frame.sysid == self._sysid and frame.known:
+        if frame.sysid == self.config.sysid and frame.known:
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.second_manager(frame)
                 return

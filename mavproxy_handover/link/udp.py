@@ -133,9 +133,7 @@ class _Udp(Device):
             self._failed(error)
             return self._refused()
         self.trouble = ""
-        self.counters.frames_out += 1
-        self.counters.bytes_out += len(data)
-        return True
+        return self._sent(data)
 
 
 class UdpOut(_Udp):

@@ -207,9 +207,6 @@ def _build(raw: bytes, definition: _Definition | None) -> Frame:
     return Frame(raw, version, _message_id(raw, 0), sysid, compid, seq, signed, payload, definition is not None)
 
 
-_new: Final = tuple.__new__
-
-
 def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
     """The frame that `raw` holds from its first byte to its last, or None.
 
@@ -238,7 +235,7 @@ def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
         if length != definition.length:
             payload = (payload + definition.padding)[: definition.length]
         # what Frame(...) does, without its function in between
-        return _new(Frame, (raw, 2, msgid, sysid, compid, seq, signed, payload, True))
+        return tuple.__new__(Frame, (raw, 2, msgid, sysid, compid, seq, signed, payload, True))
     if size < HEADER_V1 + CRC_BYTES or raw[0] != MAGIC_V1 or _frame_length(raw, 0) != size or _too_long(raw, 0):
         return None
     definition = _DEFINITIONS.get(raw[5])
