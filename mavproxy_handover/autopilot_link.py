@@ -43,9 +43,8 @@ class AutopilotLink:
         self._find = find
         self._peer = peer
         self._master: Any = None
-        #: the port behind the link, and whether it is a serial line (to ask takes long)
-        self._port: Any = None
-        self._is_serial = False
+        #: the serial line behind the link, if there is one
+        self._line: serial.Serial | None = None
         #: what was written, and when (UTC s)
         self._log: list[tuple[float, bytes]] = []
         self._log_at = 0.0
@@ -53,6 +52,8 @@ class AutopilotLink:
     def choose(self) -> None:
         """Ask MAVProxy anew which link leads to the autopilot."""
         self._master = self._find()
+        port = getattr(self._master, "port", None)
+        self._line = port if isinstance(port, serial.Serial) and hasattr(port, "fd") else None
 
     def write(self, data: bytes) -> None:
         """Send a frame. Without a link it is gone; whatever a link raises is passed on."""
@@ -60,12 +61,18 @@ class AutopilotLink:
             data = self._peer.sign(data, _LINK_ID, time.time(), time.monotonic()) or data
         if self._master not in self._mpstate.mav_master:
             self.choose()
-        master = self._master
+        master, line = self._master, self._line
         if master is None:  # after `link remove`
             return
-        rest = self._to_serial_line(master, data)
-        if rest:
-            master.write(rest)
+        taken = 0
+        # a line that was closed under its link: the number may be another file's by now
+        if line is not None and line is master.port and line.fd == master.fd and not master.portdead:
+            try:
+                taken = os.write(master.fd, data)
+            except (OSError, TypeError):  # full, unplugged, or just being opened again
+                taken = 0
+        if taken != len(data):
+            master.write(data[taken:])
         self._log.append((time.time(), data))
 
     def tick(self, now: float) -> None:
@@ -80,16 +87,3 @@ class AutopilotLink:
         queue = getattr(self._mpstate, "logqueue", None)
         if frames and queue:
             queue.put(b"".join(_STAMP.pack(int(at * 1e6)) + data for at, data in frames))
-
-    def _to_serial_line(self, master: Any, data: bytes) -> bytes:
-        """Write to a link's serial line what it takes now; the rest, which is all of it where there is no such line."""
-        port = getattr(master, "port", None)
-        if port is not self._port:
-            self._port, self._is_serial = port, isinstance(port, serial.Serial)
-        # a port that was closed under its link: the number may be another file's by now
-        if not self._is_serial or master.portdead or getattr(port, "fd", None) != master.fd:
-            return data
-        try:
-            return data[os.write(master.fd, data) :]
-        except (OSError, TypeError):  # full, unplugged, or just being opened again
-            return data

@@ -15,6 +15,7 @@ from __future__ import annotations
 import traceback
 from collections import Counter
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -70,6 +71,8 @@ _CHANGES = frozenset((Access.COMMAND, Access.SAFEGUARD))
 _FREQUENT = frozenset((Access.READ, Access.STREAM))
 #: frames that wait to be noted, at most
 _UNNOTED = 512
+#: no time: the arbiter is to be asked
+_UNKNOWN = -inf
 #: what changes the mission at the autopilot behind the companion's back
 _MISSION_WRITES = ("MISSION_COUNT", "MISSION_CLEAR_ALL", "MISSION_WRITE_PARTIAL_LIST", "FILE_TRANSFER_PROTOCOL/")
 
@@ -100,9 +103,8 @@ class Companion:
         self.arbiter = Arbiter(Identity(config.name, stations, config.parent, nonce), config.limits, restored)
         self.view = self.arbiter.view
         self.failed = False
-        #: the arbiter's next deadline; it moves with events only
-        self._deadline: float | None = None
-        self._deadline_known = False
+        #: the arbiter's next deadline, inf if it has none; it moves with events only
+        self._due_at = _UNKNOWN
         self._write_autopilot = write_autopilot
         self._voice = Voice(config.sysid, write_autopilot, ports)
         narrator = self._narrator = Narrator(config.name, journal, self.arbiter, show, lambda: self.view.phase)
@@ -153,7 +155,8 @@ class Companion:
             frame, signature = port.rejected.popleft()
             what = classify(frame).what  # words for people, of somebody who is not known to be the station
             self._narrator.refused(port, (port.sysid, frame.msgid, signature), what, signature.value, False, now)
-        if self._arbiter_is_due(now):  # after a stall: nothing is judged by authority that has run out
+        # after a stall: nothing is judged by authority that has run out
+        if now >= self._due_at and self._arbiter_is_due(now):
             if self.position_waits:  # a position that came before counts before, too
                 self.check_zones(now)
             self.handle(events.Tick(), now)
@@ -319,14 +322,14 @@ class Companion:
     def _arbiter_is_due(self, now: float) -> bool:
         if self.failed:
             return False
-        if not self._deadline_known:
+        if self._due_at == _UNKNOWN:
             try:
-                self._deadline = self.arbiter.next_deadline()
+                deadline = self.arbiter.next_deadline()
             except Exception:
                 self.fail_closed(f"arbiter failed on its deadline: {traceback.format_exc(limit=-3)}", now)
                 return False
-            self._deadline_known = True
-        return self._deadline is not None and now >= self._deadline
+            self._due_at = inf if deadline is None else deadline
+        return now >= self._due_at
 
     def _send_lease(self, now: float) -> None:
         if not self.failed:
@@ -359,7 +362,7 @@ class Companion:
         if self.failed:
             return
         self._note_passed()
-        self._deadline_known = False
+        self._due_at = _UNKNOWN
         try:
             actions = self.arbiter.handle(event, now)
         except Exception:

@@ -205,7 +205,7 @@ class HandoverModule(mp_module.MPModule):
                 self.companion.on_station(port, frames, now)
         except Exception:
             self.companion.fault("link", traceback.format_exc(limit=-3))
-        if link.fileno() != self._watched[link][0]:
+        if not link.settled and link.fileno() != self._watched[link][0]:
             self._guarded("link", partial(self._watch, port, link))
 
     def _idle(self) -> None:

@@ -106,7 +106,7 @@ class StationPort:
 
     def write(self, data: bytes) -> None:
         """Send a frame on the best link."""
-        sealed = self._sealed(data)
+        sealed = data if self.peer is None else self._sealed(data)
         if sealed is not None:
             self._bundle.write(sealed)
 

@@ -39,6 +39,7 @@ __all__ = [
     "COMPANION_COMPID",
     "GUARD_STATUS_TUNNEL",
     "LEASE_TUNNEL",
+    "MESSAGE_ROWS",
     "MISSION_START",
     "Access",
     "Row",
@@ -122,7 +123,8 @@ _PART_DEFAULTS: Final = {
     _IDS["TUNNEL"]: _by_name(TUNNEL_RULES)[ANY],
 }
 
-_MESSAGE_ROWS: Final = _message_rows()
+#: Messages whose id alone decides.
+MESSAGE_ROWS: Final = _message_rows()
 _PART_ROWS: Final = _part_rows()
 _PARAMETER_IDS: Final = frozenset(_IDS[name] for name in PARAMETER_MESSAGES)
 
@@ -130,7 +132,7 @@ _PARAMETER_IDS: Final = frozenset(_IDS[name] for name in PARAMETER_MESSAGES)
 def classify(frame: Frame) -> Row:
     """The policy's row for a frame. Total: a frame without a row gets one whose `access` is None."""
     msgid = frame.msgid
-    row = _MESSAGE_ROWS.get(msgid)
+    row = MESSAGE_ROWS.get(msgid)
     if row is not None:
         return row
     if msgid == _FTP:

@@ -129,6 +129,8 @@ class Device(ABC):
         #: the last thing that went wrong, in words; empty while all is well
         self.trouble = ""
         self._clock = clock
+        #: `fileno` stays what it is until `close`
+        self.settled = False
         self._closed = False
 
     @abstractmethod

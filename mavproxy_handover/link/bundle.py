@@ -154,6 +154,7 @@ class LinkBundle:
         self._links = [
             _Link(device, LinkMonitor(device.device, interval_s, draw, limits or LinkLimits())) for device in devices
         ]
+        self._single = self._links[0] if len(devices) == 1 else None
         self._index = {id(device): number for number, device in enumerate(devices)}
         self._counts: Counter[tuple[int, int]] = Counter()
         self._best = 0
@@ -171,7 +172,7 @@ class LinkBundle:
         `once`: see `base.Device.read`.
         """
         frames = device.read(once)
-        if len(self._links) == 1 or not frames:
+        if self._single is not None or not frames:
             return frames
         number = self._index[id(device)]
         fresh = []
@@ -188,10 +189,12 @@ class LinkBundle:
 
         False: it answered a probe and is of no interest to anybody else.
         """
-        number = self._index[id(device)]
-        if len(self._links) > 1:
+        link = self._single
+        if link is None:
+            number = self._index[id(device)]
             self._remember(number, frame, now)
-        return not self._credit(self._links[number], frame, now)
+            link = self._links[number]
+        return not self._credit(link, frame, now)
 
     def bad_signature(self, device: LinkDevice, now: float) -> None:
         """The signature of a frame that came in on `device` does not hold, or is missing."""
@@ -241,8 +244,8 @@ class LinkBundle:
 
     def write(self, data: bytes) -> bool:
         """Send a frame the best way there is; False if no link took it."""
-        if len(self._links) == 1:
-            return self._links[0].device.write(data)
+        if self._single is not None:
+            return self._single.device.write(data)
         if not self._working or _is_heartbeat(data):
             return self.write_all(data)
         if self._links[self._best].device.write(data):

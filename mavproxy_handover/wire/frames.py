@@ -23,12 +23,11 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Callable
+from binascii import crc_hqx
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
-from pymavlink.generator import mavcrc
 
 __all__ = [
     "MAX_FRAME_BYTES",
@@ -40,6 +39,7 @@ __all__ = [
     "field_offset",
     "parse_one",
     "target",
+    "target_places",
 ]
 
 MAGIC_V1: Final = 0xFE
@@ -127,6 +127,15 @@ _FIELDS: Final[dict[int, dict[str, slice]]] = {msgid: _fields(cls) for msgid, cl
 _DEFINITIONS: Final[dict[int, _Definition]] = {msgid: _definition(cls) for msgid, cls in mavlink.mavlink_map.items()}
 
 
+def target_places(msgid: int) -> tuple[int, int | None, int | None]:
+    """Length of a message's payload, and where target system and component are in it, if it has them.
+
+    KeyError if the dialect lacks the message.
+    """
+    definition = _DEFINITIONS[msgid]
+    return definition.length, definition.target_system, definition.target_component
+
+
 def field_offset(msgid: int, field: str) -> int:
     """Where a field begins in the payload, in bytes. KeyError if the dialect lacks message or field."""
     offset: int = _FIELDS[msgid][field].start
@@ -158,13 +167,14 @@ def target(frame: Frame) -> tuple[int, int] | None:
     return payload[definition.target_system], 0 if component is None else payload[component]
 
 
-#: pymavlink's CRC without the object around it, where pymavlink has one that is not written in Python
-_crc_of: Callable[[bytes, int], int] | None = getattr(mavcrc, "mcrf4xx", None)
+#: Every byte with its bits in reverse. MAVLink's CRC (CRC-16/MCRF4XX) is the one of the standard library with the bits
+#: of each byte, and of itself, in reverse.
+_REVERSED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 def _crc_fits(raw: bytes, end: int, crc_extra: bytes) -> bool:
     data = raw[1:end] + crc_extra + raw[end : end + CRC_BYTES]  # with its CRC behind it, any data has the CRC 0
-    return not (mavcrc.x25crc(data).crc if _crc_of is None else _crc_of(data, 0xFFFF))
+    return not crc_hqx(data.translate(_REVERSED), 0xFFFF)
 
 
 def _frame_length(data: bytes, start: int) -> int:

@@ -358,9 +358,17 @@ class SignedPeer:
             )
             for key in self._keys
         ]
+        #: outside a rotation there is nothing to choose
+        self._only = self._verifiers[0] if previous is None else None
         self._current_seen = False
         self._in_use = 0
-        self.behind_s = 0.0  #: see `Verifier.behind_s`
+        #: who found a frame TOO_OLD last
+        self._behind = self._verifiers[0]
+
+    @property
+    def behind_s(self) -> float:
+        """See `Verifier.behind_s`."""
+        return self._behind.behind_s
 
     @property
     def uses_previous(self) -> bool:
@@ -369,6 +377,8 @@ class SignedPeer:
 
     def check(self, frame: Frame, now_utc_s: float, now_s: float) -> SignatureVerdict:
         """The verdict on a frame from this peer."""
+        if self._only is not None:
+            return self._only.check(frame, now_utc_s, now_s)
         verdict = SignatureVerdict.BAD
         for verifier in self._verifiers:
             verdict = verifier.check(frame, now_utc_s, now_s)
@@ -376,7 +386,7 @@ class SignedPeer:
                 self._current_seen = self._current_seen or verifier is self._verifiers[0]
                 self._in_use = 0 if self._current_seen else 1
             elif verdict is SignatureVerdict.TOO_OLD:
-                self.behind_s = verifier.behind_s
+                self._behind = verifier
             if verdict is not SignatureVerdict.BAD:
                 break
         return verdict

@@ -129,6 +129,22 @@ def outcome(frame: Frame, station: StationIdentity, view: AuthorityView = COMMAN
     return judge(frame, station, view, VEHICLE)
 
 
+@pytest.mark.parametrize("name", ["MANUAL_CONTROL", "COMMAND_LONG", "HEARTBEAT"])
+def test_the_vehicle_s_id_is_nobody_s_whatever_a_station_is_said_to_speak_for(
+    make: Callable[..., Frame], name: str
+) -> None:
+    greedy = StationIdentity(GCSA, frozenset((VEHICLE,)))
+    verdict = outcome(make(name, sysid=VEHICLE), greedy)
+    assert (verdict.action, verdict.reason) == (Action.DROP, GateReason.SPOOFED_VEHICLE)
+
+
+def test_a_frame_with_less_payload_than_its_message_has_is_judged_all_the_same(make: Callable[..., Frame]) -> None:
+    frame = make("RC_CHANNELS_OVERRIDE", sysid=GCSA)
+    for length in range(len(frame.payload)):
+        verdict = outcome(frame._replace(payload=frame.payload[:length]), A)
+        assert (verdict.action, verdict.reason) == (Action.FORWARD, GateReason.ALLOWED)
+
+
 def test_a_stop_from_a_station_that_does_not_command_is_refused(make: Callable[..., Frame]) -> None:
     for command, what in (
         (193, "MAV_CMD_DO_PAUSE_CONTINUE"),

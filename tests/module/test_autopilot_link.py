@@ -128,12 +128,16 @@ def test_a_link_that_is_no_serial_line_is_written_to_by_mavproxy() -> None:
     assert master.written == [FRAME]
 
 
-def test_a_link_that_changes_its_port_is_looked_at_again(line: Line) -> None:
+def test_a_link_that_changes_its_port_is_written_to_by_mavproxy_until_it_is_looked_at_again(line: Line) -> None:
     serial_port = line.master.port
     link = link_to(line.master)
     for port, there in ((object(), False), (serial_port, True), (None, False)):
         line.master.port = port
         line.master.written.clear()
+        link.write(FRAME)
+        assert (line.arrived(), line.master.written) == (b"", [FRAME])
+        line.master.written.clear()
+        link.choose()
         link.write(FRAME)
         assert (line.arrived(), line.master.written) == ((FRAME, []) if there else (b"", [FRAME]))
 

@@ -7,6 +7,7 @@ The devices themselves are tested in tests/link.
 
 from __future__ import annotations
 
+import select
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -206,6 +207,11 @@ def test_mavproxy_waits_for_the_descriptor_that_a_link_has_now(bench: Bench) -> 
     assert second.fileno() in state.select_extra
     assert len(state.select_extra) == 3
     accepted.close()
+    descriptor = second.fileno()
+    function, argument = state.select_extra[descriptor]
+    assert select.select([descriptor], [], [], 5.0)[0]
+    function(argument)  # as MAVProxy does
+    assert descriptor not in state.select_extra  # at once: the number may be another file's in the next round
     run_until(connected=False)
     assert len(state.select_extra) == 2
     assert first.fileno() in state.select_extra

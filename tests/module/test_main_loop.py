@@ -283,8 +283,10 @@ class TestTheModule:
     ) -> None:
         bench, _far = busy
         function, argument = self.handler(bench)
+        link = bench.companion.ports[251].links[0]
         with monkeypatch.context() as broken:
-            broken.setattr(bench.companion.ports[251].links[0], name, lambda *_: 1 / 0)
+            broken.setattr(link, "settled", False)
+            broken.setattr(link, name, lambda *_: 1 / 0)
             function(argument)
         assert bench.companion.faults["link"] >= 1
         bench.run(1.0)

@@ -7,5 +7,15 @@ from __future__ import annotations
 __all__ = ["KNOWN_SURVIVORS"]
 
 KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
+    "judge": dict.fromkeys(
+        (
+            "judge: return dropped: return commander if station.sysid == view.commander else others",
+            "judge: comparison turned: len(payload) >= length",
+            "judge: and/or swapped: payload[system] == vehicle_sysid or not payload[system]",
+            "_usual_by_id: comparison turned: row.access in same",
+            "_usual_by_id: comparison turned: outcome(access, True, False) == outcome(access, True, True)",
+        ),
+        "more frames than need be take the long way, _decide, which finds the same",
+    ),
     "explain": {"markdown_table: number one more: 0": "every line of a table has as many cells as the first"},
 }

@@ -63,6 +63,7 @@ def survivors() -> tuple[int, list[str]]:
         mapping = target if isinstance(target, dict) else vars(target)
         before = mapping[key]
         mapping[key] = value
+        vars(judge)["_USUAL"] = judge._usual_by_id()
         try:
             yield
         finally:
@@ -78,10 +79,10 @@ def survivors() -> tuple[int, list[str]]:
                 alive.append(name)
 
     others: Callable[[Any], list[Access]] = lambda access: [a for a in Access if a is not access]  # noqa: E731
-    for msgid, row in policy._MESSAGE_ROWS.items():
+    for msgid, row in policy.MESSAGE_ROWS.items():
         for access in others(row.access):
             mutant = replace(row, access=access)
-            judge_mutant(f"{row.what} as {access.value}", policy._MESSAGE_ROWS, msgid, mutant, by_row[row.what])
+            judge_mutant(f"{row.what} as {access.value}", policy.MESSAGE_ROWS, msgid, mutant, by_row[row.what])
     for rows in policy._PART_ROWS.values():
         for part, row in rows.items():
             for access in others(row.access):
