@@ -2,7 +2,8 @@
 
 """What it costs to give the vehicle's stream to the stations: processor time a second, idle loop and all.
 
-The baseline is a stock MAVProxy with one `--out` a station. Ours does more in one respect (zone check at every
+The baseline is a stock MAVProxy with one `--out` a station: with ours' few modules, and, for two stations, also as it
+comes, with the modules that it loads by itself. Ours does more in one respect (zone check at every
 position, lease, authority and control status) and less in another (an observer gets a part of the stream): both are in
 the numbers, and what each station got stands beside them.
 """
@@ -65,8 +66,10 @@ def _turn(rig: Rig, proxy: Proxy, stream: int, seconds: float) -> _Turn:
 class Study:
     """All streams of the plan, in turns, over several starts of the processes."""
 
-    def __init__(self, plan: Plan, stations: int) -> None:
+    def __init__(self, plan: Plan, stations: int, as_it_comes: bool = False) -> None:
+        """`as_it_comes`: the rigs' stock MAVProxy is."""
         self._plan = plan
+        self._stock = "as it comes" if as_it_comes else "our modules"
         self._stations = stations
         self._turns: dict[int, list[tuple[_Turn, _Turn]]] = {stream: [] for stream in plan.streams}
 
@@ -78,7 +81,7 @@ class Study:
                 found = {ours: _turn(rig, rig.ours if ours else rig.baseline, stream, seconds) for ours in order}
                 turns.append((found[True], found[False]))
         ratios = ", ".join(f"{compare(self.pairs(stream)).ratio:.2f}" for stream in self._turns)
-        return f"{self._stations} stations, CPU ratio so far: {ratios}"
+        return f"{self._stations} stations, stock {self._stock}, CPU ratio so far: {ratios}"
 
     def pairs(self, stream: int) -> list[Pair]:
         """All pairs of one stream, milliseconds a second."""
@@ -96,7 +99,7 @@ class Study:
                 "downlink",
                 "CPU per second",
                 "ms/s",
-                {"stations": self._stations, "frames_per_s": stream},
+                {"stations": self._stations, "frames_per_s": stream, "stock": self._stock},
                 compare(self.pairs(stream)),
                 limit=CPU_RATIO if self._stations == 2 else None,
                 details={"frames_per_s_delivered": delivered},

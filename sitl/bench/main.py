@@ -36,7 +36,8 @@ class Plans:
     starts: tuple[int, int]
     uplink: uplink.Plan
     downlink: downlink.Plan
-    stations: tuple[int, ...]
+    #: number of stations, and whether the stock MAVProxy is as it comes
+    downlinks: tuple[tuple[int, bool], ...]
     zones: zones.Plan
     loopback: int
     loopback_limit_s: float
@@ -50,7 +51,7 @@ FULL = Plans(
     (2, 3),
     uplink.Plan({200: 4.2, 1000: 1.8}, 3.6, 2),
     downlink.Plan((50, 200), 2.5),
-    (2, 10),
+    ((2, False), (2, True), (10, False)),
     zones.Plan((2, 10, 100), (50, 1000), 0.2, 4, 8),
     300,
     120.0,
@@ -63,7 +64,7 @@ QUICK = Plans(
     (1, 1),
     uplink.Plan({1000: 0.9}, 0.9, 1),
     downlink.Plan((50,), 1.0),
-    (2,),
+    ((2, False),),
     zones.Plan((2, 10), (50,), 0.05, 1, 2),
     20,
     15.0,
@@ -96,10 +97,11 @@ def _uplink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
 
 def _downlink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
     least, most = plans.starts
-    for stations in plans.stations:
-        study = downlink.Study(plans.downlink, stations)
+    for stations, as_it_comes in plans.downlinks:
+        study = downlink.Study(plans.downlink, stations, as_it_comes)
+        name = f"downlink-{stations}{'-as-it-comes' if as_it_comes else ''}"
         for start in range(most):
-            with Rig(folder / f"downlink-{stations}-{start}", stations) as rig:
+            with Rig(folder / f"{name}-{start}", stations, as_it_comes=as_it_comes) as rig:
                 say(study.take(rig))
             if start + 1 >= least and study.settled():
                 break

@@ -3,8 +3,9 @@
 """Two MAVProxy processes under the same load: the companion, and a stock MAVProxy with one `--out` a station.
 
 Both are the installed MAVProxy with the same options (those of `handover companion`), the stock one without our module
-and with its own heartbeat. Each has an autopilot at a serial line (a pseudo-terminal) and stations of its own; the
-companion's parent commands, its mission is loaded, and its aircraft is in the air, in the parent's zone.
+and with its own heartbeat; if it is to be as it comes, with the modules that it loads by itself, too. Each has an
+autopilot at a serial line (a pseudo-terminal) and stations of its own; the companion's parent commands, its mission is
+loaded, and its aircraft is in the air, in the parent's zone.
 """
 
 from __future__ import annotations
@@ -143,13 +144,16 @@ class Proxy:
 class Rig:
     """Ours and the baseline, started and ready. Leaving the `with` block ends both."""
 
-    def __init__(self, folder: Path, stations: int, signing: bool = False) -> None:
-        """`signing`: every station signs with a key of its own; the companion checks, and signs what it gets."""
+    def __init__(self, folder: Path, stations: int, signing: bool = False, as_it_comes: bool = False) -> None:
+        """`signing`: every station signs with a key of its own; the companion checks, and signs what it gets.
+        `as_it_comes`: the stock MAVProxy loads its default modules."""
         self.loop = Loop()
         self._number = 0
         self._folder = folder
         self._processes = Processes()
         self._signing = signing
+        #: options of ours that the stock one does without
+        self._ours_alone = ("--cmd=", "--heartbeat=", *(("--default-modules=",) if as_it_comes else ()))
         self.ours = Proxy(self.loop, self._processes, folder / "ours", "companion", stations, signing)
         self.baseline = Proxy(self.loop, self._processes, folder / "baseline", "stock", stations, signing)
 
@@ -161,7 +165,7 @@ class Rig:
             stock = companion_argv(config, self._master(self.baseline), self._folder / "baseline" / "mav.tlog")
             self.ours.start(ours)
             self.ours.establish()
-            self.baseline.start([*(word for word in stock if not word.startswith(("--cmd=", "--heartbeat="))), *outs])
+            self.baseline.start([*(word for word in stock if not word.startswith(self._ours_alone)), *outs])
             self.baseline.fly()
             for proxy in (self.ours, self.baseline):
                 proxy.autopilot.model.stream(0)
