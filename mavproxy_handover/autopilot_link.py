@@ -8,7 +8,7 @@ Rules that live here:
    a second (`choose`), and at once when the link is no more.
 2. A serial line is written to directly as long as it takes all of a frame. pyserial looks at the line again after each
    write, which costs as much as the write itself. What the line does not take, and every fault, is for MAVProxy, which
-   waits, reports, and opens the line again.
+   waits, reports, and opens the line again. The new line is written to directly from the next choice of the link on.
 3. With a key of the autopilot, frames are signed here, once; ids and payload stay the sender's.
 4. What was written goes into MAVProxy's tlog too, as MAVProxy does with what it forwards itself. The way there leads
    through a pipe, which costs several times what a frame costs elsewhere, so all frames of LOG_S take it at once:
@@ -43,7 +43,7 @@ class AutopilotLink:
         self._find = find
         self._peer = peer
         self._master: Any = None
-        #: the serial line behind the link, if there is one
+        #: the serial line behind the link, if there is one and it has a descriptor (not so on Windows)
         self._line: serial.Serial | None = None
         #: what was written, and when (UTC s)
         self._log: list[tuple[float, bytes]] = []
@@ -64,13 +64,12 @@ class AutopilotLink:
         master, line = self._master, self._line
         if master is None:  # after `link remove`
             return
-        taken = 0
         # a line that was closed under its link: the number may be another file's by now
-        if line is not None and line is master.port and line.fd == master.fd and not master.portdead:
-            try:
-                taken = os.write(master.fd, data)
-            except (OSError, TypeError):  # full, unplugged, or just being opened again
-                taken = 0
+        usable = line is getattr(master, "port", None) and line is not None and line.fd == master.fd
+        try:
+            taken = os.write(master.fd, data) if usable and not master.portdead else 0
+        except (OSError, TypeError):  # full, unplugged, or just being opened again
+            taken = 0
         if taken != len(data):
             master.write(data[taken:])
         self._log.append((time.time(), data))

@@ -155,7 +155,7 @@ class Companion:
             frame, signature = port.rejected.popleft()
             what = classify(frame).what  # words for people, of somebody who is not known to be the station
             self._narrator.refused(port, (port.sysid, frame.msgid, signature), what, signature.value, False, now)
-        # after a stall: nothing is judged by authority that has run out
+        # after a stall: nothing is judged by authority that has run out. Nearly always the first comparison is all
         if now >= self._due_at and self._arbiter_is_due(now):
             if self.position_waits:  # a position that came before counts before, too
                 self.check_zones(now)

@@ -126,11 +126,11 @@ class _Window:
     left: int  #: messages that may still be an answer, if there are not many
 
 
-def _stays_aboard(frame: Frame, aim: tuple[int, int]) -> bool:
+def _stays_aboard(frame: Frame, aim: tuple[int, int] | None) -> bool:
     """Rule 1: lease, guard status, and what a component of the vehicle says to the companion."""
     if frame.msgid == _TUNNEL and field_int(frame, "payload_type") in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL):
         return True
-    return aim == (frame.sysid, COMPANION_COMPID)
+    return aim is not None and aim == (frame.sysid, COMPANION_COMPID)
 
 
 def _answers_to(frame: Frame) -> list[tuple[tuple[int, ...], bool]]:
@@ -181,10 +181,10 @@ class DownlinkPolicy:
         An answer that is one of many extends its window.
         """
         aim = target(frame)
-        if aim is not None:  # most frames are aimed at nobody
+        if aim is not None or frame.msgid == _TUNNEL:  # most frames are aimed at nobody
             if _stays_aboard(frame, aim):
                 return []
-            owner = self._owner.get(aim[0])
+            owner = None if aim is None else self._owner.get(aim[0])
             if owner is not None:
                 return [station for station in stations if station == owner]
         found = []

@@ -158,14 +158,19 @@ def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_s
     return Verdict(action, row.access, reason, row.what)
 
 
-def _usual(msgid: int, row: Row) -> tuple[int, int | None, int | None, Verdict, Verdict]:
+#: Length of the payload, where target system and component are in it, verdict on others' frames and the commander's.
+_Usual = tuple[int, int | None, int | None, Verdict, Verdict]
+
+
+def _usual(msgid: int, row: Row) -> _Usual:
     assert row.access is not None
+    # armed or not is the same here, see below
     found = (outcome(row.access, commands, armed=True) for commands in (False, True))
     others, commander = (Verdict(action, row.access, reason, row.what) for action, reason in found)
     return (*target_places(msgid), others, commander)
 
 
-def _usual_by_id() -> dict[int, tuple[int, int | None, int | None, Verdict, Verdict]]:
+def _usual_by_id() -> dict[int, _Usual]:
     same = [access for access in Access if outcome(access, True, False) == outcome(access, True, True)]
     return {
         msgid: _usual(msgid, row)
@@ -174,9 +179,8 @@ def _usual_by_id() -> dict[int, tuple[int, int | None, int | None, Verdict, Verd
     }
 
 
-#: What `_decide` finds for most frames, worked out beforehand: for messages whose id alone decides, armed or not.
-#: Length, where the target is, and the verdicts by rule 4 on another station's frame and on the commander's, if rules 1
-#: to 3 and 6 have nothing against it.
+#: What `_decide` finds for most frames, worked out beforehand: for messages whose id alone decides, armed or not. The
+#: verdicts are those of rule 4, for frames that rules 1 to 3 and 6 have nothing against.
 _USUAL: Final = _usual_by_id()
 
 

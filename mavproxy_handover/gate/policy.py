@@ -9,6 +9,7 @@ file one look at its path. Nothing is decided here.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -123,8 +124,8 @@ _PART_DEFAULTS: Final = {
     _IDS["TUNNEL"]: _by_name(TUNNEL_RULES)[ANY],
 }
 
-#: Messages whose id alone decides.
-MESSAGE_ROWS: Final = _message_rows()
+#: Messages whose id alone decides. `judge` takes them up once, at import.
+MESSAGE_ROWS: Final[Mapping[int, Row]] = _message_rows()
 _PART_ROWS: Final = _part_rows()
 _PARAMETER_IDS: Final = frozenset(_IDS[name] for name in PARAMETER_MESSAGES)
 

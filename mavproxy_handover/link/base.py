@@ -10,8 +10,8 @@ Rules that live here:
 2. One `read` does a bounded amount of work, so that one flooded link cannot keep the others waiting.
 3. `write` takes a whole frame or nothing of it. What cannot be sent now is refused, never kept for later: old
    telemetry is worth nothing, and the protocols above repeat what matters.
-4. What `fileno` names stays open until the next `read`; ask again after each. It is -1 while there is nothing to wait
-   for.
+4. What `fileno` names stays open until the next `read`; ask again after each, but for a device that is `settled`. It is
+   -1 while there is nothing to wait for.
 """
 
 from __future__ import annotations
@@ -123,14 +123,15 @@ class OutBuffer:
 class Device(ABC):
     """One link. See the module's rules."""
 
+    #: `fileno` stays what it is until `close`
+    settled = False
+
     def __init__(self, device: str, clock: Clock = time.monotonic) -> None:
         self.device = device
         self.counters = LinkCounters()
         #: the last thing that went wrong, in words; empty while all is well
         self.trouble = ""
         self._clock = clock
-        #: `fileno` stays what it is until `close`
-        self.settled = False
         self._closed = False
 
     @abstractmethod

@@ -62,9 +62,10 @@ _ALL, _NOTHING = 0xFFFFFFFF, 0
 
 
 class _Udp(Device):
+    settled = True
+
     def __init__(self, spec: DeviceSpec, clock: Clock) -> None:
         super().__init__(spec.text, clock)
-        self.settled = True
         self._peer: Address | None = None
         #: nobody but the peer gets through to the socket
         self._peer_alone = False

@@ -126,6 +126,15 @@ def test_lease_and_guard_status_never_leave_the_vehicle(
     assert hearers(policy, frame, TRANSFER) == []
 
 
+@pytest.mark.parametrize("payload_type", [47116, 47117])
+def test_lease_and_guard_status_stay_aboard_though_their_end_is_missing(
+    policy: DownlinkPolicy, say: Make, payload_type: int
+) -> None:
+    frame = say("TUNNEL", payload_type=payload_type)
+    for length in (2, 4, 20, len(frame.payload) - 1):
+        assert hearers(policy, frame._replace(payload=frame.payload[:length]), MISSION) == []
+
+
 def test_other_tunnels_are_the_commanders(policy: DownlinkPolicy, say: Make) -> None:
     assert hearers(policy, say("TUNNEL", payload_type=200), MISSION) == [GCSA]
 

@@ -13,7 +13,10 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate import judge as gate_judge
+from mavproxy_handover.gate.access import Access
 from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.policy import MESSAGE_ROWS, Row
 from mavproxy_handover.wire.frames import Frame, FrameSplitter, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, Verifier, sign, timestamp_of
 from tests.gate.frames import ftp_request
@@ -127,6 +130,16 @@ COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
 
 def outcome(frame: Frame, station: StationIdentity, view: AuthorityView = COMMANDED_BY_A) -> Verdict:
     return judge(frame, station, view, VEHICLE)
+
+
+def test_no_verdict_is_worked_out_beforehand_where_arming_or_the_sender_s_heartbeat_matters(
+    make: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    manual, beat = make("MANUAL_CONTROL").msgid, make("HEARTBEAT").msgid
+    assert manual in gate_judge._usual_by_id()
+    rows = {**MESSAGE_ROWS, manual: Row("MANUAL_CONTROL", Access.SAFEGUARD)}
+    monkeypatch.setattr(gate_judge, "MESSAGE_ROWS", rows)
+    assert sorted(gate_judge._usual_by_id()) == sorted(set(rows) - {manual, beat})
 
 
 @pytest.mark.parametrize("name", ["MANUAL_CONTROL", "COMMAND_LONG", "HEARTBEAT"])

@@ -12,8 +12,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "judge: return dropped: return commander if station.sysid == view.commander else others",
             "judge: comparison turned: len(payload) >= length",
             "judge: and/or swapped: payload[system] == vehicle_sysid or not payload[system]",
-            "_usual_by_id: comparison turned: row.access in same",
-            "_usual_by_id: comparison turned: outcome(access, True, False) == outcome(access, True, True)",
         ),
         "more frames than need be take the long way, _decide, which finds the same",
     ),

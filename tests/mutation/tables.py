@@ -68,6 +68,7 @@ def survivors() -> tuple[int, list[str]]:
             yield
         finally:
             mapping[key] = before
+            vars(judge)["_USUAL"] = judge._usual_by_id()
 
     total, alive = 0, []
 
