@@ -35,6 +35,8 @@ class Plans:
 
     starts: tuple[int, int]
     uplink: uplink.Plan
+    #: whether the stations sign, and whether the stock MAVProxy is as it comes
+    uplinks: tuple[tuple[bool, bool], ...]
     downlink: downlink.Plan
     #: number of stations, and whether the stock MAVProxy is as it comes
     downlinks: tuple[tuple[int, bool], ...]
@@ -50,6 +52,7 @@ class Plans:
 FULL = Plans(
     (2, 3),
     uplink.Plan({200: 4.2, 1000: 1.8}, 3.6, 2),
+    ((False, False), (True, False), (True, True)),
     downlink.Plan((50, 200), 2.5),
     ((2, False), (2, True), (10, False)),
     zones.Plan((2, 10, 100), (50, 1000), 0.2, 4, 8),
@@ -63,6 +66,7 @@ FULL = Plans(
 QUICK = Plans(
     (1, 1),
     uplink.Plan({1000: 0.9}, 0.9, 1),
+    ((False, False), (True, False)),
     downlink.Plan((50,), 1.0),
     ((2, False),),
     zones.Plan((2, 10), (50,), 0.05, 1, 2),
@@ -78,21 +82,24 @@ QUICK = Plans(
 def _uplink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
     least, most = plans.starts
     fastest = max(plans.uplink.rates)
-    for signing in ("off", "on"):
-        case = {"signing": signing}
+    for signs, as_it_comes in plans.uplinks:
+        signing, stock = "on" if signs else "off", "as it comes" if as_it_comes else "our modules"
+        case = {"signing": signing, "stock": stock}
         cpu = uplink.CpuStudy(plans.uplink, case)
         delay = uplink.DelayStudy(plans.uplink, case)
         alone = replace(plans.uplink, rates={fastest: plans.uplink.rates[fastest]})
-        observer = uplink.CpuStudy(alone, case, observer=True)
+        observer = None if as_it_comes else uplink.CpuStudy(alone, case, observer=True)
+        name = f"uplink-signing-{signing}{'-as-it-comes' if as_it_comes else ''}"
         for start in range(most):
-            with Rig(folder / f"uplink-signing-{signing}-{start}", 2, signing == "on") as rig:
-                say(f"signing {signing}, {cpu.take(rig)}; {delay.take(rig)}")
-                if start == 0:
+            with Rig(folder / f"{name}-{start}", 2, signs, as_it_comes) as rig:
+                say(f"signing {signing}, stock {stock}, {cpu.take(rig)}; {delay.take(rig)}")
+                if start == 0 and observer is not None:
                     say(f"signing {signing}, {observer.take(rig)}")
             if start + 1 >= least and cpu.settled():
                 break
         for study in (cpu, delay, observer):
-            yield from study.results()
+            if study is not None:
+                yield from study.results()
 
 
 def _downlink(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:

@@ -7,7 +7,8 @@ frames that were sent; both in many short slices one after the other, as what an
 machine by more than the frames cost; ours and the baseline in turns. Delay is from the station's
 `sendto` to the autopilot's `recv`, both in this process, for every frame; ours and the baseline at the same time,
 frame by frame, so what else the machine does hits both. It holds what sockets and this process add, on both sides
-alike. What a frame does to a busy loop is in both numbers: the aircraft's stream runs on, fifty frames a second.
+alike. What a frame does to a busy loop is in both numbers: the aircraft's stream runs on, fifty frames a second. The
+baseline has the few modules that ours has; with signing it is also taken as it comes, with those it loads by itself.
 """
 
 from __future__ import annotations
