@@ -106,7 +106,7 @@ class StationPort:
 
     def write(self, data: bytes) -> None:
         """Send a frame on the best link."""
-        sealed = data if self.peer is None else self._sealed(data)  # the whole downlink comes by here
+        sealed = self._sealed(data)
         if sealed is not None:
             self._bundle.write(sealed)
 

@@ -2,10 +2,10 @@
 
 """What it costs to give the vehicle's stream to the stations: processor time a second, idle loop and all.
 
-The baseline is a stock MAVProxy with one `--out` a station: with ours' few modules, and, for two stations, also as it
-comes, with the modules that it loads by itself. Ours does more in one respect (zone check at every
-position, lease, authority and control status) and less in another (an observer gets a part of the stream): both are in
-the numbers, and what each station got stands beside them.
+The baseline is a stock MAVProxy with one `--out` a station: with the few modules that ours has and, for two
+stations, also as it comes, with those it loads by itself. Ours does more in one respect (zone check at every position,
+lease, authority and control status) and less in another (an observer gets a part of the stream): both are in the
+numbers, and what each station got stands beside them.
 """
 
 from __future__ import annotations
