@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import Answer, Wish
 from gcs_module.view import telemetry_line
-from mavproxy_handover.dialogue import Ask, Conversation, Dialogue
-from mavproxy_handover.gate.tables import COMPANION_COMPID
+from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
+from mavproxy_handover.wire.conversation import Ask, Conversation, Dialogue
 
 if TYPE_CHECKING:
     from gcs_module.module import HandoverGcsModule

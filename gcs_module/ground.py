@@ -8,7 +8,7 @@ what can make a handover succeed that the vehicle has asked for.
 
 from __future__ import annotations
 
-from mavproxy_handover.config import StationConfig
+from mavproxy_handover.config.files import StationConfig
 from mavproxy_handover.link.devices import Device, LinkError, open_device
 from mavproxy_handover.wire.frames import Frame
 

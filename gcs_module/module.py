@@ -39,18 +39,24 @@ from gcs_module.ground import GroundLink
 from gcs_module.package_desk import PackageDesk
 from gcs_module.record import journal_message
 from gcs_module.signing import LinkSigning
+from gcs_module.uplink import UplinkChoice
 from gcs_module.view import View, telemetry_line
-from mavproxy_handover.config import ConfigError, StationConfig, config_argument, find_station_config, load_station
+from mavproxy_handover.config.files import (
+    ConfigError,
+    StationConfig,
+    config_argument,
+    find_station_config,
+    load_station,
+)
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import LeaseState, Phase
-from mavproxy_handover.gate.tables import COMPANION_COMPID
-from mavproxy_handover.journal import Journal
-from mavproxy_handover.keys import KeysError, load_key
+from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.link.devices import Device, LinkError
 from mavproxy_handover.link.timesync import PROBE_COMPID, probe_answer
-from mavproxy_handover.link.uplink import UplinkChoice
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one

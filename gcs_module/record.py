@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.journal import Journal
+from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.wire import codec
 
 __all__ = ["journal_message"]

@@ -12,7 +12,7 @@ from mavproxy_handover.core import events
 from mavproxy_handover.core.events import GuardState
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.link.devices import Device
-from mavproxy_handover.stations import StationPort
+from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["VehicleCommands"]

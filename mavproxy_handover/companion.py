@@ -20,42 +20,41 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover import broadcast
-from mavproxy_handover.aircraft import Aircraft
-from mavproxy_handover.autopilot import Copter
-from mavproxy_handover.autopilot_watch import AutopilotWatch
-from mavproxy_handover.changeover import Changeover
-from mavproxy_handover.config import VehicleConfig
-from mavproxy_handover.conversations import Conversations
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.changeover import Changeover
+from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter
+from mavproxy_handover.autopilot.orders import FlightOrders
+from mavproxy_handover.autopilot.preflight import Preflight
+from mavproxy_handover.autopilot.streams import Streams
+from mavproxy_handover.autopilot.telemetry import Telemetry
+from mavproxy_handover.autopilot.watch import AutopilotWatch
+from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.messages import Connect, ConnectAck
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Reason
-from mavproxy_handover.flight_orders import FlightOrders
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Action, Verdict, judge
 from mavproxy_handover.gate.observers import ObserverRates
-from mavproxy_handover.gate.policy import classify
+from mavproxy_handover.gate.policy.rows import classify
+from mavproxy_handover.gate.policy.tables import Access
 from mavproxy_handover.gate.questions import Questions
 from mavproxy_handover.gate.refusals import RefusalLimiter, refusal
-from mavproxy_handover.gate.tables import Access
-from mavproxy_handover.journal import Journal
-from mavproxy_handover.keys import load_key
 from mavproxy_handover.link.quality import LinkEvent
-from mavproxy_handover.loading import MissionLoader, MissionWriter
-from mavproxy_handover.memory import Memory
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
-from mavproxy_handover.operator_control import OperatorControl
-from mavproxy_handover.preflight import Preflight
+from mavproxy_handover.restart import Memory
 from mavproxy_handover.schedule import Schedule
-from mavproxy_handover.state_store import StateStore, recall
-from mavproxy_handover.stations import StationPort
-from mavproxy_handover.streams import Streams
-from mavproxy_handover.telemetry import Telemetry
-from mavproxy_handover.voice import AUTOPILOT, Voice
-from mavproxy_handover.wire import codec
+from mavproxy_handover.stations.operator_control import OperatorControl
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.stations.voice import AUTOPILOT, Voice
+from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.store.keys import load_key
+from mavproxy_handover.store.state import StateStore, recall
+from mavproxy_handover.wire import codec, status
+from mavproxy_handover.wire.conversations import Conversations
 from mavproxy_handover.wire.frames import Frame, parse_one
 
 __all__ = ["Companion"]
@@ -117,7 +116,7 @@ class Companion:
         #: frames that went to the autopilot and are not noted yet
         self._passed: list[tuple[StationPort, Frame, Verdict, float]] = []
         guard_key = None if config.guard_key is None else load_key(config.guard_key)
-        self._lease = broadcast.LeaseSequence(nonce, guard_key)
+        self._lease = status.LeaseSequence(nonce, guard_key)
         self._reason = Reason.NONE
         talks = self._conversations = Conversations(self._voice.to_autopilot, self.fault)
         self.preflight = Preflight(config.sysid, config.limits, talks, narrator.preflight)
@@ -137,7 +136,7 @@ class Companion:
         #: station, system and component that asked for START last
         self._start_asker = (0, 0, 0)
         jobs = [
-            ("send_lease", self._send_lease, broadcast.LEASE_INTERVAL_S),
+            ("send_lease", self._send_lease, status.LEASE_INTERVAL_S),
             ("send_authority_status", self._send_authority_status, 0.5),
             ("each_second", self._each_second, 1.0),
             ("journal", lambda _now: journal.flush(), JOURNAL_S),
@@ -337,13 +336,13 @@ class Companion:
 
     def _send_authority_status(self, now: float) -> None:
         guard = self.arbiter.guard(now)
-        self._voice.to_stations(broadcast.authority_status(self.view, self.arbiter.zone(), guard, self._reason))
+        self._voice.to_stations(status.authority_status(self.view, self.arbiter.zone(), guard, self._reason))
 
     def _each_second(self, now: float) -> None:
-        beat = broadcast.heartbeat(self.view)
+        beat = status.heartbeat(self.view)
         self._voice.to_autopilot(beat)
         self._voice.to_stations(beat)
-        self._voice.to_stations(broadcast.control_status(self.view))
+        self._voice.to_stations(status.control_status(self.view))
         self._telemetry.each_second(self.view, now)
         self._streams.each_second(self.aircraft, now)
         self._narrator.clock(now)
@@ -351,8 +350,8 @@ class Companion:
         self._missions.load_on_board(on_load and not self.view.armed and self.aircraft.position is not None, now)
         self._memory.save(self.arbiter.snapshot())
         grounded = on_load and not self.aircraft.armed and "start" not in self._conversations
-        status = self.autopilot.guard_status
-        firmware = None if status is None else status.firmware
+        word = self.autopilot.guard_status
+        firmware = None if word is None else word.firmware
         self.preflight.each_second(self.aircraft.heartbeat_at, grounded, self.arbiter.guard(now), firmware, now)
 
     # ---- the arbiter ----------------------------------------------------------------------------------------------
@@ -439,7 +438,7 @@ class Companion:
         self._narrator.view(view, action.reason)
         self._send_lease(now)
         self._send_authority_status(now)
-        self._voice.to_stations(broadcast.control_status(view))
+        self._voice.to_stations(status.control_status(view))
 
     def close(self) -> None:
         """Close links and journal."""

@@ -26,21 +26,27 @@ from typing import Any
 
 from MAVProxy.modules.lib import mp_module, mp_util
 
-from mavproxy_handover.autopilot_link import AutopilotLink
+from mavproxy_handover.autopilot.link import AutopilotLink
 from mavproxy_handover.commands import VehicleCommands
 from mavproxy_handover.companion import Companion
-from mavproxy_handover.config import ConfigError, VehicleConfig, config_argument, find_vehicle_config, load_vehicle
-from mavproxy_handover.journal import Journal
-from mavproxy_handover.keys import KeysError, load_key
+from mavproxy_handover.config.files import (
+    ConfigError,
+    VehicleConfig,
+    config_argument,
+    find_vehicle_config,
+    load_vehicle,
+)
 from mavproxy_handover.link.devices import Device, LinkError
 from mavproxy_handover.main_loop import STAY_S, TALKING_S, poller, readable, waited_for
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.replay import ReplayStore
 from mavproxy_handover.schedule import TICK_S, Schedule
-from mavproxy_handover.state_store import StateStore
-from mavproxy_handover.stations import StationPort, open_ports
+from mavproxy_handover.stations.port import StationPort, open_ports
+from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.store.replay import ReplayStore
+from mavproxy_handover.store.state import StateStore
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.signing import SignedPeer
 

@@ -13,15 +13,15 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any
 
-from mavproxy_handover.aircraft import Aircraft
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.preflight import Finding
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.model import AuthorityView, Phase, Reason
 from mavproxy_handover.gate.flush import Closing
-from mavproxy_handover.journal import Journal
 from mavproxy_handover.link.quality import LinkEvent
-from mavproxy_handover.preflight import Finding
-from mavproxy_handover.stations import StationPort
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.wire import codec
 
 __all__ = ["Narrator"]

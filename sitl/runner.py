@@ -20,10 +20,10 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.config import ConfigError
-from mavproxy_handover.keys import KeysError
+from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.store.keys import KeysError
 from sitl.evidence import Evidence
 from sitl.expect import ALWAYS, Verdict
 from sitl.journal_reader import Entry, JournalReader

@@ -20,9 +20,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.keys import key_path, write_key
-from mavproxy_handover.launch import companion_argv, station_argv
+from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
+from mavproxy_handover.store.keys import key_path, write_key
 from sitl.impairment import Weather
 from sitl.ports import LOOPBACK, PortPicker
 from sitl.scenario import Scenario

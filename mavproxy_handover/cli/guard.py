@@ -22,9 +22,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mavproxy_handover.durable import discard, sync_folder
-from mavproxy_handover.keys import KeysError, load_key
 from mavproxy_handover.resources import shipped
+from mavproxy_handover.store.durable import discard, sync_folder
+from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.wire.signing import fingerprint
 
 __all__ = ["Finding", "main", "survey"]

@@ -10,8 +10,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mavproxy_handover.keys import key_of, key_path, make_passphrase, write_key
 from mavproxy_handover.resources import DEPLOY, shipped
+from mavproxy_handover.store.keys import key_of, key_path, make_passphrase, write_key
 from sitl import vehicles
 
 __all__ = ["main"]

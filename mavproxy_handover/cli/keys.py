@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 
-from mavproxy_handover.keys import (
+from mavproxy_handover.store.keys import (
     KeysError,
     StationKeys,
     check_distinct,

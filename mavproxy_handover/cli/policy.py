@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from mavproxy_handover.gate.access import ANY, Access
 from mavproxy_handover.gate.explain import for_commander, for_others, markdown_table, summary
-from mavproxy_handover.gate.tables import MESSAGES_BY_PART, POLICY, PolicyRow
+from mavproxy_handover.gate.policy.access import ANY, Access
+from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART, POLICY, PolicyRow
 
 __all__ = ["main"]
 

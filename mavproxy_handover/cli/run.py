@@ -11,8 +11,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from mavproxy_handover.config import ConfigError, find_vehicle_config
-from mavproxy_handover.launch import companion_argv, station_argv
+from mavproxy_handover.cli.launch import companion_argv, station_argv
+from mavproxy_handover.config.files import ConfigError, find_vehicle_config
 
 __all__ = ["companion", "station"]
 

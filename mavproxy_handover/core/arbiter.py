@@ -29,7 +29,8 @@ from dataclasses import dataclass, replace
 from math import inf
 
 from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.choice import Candidates
+from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.conductor import Handover
 from mavproxy_handover.core.contacts import Contacts
 from mavproxy_handover.core.emergency import Emergency
 from mavproxy_handover.core.events import (
@@ -52,7 +53,6 @@ from mavproxy_handover.core.events import (
     StationMessage,
 )
 from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.handover import Handover
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck
 from mavproxy_handover.core.mission import Mission

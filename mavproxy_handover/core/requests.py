@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.choice import Candidates
+from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.conductor import Handover
 from mavproxy_handover.core.control import ControlFacts, Effect, judge_control, waiting_s
 from mavproxy_handover.core.events import Action, ControlAnswer, ControlRequested, ControlResult, Record
-from mavproxy_handover.core.handover import Handover
 from mavproxy_handover.core.model import Reason
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.transfer import Cause

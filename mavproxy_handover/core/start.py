@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.choice import Candidates
+from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.events import Action, BeginStart, Record, StartFinished, StartRefused
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.model import Phase, Reason

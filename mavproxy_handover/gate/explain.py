@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final
 
-from mavproxy_handover.gate.access import ANY, Access
 from mavproxy_handover.gate.judge import Action, outcome
-from mavproxy_handover.gate.tables import POLICY
+from mavproxy_handover.gate.policy.access import ANY, Access
+from mavproxy_handover.gate.policy.tables import POLICY
 
 __all__ = ["CLASSES", "contents", "for_commander", "for_others", "markdown_table", "summary"]
 

@@ -39,9 +39,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.files import is_parameter_file, is_upload
 from mavproxy_handover.gate.judge import Action, Verdict
-from mavproxy_handover.gate.part_rules import MISSION_TYPES
+from mavproxy_handover.gate.policy.files import is_parameter_file, is_upload
+from mavproxy_handover.gate.policy.parts import MISSION_TYPES
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 
 __all__ = ["Closing", "FlushTracker"]

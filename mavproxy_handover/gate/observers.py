@@ -31,7 +31,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.access import names
+from mavproxy_handover.gate.policy.access import names
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
 
 __all__ = ["ALWAYS", "DEFAULTS", "STREAMS", "WISHES", "ObserverLimits", "ObserverRates"]

@@ -26,9 +26,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.access import Access
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Action, GateReason, Verdict
+from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import Frame
 
 __all__ = ["BURST", "PER_SECOND", "PRIORITY_S", "SENDERS", "Questions"]

@@ -19,7 +19,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.tables import COMPANION_COMPID
+from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.wire.lease import LEASE_TYPE
 from sitl.bench.loop import BenchError, Loop, Timer
 from sitl.bench.traffic import AUTOPILOT, DOWNLINK, VEHICLE, Place, downlink_message, split

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 
-from mavproxy_handover.launch import companion_argv, station_argv
+from mavproxy_handover.cli.launch import companion_argv, station_argv
 from sitl.bad_links import LinkPlan
 from sitl.bench.autopilot import SerialAutopilot
 from sitl.bench.durations import read_journal

@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mavproxy_handover.config import ConfigError
-from mavproxy_handover.keys import KeysError
+from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.store.keys import KeysError
 from sitl.bench import downlink, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table

@@ -17,11 +17,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from mavproxy_handover.cli.launch import companion_argv
 from mavproxy_handover.core.model import Phase
-from mavproxy_handover.keys import key_path, write_key
-from mavproxy_handover.launch import companion_argv
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.resources import shipped
+from mavproxy_handover.store.keys import key_path, write_key
 from sitl.bench.autopilot import SerialAutopilot
 from sitl.bench.loop import BenchError, Loop, cpu_s
 from sitl.bench.station import FakeStation

@@ -11,7 +11,6 @@ from itertools import product
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.broadcast import control_status
 from mavproxy_handover.core.control import ControlDecision, ControlFacts, Effect, judge_control
 from mavproxy_handover.core.events import (
     Action,
@@ -27,7 +26,8 @@ from mavproxy_handover.core.events import (
 from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import AuthorityView, LeaseState
-from mavproxy_handover.operator_control import read_request
+from mavproxy_handover.stations.operator_control import read_request
+from mavproxy_handover.wire.status import control_status
 from tests.core.bench import (
     A,
     B,

@@ -25,8 +25,8 @@ from mavproxy_handover.gate.downlink import FOR_EVERYBODY, DownlinkPolicy
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Action, StationIdentity, Verdict, judge
 from mavproxy_handover.gate.observers import WISHES
+from mavproxy_handover.gate.policy.tables import Access
 from mavproxy_handover.gate.refusals import refusal
-from mavproxy_handover.gate.tables import Access
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, FrameSplitter, field_offset, parse_one, target
 from tests.gate.frames import ftp_request
 from tests.gate.ledger import (

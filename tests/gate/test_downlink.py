@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.downlink import ANSWERS, COMMAND_ANSWERS, FOR_EVERYBODY, DownlinkPolicy
 from mavproxy_handover.gate.judge import Action, StationIdentity, judge
-from mavproxy_handover.gate.tables import COMMAND_RULES, FTP_RULES, MESSAGE_RULES, Access
+from mavproxy_handover.gate.policy.tables import COMMAND_RULES, FTP_RULES, MESSAGE_RULES, Access
 from mavproxy_handover.wire.frames import Frame
 
 GCSA, GCSB, GCSC, TRACKER_OF_C = 251, 252, 253, 241

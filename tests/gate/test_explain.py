@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.cli.policy import main
-from mavproxy_handover.gate.access import Access
 from mavproxy_handover.gate.explain import CLASSES, contents, for_commander, for_others, markdown_table, summary
-from mavproxy_handover.gate.tables import POLICY
+from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.tables import POLICY
 
 README = Path(__file__).parents[2] / "README.md"
 

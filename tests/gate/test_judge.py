@@ -14,9 +14,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate import judge as gate_judge
-from mavproxy_handover.gate.access import Access
 from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity, Verdict, judge
-from mavproxy_handover.gate.policy import MESSAGE_ROWS, Row
+from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Row
 from mavproxy_handover.wire.frames import Frame, FrameSplitter, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, Verifier, sign, timestamp_of
 from tests.gate.frames import ftp_request

@@ -10,9 +10,9 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.parameters import parameter_rule
-from mavproxy_handover.gate.policy import MISSION_START, Access, classify
-from mavproxy_handover.gate.tables import (
+from mavproxy_handover.gate.policy.parameters import parameter_rule
+from mavproxy_handover.gate.policy.rows import MISSION_START, Access, classify
+from mavproxy_handover.gate.policy.tables import (
     COMMAND_RULES,
     FTP_OPCODES,
     FTP_RULES,

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.launch import companion_argv, mavproxy, station_argv
+from mavproxy_handover.cli.launch import companion_argv, mavproxy, station_argv
 from mavproxy_handover.version import VERSION
 
 pytestmark = pytest.mark.process

@@ -28,12 +28,12 @@ from typing import Any
 from gcs_module.core import StationCore, _Part
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.choice import Candidates
+from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.conductor import Handover
 from mavproxy_handover.core.contacts import Contacts
 from mavproxy_handover.core.control import Echo
 from mavproxy_handover.core.emergency import Emergency
 from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.handover import Handover
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.presence import Presence

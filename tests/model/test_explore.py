@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 
 from gcs_module import core as gcs
-from mavproxy_handover.core import handover, presence, transfer, zones
+from mavproxy_handover.core import conductor, presence, transfer, zones
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority import Authority
+from mavproxy_handover.core.conductor import Handover
 from mavproxy_handover.core.events import StationMessage
-from mavproxy_handover.core.handover import Handover
 from mavproxy_handover.core.messages import DisconnectHandover
 from mavproxy_handover.core.model import Consent, Outcome, Reason
 from mavproxy_handover.core.transfer import Cause, End, Step
@@ -78,7 +78,7 @@ def release_by_the_partner(patch: pytest.MonkeyPatch) -> None:
     def credulous(message: Any, sender: int) -> Cause | None:
         return Cause.RELEASED if isinstance(message, DisconnectHandover) else original(message, sender)
 
-    patch.setattr(handover, "cause_of", credulous)
+    patch.setattr(conductor, "cause_of", credulous)
 
 
 def forced_while_the_commander_lives(patch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ import serial
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot_link import LOG_S, AutopilotLink
+from mavproxy_handover.autopilot.link import LOG_S, AutopilotLink
 from tests.module.conftest import Bench
 
 FRAME = bytes(range(40))

@@ -8,8 +8,11 @@ import time
 
 import pytest
 
-from mavproxy_handover import companion, journal, narrator, stations, telemetry
+from mavproxy_handover import companion, narrator
+from mavproxy_handover.autopilot import telemetry
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.stations import port
+from mavproxy_handover.store import journal
 from tests.module.conftest import Bench, Clock
 from tests.module.test_handover import IN_BOTH, flight  # noqa: F401  (a fixture)
 
@@ -35,7 +38,7 @@ class Wall:
 @pytest.fixture
 def wall(clock: Clock, monkeypatch: pytest.MonkeyPatch) -> Wall:
     wall = Wall(clock)
-    for module in (companion, journal, narrator, stations, telemetry):
+    for module in (companion, journal, narrator, port, telemetry):
         if hasattr(module, "time"):
             monkeypatch.setattr(module, "time", wall)
     return wall

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from mavproxy_handover.keys import key_of, write_key
+from mavproxy_handover.store.keys import key_of, write_key
 from mavproxy_handover.wire.lease_tag import lease_tag
 from tests.module.conftest import Bench
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot_link import AutopilotLink
+from mavproxy_handover.autopilot.link import AutopilotLink
 from mavproxy_handover.core import events
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.wire.frames import parse_one

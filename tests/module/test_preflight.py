@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 
+from mavproxy_handover.autopilot.preflight import NAMES, Finding, Found, judge, reading
 from mavproxy_handover.core.events import GuardState
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.preflight import NAMES, Finding, Found, judge, reading
+from tests.autopilot.test_copter import talk
 from tests.module.conftest import Bench, Clock
-from tests.module.test_conversations import talk
 from tests.module.vehicle import Autopilot
 
 PARAMETER_FILE = Path(__file__).parents[2] / "ardupilot_lua" / "handover.parm"

@@ -17,10 +17,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import AuthorityHeard, FromVehicle, MissionHeld, StationCore
 from gcs_module.core import Role as StationRole
-from mavproxy_handover import state_store
 from mavproxy_handover.core.model import LeaseState, Phase, Station
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.state_store import StateStore
+from mavproxy_handover.store import state
+from mavproxy_handover.store.state import StateStore
 from mavproxy_handover.wire import codec
 from tests.module import vehicle
 from tests.module.conftest import Bench
@@ -430,7 +430,7 @@ class TestBadState:
         self, flight: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         kill(flight)
-        monkeypatch.setattr(state_store, "from_bytes", lambda data: _Other())
+        monkeypatch.setattr(state, "from_bytes", lambda data: _Other())
         flight.load()
         flight.run(2.0)
         assert flight.companion.autopilot.zone_facts() == ()

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover import stations as stations_module
-from mavproxy_handover.keys import key_of, key_path, rotate_key, write_key
+from mavproxy_handover.stations import port
+from mavproxy_handover.store.keys import key_of, key_path, rotate_key, write_key
 from mavproxy_handover.wire.frames import FrameSplitter, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 from tests.module.conftest import Bench, Clock
@@ -54,7 +54,7 @@ def sign_with(station: Station, key: bytes | None) -> None:
 def signed(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SignedBench]:
     started = time.time() - clock.now
     clock.time = lambda: started + clock.now  # type: ignore[attr-defined]
-    monkeypatch.setattr(stations_module, "time", clock)
+    monkeypatch.setattr(port, "time", clock)
     bench = SignedBench(tmp_path, clock)
     yield bench
     bench.close()

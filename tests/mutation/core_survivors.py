@@ -37,7 +37,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "station in self._inside and station != commander": "`best`, at the end, leaves out whoever is outside",
         "next_commander: dropped: return None": "without candidates none is found further down either",
     },
-    "handover": {
+    "conductor": {
         "begin: truth turned: False in self, partner: int, reason: Reason, now: float, actions: list[Action], *, "
         "consented: bool=": "who leaves it out begins a forced one, and that needs no consent",
         "imply: dropped: return": "it is called only while a transfer is under way; the type checker wants it said",

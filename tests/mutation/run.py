@@ -2,7 +2,7 @@
 
 """Tests the gate's tests: `make mutants`, or
 
-    python tests/mutation/run.py [tables] [judge] [policy] ...        (default: all of them)
+    python tests/mutation/run.py [tables] [judge] [policy.rows] ...        (default: all of them)
 
 Each fault (`tables`, `mutants`) must be noticed by the tests of `tests/gate`. One that is not is a survivor; survivors
 that are no faults are listed in `survivors.py` with the reason, and any other ends this with exit code 1. So does one
@@ -36,9 +36,9 @@ TIMEOUT_S = 120
 #: Module -> tests that are to notice its faults.
 TESTED = {
     "judge": ("test_judge.py", "test_flight_log.py"),
-    "policy": ("test_judge.py", "test_policy.py"),
-    "parameters": ("test_judge.py", "test_policy.py"),
-    "files": ("test_judge.py", "test_flush.py"),
+    "policy.rows": ("test_judge.py", "test_policy.py"),
+    "policy.parameters": ("test_judge.py", "test_policy.py"),
+    "policy.files": ("test_judge.py", "test_flush.py"),
     "flush": ("test_flush.py",),
     "observers": ("test_observers.py",),
     "questions": ("test_questions.py",),
@@ -95,13 +95,17 @@ def import_once() -> None:
     hypothesis.settings.load_profile("mutants")
 
 
+def source_file(module: str) -> Path:
+    """Where the source of a module of the gate lies."""
+    return ROOT.joinpath("mavproxy_handover", "gate", *module.split(".")).with_suffix(".py")
+
+
 def tests_pass(module: str, source: str | None) -> bool:
     """Whether the tests of a module pass with this source in its place."""
     import pytest
 
     if source is not None:
-        path = ROOT / "mavproxy_handover" / "gate" / f"{module}.py"
-        sys.meta_path.insert(0, _Mutated(f"mavproxy_handover.gate.{module}", source, path))
+        sys.meta_path.insert(0, _Mutated(f"mavproxy_handover.gate.{module}", source, source_file(module)))
     files = [str(ROOT / "tests" / "gate" / name) for name in TESTED[module]]
     quiet = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--rootdir", str(ROOT)]
     # The parent has imported hypothesis already, which pytest remarks upon.
@@ -113,7 +117,7 @@ def tests_pass(module: str, source: str | None) -> bool:
 def of_module(module: str) -> tuple[int, list[str]]:
     """How many mutants a module has, and the survivors."""
     assert in_child(lambda: tests_pass(module, None)) is True, f"the tests of {module} fail without any mutant"
-    source = (ROOT / "mavproxy_handover" / "gate" / f"{module}.py").read_text(encoding="utf-8")
+    source = source_file(module).read_text(encoding="utf-8")
     total, alive = 0, []
     for mutant in mutants(source):
         total += 1

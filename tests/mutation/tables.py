@@ -21,8 +21,9 @@ __all__ = ["survivors"]
 def survivors() -> tuple[int, list[str]]:
     """How many mutants there were, and those that no check noticed."""
     # Imported here: the runner mutates these modules in processes of their own.
-    from mavproxy_handover.gate import files, judge, parameters, policy
-    from mavproxy_handover.gate.access import Access
+    from mavproxy_handover.gate import judge
+    from mavproxy_handover.gate.policy import files, parameters, rows
+    from mavproxy_handover.gate.policy.access import Access
     from tests.gate.frames import make_frame
     from tests.gate.ledger import CASES, SENDERS, Case
     from tests.gate.test_judge import check
@@ -47,9 +48,9 @@ def survivors() -> tuple[int, list[str]]:
             return True
         return False
 
-    def row_of(case: Case) -> policy.Row:
+    def row_of(case: Case) -> rows.Row:
         frame = make(case.name, 251, 2, **dict(case.fields))
-        return policy.classify(frame)
+        return rows.classify(frame)
 
     by_message: dict[str, list[Case]] = {}
     by_row: dict[str, list[Case]] = {}
@@ -80,18 +81,20 @@ def survivors() -> tuple[int, list[str]]:
                 alive.append(name)
 
     others: Callable[[Any], list[Access]] = lambda access: [a for a in Access if a is not access]  # noqa: E731
-    for msgid, row in policy.MESSAGE_ROWS.items():
+    for msgid, row in rows.MESSAGE_ROWS.items():
         for access in others(row.access):
             mutant = replace(row, access=access)
-            judge_mutant(f"{row.what} as {access.value}", policy.MESSAGE_ROWS, msgid, mutant, by_row[row.what])
-    for rows in policy._PART_ROWS.values():
-        for part, row in rows.items():
+            judge_mutant(f"{row.what} as {access.value}", rows.MESSAGE_ROWS, msgid, mutant, by_row[row.what])
+    for by_part in rows._PART_ROWS.values():
+        for part, row in by_part.items():
             for access in others(row.access):
-                judge_mutant(f"{row.what} as {access.value}", rows, part, replace(row, access=access), by_row[row.what])
-    for msgid, default in policy._PART_DEFAULTS.items():
-        message = policy._MESSAGE_NAMES[msgid]
+                judge_mutant(
+                    f"{row.what} as {access.value}", by_part, part, replace(row, access=access), by_row[row.what]
+                )
+    for msgid, default in rows._PART_DEFAULTS.items():
+        message = rows._MESSAGE_NAMES[msgid]
         for access in others(default):
-            judge_mutant(f"{message}/* as {access.value}", policy._PART_DEFAULTS, msgid, access, by_message[message])
+            judge_mutant(f"{message}/* as {access.value}", rows._PART_DEFAULTS, msgid, access, by_message[message])
 
     named = [case for name in parameters.PARAMETER_MESSAGES for case in by_message[name]]
     rules = parameters.PARAMETER_RULES

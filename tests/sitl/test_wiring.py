@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from mavproxy_handover.config import load_station, load_vehicle
-from mavproxy_handover.keys import load_key
+from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.mission import package as packages
+from mavproxy_handover.store.keys import load_key
 from sitl.bad_links import load_plans
 from sitl.places import mission_folder
 from sitl.scenario import parse_scenario

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""From the first chunk of a mission package to a loaded mission: what is taken in, what is refused and why.
+
+`MissionLoader` knows what a package says, `MissionWriter` gets it into the autopilot and reads it back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.config.files import VehicleConfig
+from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.events import Event, FlightAction, MissionLoaded
+from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.package import MissionPackage, from_bytes
+from mavproxy_handover.mission.zones import ZoneFinder
+from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.restart import Memory
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.wire.conversation import Dialogue
+from mavproxy_handover.wire.conversations import Conversations
+from mavproxy_handover.wire.package_transfer import PackageReceiver
+
+__all__ = ["MissionLoader", "MissionWriter"]
+
+_RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
+_LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
+_REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
+_ON_BOARD_RETRY_S = 10.0
+
+
+class MissionLoader:
+    """Receives packages for one vehicle and remembers what the loaded one says."""
+
+    def __init__(self, config: VehicleConfig) -> None:
+        self._config = config
+        self._receiver = PackageReceiver()
+        self.package: MissionPackage | None = None
+        #: facts about the zones of the loaded mission
+        self.finder: ZoneFinder | None = None
+        self.delivery: int | None = None
+        #: commanders in the order in which the route needs them
+        self.commanders: tuple[int, ...] = ()
+        #: the mission's own policy, None if it has none
+        self.out_of_coverage: FlightAction | None = None
+
+    def on_message(
+        self, kind: str, message: Any, target: tuple[int, int], welcome: bool
+    ) -> tuple[list[Any], MissionPackage | None]:
+        """Take in one message of a package; returns answers, and the package once it is whole and fit to be loaded.
+
+        `welcome`: the sender may load a mission now (it commands, the aircraft is on the ground and disarmed).
+        """
+        if kind == "MISSION_PACKAGE":
+            digest = bytes(message.mission_digest)
+            if not welcome and self._receiver.last_word(digest, target) is None:
+                text = "only the commander's, on the ground, disarmed"
+                return [self._receiver.refuse(digest, text, target)], None
+            return self._receiver.on_offer(message, target), None
+        if kind != "MISSION_CHUNK" or not welcome:
+            return [], None
+        answers, whole = self._receiver.on_chunk(message, target)
+        if whole is None:
+            return answers, None
+        digest, data = whole
+        try:
+            package = from_bytes(data)
+            self._check(package, digest)
+        except MissionError as error:
+            return [*answers, self._receiver.conclude(digest, _REFUSED, str(error), target)], None
+        return [*answers, self._receiver.conclude(digest, _RECEIVED, "", target)], package
+
+    def _check(self, package: MissionPackage, digest: bytes) -> None:
+        if package.digest != digest:
+            raise MissionError("the contents do not have the digest that was promised")
+        known = {entry.station.name: entry.station.sysid for entry in self._config.stations}
+        for station in package.stations:
+            if known.get(station.name) != station.sysid:
+                raise MissionError(f"station {station.name} ({station.sysid}) is not one of this vehicle's")
+        if package.parent.sysid != self._config.parent:
+            raise MissionError(f"parent {package.parent.name} is not this vehicle's")
+
+    def concluded(self, package: MissionPackage, failure: str | None, target: tuple[int, int]) -> Any:
+        """The autopilot holds the package's mission, or `failure` says why not. Returns the answer to the sender."""
+        if failure is not None:
+            return self._receiver.conclude(package.digest, _REFUSED, failure, target)
+        self.adopt(package)
+        return self._receiver.conclude(package.digest, _LOADED, "", target)
+
+    def adopt(self, package: MissionPackage) -> None:
+        """This is the mission that the autopilot holds."""
+        self.package = package
+        self.finder = package.zone_finder()
+        self.delivery = package.delivery_waypoint
+        self.commanders = tuple(package.walk().commanders)
+        word = package.policies.get("on_out_of_coverage")
+        self.out_of_coverage = None if word is None else FlightAction[word.upper()]
+
+
+class MissionWriter:
+    """Takes packages from the stations and from on board to the autopilot. `handle` gives an event to the arbiter."""
+
+    def __init__(
+        self,
+        loader: MissionLoader,
+        copter: Copter,
+        conversations: Conversations,
+        narrator: Narrator,
+        memory: Memory,
+        arbiter: Arbiter,
+        handle: Callable[[Event, float], None],
+        on_board: MissionPackage | None = None,
+    ) -> None:
+        """`on_board`: a mission package that need not come from the parent."""
+        self._loader = loader
+        self._copter = copter
+        self._conversations = conversations
+        self._narrator = narrator
+        self._memory = memory
+        self._arbiter = arbiter
+        self._handle = handle
+        self._on_board = on_board
+        self._on_board_at = 0.0
+
+    def on_message(self, port: StationPort, message: Any, welcome: bool, now: float) -> None:
+        """A message of a package; `welcome`: its sender may load a mission now."""
+        answers, package = self._loader.on_message(message.get_type(), message, port.target, welcome)
+        for answer in answers:
+            port.send(answer)
+        if package is None:
+            return
+        text = f"mission {package.name!r} from {port.name}"
+        self._narrator.journal.write("package_received", text, station=port.name)
+        self._load(package, port, now)
+
+    def load_on_board(self, ready: bool, now: float) -> None:
+        """The package on board, once the autopilot is `ready` for it; again after a while if that failed."""
+        package = self._on_board
+        if package is None or not ready or self._arbiter.mission_digest or "load" in self._conversations:
+            return
+        if now >= self._on_board_at:
+            self._on_board_at = now + _ON_BOARD_RETRY_S
+            self._load(package, None, now)
+
+    def _load(self, package: MissionPackage, port: StationPort | None, now: float) -> None:
+        """Write a package to the autopilot and read it back; `port`: who sent it, None for the one on board."""
+        if self._arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
+            self._handle(MissionLoaded(b"", ()), now)
+        source = "on board" if port is None else port.name
+
+        def done(dialogue: Dialogue, now: float) -> None:
+            if port is not None:
+                answer = self._loader.concluded(package, dialogue.failure, port.target)
+                port.send(answer)
+            elif dialogue.failure is None:
+                self._loader.adopt(package)
+            if dialogue.failure is not None:
+                self._narrator.journal.write("mission_failed", dialogue.failure, station=source)
+                self._narrator.tell(f"mission not loaded: {dialogue.failure}")
+                return
+            self._narrator.journal.write("mission_written", "mission and rally points written, read back, equal")
+            self._memory.keep(package)
+            loader = self._loader
+            self._handle(MissionLoaded(package.digest, loader.commanders, loader.out_of_coverage), now)
+
+        conversation = self._copter.load(package.route.upload_items(), package.route.rally)
+        self._conversations.begin("load", conversation, done, now)

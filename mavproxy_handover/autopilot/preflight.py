@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Do guard, parameters and firmware of the autopilot fit? Read on the ground, judged, and said before the flight.
+
+Nothing here refuses a flight: what START needs is the arbiter's to say. These are the settings that make a flight end
+otherwise than planned when something fails: a failsafe that is off, one that acts before its turn, rally points that
+are ignored, a guard that listens at the wrong port.
+
+Three parts: `reading` asks (a conversation), `judge` knows (a table of pure rules), `Preflight` decides when.
+
+ArduPilot does not answer a request for a parameter that it does not have, so the names that it lacks cost a time-out;
+they are asked for together, and again only those that have not come. Sources of the rules: the reasons in
+`ardupilot_lua/handover.parm`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
+from mavproxy_handover.wire.conversation import Ask, Conversation, Dialogue, NoAnswer
+from mavproxy_handover.wire.conversations import Conversations
+
+__all__ = ["NAMES", "Finding", "Found", "Preflight", "judge", "reading"]
+
+#: what is read; of two names in a row a firmware has one (up to 4.6, from 4.7)
+NAMES = (
+    "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
+    "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "FS_OPTIONS", "RALLY_LIMIT_KM",
+    "SYSID_ENFORCE", "MAV_OPTIONS",
+    "ARMING_CHECK", "ARMING_SKIPCHK",
+)  # fmt: skip
+OLDEST, NEWEST = (4, 5), (4, 7)
+
+#: ArduPilot keeps 20 requests and drops the rest
+_AT_ONCE = 16
+_WAIT_S = 0.4
+_TRIES = 3
+#: scripts start a few seconds after the autopilot's first heartbeat; a guard that speaks has its parameters
+_SETTLE_S = 8.0
+_AGAIN_S = 30.0
+_REBOOT_S = 3.0
+_CONTINUE_AUTO, _CONTINUE_PILOT = 0b10, 0b10000
+_WRONG_CHANNEL = re.compile(r"HNDO: lease refused, channel (\d+) not (-?\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that does not fit; `parameter` is what to change ("" if it is none)."""
+
+    parameter: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What is known of the autopilot. `parameters` lacks those that it does not have."""
+
+    parameters: Mapping[str, float]
+    guard: GuardState
+    #: major and minor version that the guard gives; None while it is silent
+    firmware: tuple[int, int] | None = None
+    #: the channel that the guard says leases come in on, when it refuses them for that
+    heard_on: int | None = None
+
+
+# ---- reading ------------------------------------------------------------------------------------------------------
+
+
+def reading(sysid: int, names: tuple[str, ...] = NAMES) -> Conversation:
+    """Ask the autopilot of system `sysid` for parameters. Returns name -> value of those that it answered."""
+    values: dict[str, float] = {}
+    for start in range(0, len(names), _AT_ONCE):
+        batch = names[start : start + _AT_ONCE]
+        lacking: set[str] = set()
+        for _ in range(_TRIES):
+            missing = [name for name in batch if name not in values and name not in lacking]
+            if not missing:
+                break
+            requests = tuple(_request(sysid, name) for name in missing)
+            try:
+                yield Ask("parameters", requests, _collector(missing, values, lacking), timeout_s=_WAIT_S, tries=1)
+            except NoAnswer:
+                continue
+    return values
+
+
+def _request(sysid: int, name: str) -> Any:
+    autopilot = mavlink.MAV_COMP_ID_AUTOPILOT1
+    return mavlink.MAVLink_param_request_read_message(sysid, autopilot, name.encode("ascii"), -1)
+
+
+def _collector(wanted: list[str], values: dict[str, float], lacking: set[str]) -> Callable[[Any], Any]:
+    """Takes the answers in as they come; they are an answer when nothing is missing any more."""
+
+    def answer(m: Any) -> Any:
+        kind = m.get_type()
+        if kind not in ("PARAM_VALUE", "PARAM_ERROR") or m.param_id not in wanted:
+            return None
+        if kind == "PARAM_ERROR":
+            lacking.add(m.param_id)
+        elif math.isfinite(m.param_value):
+            values[m.param_id] = float(m.param_value)
+        return True if all(name in values or name in lacking for name in wanted) else None
+
+    return answer
+
+
+# ---- judging ------------------------------------------------------------------------------------------------------
+
+Rule = Callable[[Mapping[str, float], Found, Limits], "str | None"]
+
+
+def _guard_there(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    if "HNDO_ENABLE" in p or found.guard is not GuardState.SILENT:
+        return None
+    if p.get("SCR_ENABLE", 0) < 1:
+        return "scripting is off: the guard does not run"
+    return "the guard is not loaded; 'handover guard' puts it on the SD card"
+
+
+def _guard_on(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    return "the guard is switched off" if p.get("HNDO_ENABLE", 1) < 0.5 else None
+
+
+def _channel(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    channel = p.get("HNDO_CHAN")
+    if channel is None or p.get("HNDO_ENABLE", 0) < 0.5:
+        return None
+    if channel < 0:
+        return "the guard takes leases from any port: whoever reaches one can send them"
+    if found.heard_on is not None and found.heard_on != int(channel):
+        return f"is {channel:.0f}, but this companion is on channel {found.heard_on}"
+    if found.guard is GuardState.SILENT:
+        return f"is {channel:.0f} and the guard is silent here: is that the port of this companion?"
+    return None
+
+
+def _component(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    compid = int(p.get("HNDO_COMPID", COMPANION_COMPID))
+    return None if compid == COMPANION_COMPID else f"is {compid}, must be {COMPANION_COMPID}"
+
+
+def _timeout(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    timeout_s = p.get("HNDO_TIMEOUT", 3.0)
+    if timeout_s < 1.0:
+        return f"is {timeout_s:g} s: a few lost leases (there are five a second) end the flight"
+    if p.get("FS_GCS_ENABLE", 0) and p.get("FS_GCS_TIMEOUT", math.inf) <= timeout_s:
+        return f"is {timeout_s:g} s, not shorter than FS_GCS_TIMEOUT: the guard would not be the first to act"
+    return None
+
+
+def _lost_time(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    lost_s = p.get("HNDO_LOST_T", math.inf)
+    if lost_s < limits.forced_timeout_s:
+        return f"is {lost_s:g} s: the guard acts while the companion still looks for a partner, {_s(limits)}"
+    return None
+
+
+def _s(limits: Limits) -> str:
+    return f"up to {limits.forced_timeout_s:g} s"
+
+
+def _follows(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    if p.get("HNDO_SYSID_SW", 1) >= 0.5:
+        return None
+    return "is 0: the autopilot's GCS failsafe goes on watching one station, whoever commands"
+
+
+def _gcs_failsafe(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    if p.get("FS_GCS_ENABLE", 1) != 0:
+        return None
+    return "is 0: nothing brings the aircraft home if companion and guard both fail"
+
+
+def _gcs_timeout(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    timeout_s = p.get("FS_GCS_TIMEOUT", math.inf)
+    needed_s = limits.heartbeat_lost_s + limits.forced_timeout_s
+    if p.get("FS_GCS_ENABLE", 0) == 0 or timeout_s > needed_s:
+        return None
+    return f"is {timeout_s:g} s: the autopilot returns before a partner can take over ({needed_s:g} s)"
+
+
+def _options(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    options = int(p.get("FS_OPTIONS", 0))
+    if options & _CONTINUE_AUTO:
+        return f"is {options}: bit 1 lets a mission go on without a ground station"
+    if options & _CONTINUE_PILOT:
+        return f"is {options}: bit 4 is for flights with a safety pilot at hand"
+    return None
+
+
+def _rally(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    limit_km = p.get("RALLY_LIMIT_KM", 0.0)
+    return f"is {limit_km:g}: rally points farther away are ignored" if limit_km > 0 else None
+
+
+def _enforce(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    return "is 1: the autopilot does not answer observers" if p.get("SYSID_ENFORCE", 0) >= 0.5 else None
+
+
+def _mav_options(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    options = int(p.get("MAV_OPTIONS", 0))
+    return f"is {options}: bit 0 makes the autopilot not answer observers" if options & 1 else None
+
+
+def _arming_check(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    return "is 0: the guard cannot refuse arming, only disarm" if p.get("ARMING_CHECK", 1) == 0 else None
+
+
+def _arming_skip(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    return "is -1: the guard cannot refuse arming, only disarm" if p.get("ARMING_SKIPCHK", 0) < 0 else None
+
+
+def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    if found.firmware is None or found.firmware == (0, 0) or OLDEST <= found.firmware <= NEWEST:
+        return None
+    major, minor = found.firmware
+    what = "older than the oldest" if found.firmware < OLDEST else "newer than the newest"
+    edge = OLDEST if found.firmware < OLDEST else NEWEST
+    return f"firmware {major}.{minor} is {what} that this was made for, {edge[0]}.{edge[1]}"
+
+
+#: parameter to change ("" for none), rule, whether it concerns the guard
+_RULES: tuple[tuple[str, Rule, bool], ...] = (
+    ("", _guard_there, True),
+    ("HNDO_ENABLE", _guard_on, True),
+    ("HNDO_CHAN", _channel, True),
+    ("HNDO_COMPID", _component, True),
+    ("HNDO_TIMEOUT", _timeout, True),
+    ("HNDO_LOST_T", _lost_time, True),
+    ("HNDO_SYSID_SW", _follows, True),
+    ("FS_GCS_ENABLE", _gcs_failsafe, False),
+    ("FS_GCS_TIMEOUT", _gcs_timeout, False),
+    ("FS_OPTIONS", _options, False),
+    ("RALLY_LIMIT_KM", _rally, False),
+    ("SYSID_ENFORCE", _enforce, False),
+    ("MAV_OPTIONS", _mav_options, False),
+    ("ARMING_CHECK", _arming_check, True),
+    ("ARMING_SKIPCHK", _arming_skip, True),
+    ("", _firmware, True),
+)
+
+
+def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
+    """Everything that does not fit, the gravest first. An autopilot that answers nothing is one finding."""
+    if not found.parameters:
+        return (Finding("", "the autopilot answers no request for parameters: nothing could be checked"),)
+    findings = []
+    for parameter, rule, of_guard in _RULES:
+        if of_guard and not limits.guard_required:
+            continue
+        text = rule(found.parameters, found, limits)
+        if text is not None:
+            findings.append(Finding(parameter, f"{parameter} {text}" if text.startswith("is ") else text))
+    return tuple(findings)
+
+
+# ---- when ---------------------------------------------------------------------------------------------------------
+
+
+class Preflight:
+    """Reads once the autopilot is up and on the ground; a START meanwhile does not stop it. Again every half minute
+    while something does not fit, and after a reboot.
+
+    `report` is told each finding that is new, and once (with no parameter) that all is well."""
+
+    def __init__(
+        self, sysid: int, limits: Limits, conversations: Conversations, report: Callable[[Finding, bool], None]
+    ) -> None:
+        self._sysid = sysid
+        self._limits = limits
+        self._conversations = conversations
+        self._report = report
+        #: None: not read yet
+        self.findings: tuple[Finding, ...] | None = None
+        self._heard_at = -math.inf
+        self._due_at = math.inf
+        self._unread = True
+        self._heard_on: int | None = None
+
+    def text(self, text: str) -> None:
+        """A STATUSTEXT of the autopilot: the guard names the channel that it refuses leases from."""
+        match = _WRONG_CHANNEL.fullmatch(text)
+        if match is not None:
+            self._heard_on = int(match[1])
+
+    def each_second(
+        self, heartbeat_at: float, grounded: bool, guard: GuardState, firmware: tuple[int, int] | None, now: float
+    ) -> None:
+        """Time has passed. `heartbeat_at`: when the autopilot was heard last; `grounded`: neither armed nor flying."""
+        if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
+            self._due_at = now + _SETTLE_S
+            self._heard_on, self._unread = None, True
+        self._heard_at = heartbeat_at
+        if self._unread and guard is not GuardState.SILENT:
+            self._due_at = now
+        if now < self._due_at or not grounded or now - heartbeat_at > _REBOOT_S or "preflight" in self._conversations:
+            return
+        self._due_at, self._unread = math.inf, False
+
+        def done(dialogue: Dialogue, now: float) -> None:
+            found = Found(dialogue.result or {}, guard, firmware, self._heard_on)
+            self._conclude(judge(found, self._limits), now)
+
+        self._conversations.begin("preflight", reading(self._sysid), done, now)
+
+    def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:
+        before, self.findings = self.findings, findings
+        if findings:
+            self._due_at = now + _AGAIN_S
+        for finding in findings:
+            if finding not in (before or ()):
+                self._report(finding, False)
+        if not findings and before != ():
+            self._report(Finding("", "guard, parameters and firmware fit"), True)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The MAVProxy command lines of companion and station, in one place: for `handover companion`, `handover station`, the
+simulation and the README."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+from mavproxy_handover.config.files import ConfigError, load_station, load_vehicle
+from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
+
+__all__ = ["companion_argv", "mavproxy", "station_argv"]
+
+_MISSION_PLANNER = 190  # MAV_COMP_ID_MISSIONPLANNER: what ground stations use
+#: modules of MAVProxy that ask the vehicle for nothing on their own
+_COMPANION_MODULES = "link,signing"
+#: how long MAVProxy waits for frames before it looks at its timers again. Its own 0.01 is for maps and joysticks, and
+#: costs a tenth of the companion's processor time; the module's ticks need no more than this
+_SELECT_TIMEOUT_S = 0.02
+_STATION_MODULES = "link,signing,mode,arm,cmdlong,misc,rc,wp,relay"
+
+
+def mavproxy() -> list[str]:
+    """How to start the MAVProxy that belongs to this Python. Raises ConfigError if it is not installed."""
+    beside = Path(sys.executable).parent / "mavproxy.py"
+    found = str(beside) if beside.is_file() else shutil.which("mavproxy.py")
+    if found is None:
+        raise ConfigError("mavproxy.py is not installed: pip install MAVProxy")
+    return [sys.executable, found]
+
+
+def _load(module: str, config: Path) -> str:
+    """The `module load` line. MAVProxy splits at spaces and `;`, so such a path cannot be given this way."""
+    path = str(config.resolve())
+    if any(character in path for character in " ;'\"\\"):
+        raise ConfigError(f"{path}: MAVProxy cannot take a path with spaces, quotes or ';': move the file")
+    return f"module load {module}:{json.dumps({'config': path}, separators=(',', ':'))}"
+
+
+def companion_argv(config: Path, master: str, logfile: Path) -> list[str]:
+    """MAVProxy with `handover`. `master`: the autopilot's device; `logfile`: the tlog. Raises ConfigError."""
+    vehicle = load_vehicle(config)
+    return [
+        *mavproxy(),
+        f"--master={master}",
+        f"--source-system={vehicle.sysid}",
+        f"--source-component={COMPANION_COMPID}",
+        f"--target-system={vehicle.sysid}",
+        "--streamrate=-1",
+        "--heartbeat=0",
+        "--nowait",
+        f"--default-modules={_COMPANION_MODULES}",
+        f"--logfile={logfile}",
+        f"--cmd=set select_timeout {_SELECT_TIMEOUT_S};{_load('handover', config)}",
+    ]
+
+
+def station_argv(config: Path, master: str, logfile: Path) -> list[str]:
+    """MAVProxy with `handover_gcs`. `master`: the link to the vehicle; `logfile`: the tlog. Raises ConfigError."""
+    station = load_station(config)
+    return [
+        *mavproxy(),
+        f"--master={master}",
+        f"--source-system={station.station.sysid}",
+        f"--source-component={_MISSION_PLANNER}",
+        f"--target-system={station.vehicle}",
+        "--streamrate=-1",
+        "--nowait",
+        f"--default-modules={_STATION_MODULES}",
+        f"--logfile={logfile}",
+        f"--cmd={_load('handover_gcs', config)}",
+    ]

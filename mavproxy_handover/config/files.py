@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The two configuration files, vehicle's and station's: where they are found; TOML in, frozen dataclasses out.
+
+Every error is one line that names the file, the key, the value and what is allowed. Unknown keys are errors: a
+misspelt limit must not silently keep its default. The vehicle's file is read in `config_vehicle`, the station's in
+`config_station`, both with the tools of `config_toml`; everybody else imports from here.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from mavproxy_handover.config.station import PeerConfig, StationConfig, load_station
+from mavproxy_handover.config.toml import ConfigError
+from mavproxy_handover.config.vehicle import StationLinks, VehicleConfig, load_vehicle
+
+__all__ = [
+    "ConfigError",
+    "PeerConfig",
+    "StationConfig",
+    "StationLinks",
+    "VehicleConfig",
+    "config_argument",
+    "find_station_config",
+    "find_vehicle_config",
+    "load_station",
+    "load_vehicle",
+]
+
+VEHICLE_PLACES = ("./handover.toml", "/etc/handover/vehicle.toml")
+STATION_PLACES = ("./station.toml",)
+
+
+def config_argument(value: Any) -> str | None:
+    """The `config` argument of `module load`, which MAVProxy reads as JSON. Raises ConfigError if it is no path."""
+    if value is None or (isinstance(value, str) and value and "\0" not in value):
+        return value
+    raise ConfigError(f"argument config: {value!r} must be the path of a configuration file")
+
+
+def find_vehicle_config(explicit: str | None) -> Path:
+    """The vehicle's configuration file: `explicit`, else $HANDOVER_CONFIG, else the usual places.
+
+    Raises ConfigError that says where was looked and how to make one.
+    """
+    named = explicit or os.environ.get("HANDOVER_CONFIG")
+    return _find(named, "handover", VEHICLE_PLACES, "vehicle", "$HANDOVER_CONFIG, ")
+
+
+def find_station_config(explicit: str | None) -> Path:
+    """The same for a station: `explicit`, else the usual place."""
+    return _find(explicit, "handover_gcs", STATION_PLACES, "station")
+
+
+def _find(named: str | None, module: str, places: tuple[str, ...], kind: str, variable: str = "") -> Path:
+    try:
+        for place in (named,) if named else places:
+            if named or Path(place).is_file():
+                return Path(place).expanduser().resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # ~nobody, links in a circle
+        raise ConfigError(f"{named}: {error}") from None
+    looked = f'module load {module}:{{"config":"FILE"}} (no spaces in it), {variable}{", ".join(places)}'
+    raise ConfigError(f"no configuration: looked for {looked}; the shell's 'handover init {kind}' writes one")

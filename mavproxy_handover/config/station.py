@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A ground station's configuration file: who it is, which vehicle it is for, and how it reaches the other stations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, read_toml
+from mavproxy_handover.core.model import Station
+
+__all__ = ["PeerConfig", "StationConfig", "load_station"]
+
+_STATION_KEYS: Final = ("name", "sysid", "vehicle", "consent", "mission", "key", "journal")
+_PEER_KEYS: Final = ("name", "sysid", "link")
+
+
+@dataclass(frozen=True, slots=True)
+class PeerConfig:
+    """Another ground station, reached over the ground link."""
+
+    station: Station
+    link: str
+
+
+@dataclass(frozen=True, slots=True)
+class StationConfig:
+    """A ground station's configuration. Paths are absolute."""
+
+    path: Path
+    station: Station
+    vehicle: int
+    operator_consents: bool
+    mission: Path | None
+    journal: Path
+    ground: str | None
+    peers: tuple[PeerConfig, ...] = field(default=())
+    #: file of the key that this station signs with; None: it signs nothing
+    key: Path | None = None
+
+
+def load_station(path: Path) -> StationConfig:
+    """Read and check a station's configuration. Raises ConfigError."""
+    path = path.resolve()
+    data = read_toml(path)
+    check_tables(data, path, ("station", "ground", "peer"), ("station",))
+    table = Table(data["station"], "station", path, _STATION_KEYS)
+    station = Station(table.sysid("sysid"), table.name("name"))
+    vehicle = table.sysid("vehicle", required=False, default=1)
+    consent = table.get("consent", str, "automatic")
+    if consent not in ("automatic", "operator"):
+        raise table.error("consent", f"{consent!r} must be one of automatic, operator")
+    mission = table.path("mission")
+    if vehicle == station.sysid:
+        raise table.error("vehicle", f"{vehicle} is the station's own sysid")
+    ground = None
+    if "ground" in data:
+        ground_table = Table(data["ground"], "ground", path, ("listen",))
+        ground = ground_table.link("listen", ground_table.get("listen", str, required=True))
+        if not ground.startswith("udpin:"):
+            raise ground_table.error("listen", f"{ground!r} must be udpin:HOST:PORT")
+    peers = tuple(_peer(entry) for entry in list_of_tables(data, "peer", path, _PEER_KEYS))
+    if peers and ground is None:
+        raise ConfigError(f"{path}: [ground] is missing; [[peer]] needs a place to listen")
+    ids = [station.sysid, vehicle, *(peer.station.sysid for peer in peers)]
+    for sysid in ids:
+        if ids.count(sysid) > 1:
+            raise ConfigError(f"{path}: [[peer]] sysid {sysid} is given twice")
+    return StationConfig(
+        path=path,
+        station=station,
+        vehicle=vehicle,
+        operator_consents=consent == "operator",
+        mission=None if mission is None else mission.resolve(),
+        journal=path.parent / table.get("journal", str, f"{station.name}.jsonl"),
+        ground=ground,
+        peers=peers,
+        key=table.path("key"),
+    )
+
+
+def _peer(table: Table) -> PeerConfig:
+    station = Station(table.sysid("sysid"), table.name("name"))
+    link = table.link("link", table.get("link", str, required=True))
+    if not link.startswith("udpout:"):
+        raise table.error("link", f"{link!r} must be udpout:HOST:PORT")
+    return PeerConfig(station, link)

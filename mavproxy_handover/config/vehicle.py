@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The vehicle's configuration file: who its stations are, and every limit that may be set, with its range.
+
+The ranges are wide enough for any sound installation and narrow enough that nothing is switched off by them: no limit
+is so long that a loss goes unnoticed, none so short that a healthy link is called bad.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final
+
+from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tables, list_of_tables, read_toml
+from mavproxy_handover.core.events import FlightAction
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import Station
+from mavproxy_handover.gate.observers import ObserverLimits
+from mavproxy_handover.link.quality import LinkLimits
+
+__all__ = ["LIMIT_RANGES", "LINK_RANGES", "OBSERVER_RANGES", "StationLinks", "VehicleConfig", "load_vehicle"]
+
+
+@dataclass(frozen=True, slots=True)
+class StationLinks:
+    """A station as the vehicle knows it: identity, the ids behind its links, and the links."""
+
+    station: Station
+    links: tuple[str, ...]
+    sysids: frozenset[int]
+    #: file of the key that it signs with; None: its frames are taken unsigned
+    key: Path | None = None
+    #: from when on one of its links is called bad
+    limits: LinkLimits = field(default_factory=LinkLimits)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleConfig:
+    """The companion's configuration. Paths are absolute."""
+
+    path: Path
+    name: str
+    sysid: int
+    parent: int
+    journal: Path
+    stations: tuple[StationLinks, ...]
+    limits: Limits
+    listen_only_outputs: bool = False
+    #: folder of the state file; None: nothing outlives a restart
+    state: Path | None = None
+    #: folder of a mission package that is on board already; None: the parent sends it
+    mission: Path | None = None
+    #: file of the key that the autopilot was set up with; None: its link is not signed
+    autopilot_key: Path | None = None
+    #: file of the key on the guard's card; None: leases have no tag
+    guard_key: Path | None = None
+    #: what one observer may take of the downlink
+    observers: ObserverLimits = field(default_factory=ObserverLimits)
+
+
+# ---- limits -------------------------------------------------------------------------------------------------------
+
+LIMIT_RANGES: Final[Ranges] = {
+    "heartbeat_lost_s": (1.5, 60),
+    "connect_interval_s": (0.2, 10),
+    "connect_lost_s": (1, 60),
+    "retry_first_s": (0.05, 5),
+    "retry_growth": (1, 4),
+    "retry_max_s": (0.05, 10),
+    "step_timeout_s": (0.5, 60),
+    "operator_timeout_s": (3, 300),
+    "release_timeout_s": (0.5, 30),
+    "forced_timeout_s": (0.2, 10),
+    "retry_pause_s": (0.1, 60),
+    "denied_pause_s": (0.1, 600),
+    "result_timeout_s": (1, 120),
+    "enter_margin_m": (0, 1000),
+    "leave_margin_m": (0, 1000),
+    "dwell_s": (0, 600),
+    "exit_soon_s": (0, 120),
+    "link_weak_s": (0, 60),
+    "link_steady_s": (0, 600),
+    "out_hold_s": (0, 60),
+    "position_stale_s": (0.2, 30),
+    "autopilot_lost_s": (1.5, 30),
+    "guard_lost_s": (1, 30),
+}
+#: a station's heartbeat comes once a second, so less than 1.5 s of silence says nothing; a loss of 1 is never exceeded
+LINK_RANGES: Final[Ranges] = {
+    "silence_s": (1.5, 60),
+    "loss": (0.01, 1),
+    "round_trip_s": (0.05, 30),
+    "bad_signatures": (1, 1000),
+    "hold_s": (0.1, 60),
+}
+#: an allowance below the longest frame (280 bytes) would never let that one through
+OBSERVER_RANGES: Final[Ranges] = {
+    "message_hz": (0.1, 100),
+    "bytes_per_s": (300, 1_000_000),
+    "silence_s": (2, 3600),
+}
+_POLICIES: Final = ("out_of_coverage", "commander_lost")
+
+
+def _limits(data: Mapping[str, Any], path: Path, guard_required: bool) -> Limits:
+    values: dict[str, Any] = {"guard_required": guard_required}
+    values |= Table(data.get("limits", {}), "limits", path, tuple(LIMIT_RANGES)).numbers(LIMIT_RANGES)
+    policy = Table(data.get("policy", {}), "policy", path, _POLICIES)
+    for key in _POLICIES:
+        word = policy.get(key, str)
+        if word is None:
+            continue
+        if word.upper() not in FlightAction.__members__:
+            raise policy.error(
+                key, f"{word!r} must be one of " + ", ".join(n.lower() for n in FlightAction.__members__)
+            )
+        values[key] = FlightAction[word.upper()]
+    return Limits(**values)
+
+
+def _check_ranges() -> None:
+    described: tuple[tuple[type, set[str]], ...] = (
+        (Limits, {*LIMIT_RANGES, *_POLICIES, "guard_required"}),
+        (LinkLimits, {*LINK_RANGES}),
+        (ObserverLimits, {*OBSERVER_RANGES}),
+    )
+    for limits, names in described:
+        known = {entry.name for entry in fields(limits)}
+        assert known == names, f"{limits.__name__} without a range: {known ^ names}"
+
+
+_check_ranges()
+
+# ---- the file -----------------------------------------------------------------------------------------------------
+
+_TABLES: Final = ("vehicle", "station", "limits", "policy", "links", "observers")
+_VEHICLE_KEYS: Final = (
+    "name",
+    "sysid",
+    "parent",
+    "journal",
+    "guard",
+    "listen_only_outputs",
+    "state",
+    "mission",
+    "allow_unsigned",
+    "autopilot_key",
+    "guard_key",
+)
+_STATION_KEYS: Final = ("name", "sysid", "links", "key", "module", "sysids")
+
+
+def load_vehicle(path: Path) -> VehicleConfig:
+    """Read and check a vehicle's configuration. Raises ConfigError."""
+    path = path.resolve()
+    data = read_toml(path)
+    check_tables(data, path, _TABLES, ("vehicle", "station"))
+    vehicle = Table(data["vehicle"], "vehicle", path, _VEHICLE_KEYS)
+    name = vehicle.name("name")
+    sysid = vehicle.sysid("sysid", required=False, default=1)
+    parent_name = vehicle.name("parent")
+    guard = vehicle.get("guard", bool, True)
+    unsigned = vehicle.get("allow_unsigned", bool, False)
+    limits = _limits(data, path, guard)
+    links = LinkLimits(**Table(data.get("links", {}), "links", path, tuple(LINK_RANGES)).numbers(LINK_RANGES))
+    observers = Table(data.get("observers", {}), "observers", path, tuple(OBSERVER_RANGES))
+    entries = list_of_tables(data, "station", path, _STATION_KEYS)
+    stations = tuple(_station_links(table, links, unsigned) for table in entries)
+    _unique(path, stations, sysid)
+    parents = [entry.station.sysid for entry in stations if entry.station.name == parent_name]
+    if not parents:
+        known = ", ".join(entry.station.name for entry in stations)
+        raise vehicle.error("parent", f"{parent_name!r} must be one of the stations: {known}")
+    return VehicleConfig(
+        path=path,
+        name=name,
+        sysid=sysid,
+        parent=parents[0],
+        journal=path.parent / vehicle.get("journal", str, "handover.jsonl"),
+        stations=stations,
+        limits=limits,
+        listen_only_outputs=vehicle.get("listen_only_outputs", bool, False),
+        state=path.parent / vehicle.get("state", str, "state"),
+        mission=vehicle.path("mission"),
+        autopilot_key=vehicle.path("autopilot_key"),
+        guard_key=vehicle.path("guard_key"),
+        observers=ObserverLimits(**observers.numbers(OBSERVER_RANGES)),
+    )
+
+
+def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationLinks:
+    standard = not table.get("module", bool, True)
+    station = Station(table.sysid("sysid"), table.name("name"), standard)
+    links = table.get("links", list, required=True)
+    if not links:
+        raise table.error("links", "must name at least one link")
+    checked = tuple(table.link("links", link) for link in links)
+    extra = table.get("sysids", list, [])
+    for sysid in extra:
+        if not isinstance(sysid, int) or isinstance(sysid, bool) or not 1 <= sysid <= 255:
+            raise table.error("sysids", f"{sysid!r} must be a MAVLink system id, 1 to 255")
+    key = table.path("key")
+    if key is None and not unsigned:
+        hint = f"'handover keys make {station.name}' makes one; allow_unsigned = true in [vehicle] does without"
+        raise table.error("key", f"is missing: anybody could speak as {station.name}; {hint}")
+    return StationLinks(station, checked, frozenset([station.sysid, *extra]), key, limits)
+
+
+def _unique(path: Path, stations: tuple[StationLinks, ...], vehicle: int) -> None:
+    if not stations:
+        raise ConfigError(f"{path}: [[station]] must be there at least once")
+    names, links = set(), set()
+    ids = {vehicle: "the vehicle"}
+    for entry in stations:
+        if entry.station.name in names:
+            raise ConfigError(f"{path}: [[station]] name {entry.station.name!r} is given twice")
+        names.add(entry.station.name)
+        for sysid in sorted(entry.sysids):
+            if sysid in ids:
+                raise ConfigError(f"{path}: [[station]] sysid {sysid} of {entry.station.name} is also {ids[sysid]}'s")
+            ids[sysid] = entry.station.name
+        for link in entry.links:
+            if link in links:
+                raise ConfigError(f"{path}: [[station]] link {link} is given twice")
+            links.add(link)

@@ -1,0 +1,222 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""How a transfer is conducted: begun, moved on by what stations say and do not say, ended.
+
+What may happen in which step is in `transfer.py`; here is what follows from it. A commit changes owner and epoch in one
+step; an abort changes nothing. What carries another epoch or transfer number is dropped, and who asks about the
+transfer that is just over is told its result again.
+
+A forced transfer is short: until it ends nobody commands. On the way home there is no such hurry, and a partner whose
+operator has to be asked gets the time for that.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from mavproxy_handover.core.authority import Authority
+from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.control import Echo, waiting_s
+from mavproxy_handover.core.events import Action, NotifyOwner, Record, Send, StationMessage
+from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import DroneConnected, HandoverResult, Message, OnHandover, TransferKey
+from mavproxy_handover.core.model import Outcome, Phase, Reason
+from mavproxy_handover.core.phases import PhaseCause
+from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.results import Results
+from mavproxy_handover.core.transfer import Cause, End, Step, Transfer, cause_of
+
+__all__ = ["Handover"]
+
+
+class Handover:
+    """Conducts the transfer under way, `Authority.transfer`. Times are monotonic seconds."""
+
+    __slots__ = ("_authority", "_candidates", "_flight", "_limits", "_presence", "echo", "results")
+
+    def __init__(
+        self,
+        authority: Authority,
+        flight: Flight,
+        presence: dict[int, Presence],
+        candidates: Candidates,
+        limits: Limits,
+    ) -> None:
+        self._authority = authority
+        self._flight = flight
+        self._presence = presence
+        self._candidates = candidates
+        self._limits = limits
+        self.results = Results(limits)
+        self.echo = Echo()
+
+    def seek(self, now: float, actions: list[Action]) -> None:
+        """Begin a transfer in flight if zones or links ask for one, or the commander is lost."""
+        authority, flight = self._authority, self._flight
+        if authority.owner is None or authority.transfer is not None or not flight.flying:
+            return
+        if not flight.position_known(now):  # who holds the aircraft is not known any more
+            return
+        if authority.lost:
+            self._seek_successor(authority.owner, now, actions)
+        elif authority.phase is Phase.ON_MISSION:
+            wanted = self._candidates.wanted(authority.owner, now, actions)
+            if wanted is not None:
+                self.begin(*wanted, now, actions, consented=authority.takeover_allowed)
+
+    def _seek_successor(self, lost: int, now: float, actions: list[Action]) -> None:
+        """The commander is lost in flight: a station whose zone holds the aircraft may take it, without asking."""
+        if self._authority.recovering:  # after a restart its heartbeat may be on the way
+            return
+        partner = self._candidates.best(lost, now, actions)
+        if partner is not None:
+            self.begin(partner, Reason.COMMANDER_LOST, now, actions, forced=True)
+
+    def begin(
+        self,
+        partner: int,
+        reason: Reason,
+        now: float,
+        actions: list[Action],
+        *,
+        consented: bool = False,
+        forced: bool = False,
+        operator_timeout_s: float | None = None,
+    ) -> None:
+        """Begin a transfer from the owner. `consented`: it has agreed. `forced`: it is lost, there is nobody to ask."""
+        authority = self._authority
+        assert authority.owner is not None
+        authority.handover_id = authority.handover_id % 0xFFFF + 1
+        key = TransferKey(authority.owner, partner, authority.handover_id, authority.epoch)
+        authority.transfer = Transfer(
+            key, reason, self._limits, now, consented=consented, forced=forced, operator_timeout_s=operator_timeout_s
+        )
+        self.results.forget()
+        if not consented or reason is not Reason.OPERATOR:  # it is not by the last request that this one begins
+            self.echo.forget()
+        authority.move_phase(PhaseCause.TRANSFER_BEGUN)
+        authority.refresh(reason, actions)
+        how = " (forced)" if forced else ""
+        text = f"handover {key.handover_id}{how}: {authority.name(authority.owner)} -> {authority.name(partner)}"
+        actions.append(Record("transfer_begun", text, reason, partner))
+        self.imply(now, actions)
+
+    def on_message(self, event: StationMessage, now: float, actions: list[Action]) -> str | None:
+        """A station's word in a transfer; returns why it was dropped, None if it counts."""
+        key: TransferKey = event.message.key  # type: ignore[union-attr]
+        transfer = self._authority.transfer
+        if transfer is None or key != transfer.key:
+            last = self.results.last
+            if (
+                last is not None
+                and key.handover_id == last.key.handover_id
+                and event.station in (last.key.from_station, last.key.to_station)
+            ):
+                actions.append(Send(event.station, last))
+                return "transfer already over"
+            return "stale epoch or unknown transfer"
+        cause = cause_of(event.message, event.station)
+        if cause is None:
+            return "not the sender's to say"
+        relay = isinstance(event.message, (OnHandover, DroneConnected)) and event.message.relay
+        self.move(cause, now, actions, relay=relay)
+        return None
+
+    def cancel(self, station: int, now: float, actions: list[Action]) -> None:
+        """One of its two stations calls the transfer off."""
+        transfer = self._authority.transfer
+        if transfer is not None and station in (transfer.key.from_station, transfer.key.to_station):
+            self.move(Cause.CANCELLED, now, actions)
+
+    def consent(self, now: float, actions: list[Action]) -> None:
+        """The commander agrees to the transfer under way by other means than its messages."""
+        if self._authority.transfer is not None:
+            self._authority.transfer.consented = True
+            self.imply(now, actions)
+
+    def move(self, cause: Cause, now: float, actions: list[Action], *, relay: bool = False) -> None:
+        """Something happened to the transfer under way, if there is one. `relay`: as in `Transfer.move`."""
+        transfer = self._authority.transfer
+        if transfer is None:
+            return
+        before = transfer.step
+        if cause is Cause.PARTNER_ASKS and self._authority.phase is Phase.EMERGENCY:
+            transfer.forced_until = inf  # the aircraft is on its way home already: there is time for an operator
+        end = transfer.move(cause, now, relay=relay)
+        if isinstance(end, End):
+            self._end(transfer, end, now, actions)
+        elif end:
+            step = f"handover {transfer.key.handover_id}: {before.value} -> {transfer.step.value} ({cause.value})"
+            actions.append(Record("step", step, duration_s=now - transfer.started_at))
+            self.imply(now, actions)
+
+    def imply(self, now: float, actions: list[Action]) -> None:
+        """What comes by itself in the step that the transfer is in now."""
+        transfer = self._authority.transfer
+        if transfer is None:
+            return
+        key = transfer.key
+        cause = transfer.implied(
+            partner_standard=self._standard(key.to_station), commander_standard=self._standard(key.from_station)
+        )
+        if cause is not None:
+            self.move(cause, now, actions, relay=True)  # nobody else passes on what nobody has said
+        elif transfer.step is Step.CONSENT and self._standard(key.from_station):
+            transfer.ask_operator(now)
+
+    def _end(self, transfer: Transfer, end: End, now: float, actions: list[Action]) -> None:
+        authority = self._authority
+        authority.transfer = None
+        key = transfer.key
+        committed = end.outcome is Outcome.COMMITTED
+        reason = end.reason if end.reason is not Reason.NONE else transfer.reason
+        authority.move_phase(PhaseCause.TRANSFER_ENDED)
+        if committed:
+            self.echo.took_effect(now)
+            authority.commit(key.to_station)
+            self._candidates.moved(key.to_station, now, flying=authority.phase is not Phase.ON_LOAD)
+        else:
+            self._candidates.pause(key.to_station, end.reason, now)
+            self.echo.forget()
+        authority.refresh(reason, actions)
+        commander = authority.view.commander
+        text = (
+            f"handover {key.handover_id} committed: {authority.name(key.to_station)} commands, epoch {authority.epoch}"
+            if committed
+            else f"handover {key.handover_id} aborted ({end.reason.name.lower()}): {authority.name(commander)} commands"
+        )
+        event = "transfer_committed" if committed else "transfer_aborted"
+        actions.append(Record(event, text, reason, key.to_station, now - transfer.started_at))
+        now_key = TransferKey(key.from_station, key.to_station, key.handover_id, authority.epoch)
+        result = HandoverResult(now_key, commander, end.outcome, reason)
+        told = [station for station in (key.from_station, key.to_station) if not self._standard(station)]
+        actions += self.results.announce(result, told, now)
+
+    # ---- what is said ---------------------------------------------------------------------------------------------
+
+    def speak(self, now: float, actions: list[Action]) -> None:
+        """The messages that are due: of the transfer under way, and of the one that is over."""
+        transfer = self._authority.transfer
+        if transfer is not None:
+            due = transfer.due(now)
+            if due is not None:
+                actions.append(self._put(due[0], due[1], transfer, now))
+        actions += self.results.due(now, self._authority.names)
+
+    def _put(self, station: int, message: Message, transfer: Transfer, now: float) -> Action:
+        """To a station of the standard alone the question of consent is its command; nothing else is ever due to it."""
+        if self._standard(station):
+            return NotifyOwner(station, transfer.key.to_station, waiting_s(transfer.timeout_at - now))
+        return Send(station, message, transfer.attempt)
+
+    def _standard(self, station: int) -> bool:
+        return self._presence[station].station.standard
+
+    def deadlines(self) -> list[float]:
+        """When there is something to do."""
+        times = self.results.deadlines()
+        transfer = self._authority.transfer
+        if transfer is not None:
+            times += [transfer.retry_at, transfer.timeout_at, self._presence[transfer.key.to_station].lost_at()]
+        return times

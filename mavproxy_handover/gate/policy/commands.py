@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The policy of MAV_CMD, in COMMAND_LONG and COMMAND_INT alike. What a class means is said at `Access`."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mavproxy_handover.gate.policy.access import Access, Rule, names
+
+__all__ = ["COMMAND_RULES"]
+
+#: Commands, in COMMAND_LONG and COMMAND_INT alike. Names without their MAV_CMD_.
+COMMAND_RULES: Final = (
+    Rule(
+        Access.READ,
+        "asks for a message, a version or a state, and changes none",
+        names("""
+            REQUEST_MESSAGE REQUEST_PROTOCOL_VERSION REQUEST_AUTOPILOT_CAPABILITIES
+            REQUEST_CAMERA_INFORMATION REQUEST_CAMERA_SETTINGS REQUEST_STORAGE_INFORMATION
+            REQUEST_CAMERA_CAPTURE_STATUS REQUEST_FLIGHT_INFORMATION REQUEST_VIDEO_STREAM_INFORMATION
+            REQUEST_VIDEO_STREAM_STATUS GET_HOME_POSITION UAVCAN_GET_NODE_INFO DO_SEND_BANNER
+        """),
+    ),
+    Rule(
+        Access.ANSWERED,
+        "rates belong to the autopilot's one channel to us; what an observer gets is the companion's choice",
+        names("SET_MESSAGE_INTERVAL GET_MESSAGE_INTERVAL"),
+    ),
+    Rule(
+        Access.CONTROL,
+        "the operator-control standard: the companion is the system manager that answers it",
+        names("REQUEST_OPERATOR_CONTROL"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "rewrites the boot loader or stops the processor",
+        names("FLASH_BOOTLOADER DEBUG_TRAP SET_FACTORY_TEST_MODE"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "opens a bus, binds a receiver, or wipes storage",
+        names("CAN_FORWARD START_RX_PAIR STORAGE_FORMAT"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "stops the guard: scripting can be halted by it",
+        names("SCRIPTING"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "breaks sensors on purpose",
+        names("INJECT_FAILURE"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "resets or writes parameters without naming them, the guard's and the failsafes' among them",
+        names("PREFLIGHT_STORAGE DO_SET_PARAMETER"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "restarts the autopilot, in flight too if a parameter says so, and the guard with it; others of its parameters "
+        "lock it up or wipe its settings",
+        names("PREFLIGHT_REBOOT_SHUTDOWN"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "declares the battery full: its failsafe would count from there",
+        names("BATTERY_RESET"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "arms, disarms, ends the flight, or changes the mode",
+        names("""
+            DO_SET_MODE DO_FLIGHTTERMINATION DO_PARACHUTE DO_SET_STANDARD_MODE COMPONENT_ARM_DISARM
+            RUN_PREARM_CHECKS ARM_AUTHORIZATION_REQUEST DO_SET_SAFETY_SWITCH_STATE
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "starts, stops, continues or moves in the mission; a stop too is the commander's alone (thesis 6.1)",
+        names("""
+            DO_JUMP DO_GO_AROUND DO_PAUSE_CONTINUE DO_SET_MISSION_CURRENT OVERRIDE_GOTO MISSION_START JUMP_TAG
+            DO_JUMP_TAG
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "flies: the same as a mission item, done at once",
+        names("""
+            NAV_WAYPOINT NAV_LOITER_UNLIM NAV_LOITER_TURNS NAV_LOITER_TIME NAV_RETURN_TO_LAUNCH NAV_LAND
+            NAV_TAKEOFF NAV_LAND_LOCAL NAV_TAKEOFF_LOCAL NAV_FOLLOW NAV_CONTINUE_AND_CHANGE_ALT
+            NAV_LOITER_TO_ALT DO_FOLLOW DO_FOLLOW_REPOSITION DO_ORBIT DO_FIGURE_EIGHT NAV_ARC_WAYPOINT NAV_ROI
+            NAV_PATHPLANNING NAV_SPLINE_WAYPOINT NAV_ALTITUDE_WAIT NAV_VTOL_TAKEOFF NAV_VTOL_LAND
+            NAV_GUIDED_ENABLE NAV_DELAY NAV_PAYLOAD_PLACE NAV_LAST CONDITION_DELAY CONDITION_CHANGE_ALT
+            CONDITION_DISTANCE CONDITION_YAW CONDITION_LAST DO_CHANGE_SPEED DO_CHANGE_ALTITUDE
+            DO_RETURN_PATH_START DO_LAND_START DO_RALLY_LAND DO_REPOSITION DO_SET_REVERSE DO_INVERTED_FLIGHT
+            NAV_SET_YAW_SPEED DO_SET_RESUME_REPEAT_DIST DO_GUIDED_MASTER DO_GUIDED_LIMITS DO_LAST
+            OBLIQUE_SURVEY PANORAMA_CREATE DO_VTOL_TRANSITION SET_GUIDED_SUBMODE_STANDARD
+            SET_GUIDED_SUBMODE_CIRCLE CONDITION_GATE NAV_FENCE_RETURN_POINT NAV_FENCE_POLYGON_VERTEX_INCLUSION
+            NAV_FENCE_POLYGON_VERTEX_EXCLUSION NAV_FENCE_CIRCLE_INCLUSION NAV_FENCE_CIRCLE_EXCLUSION
+            NAV_RALLY_POINT WAYPOINT_USER_1 WAYPOINT_USER_2 WAYPOINT_USER_3 WAYPOINT_USER_4 WAYPOINT_USER_5
+            SPATIAL_USER_1 SPATIAL_USER_2 SPATIAL_USER_3 SPATIAL_USER_4 SPATIAL_USER_5 NAV_SCRIPT_TIME
+            NAV_ATTITUDE_TIME GUIDED_CHANGE_SPEED GUIDED_CHANGE_ALTITUDE GUIDED_CHANGE_HEADING
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "changes home, fence, estimator or logging; what DO_FENCE_ENABLE does is not saved",
+        names("""
+            DO_SET_HOME DO_FENCE_ENABLE DO_AUTOTUNE_ENABLE DO_SEND_SCRIPT_MESSAGE
+            DO_AUX_FUNCTION LOGGING_START LOGGING_STOP AIRFRAME_CONFIGURATION CONTROL_HIGH_LATENCY
+            DO_ADSB_OUT_IDENT SET_EKF_SOURCE_SET EXTERNAL_POSITION_ESTIMATE SET_HAGL
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "calibrates or tests; the autopilot itself refuses what is unsafe in flight",
+        names("""
+            DO_MOTOR_TEST PREFLIGHT_CALIBRATION PREFLIGHT_SET_SENSOR_OFFSETS PREFLIGHT_UAVCAN
+            ACTUATOR_TEST CONFIGURE_ACTUATOR POWER_OFF_INITIATED
+            FIXED_MAG_CAL FIXED_MAG_CAL_FIELD FIXED_MAG_CAL_YAW DO_START_MAG_CAL DO_ACCEPT_MAG_CAL
+            DO_CANCEL_MAG_CAL ACCELCAL_VEHICLE_POS GIMBAL_RESET GIMBAL_AXIS_CALIBRATION_STATUS
+            GIMBAL_REQUEST_AXIS_CALIBRATION GIMBAL_FULL_RESET
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "drives an output or the payload",
+        names("""
+            DO_SET_RELAY DO_REPEAT_RELAY DO_SET_SERVO DO_REPEAT_SERVO DO_SET_ACTUATOR DO_GRIPPER DO_SPRAYER
+            DO_ENGINE_CONTROL ILLUMINATOR_ON_OFF DO_ILLUMINATOR_CONFIGURE LOWEHEISER_SET_STATE
+            PAYLOAD_PREPARE_DEPLOY PAYLOAD_CONTROL_DEPLOY DO_WINCH
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "points or works a camera or gimbal",
+        names("""
+            DO_SET_ROI_LOCATION DO_SET_ROI_WPNEXT_OFFSET DO_SET_ROI_NONE DO_SET_ROI_SYSID DO_CONTROL_VIDEO
+            DO_SET_ROI DO_DIGICAM_CONFIGURE DO_DIGICAM_CONTROL DO_MOUNT_CONFIGURE DO_MOUNT_CONTROL
+            DO_SET_CAM_TRIGG_DIST DO_SET_CAM_TRIGG_INTERVAL DO_MOUNT_CONTROL_QUAT RESET_CAMERA_SETTINGS
+            SET_CAMERA_MODE SET_CAMERA_ZOOM SET_CAMERA_FOCUS SET_STORAGE_USAGE SET_CAMERA_SOURCE
+            DO_GIMBAL_MANAGER_PITCHYAW DO_GIMBAL_MANAGER_CONFIGURE IMAGE_START_CAPTURE IMAGE_STOP_CAPTURE
+            REQUEST_CAMERA_IMAGE_CAPTURE DO_TRIGGER_CONTROL CAMERA_TRACK_POINT CAMERA_TRACK_RECTANGLE
+            CAMERA_STOP_TRACKING VIDEO_START_CAPTURE VIDEO_STOP_CAPTURE VIDEO_START_STREAMING
+            VIDEO_STOP_STREAMING
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "buttons and users' own commands: what they do is not known here",
+        names("""
+            USER_1 USER_2 USER_3 USER_4 USER_5 SOLO_BTN_FLY_CLICK SOLO_BTN_FLY_HOLD SOLO_BTN_PAUSE_CLICK
+        """),
+    ),
+)

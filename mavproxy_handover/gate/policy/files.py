@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Files of the autopilot that the file-transfer opcode alone does not judge, by path.
+
+Rules:
+
+1. A row stands for writes (create, open for writing, remove, make or remove a directory, truncate, rename); one
+   with `reads` for every opcode that names a path. The first row that fits decides; without one, the opcode does.
+2. A path is compared the way the most lenient of ArduPilot's file systems would read it: case does not matter,
+   `\\` separates too, dots and spaces at the end of a name do not count, repeated separators neither. `..` is not
+   resolved: a path that mentions a guarded folder is in it, wherever it leads.
+3. WriteFile names a session and no path. What may not be opened cannot be written; what was opened before arming
+   is closed at arming (`flush`).
+
+Source: ArduPilot's AP_Filesystem (backends chosen by prefix), AP_Bootloader (flash from SD card), AP_HAL_ChibiOS,
+AP_HAL_Linux and AP_HAL_SITL (`Storage.cpp`: where the storage is kept as a file, and its copies).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Final
+
+from mavproxy_handover.gate.policy.access import Access
+
+__all__ = ["FILE_RULES", "FileRule", "file_rule", "is_parameter_file", "is_upload"]
+
+_WRITES: Final = frozenset({6, 8, 9, 10, 11, 12, 13})
+_READS: Final = frozenset({3, 4, 14, 16})
+_RENAME: Final = 13
+#: Where paths are in the payload. ArduPilot makes the last byte of the data a zero, whatever it was.
+_DATA: Final = slice(12, 250)
+
+_SEPARATORS: Final = re.compile(r"[/\\]+")
+
+
+@dataclass(frozen=True, slots=True)
+class FileRule:
+    """One row: paths by pattern (`*` any characters; a path begins and ends with one `/`), and why."""
+
+    access: Access
+    name: str  #: for people
+    why: str
+    patterns: tuple[str, ...]
+    reads: bool = False  #: reading is judged by this row as well as writing
+
+
+FILE_RULES: Final = (
+    FileRule(
+        Access.MAINTENANCE,
+        "unreadable names",
+        "characters that file systems read in more than one way: a long s is an s to them",
+        ("*[!\x20-\x7e]*",),
+        reads=True,
+    ),
+    FileRule(
+        Access.MAINTENANCE,
+        "short names",
+        "a file system's second name for a long one",
+        ("*~*",),
+    ),
+    FileRule(
+        Access.MAINTENANCE,
+        "guard's key",
+        "whoever reads it can sign leases",
+        ("*handover.key*", "*handov~*.key*"),
+        reads=True,
+    ),
+    FileRule(
+        Access.MAINTENANCE,
+        "scripts",
+        "programs that the autopilot runs, the guard among them",
+        ("*/scripts/*", "/apm/"),
+    ),
+    FileRule(
+        Access.MAINTENANCE,
+        "firmware",
+        "the boot loader flashes it at the next start",
+        ("*.abin/*",),
+    ),
+    FileRule(
+        Access.MAINTENANCE,
+        "raw memory",
+        "holds the autopilot's signing key; at every start a copy of it is put on the SD card",
+        (
+            "/@sys*storage.bin*",
+            "/@sys*flash.bin*",
+            "/@sys*crash_dump.bin*",
+            "*/strg_bak/*",
+            "*.stg/*",
+            "*/eeprom*.bin/*",
+        ),
+        reads=True,
+    ),
+    FileRule(
+        Access.COMMAND,
+        "flight logs",
+        "a download fills the channel that the lease travels on, as by LOG_REQUEST_DATA",
+        ("*/logs/*",),
+        reads=True,
+    ),
+    FileRule(
+        Access.SAFEGUARD,
+        "parameters",
+        "sets any parameter, and names it only after the file is open",
+        ("/@param*",),
+    ),
+)
+
+#: Files that are applied when they are closed, and those of them that hold parameters.
+_PARAMETER_FILES: Final = "/@param*"
+_UPLOADS: Final = (_PARAMETER_FILES, "/@mission*")
+
+
+def _read(path: bytes) -> str:
+    """A path in the form that patterns are written in (rule 2)."""
+    parts = (part.rstrip(" .") for part in _SEPARATORS.split(path.decode("latin-1").lower()))
+    return "/" + "".join(f"{part}/" for part in parts if part)
+
+
+def _paths(opcode: int, payload: bytes) -> list[str]:
+    """The paths that a request names: up to a zero byte; Rename has a second one behind it."""
+    names = payload[_DATA].split(b"\0")
+    return [_read(name) for name in names[: 2 if opcode == _RENAME else 1]]
+
+
+def file_rule(opcode: int, payload: bytes) -> FileRule | None:
+    """The row for a file-transfer request (its `payload` field), or None if the opcode alone decides."""
+    writes = opcode in _WRITES
+    if not writes and opcode not in _READS:
+        return None
+    paths = _paths(opcode, payload)
+    for rule in FILE_RULES:
+        if (writes or rule.reads) and any(fnmatchcase(path, pattern) for path in paths for pattern in rule.patterns):
+            return rule
+    return None
+
+
+def is_upload(path: bytes) -> bool:
+    """Whether a file that is written becomes parameters or mission items when it is closed."""
+    return any(fnmatchcase(_read(path), pattern) for pattern in _UPLOADS)
+
+
+def is_parameter_file(path: bytes) -> bool:
+    """Whether a file that is written becomes parameters when it is closed."""
+    return fnmatchcase(_read(path), _PARAMETER_FILES)

@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The policy of messages that are judged by their id alone. What a class means is said at `Access`.
+
+Messages without a target steer too (estimator inputs, traffic, battery, clock): they are NEVER, except the few
+that a commander's ground station program has to send, which are STREAM.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mavproxy_handover.gate.policy.access import Access, Rule, names
+
+__all__ = ["MESSAGE_RULES"]
+
+MESSAGE_RULES: Final = (
+    Rule(
+        Access.LIVENESS,
+        "keeps the autopilot's GCS failsafe quiet: only the commander's may",
+        names("HEARTBEAT"),
+    ),
+    Rule(
+        Access.READ,
+        "clock and link questions",
+        names("PING TIMESYNC"),
+    ),
+    Rule(
+        Access.READ,
+        "asks for parameters, missions, fence or rally points, and changes none",
+        names("""
+            PARAM_REQUEST_READ PARAM_REQUEST_LIST PARAM_EXT_REQUEST_READ PARAM_EXT_REQUEST_LIST
+            MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT MISSION_REQUEST_PARTIAL_LIST
+            FENCE_FETCH_POINT RALLY_FETCH_POINT
+        """),
+    ),
+    Rule(
+        Access.READ,
+        "ends a mission download",
+        names("MISSION_ACK"),
+    ),
+    Rule(
+        Access.READ,
+        "asks for a version, a setting or a terrain height",
+        names("""
+            AUTOPILOT_VERSION_REQUEST OSD_PARAM_SHOW_CONFIG GOPRO_GET_REQUEST UAVIONIX_ADSB_GET TERRAIN_CHECK
+        """),
+    ),
+    Rule(
+        Access.READ,
+        "acknowledges log data that was sent to it",
+        names("LOGGING_ACK"),
+    ),
+    Rule(
+        Access.ANSWERED,
+        "rates belong to the autopilot's one channel to us: one station's wish is every station's load",
+        names("REQUEST_DATA_STREAM"),
+    ),
+    Rule(
+        Access.STREAM,
+        "one log download at a time, and it fills the channel that the lease travels on",
+        names("LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "changes the flight mode",
+        names("SET_MODE"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "moves in the mission",
+        names("MISSION_SET_CURRENT"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "older ways to write fence, rally points, home, origin and compass offsets",
+        names("""
+            FENCE_POINT RALLY_POINT SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN
+            SET_MAG_OFFSETS
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "moves or configures the payload",
+        names("""
+            MOUNT_CONFIGURE DIGICAM_CONFIGURE DIGICAM_CONTROL GOPRO_SET_REQUEST LED_CONTROL PLAY_TUNE
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "destroys evidence",
+        names("LOG_ERASE"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "changes what the aircraft shows or says it is",
+        names("""
+            OSD_PARAM_CONFIG UAVIONIX_ADSB_OUT_CFG UAVIONIX_ADSB_OUT_CFG_REGISTRATION
+            UAVIONIX_ADSB_OUT_CFG_FLIGHTID UAVIONIX_ADSB_OUT_CONTROL
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "the legacy control request, which no flight stack implements, and its password",
+        names("CHANGE_OPERATOR_CONTROL AUTH_KEY"),
+    ),
+    Rule(
+        Access.STREAM,
+        "sticks",
+        names("RC_CHANNELS_OVERRIDE MANUAL_CONTROL MANUAL_SETPOINT"),
+    ),
+    Rule(
+        Access.STREAM,
+        "guided setpoints; one that comes late after a commit matters most",
+        names("""
+            SET_POSITION_TARGET_LOCAL_NED SET_POSITION_TARGET_GLOBAL_INT SET_ATTITUDE_TARGET
+            SET_ACTUATOR_CONTROL_TARGET FOLLOW_TARGET
+        """),
+    ),
+    Rule(
+        Access.STREAM,
+        "gimbal setpoints",
+        names("""
+            GIMBAL_MANAGER_SET_ATTITUDE GIMBAL_MANAGER_SET_PITCHYAW GIMBAL_MANAGER_SET_MANUAL_CONTROL
+            GIMBAL_DEVICE_SET_ATTITUDE GIMBAL_CONTROL MOUNT_CONTROL
+        """),
+    ),
+    Rule(
+        Access.STREAM,
+        "GPS corrections: they move the position, so one source",
+        names("GPS_RTCM_DATA GPS_INJECT_DATA"),
+    ),
+    Rule(
+        Access.STREAM,
+        "heights the autopilot flies by, sent when it asks for them",
+        names("TERRAIN_DATA"),
+    ),
+    Rule(
+        Access.STREAM,
+        "who flies and where from, as broadcast by the aircraft",
+        names("""
+            OPEN_DRONE_ID_BASIC_ID OPEN_DRONE_ID_LOCATION OPEN_DRONE_ID_AUTHENTICATION OPEN_DRONE_ID_SELF_ID
+            OPEN_DRONE_ID_SYSTEM OPEN_DRONE_ID_OPERATOR_ID OPEN_DRONE_ID_MESSAGE_PACK
+            OPEN_DRONE_ID_SYSTEM_UPDATE UAVIONIX_ADSB_OUT_DYNAMIC
+        """),
+    ),
+    Rule(
+        Access.TRANSFER,
+        "ours, from stations: the companion's own business",
+        names("""
+            CONNECT CONNECT_ACK MISSION_PACKAGE MISSION_CHUNK MISSION_PACKAGE_ACK ON_HANDOVER OK_HANDOVER
+            DRONE_CONNECTED DISCONNECT_HANDOVER
+        """),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "keys and signed administration; the autopilot would apply them to all its links",
+        names("SETUP_SIGNING SECURE_COMMAND"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "raw access to a bus or a serial port",
+        names("SERIAL_CONTROL DEVICE_OP_READ DEVICE_OP_WRITE CAN_FRAME CANFD_FRAME CAN_FILTER_MODIFY"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "carries contents that no table can judge",
+        names("V2_EXTENSION"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "simulated sensors and controls in place of the real ones",
+        names("""
+            HIL_STATE HIL_CONTROLS HIL_RC_INPUTS_RAW HIL_ACTUATOR_CONTROLS HIL_SENSOR HIL_GPS HIL_OPTICAL_FLOW
+            HIL_STATE_QUATERNION
+        """),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "starts a stream of log blocks, a firmware update or another radio network",
+        names("REMOTE_LOG_BLOCK_STATUS CUBEPILOT_FIRMWARE_UPDATE_START WIFI_CONFIG_AP"),
+    ),
+    Rule(
+        Access.NEVER,
+        "ours, from the vehicle to stations: whoever sends it here pretends to be the vehicle",
+        names("""
+            AUTHORITY_STATUS CONTROL_STATUS HANDOVER_TELEMETRY HANDOVER_REQUEST CONNECT_HANDOVER
+            HANDOVER_RESULT
+        """),
+    ),
+    Rule(
+        Access.NEVER,
+        "feeds position, attitude or range to the autopilot's estimator or to its avoidance",
+        names("""
+            GPS_INPUT GLOBAL_VISION_POSITION_ESTIMATE VISION_POSITION_ESTIMATE VISION_SPEED_ESTIMATE
+            VISION_POSITION_DELTA VICON_POSITION_ESTIMATE ODOMETRY ATT_POS_MOCAP OPTICAL_FLOW OPTICAL_FLOW_RAD
+            GLOBAL_POSITION_SENSOR LANDING_TARGET DISTANCE_SENSOR RANGEFINDER OBSTACLE_DISTANCE
+            OBSTACLE_DISTANCE_3D TRAJECTORY_REPRESENTATION_WAYPOINTS TRAJECTORY_REPRESENTATION_BEZIER
+            WHEEL_DISTANCE WATER_DEPTH
+        """),
+    ),
+    Rule(
+        Access.NEVER,
+        "other traffic: the autopilot flies after it or away from it",
+        names("""
+            GLOBAL_POSITION_INT ADSB_VEHICLE COLLISION AIS_VESSEL UTM_GLOBAL_POSITION ICAROUS_HEARTBEAT
+            ICAROUS_KINEMATIC_BANDS UAVIONIX_ADSB_TRANSCEIVER_HEALTH_REPORT UAVIONIX_ADSB_OUT_STATUS
+        """),
+    ),
+    Rule(
+        Access.NEVER,
+        "feeds battery, engine, air data or the clock; a false one starts or hides a failsafe",
+        names("""
+            BATTERY_STATUS SMART_BATTERY_INFO EFI_STATUS GENERATOR_STATUS LOWEHEISER_GOV_EFI SYSTEM_TIME
+            AIRSPEED WIND_COV HYGROMETER_SENSOR
+        """),
+    ),
+    Rule(
+        Access.NEVER,
+        "the modem's: it throttles the autopilot's streams",
+        names("RADIO_STATUS RADIO"),
+    ),
+    Rule(
+        Access.NEVER,
+        "read by scripts, or written into the flight log as if the aircraft had said it",
+        names("""
+            NAMED_VALUE_FLOAT NAMED_VALUE_INT NAMED_VALUE_STRING STATUSTEXT DEBUG DEBUG_VECT DEBUG_FLOAT_ARRAY
+            MEMORY_VECT
+        """),
+    ),
+    Rule(
+        Access.NEVER,
+        "from a gimbal, a camera or another component of the aircraft, which sit behind the companion",
+        names("""
+            PARAM_VALUE PARAM_EXT_VALUE PARAM_EXT_ACK PARAM_ERROR GIMBAL_REPORT GIMBAL_TORQUE_CMD_REPORT
+            GIMBAL_MANAGER_INFORMATION GIMBAL_MANAGER_STATUS GIMBAL_DEVICE_INFORMATION
+            GIMBAL_DEVICE_ATTITUDE_STATUS AUTOPILOT_STATE_FOR_GIMBAL_DEVICE MOUNT_STATUS MOUNT_ORIENTATION
+            GOPRO_HEARTBEAT GOPRO_GET_RESPONSE GOPRO_SET_RESPONSE CAMERA_STATUS CAMERA_FEEDBACK CAMERA_TRIGGER
+            CAMERA_INFORMATION CAMERA_SETTINGS CAMERA_CAPTURE_STATUS CAMERA_IMAGE_CAPTURED CAMERA_FOV_STATUS
+            CAMERA_TRACKING_IMAGE_STATUS CAMERA_TRACKING_GEO_STATUS CAMERA_THERMAL_RANGE STORAGE_INFORMATION
+            VIDEO_STREAM_INFORMATION VIDEO_STREAM_STATUS HERELINK_VIDEO_STREAM_INFORMATION HERELINK_TELEM
+            CUBEPILOT_RAW_RC CUBEPILOT_FIRMWARE_UPDATE_RESP AIRLINK_AUTH AIRLINK_AUTH_RESPONSE
+            OPEN_DRONE_ID_ARM_STATUS ONBOARD_COMPUTER_STATUS WINCH_STATUS BUTTON_CHANGE UAVCAN_NODE_STATUS
+            UAVCAN_NODE_INFO
+        """),
+    ),
+    Rule(
+        Access.NEVER,
+        "the vehicle's own telemetry and answers; from a station they are a mistake or a lie",
+        names("""
+            SYS_STATUS CHANGE_OPERATOR_CONTROL_ACK GPS_RAW_INT GPS_STATUS SCALED_IMU RAW_IMU RAW_PRESSURE
+            SCALED_PRESSURE ATTITUDE ATTITUDE_QUATERNION LOCAL_POSITION_NED RC_CHANNELS_SCALED RC_CHANNELS_RAW
+            SERVO_OUTPUT_RAW MISSION_CURRENT MISSION_ITEM_REACHED GPS_GLOBAL_ORIGIN SAFETY_ALLOWED_AREA
+            ATTITUDE_QUATERNION_COV NAV_CONTROLLER_OUTPUT GLOBAL_POSITION_INT_COV LOCAL_POSITION_NED_COV
+            RC_CHANNELS DATA_STREAM VFR_HUD ATTITUDE_TARGET POSITION_TARGET_LOCAL_NED
+            POSITION_TARGET_GLOBAL_INT LOCAL_POSITION_NED_SYSTEM_GLOBAL_OFFSET HIGHRES_IMU SIM_STATE
+            SCALED_IMU2 LOG_ENTRY LOG_DATA GPS2_RAW POWER_STATUS GPS_RTK GPS2_RTK SCALED_IMU3
+            DATA_TRANSMISSION_HANDSHAKE ENCAPSULATED_DATA TERRAIN_REQUEST TERRAIN_REPORT SCALED_PRESSURE2
+            ACTUATOR_CONTROL_TARGET ALTITUDE RESOURCE_REQUEST SCALED_PRESSURE3 CONTROL_SYSTEM_STATE
+            AUTOPILOT_VERSION SENSOR_OFFSETS MEMINFO AP_ADC FENCE_STATUS AHRS SIMSTATE HWSTATUS LIMITS_STATUS
+            WIND DATA16 DATA32 DATA64 DATA96 AIRSPEED_AUTOCAL COMPASSMOT_STATUS AHRS2 BATTERY2 AHRS3
+            REMOTE_LOG_DATA_BLOCK MAG_CAL_PROGRESS MAG_CAL_REPORT EKF_STATUS_REPORT PID_TUNING DEEPSTALL RPM
+            ESTIMATOR_STATUS HIGH_LATENCY HIGH_LATENCY2 VIBRATION HOME_POSITION MESSAGE_INTERVAL
+            EXTENDED_SYS_STATE FLIGHT_INFORMATION LOGGING_DATA LOGGING_DATA_ACKED ISBD_LINK_STATUS RAW_RPM
+            ORBIT_EXECUTION_STATUS ACTUATOR_OUTPUT_STATUS RELAY_STATUS DEVICE_OP_READ_REPLY
+            DEVICE_OP_WRITE_REPLY SECURE_COMMAND_REPLY ADAP_TUNING AOA_SSA ESC_TELEMETRY_1_TO_4
+            ESC_TELEMETRY_5_TO_8 ESC_TELEMETRY_9_TO_12 OSD_PARAM_CONFIG_REPLY OSD_PARAM_SHOW_CONFIG_REPLY
+            MCU_STATUS ESC_TELEMETRY_13_TO_16 ESC_TELEMETRY_17_TO_20 ESC_TELEMETRY_21_TO_24
+            ESC_TELEMETRY_25_TO_28 ESC_TELEMETRY_29_TO_32
+        """),
+    ),
+)

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The policy of messages that are judged by a part of their contents: an opcode, a payload type, a mission type.
+
+`*` names every part that has no row of its own; a table without it refuses them.
+
+* File transfer goes by opcode, because ArduPilot takes missions and parameters through files; which file is
+  judged too, by `files`. Ending a session is the commander's; a file that a reader leaves open is closed by the
+  autopilot itself.
+* Mission, fence and rally points are written by the same five messages. All are the commander's: a new plan
+  brings its own fence and rally points with it. A type that does not exist is refused.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mavproxy_handover.gate.policy.access import ANY, Access, Rule, names
+
+__all__ = [
+    "COMMAND_ACK_RULES",
+    "FTP_OPCODES",
+    "FTP_RULES",
+    "GUARD_STATUS_TUNNEL",
+    "LEASE_TUNNEL",
+    "MISSION_TYPES",
+    "MISSION_TYPE_MESSAGES",
+    "MISSION_TYPE_RULES",
+    "TUNNEL_RULES",
+]
+
+#: TUNNEL payload types of the lease (companion to guard) and of the guard's status (guard to companion).
+LEASE_TUNNEL: Final = 47116
+GUARD_STATUS_TUNNEL: Final = 47117
+
+TUNNEL_RULES: Final = (
+    Rule(
+        Access.NEVER,
+        "lease and guard status pass between companion and autopilot only: from a station they are forged",
+        (str(LEASE_TUNNEL), str(GUARD_STATUS_TUNNEL)),
+    ),
+    Rule(Access.MAINTENANCE, "carries contents that no table can judge", (ANY,)),
+)
+
+#: By the command that is acknowledged.
+COMMAND_ACK_RULES: Final = (
+    Rule(
+        Access.CONTROL,
+        "the answer to an operator-control request is the companion's",
+        names("REQUEST_OPERATOR_CONTROL"),
+    ),
+    Rule(Access.STREAM, "the autopilot takes it for the next step of an accelerometer calibration", (ANY,)),
+)
+
+#: The messages that say which kind of items they write.
+MISSION_TYPE_MESSAGES: Final = names("""
+    MISSION_COUNT MISSION_ITEM MISSION_ITEM_INT MISSION_WRITE_PARTIAL_LIST MISSION_CLEAR_ALL
+""")
+
+#: MAV_MISSION_TYPE by number.
+MISSION_TYPES: Final = {0: "MISSION", 1: "FENCE", 2: "RALLY", 255: "ALL"}
+
+MISSION_TYPE_RULES: Final = (
+    Rule(Access.COMMAND, "writes the route", names("MISSION")),
+    Rule(Access.COMMAND, "writes the fence, a limit that the autopilot keeps by itself", names("FENCE")),
+    Rule(Access.COMMAND, "writes the rally points, where the aircraft goes when authority is lost", names("RALLY")),
+    Rule(Access.COMMAND, "clears all three at once", names("ALL")),
+)
+
+#: File-transfer opcodes by number (MAVLink file transfer protocol, FtpOpcode).
+FTP_OPCODES: Final = {
+    0: "None",
+    1: "TerminateSession",
+    2: "ResetSessions",
+    3: "ListDirectory",
+    4: "OpenFileRO",
+    5: "ReadFile",
+    6: "CreateFile",
+    7: "WriteFile",
+    8: "RemoveFile",
+    9: "CreateDirectory",
+    10: "RemoveDirectory",
+    11: "OpenFileWO",
+    12: "TruncateFile",
+    13: "Rename",
+    14: "CalcFileCRC32",
+    15: "BurstReadFile",
+    16: "ListDirectoryWithTime",
+    128: "Ack",
+    129: "Nak",
+}
+
+FTP_RULES: Final = (
+    Rule(
+        Access.READ,
+        "reads files and directories",
+        names("None ListDirectory OpenFileRO ReadFile CalcFileCRC32 BurstReadFile ListDirectoryWithTime"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "writes files; ArduPilot takes missions, fences and parameters through files too",
+        names("CreateFile WriteFile RemoveFile CreateDirectory RemoveDirectory OpenFileWO TruncateFile Rename"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "older firmware has one open file for everybody: to end it may end the commander's upload",
+        names("TerminateSession ResetSessions"),
+    ),
+    Rule(Access.NEVER, "a server's answer, and no station is a server", names("Ack Nak")),
+)

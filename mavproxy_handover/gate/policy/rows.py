@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Finds the policy's row for a frame: by message id, or by the part of the contents that decides.
+
+The policy itself is data, in `tables.py` and what that collects. Here its names meet the numbers of the installed
+dialect, once, at import; a frame then costs one or two dictionary look-ups, a parameter one match of its name, a
+file one look at its path. Nothing is decided here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.gate.policy.access import ANY
+from mavproxy_handover.gate.policy.files import file_rule
+from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
+from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
+from mavproxy_handover.gate.policy.tables import (
+    COMMAND_ACK_RULES,
+    COMMAND_RULES,
+    COMPANION_COMPID,
+    FTP_OPCODES,
+    FTP_RULES,
+    GUARD_STATUS_TUNNEL,
+    LEASE_TUNNEL,
+    MESSAGE_RULES,
+    MISSION_TYPE_RULES,
+    MISSION_TYPES,
+    TUNNEL_RULES,
+    Access,
+    Rule,
+)
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
+
+__all__ = [
+    "COMPANION_COMPID",
+    "GUARD_STATUS_TUNNEL",
+    "LEASE_TUNNEL",
+    "MESSAGE_ROWS",
+    "MISSION_START",
+    "Access",
+    "Row",
+    "classify",
+]
+
+#: MAV_CMD_MISSION_START: START, which the companion itself carries out on the ground.
+MISSION_START: Final = 300
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What the policy says of one frame.
+
+    `what` names the frame for a human. `access` is None if the policy has no row for it: `part` then tells
+    whether the message is unknown (None) or what it carries (the command, opcode, payload type, mission type).
+    """
+
+    what: str
+    access: Access | None
+    part: int | None = None
+
+
+_MESSAGE_NAMES: Final[dict[int, str]] = {msgid: cls.msgname for msgid, cls in mavlink.mavlink_map.items()}
+_IDS: Final = {name: msgid for msgid, name in _MESSAGE_NAMES.items()}
+_COMMAND_NAMES: Final[dict[int, str]] = {
+    number: entry.name for number, entry in mavlink.enums["MAV_CMD"].items() if not entry.name.endswith("_ENUM_END")
+}
+
+
+def _by_name(rules: tuple[Rule, ...]) -> dict[str, Access]:
+    return {name: rule.access for rule in rules for name in rule.names}
+
+
+def _message_rows() -> dict[int, Row]:
+    access = _by_name(MESSAGE_RULES)
+    return {msgid: Row(name, access[name]) for msgid, name in _MESSAGE_NAMES.items() if name in access}
+
+
+def _parts(rules: tuple[Rule, ...], numbers: dict[int, str], prefix: str = "") -> dict[int, tuple[str, Access]]:
+    """Number -> (name for people, access), for the numbers whose names have a row; `*` gives one to all."""
+    access = {name if name == ANY else prefix + name: value for name, value in _by_name(rules).items()}
+    found = ((number, name, access.get(name, access.get(ANY))) for number, name in numbers.items())
+    return {number: (name, value) for number, name, value in found if value is not None}
+
+
+def _part_rows() -> dict[int, dict[int, Row]]:
+    commands = _parts(COMMAND_RULES, _COMMAND_NAMES, "MAV_CMD_")
+    tunnels = {number: str(number) for number in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL)}
+    kinds = _parts(MISSION_TYPE_RULES, MISSION_TYPES)
+    tables: dict[str, dict[int, tuple[str, Access]]] = {
+        "COMMAND_LONG": commands,
+        "COMMAND_INT": commands,
+        "COMMAND_ACK": _parts(COMMAND_ACK_RULES, _COMMAND_NAMES, "MAV_CMD_"),
+        "FILE_TRANSFER_PROTOCOL": _parts(FTP_RULES, FTP_OPCODES),
+        "TUNNEL": _parts(TUNNEL_RULES, tunnels),
+        **dict.fromkeys(MISSION_TYPE_MESSAGES, kinds),
+    }
+    return {
+        _IDS[message]: {n: Row(f"{message}/{name}", access, n) for n, (name, access) in table.items()}
+        for message, table in tables.items()
+    }
+
+
+_FTP: Final = _IDS["FILE_TRANSFER_PROTOCOL"]
+#: The opcode is behind sequence number and session.
+_FTP_OPCODE: Final = slice(3, 4)
+
+#: The field that the part is; of file transfer it is a byte in it.
+_PART_FIELDS: Final = {
+    _IDS["COMMAND_LONG"]: "command",
+    _IDS["COMMAND_INT"]: "command",
+    _IDS["COMMAND_ACK"]: "command",
+    _IDS["TUNNEL"]: "payload_type",
+    **{_IDS[name]: "mission_type" for name in MISSION_TYPE_MESSAGES},
+}
+
+#: What a part without a row is; a message that is not here is refused then.
+_PART_DEFAULTS: Final = {
+    _IDS["COMMAND_ACK"]: _by_name(COMMAND_ACK_RULES)[ANY],
+    _IDS["TUNNEL"]: _by_name(TUNNEL_RULES)[ANY],
+}
+
+#: Messages whose id alone decides. `judge` takes them up once, at import.
+MESSAGE_ROWS: Final[Mapping[int, Row]] = _message_rows()
+_PART_ROWS: Final = _part_rows()
+_PARAMETER_IDS: Final = frozenset(_IDS[name] for name in PARAMETER_MESSAGES)
+
+
+def classify(frame: Frame) -> Row:
+    """The policy's row for a frame. Total: a frame without a row gets one whose `access` is None."""
+    msgid = frame.msgid
+    row = MESSAGE_ROWS.get(msgid)
+    if row is not None:
+        return row
+    if msgid == _FTP:
+        return _file_row(field_bytes(frame, "payload"))
+    field = _PART_FIELDS.get(msgid)
+    if field is not None:
+        return _part_row(msgid, field_int(frame, field))
+    what = _MESSAGE_NAMES.get(msgid, f"message {msgid}")
+    if msgid not in _PARAMETER_IDS:
+        return Row(what, None)
+    name = parameter_name(field_bytes(frame, "param_id"))
+    return Row(f"{what}/{name}", parameter_rule(name).access)
+
+
+def _part_row(msgid: int, part: int) -> Row:
+    row = _PART_ROWS[msgid].get(part)
+    return Row(f"{_MESSAGE_NAMES[msgid]}/{part}", _PART_DEFAULTS.get(msgid), part) if row is None else row
+
+
+def _file_row(request: bytes) -> Row:
+    opcode = int.from_bytes(request[_FTP_OPCODE], "little")
+    row, rule = _part_row(_FTP, opcode), file_rule(opcode, request)
+    return row if rule is None else Row(f"{row.what} ({rule.name})", rule.access, opcode)

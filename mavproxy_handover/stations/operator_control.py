@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Operator control on the wire: MAV_CMD_REQUEST_OPERATOR_CONTROL in its layout of 2026, its traps, its answers.
+
+The layout of 2024 had other parameters: p1 system id (0 from a ground station), p2 action, p3 takeover, p4 time-out.
+Read by the present layout, a request of then (p1 0, p2 1) is a release. A release that comes with p2 set is therefore
+refused with a word about it: a misread one would take authority away in flight.
+
+The owner is asked by the same command, again and again until it acknowledges that it has heard.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.events import ControlRequested, Event, NotifyOwner
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.wire.frames import Frame
+
+__all__ = ["OperatorControl", "notification", "read_request"]
+
+_COMMAND = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
+
+
+def read_request(message: Any, station: int) -> ControlRequested | str:
+    """The request in a COMMAND_LONG or COMMAND_INT of `station`, or why it cannot be one."""
+    action, takeover, timeout_s, requester = message.param1, message.param2, message.param3, message.param4
+    if not all(math.isfinite(value) for value in (action, takeover, timeout_s, requester)):
+        return "parameters must be numbers"
+    if action not in (0, 1) or takeover not in (0, 1):
+        return "action and takeover must be 0 or 1"
+    if action == 0 and takeover == 1:
+        return "release with takeover: the request of an old ground station?"
+    if requester != int(requester) or not 0 <= requester <= 255:
+        return "system id must be 0 to 255"
+    return ControlRequested(
+        station=station,
+        request=action == 1,
+        takeover=takeover == 1,
+        timeout_s=timeout_s,
+        for_station=int(requester) if action == 1 and requester else station,
+    )
+
+
+def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> Any:
+    """The command by which the manager tells the owner that `requester` asks for control."""
+    return mavlink.MAVLink_command_long_message(*owner, _COMMAND, 0, 1, 0, timeout_s, requester, 0, 0, 0)
+
+
+class OperatorControl:
+    """Who asked last, and whom they are asking. `handle` gives a request to the arbiter, which decides."""
+
+    def __init__(self, voice: Voice, journal: Journal, handle: Callable[[Event, float], None]) -> None:
+        self._voice = voice
+        self._journal = journal
+        self._handle = handle
+        #: system, component that asked last, and the component that was asked
+        self._asker = (0, 0, 0)
+        #: (station, transfer) of the question that the owner was asked last, and of the one that it has acknowledged
+        self._question: tuple[int, int] | None = None
+        self._acknowledged: tuple[int, int] | None = None
+
+    def take(self, port: StationPort, frame: Frame, message: Any, handover_id: int, now: float) -> None:
+        """A request of a station, or the owner's word that it has heard of one; `handover_id`: of the transfer."""
+        if message.get_type() == "COMMAND_ACK":
+            if self._question == (port.sysid, handover_id):
+                self._acknowledged = self._question
+            return
+        port.component = port.component or frame.compid
+        request = read_request(message, port.sysid)
+        self._asker = (frame.sysid, frame.compid, message.target_component)
+        if isinstance(request, str):
+            self._journal.write("control", f"request of {port.name} not understood: {request}", station=port.name)
+            self.answer(port, mavlink.MAV_RESULT_DENIED, request)
+            return
+        self._handle(request, now)
+
+    def answer(self, port: StationPort, result: int, text: str) -> None:
+        """COMMAND_ACK of the component that was asked; the companion where nobody was named."""
+        sysid, compid, component = self._asker
+        self._voice.acknowledge(port, (sysid, compid), _COMMAND, result, component)
+        if text:
+            self._voice.say(port, f"Control denied: {text}")
+
+    def ask_owner(self, port: StationPort, action: NotifyOwner, name: str, handover_id: int) -> None:
+        """Ask the owner at `port` whether the station called `name` may have control; not if it has heard already."""
+        question = (port.sysid, handover_id)
+        if question == self._acknowledged:
+            return
+        again, self._question = question == self._question, question
+        port.send(notification(port.target, action.requester, action.timeout_s), everywhere=True)
+        if not again:
+            self._journal.write("notified", f"{port.name} is asked: may {name} have control?", station=port.name)

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The stations as the companion reaches them: links, who may speak on them, and what came of it."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections import Counter, deque
+from math import inf
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.config.files import StationLinks
+from mavproxy_handover.gate.judge import GateReason, StationIdentity
+from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
+from mavproxy_handover.link.bundle import LinkBundle
+from mavproxy_handover.link.devices import Device, LinkError, open_device
+from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
+from mavproxy_handover.link.timesync import PROBE_COMPID, probe_message
+from mavproxy_handover.store.keys import StationKeys, check_distinct, load_station_keys
+from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+
+__all__ = ["StationPort", "open_ports"]
+
+#: rejected frames that wait to be journalled; under a flood the newest are enough
+_REJECTED = 32
+
+
+class StationPort:
+    """One station: its identity, its links, its counters."""
+
+    def __init__(
+        self, config: StationLinks, links: tuple[Device, ...], vehicle_sysid: int, keys: StationKeys | None = None
+    ) -> None:
+        """`keys`: what the station signs with, and is answered in; None: nothing is signed or asked for."""
+        self.sysid = config.station.sysid
+        self.name = config.station.name
+        self.identity = StationIdentity(config.station.sysid, config.sysids)
+        self.links = links
+        #: component that the station's own messages come from
+        self.component = 0
+        #: the station's last heartbeat, and when it came (monotonic s)
+        self.heartbeat = b""
+        self.heartbeat_at = -inf
+        #: what became of frames and why, for `handover stations`
+        self.verdicts: Counter[GateReason | SignatureVerdict] = Counter()
+        #: the station's key and what was heard under it; None where there is no key
+        self.peer = None if keys is None else SignedPeer(keys.current, keys.previous)
+        #: frames whose signature did not hold, with the verdict, newest last
+        self.rejected: deque[tuple[Frame, SignatureVerdict]] = deque(maxlen=_REJECTED)
+        self._over: dict[str, set[Measure]] = {}
+        self._encoder = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=COMPANION_COMPID)
+        self._probers = [mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID) for _ in links]
+        self._bundle = LinkBundle(links, self._probe, secrets.randbits, config.limits)
+
+    @property
+    def target(self) -> tuple[int, int]:
+        """System and component to address."""
+        return self.sysid, self.component
+
+    def read(self, link: Device, now: float, once: bool = False) -> list[Frame]:
+        """Frames that arrived on `link`: no copies of what came by another link, no answers to probes.
+
+        `once`: see `link.base.Device.read`.
+
+        Frames that name somebody else as their sender are among them: the gate drops and counts those. They do nothing
+        for the link, neither to its measurements nor to the address that it answers.
+        """
+        kept = []
+        sysids, peer, bundle = self.identity.sysids, self.peer, self._bundle
+        for frame in bundle.read(link, now, once):
+            if frame.sysid in sysids:
+                if peer is not None:
+                    verdict = peer.check(frame, time.time(), now)
+                    if verdict is not SignatureVerdict.OK:
+                        self._reject(link, frame, verdict, now)
+                        continue
+                if not bundle.accept(link, frame, now):
+                    continue
+            kept.append(frame)
+        return kept
+
+    def _reject(self, link: Device, frame: Frame, verdict: SignatureVerdict, now: float) -> None:
+        """The frame is not proven to be the station's."""
+        self._bundle.bad_signature(link, now)
+        self.verdicts[verdict] += 1
+        self.rejected.append((frame, verdict))
+
+    def _sealed(self, data: bytes) -> bytes | None:
+        """As the station gets it: signed with its key. None: it cannot be signed (MAVLink 1)."""
+        if self.peer is None:
+            return data
+        return self.peer.sign(data, 0, time.time(), time.monotonic())
+
+    def send(self, message: Any, *, everywhere: bool = False) -> None:
+        """Send a message of the companion's own: on the best link, or on every one."""
+        data = codec.pack(message, self._encoder)
+        if everywhere:
+            self.write_all(data)
+        else:
+            self.write(data)
+
+    def write(self, data: bytes) -> None:
+        """Send a frame on the best link."""
+        sealed = self._sealed(data)
+        if sealed is not None:
+            self._bundle.write(sealed)
+
+    def write_all(self, data: bytes) -> None:
+        """Send a frame on every link: transfer messages must get through."""
+        sealed = self._sealed(data)
+        if sealed is not None:
+            self._bundle.write_all(sealed)
+
+    def tick(self, now: float) -> list[LinkEvent]:
+        """Probe the links and look at what was measured; to be called often. What changed."""
+        events = self._bundle.tick(now)
+        for event in events:
+            if event.kind is not LinkEventKind.SWITCHED and event.measure is not None:
+                over = self._over.setdefault(event.device, set())
+                (over.add if event.kind is LinkEventKind.DEGRADED else over.discard)(event.measure)
+        return events
+
+    @property
+    def weak(self) -> bool:
+        """Every link is over a limit of its quality."""
+        return all(self._over.get(link.device, set()) - {Measure.BAD_SIGNATURES} for link in self.links)
+
+    @property
+    def attacked(self) -> bool:
+        """Bad signatures come in by some link at a rate that is no accident."""
+        return any(Measure.BAD_SIGNATURES in over for over in self._over.values())
+
+    def quality(self, link: Device, now: float) -> LinkQuality:
+        """What was measured on one link."""
+        return self._bundle.quality(link, now)
+
+    def carries(self, link: Device) -> bool:
+        """Whether what is sent on the best link goes out on this one."""
+        return self._bundle.carries(link)
+
+    def close(self) -> None:
+        """Close all links."""
+        self._bundle.close()
+
+    def _probe(self, number: int, stamp: int) -> bytes:
+        data = codec.pack(probe_message(stamp), self._probers[number])
+        return self._sealed(data) or data
+
+
+def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int) -> dict[int, StationPort]:
+    """Open every link of every station, or none. Raises LinkError, KeysError (two with the same key, for one)."""
+    keys = {config.station.name: load_station_keys(config.key) for config in configs if config.key is not None}
+    check_distinct(keys)
+    ports: dict[int, StationPort] = {}
+    opened: list[Device] = []
+    try:
+        for config in configs:
+            links = []
+            for device in config.links:
+                links.append(open_device(device))
+                opened.append(links[-1])
+            name = config.station.name
+            ports[config.station.sysid] = StationPort(config, tuple(links), vehicle_sysid, keys.get(name))
+    except LinkError:
+        for link in opened:
+            link.close()
+        raise
+    return ports

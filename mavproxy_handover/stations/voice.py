@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The companion's own voice: who it speaks as, to the autopilot and to the stations.
+
+It is component 191 of the vehicle. Where a ground station program waits for the autopilot's answer, because that is
+whom it asked, the answer comes in the autopilot's name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.wire import codec
+
+__all__ = ["AUTOPILOT", "Voice"]
+
+#: the autopilot's component
+AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
+_TEXT_BYTES = 50
+
+
+class Voice:
+    """Packs and sends messages of vehicle `sysid`; `write_autopilot` takes whole frames."""
+
+    def __init__(self, sysid: int, write_autopilot: Callable[[bytes], None], ports: Mapping[int, StationPort]) -> None:
+        self.own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=COMPANION_COMPID)
+        self._as_autopilot = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT)
+        self._write_autopilot = write_autopilot
+        self._ports = ports
+
+    def to_autopilot(self, message: Any) -> None:
+        """Send a message to the autopilot."""
+        self._write_autopilot(codec.pack(message, self.own))
+
+    def to_stations(self, message: Any) -> None:
+        """Send a message to every station, on its best link."""
+        for port in self._ports.values():
+            port.send(message)
+
+    def answer(self, port: StationPort, message: Any) -> None:
+        """Send a station what it asked the autopilot for."""
+        port.write(codec.pack(message, self._as_autopilot))
+
+    def acknowledge(
+        self, port: StationPort, asker: tuple[int, int], command: int, result: int, component: int = AUTOPILOT
+    ) -> None:
+        """COMMAND_ACK to `asker` (system, component), in the name of the `component` that was asked."""
+        ack = mavlink.MAVLink_command_ack_message(command, result, 0, 0, *asker)
+        port.write(codec.pack(ack, self._as_autopilot if component == AUTOPILOT else self.own))
+
+    def say(self, port: StationPort, text: str) -> None:
+        """A warning for the station's operator, in as many STATUSTEXT as it takes."""
+        raw = text.encode("utf-8")
+        for start in range(0, len(raw), _TEXT_BYTES):
+            line = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_WARNING, raw[start : start + _TEXT_BYTES])
+            port.send(line)

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the autopilot said, as the companion passes it on: units, directions, and what is not known."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Reason
+from mavproxy_handover.wire import codec, status
+from mavproxy_handover.wire.codec import AircraftState
+from mavproxy_handover.wire.lease import unpack_lease
+
+VIEW = AuthorityView(Phase.ON_HANDOVER, 251, 252, 7, LeaseState.TRANSFER, armed=True, handover_id=3)
+
+
+def position(north_cms: int = 0, east_cms: int = 0, down_cms: int = 0, heading: int = 9000) -> mavlink.MAVLink_message:
+    return mavlink.MAVLink_global_position_int_message(
+        123456, 526790000, 59240000, 45000, 30000, north_cms, east_cms, down_cms, heading
+    )
+
+
+@pytest.fixture
+def aircraft() -> Aircraft:
+    return Aircraft()
+
+
+@pytest.mark.parametrize(
+    ("north", "east", "course"), [(500, 0, 0.0), (0, 500, 90.0), (-500, 0, 180.0), (0, -500, 270.0), (300, 300, 45.0)]
+)
+def test_the_track_is_the_course_over_ground(aircraft: Aircraft, north: int, east: int, course: float) -> None:
+    aircraft.take(position(north, east), 1.0)
+    assert aircraft.track[0] == pytest.approx(course)
+    assert aircraft.track[1] == pytest.approx(math.hypot(north, east) / 100)
+
+
+def test_before_a_position_there_is_no_track(aircraft: Aircraft) -> None:
+    assert aircraft.track == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("base_mode", "landed", "flying"),
+    [
+        (0, mavlink.MAV_LANDED_STATE_IN_AIR, False),
+        (128, mavlink.MAV_LANDED_STATE_IN_AIR, True),
+        (128, mavlink.MAV_LANDED_STATE_TAKEOFF, True),
+        (128, mavlink.MAV_LANDED_STATE_LANDING, True),
+        (128, mavlink.MAV_LANDED_STATE_ON_GROUND, False),
+        (128, mavlink.MAV_LANDED_STATE_UNDEFINED, True),
+    ],
+)
+def test_armed_and_not_known_to_be_on_the_ground_is_flying(
+    aircraft: Aircraft, base_mode: int, landed: int, flying: bool
+) -> None:
+    aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, base_mode, 4, 4, 3), 1.0)
+    aircraft.take(mavlink.MAVLink_extended_sys_state_message(0, landed), 1.0)
+    assert aircraft.flying is flying
+
+
+def test_telemetry_has_the_fields_of_the_thesis_in_the_units_of_the_dialect(aircraft: Aircraft) -> None:
+    aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, 4, 3), 1.0)
+    aircraft.take(position(300, 400, -50, 12345), 1.0)
+    aircraft.take(mavlink.MAVLink_attitude_message(0, 0, 0, 0, 0.25, -0.5, 0.75), 1.0)
+    aircraft.take(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 11800, 0, 76, 0, 0, 0, 0, 0, 0), 1.0)
+    aircraft.take(mavlink.MAVLink_mission_current_message(8), 1.0)
+    aircraft.take(mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, 120, 0, 0, 0), 1.0)
+    m = aircraft.telemetry((251, 190), 1_700_000_000_000_000, 252)
+    assert (m.target_system, m.target_component, m.time_usec, m.time_boot_ms) == (
+        251,
+        190,
+        1_700_000_000_000_000,
+        123456,
+    )
+    assert (m.battery_voltage, m.battery_remaining) == (11800, 76)
+    assert (m.lat, m.lon, m.alt, m.relative_alt) == (526790000, 59240000, 45000, 30000)
+    assert (m.rollspeed, m.pitchspeed, m.yawspeed) == (0.25, -0.5, 0.75)
+    assert (m.vx, m.vy, m.vz, m.heading, m.groundspeed) == (3.0, 4.0, -0.5, 12345, 5.0)
+    assert (m.waypoint, m.waypoint_distance, m.zone, m.armed, m.custom_mode) == (8, 120.0, 252, 1, 3)
+
+
+def test_what_is_not_known_is_said_as_mavlink_says_unknown(aircraft: Aircraft) -> None:
+    m = aircraft.telemetry((251, 190), 0, 0)
+    raw = codec.pack(m, mavlink.MAVLink(None, srcSystem=1, srcComponent=191))
+    received = codec.decode_bytes(raw)
+    assert received is not None
+    assert (received.battery_voltage, received.battery_remaining, received.heading) == (65535, -1, 65535)
+    assert math.isnan(received.waypoint_distance)
+    assert aircraft.state() == AircraftState()
+
+
+def test_the_state_in_a_request_is_that_of_the_last_position(aircraft: Aircraft) -> None:
+    aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, 128, 3, 4, 3), 1.0)
+    aircraft.take(position(300, 400, 0, 12345), 1.0)
+    aircraft.take(mavlink.MAVLink_mission_current_message(8), 1.0)
+    assert aircraft.state() == AircraftState(526790000, 59240000, 30000, 12345, 5.0, -1, 8, 3)
+
+
+# ---- what the companion says on its own ---------------------------------------------------------------------------
+
+
+def test_authority_status_tells_the_whole_view() -> None:
+    m = status.authority_status(VIEW, 252, GuardState.LIVE, Reason.ZONE)
+    assert (m.phase, m.commander, m.partner, m.zone, m.epoch, m.handover_id) == (2, 251, 252, 252, 7, 3)
+    assert (m.lease, m.guard, m.reason) == (2, 2, 1)
+
+
+def test_nobody_and_none_are_0() -> None:
+    m = status.authority_status(AuthorityView(), 0, GuardState.SILENT, Reason.NONE)
+    assert (m.phase, m.commander, m.partner, m.zone, m.lease, m.guard) == (0, 0, 0, 0, 3, 255)
+
+
+def test_control_status_speaks_for_the_system_and_names_the_commander_alone() -> None:
+    m = status.control_status(VIEW)
+    assert (m.flags, m.gcs_main, list(m.gcs_secondary)) == (1, 251, [0] * 10)
+    assert status.control_status(AuthorityView()).gcs_main == 0
+
+
+def test_the_companion_is_no_ground_station() -> None:
+    m = status.heartbeat(VIEW)
+    assert (m.type, m.autopilot, m.custom_mode) == (18, 8, 2)
+    assert m.system_status == mavlink.MAV_STATE_ACTIVE
+    assert status.heartbeat(AuthorityView(Phase.EMERGENCY)).system_status == mavlink.MAV_STATE_EMERGENCY
+
+
+def test_each_lease_has_the_next_number_and_they_go_round() -> None:
+    sequence = status.LeaseSequence(99)
+    leases = [unpack_lease(bytes(sequence.next(VIEW, 1).payload[:20])) for _ in range(3)]
+    assert [(lease.sequence, lease.nonce, lease.commander) for lease in leases if lease] == [
+        (1, 99, 251),
+        (2, 99, 251),
+        (3, 99, 251),
+    ]
+    sequence.sequence = 0xFFFFFFFF
+    last = unpack_lease(bytes(sequence.next(VIEW, 1).payload[:20]))
+    assert last is not None
+    assert last.sequence == 0

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Conversations with the autopilot, one by one: what is sent, what counts as an answer, and how each can end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.core.events import FlightAction
+from mavproxy_handover.mission.items import MissionItem, RallyPoint
+from mavproxy_handover.wire.conversation import Ask, Conversation, Dialogue, NoAnswer
+from tests.module.vehicle import GUIDED, LAND, RTL, Autopilot
+
+MODE, ARM, START = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_MISSION_START
+DENIED, IN_PROGRESS = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_IN_PROGRESS
+HOME = MissionItem(0, 16, 0, 0, 0, 0, 0, 52.679, 5.924, 0)
+TAKEOFF = MissionItem(1, 22, 3, 0, 0, 0, 0, 52.679, 5.924, 30)
+WAYPOINT = MissionItem(2, 16, 3, 2, 0, 0, 0, 52.6795, 5.925, 40)
+RALLY = RallyPoint(52.679, 5.923, 30)
+
+
+def talk(conversation: Conversation, autopilot: Autopilot, limit_s: float = 60.0) -> Dialogue:
+    """Run a conversation to its end, in steps of 50 ms."""
+    own = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+    written: list[bytes] = []
+    now = 100.0
+    dialogue = Dialogue(conversation, lambda message: written.append(bytes(message.pack(own))), now)
+    while not dialogue.finished and now < 100.0 + limit_s:
+        now += 0.05
+        waiting, written[:] = list(written), []
+        for message in autopilot.step(waiting, now):
+            dialogue.on_message(message, now)
+        dialogue.tick(now)
+    return dialogue
+
+
+@pytest.fixture
+def autopilot() -> Autopilot:
+    autopilot = Autopilot()
+    autopilot.guard_state = None
+    return autopilot
+
+
+@pytest.fixture
+def copter() -> Copter:
+    return Copter(1, lambda: "PreArm: why")
+
+
+# ---- the mission --------------------------------------------------------------------------------------------------
+
+
+def test_a_mission_is_written_and_read_back(autopilot: Autopilot, copter: Copter) -> None:
+    dialogue = talk(copter.load((HOME, TAKEOFF, WAYPOINT), (RALLY,)), autopilot)
+    assert (dialogue.finished, dialogue.failure) == (True, None)
+    sent = [m.get_type() for m in autopilot.received]
+    assert sent == [
+        "MISSION_COUNT", *["MISSION_ITEM_INT"] * 3,
+        "MISSION_COUNT", "MISSION_ITEM_INT",
+        "MISSION_REQUEST_LIST", *["MISSION_REQUEST_INT"] * 3,
+        "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT",
+    ]  # fmt: skip
+    assert {(m.target_system, m.target_component) for m in autopilot.received} == {(1, 1)}
+    waypoint = autopilot.got("MISSION_ITEM_INT")[2]
+    assert (waypoint.seq, waypoint.frame, waypoint.command, waypoint.param1) == (2, 3, 16, 2.0)
+    assert (waypoint.x, waypoint.y, waypoint.z, waypoint.autocontinue) == (526795000, 59250000, 40.0, 1)
+
+
+def test_without_rally_points_those_of_the_last_flight_are_cleared(autopilot: Autopilot, copter: Copter) -> None:
+    autopilot.items[2] = [object()]
+    dialogue = talk(copter.load((HOME, TAKEOFF), ()), autopilot)
+    assert dialogue.failure is None
+    assert autopilot.items[2] == []
+    (clear,) = autopilot.got("MISSION_CLEAR_ALL")
+    assert clear.mission_type == mavlink.MAV_MISSION_TYPE_RALLY
+
+
+def test_home_is_the_autopilots_own_business(autopilot: Autopilot, copter: Copter) -> None:
+    def spoil(item: Any) -> Any:
+        if item.seq == 0 and item.mission_type == 0:
+            item.x, item.z = 1, 584.0
+        return item
+
+    autopilot.spoil = spoil
+    assert talk(copter.load((HOME, TAKEOFF), ()), autopilot).failure is None
+
+
+def test_an_autopilot_that_holds_another_number_of_items_is_not_believed(autopilot: Autopilot, copter: Copter) -> None:
+    autopilot.count_error = 1
+    dialogue = talk(copter.load((HOME, TAKEOFF), ()), autopilot)
+    assert dialogue.failure == "the autopilot holds 3 items of 2 written"
+
+
+def test_an_autopilot_that_asks_for_an_item_that_is_not_there_ends_the_upload(copter: Copter) -> None:
+    conversation = copter.load((HOME, TAKEOFF), ())
+    next(conversation)
+    with pytest.raises(NoAnswer, match="the autopilot asks for mission item 2 of 2"):
+        conversation.send(mavlink.MAVLink_mission_request_int_message(1, 191, 2, 0))
+
+
+def test_rally_altitudes_may_come_back_in_whole_metres(autopilot: Autopilot, copter: Copter) -> None:
+    def spoil(item: Any) -> Any:
+        item.z = float(int(item.z))
+        return item
+
+    autopilot.spoil = spoil
+    assert talk(copter.load((HOME, TAKEOFF), (RallyPoint(52.679, 5.923, 30.9),)), autopilot).failure is None
+
+
+def test_a_rally_altitude_that_is_another_is_told(autopilot: Autopilot, copter: Copter) -> None:
+    autopilot.spoil = lambda item: setattr(item, "z", 55.0) or item if item.mission_type == 2 else item
+    dialogue = talk(copter.load((HOME, TAKEOFF), (RALLY,)), autopilot)
+    assert dialogue.failure == "rally point 0: altitude 30 m came back as 55 m"
+
+
+def test_rally_points_that_the_autopilot_refuses_are_told_apart_from_the_mission(
+    autopilot: Autopilot, copter: Copter
+) -> None:
+    conversation = copter.load((HOME,), (RALLY,))
+    next(conversation)
+    conversation.send(mavlink.MAVLink_mission_ack_message(1, 191, 0, 0))
+    with pytest.raises(NoAnswer, match="the autopilot refused the rally points: MAV_MISSION_NO_SPACE"):
+        conversation.send(mavlink.MAVLink_mission_ack_message(1, 191, mavlink.MAV_MISSION_NO_SPACE, 2))
+
+
+def test_items_in_the_other_form_of_the_mission_protocol_are_asked_for_and_sent(copter: Copter) -> None:
+    """Older autopilots ask with MISSION_REQUEST; the answer is the same."""
+    conversation = copter.load((HOME, TAKEOFF), ())
+    next(conversation)
+    ask = conversation.send(mavlink.MAVLink_mission_request_message(1, 191, 1, 0))
+    assert ask.messages[0].get_type() == "MISSION_ITEM_INT"
+    assert ask.messages[0].seq == 1
+
+
+# ---- the way home -------------------------------------------------------------------------------------------------
+
+
+def test_the_way_home_is_rtl_seen_in_a_heartbeat(autopilot: Autopilot, copter: Copter) -> None:
+    autopilot.mode = GUIDED
+    dialogue = talk(copter.bring_home(FlightAction.RETURN), autopilot)
+    assert (dialogue.result, dialogue.failure, autopilot.mode) == ("RTL", None, RTL)
+
+
+@pytest.mark.parametrize("how", ["refused", "not answered", "not done"])
+def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, copter: Copter, how: str) -> None:
+    original = autopilot._command
+
+    def only_land(m: Any) -> None:
+        if int(m.param2) == LAND:
+            autopilot.script.clear()
+            autopilot.forgets.clear()
+        original(m)
+
+    autopilot._command = only_land  # type: ignore[method-assign]
+    autopilot.mode = GUIDED
+    if how == "not done":
+        autopilot.forgets.add(MODE)
+    else:
+        autopilot.script[MODE] = DENIED if how == "refused" else None
+    dialogue = talk(copter.bring_home(FlightAction.RETURN), autopilot)
+    assert (dialogue.result, dialogue.failure, autopilot.mode) == ("LAND", None, LAND)
+
+
+def test_an_order_to_land_does_not_fly_home_first(autopilot: Autopilot, copter: Copter) -> None:
+    dialogue = talk(copter.bring_home(FlightAction.LAND), autopilot)
+    assert dialogue.result == "LAND"
+    assert [m.param2 for m in autopilot.got("COMMAND_LONG")] == [float(LAND)]
+
+
+def test_an_autopilot_that_does_neither_is_told(autopilot: Autopilot, copter: Copter) -> None:
+    autopilot.script[MODE] = DENIED
+    dialogue = talk(copter.bring_home(FlightAction.RETURN), autopilot)
+    assert dialogue.failure == ("the autopilot does not obey: mode LAND refused (MAV_RESULT_DENIED): PreArm: why")
+
+
+# ---- commands -----------------------------------------------------------------------------------------------------
+
+
+def test_a_command_in_progress_is_waited_for(copter: Copter) -> None:
+    conversation = copter.start()
+    ask = next(conversation)
+    in_progress = mavlink.MAVLink_command_ack_message(MODE, IN_PROGRESS, 0, 0, 1, 191)
+    assert ask.answer(in_progress) is None
+    assert ask.answer(mavlink.MAVLink_command_ack_message(ARM, 0, 0, 0, 1, 191)) is None, "of another command"
+    assert ask.answer(mavlink.MAVLink_command_ack_message(MODE, 0, 0, 0, 1, 191)) == 0
+
+
+def test_a_result_that_mavlink_has_no_name_for_is_shown_as_its_number(autopilot: Autopilot, copter: Copter) -> None:
+    autopilot.script[MODE] = 77
+    assert talk(copter.start(), autopilot).failure == "mode GUIDED refused (77): PreArm: why"
+
+
+def test_a_refusal_without_a_reason_ends_with_the_result(autopilot: Autopilot) -> None:
+    autopilot.script[ARM] = DENIED
+    dialogue = talk(Copter(1, lambda: "").start(), autopilot)
+    assert dialogue.failure == "arming refused (MAV_RESULT_DENIED)"
+
+
+# ---- any conversation ---------------------------------------------------------------------------------------------
+
+
+class Line:
+    """Where a conversation's messages go."""
+
+    def __init__(self) -> None:
+        self.sent: list[str] = []
+
+
+def ask(what: str, tries: int = 3) -> Ask:
+    return Ask(what, (what,), lambda message: message if message == f"{what}!" else None, timeout_s=1.0, tries=tries)
+
+
+def test_a_question_is_asked_as_often_as_it_says_and_then_it_fails() -> None:
+    def conversation() -> Conversation:
+        yield ask("a")
+        raise AssertionError("there was no answer")
+
+    line = Line()
+    dialogue = Dialogue(conversation(), line.sent.append, 0.0)
+    for now in (0.5, 0.999, 1.0, 1.5, 2.0, 2.999):
+        dialogue.tick(now)
+    assert (line.sent, dialogue.finished) == (["a", "a", "a"], False)
+    dialogue.tick(3.0)
+    assert (line.sent, dialogue.finished, dialogue.failure) == (["a", "a", "a"], True, "no answer to a")
+
+
+def test_an_answer_leads_to_the_next_question_with_tries_of_its_own() -> None:
+    def conversation() -> Conversation:
+        first = yield ask("a")
+        second = yield ask("b")
+        return first + second
+
+    line = Line()
+    dialogue = Dialogue(conversation(), line.sent.append, 0.0)
+    dialogue.tick(1.0)
+    dialogue.on_message("b!", 1.1)
+    dialogue.on_message("a!", 1.2)
+    dialogue.tick(2.1)
+    assert line.sent == ["a", "a", "b"]
+    dialogue.tick(2.2)
+    assert line.sent == ["a", "a", "b", "b"]
+    dialogue.on_message("b!", 2.3)
+    assert (dialogue.finished, dialogue.failure, dialogue.result) == (True, None, "a!b!")
+    dialogue.on_message("b!", 2.4)
+    dialogue.tick(100.0)
+    assert line.sent == ["a", "a", "b", "b"]
+
+
+def test_a_conversation_may_live_with_no_answer() -> None:
+    def conversation() -> Conversation:
+        try:
+            yield ask("a", tries=1)
+        except NoAnswer:
+            yield ask("b", tries=1)
+        return "done"
+
+    line = Line()
+    dialogue = Dialogue(conversation(), line.sent.append, 0.0)
+    dialogue.tick(1.0)
+    dialogue.on_message("b!", 1.1)
+    assert (line.sent, dialogue.result) == (["a", "b"], "done")
+
+
+def test_a_conversation_that_is_broken_off_has_failed_and_says_nothing_more() -> None:
+    def conversation() -> Conversation:
+        yield ask("a")
+
+    line = Line()
+    dialogue = Dialogue(conversation(), line.sent.append, 0.0)
+    dialogue.break_off("why")
+    dialogue.tick(10.0)
+    dialogue.on_message("a!", 10.0)
+    assert (line.sent, dialogue.finished, dialogue.failure) == (["a"], True, "why")
+    dialogue.break_off("again")
+    assert dialogue.failure == "why"

@@ -1,0 +1,591 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Configuration files: what they give, and that every mistake is one line with file, key, value and what is allowed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.config import files
+from mavproxy_handover.config.files import (
+    ConfigError,
+    config_argument,
+    find_station_config,
+    find_vehicle_config,
+    load_station,
+    load_vehicle,
+)
+from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
+from mavproxy_handover.core.events import FlightAction
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import Station
+from mavproxy_handover.gate.observers import ObserverLimits
+from mavproxy_handover.link.quality import LinkLimits
+from mavproxy_handover.resources import DEPLOY
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
+
+VEHICLE = """\
+[vehicle]
+name = "drone-1"
+sysid = 7
+parent = "GCSA"
+journal = "log/companion.jsonl"
+guard = false
+listen_only_outputs = true
+allow_unsigned = true
+
+[[station]]
+name = "GCSA"
+sysid = 251
+links = ["udpout:127.0.0.1:14551", "udpin:0.0.0.0:14661"]
+sysids = [241, 242]
+
+[[station]]
+name = "GCSB"
+sysid = 252
+links = ["udpout:127.0.0.1:14552"]
+
+[limits]
+heartbeat_lost_s = 3
+dwell_s = 7.5
+
+[links]
+silence_s = 2
+loss = 0.4
+round_trip_s = 2.5
+bad_signatures = 5
+hold_s = 0.5
+
+[observers]
+message_hz = 2
+bytes_per_s = 1000
+silence_s = 60
+
+[policy]
+out_of_coverage = "land"
+"""
+
+STATION = """\
+[station]
+name = "GCSA"
+sysid = 251
+vehicle = 7
+consent = "operator"
+mission = "missions/delivery"
+journal = "/var/log/GCSA.jsonl"
+
+[ground]
+listen = "udpin:127.0.0.1:15551"
+
+[[peer]]
+name = "GCSB"
+sysid = 252
+link = "udpout:127.0.0.1:15552"
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "x.toml"
+
+
+def with_change(text: str, old: str, new: str) -> str:
+    assert text.count(old) >= 1, f"{old!r} is not in it"
+    return text.replace(old, new, 1)
+
+
+# ---- what they give -----------------------------------------------------------------------------------------------
+
+
+def test_everything_a_vehicle_can_say(file: Path) -> None:
+    file.write_text(VEHICLE)
+    loaded = load_vehicle(file)
+    assert (loaded.path, loaded.name, loaded.sysid, loaded.parent) == (file, "drone-1", 7, 251)
+    assert loaded.journal == file.parent / "log" / "companion.jsonl"
+    assert loaded.listen_only_outputs is True
+    a, b = loaded.stations
+    assert (a.station, a.sysids) == (Station(251, "GCSA"), frozenset({251, 241, 242}))
+    assert a.links == ("udpout:127.0.0.1:14551", "udpin:0.0.0.0:14661")
+    assert (b.station, b.sysids) == (Station(252, "GCSB"), frozenset({252}))
+    assert loaded.limits == Limits(
+        heartbeat_lost_s=3.0, dwell_s=7.5, out_of_coverage=FlightAction.LAND, guard_required=False
+    )
+    links = LinkLimits(silence_s=2.0, loss=0.4, round_trip_s=2.5, bad_signatures=5.0, hold_s=0.5)
+    assert (a.limits, b.limits) == (links, links)
+    assert loaded.observers == ObserverLimits(message_hz=2.0, bytes_per_s=1000.0, silence_s=60.0)
+
+
+def test_the_least_a_vehicle_must_say(file: Path) -> None:
+    file.write_text(
+        '[vehicle]\nname = "d"\nparent = "A"\nallow_unsigned = true\n'
+        '[[station]]\nname = "A"\nsysid = 2\nlinks = ["udpin:0.0.0.0:1"]\n'
+    )
+    loaded = load_vehicle(file)
+    assert (loaded.sysid, loaded.journal.name, loaded.listen_only_outputs) == (1, "handover.jsonl", False)
+    assert loaded.limits == Limits()
+    assert loaded.limits.guard_required is True
+    assert [entry.limits for entry in loaded.stations] == [LinkLimits()]
+    assert loaded.observers == ObserverLimits()
+
+
+def test_everything_a_station_can_say(file: Path) -> None:
+    file.write_text(STATION)
+    loaded = load_station(file)
+    assert (loaded.path, loaded.station, loaded.vehicle) == (file, Station(251, "GCSA"), 7)
+    assert loaded.operator_consents is True
+    assert loaded.mission == file.parent / "missions" / "delivery"
+    assert loaded.journal == Path("/var/log/GCSA.jsonl")
+    assert loaded.ground == "udpin:127.0.0.1:15551"
+    (peer,) = loaded.peers
+    assert (peer.station, peer.link) == (Station(252, "GCSB"), "udpout:127.0.0.1:15552")
+
+
+def test_the_least_a_station_must_say(file: Path) -> None:
+    file.write_text('[station]\nname = "A"\nsysid = 251\n')
+    loaded = load_station(file)
+    assert (loaded.vehicle, loaded.operator_consents, loaded.mission) == (1, False, None)
+    assert (loaded.journal, loaded.ground, loaded.peers) == (file.parent / "A.jsonl", None, ())
+
+
+@pytest.mark.parametrize("sample", ["vehicle.toml", "demo/handover.toml"])
+def test_the_vehicle_samples_that_ship_are_sound(sample: str) -> None:
+    loaded = load_vehicle(DEPLOY / sample)
+    assert {entry.station.sysid: entry.station.name for entry in loaded.stations} == {251: "GCSA", 252: "GCSB"}
+
+
+@pytest.mark.parametrize("sample", ["station.toml", "demo/GCSA.toml", "demo/GCSB.toml"])
+def test_the_station_samples_that_ship_are_sound(sample: str) -> None:
+    assert load_station(DEPLOY / sample).vehicle == 1
+
+
+def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(file: Path) -> None:
+    """What is written as a comment is a default, spelt rightly and inside its range."""
+    text = (DEPLOY / "vehicle.toml").read_text()
+    lines = [line[2:] if line.startswith("# ") and " = " in line.split("#")[1] else line for line in text.splitlines()]
+    file.write_text("\n".join(line for line in lines if not line.startswith("sysids")))
+    loaded = load_vehicle(file)
+    assert loaded.limits == Limits()
+    assert {entry.limits for entry in loaded.stations} == {LinkLimits()}
+    assert loaded.observers == ObserverLimits()
+    tables = tomllib.loads(file.read_text())
+    for table, (ranges, _) in RANGES.items():
+        assert list(tables[table]) == list(ranges), "the sample names every limit"
+
+
+# ---- mistakes of the vehicle's file -------------------------------------------------------------------------------
+
+VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
+    "no name": ('name = "drone-1"\n', "", "[vehicle] name: is missing; it must be a text"),
+    "name of the wrong kind": ('"drone-1"', "5", "[vehicle] name: 5 must be a text"),
+    "name too long": ('"drone-1"', '"' + "x" * 21 + '"', "[vehicle] name: 'xxxxxxxxxxxxxxxxxxxxx' must be 1 to 20 "),
+    "name empty": ('"drone-1"', '""', "[vehicle] name: '' must be 1 to 20 printable ASCII characters"),
+    "name not ASCII": ('"drone-1"', '"Drohne Köln"', "[vehicle] name: 'Drohne Köln' must be 1 to 20 printable ASCII"),
+    "name with a line break": ('"drone-1"', '"a\\nb"', "[vehicle] name: 'a\\nb' must be 1 to 20 printable ASCII"),
+    "sysid 0": ("sysid = 7", "sysid = 0", "[vehicle] sysid: 0 must be a MAVLink system id, 1 to 255"),
+    "sysid 256": ("sysid = 7", "sysid = 256", "[vehicle] sysid: 256 must be a MAVLink system id, 1 to 255"),
+    "sysid true": ("sysid = 7", "sysid = true", "[vehicle] sysid: True must be a whole number"),
+    "sysid a fraction": ("sysid = 7", "sysid = 7.0", "[vehicle] sysid: 7.0 must be a whole number"),
+    "sysid of a station": ("sysid = 7", "sysid = 251", "[[station]] sysid 251 of GCSA is also the vehicle's"),
+    "no parent": ('parent = "GCSA"\n', "", "[vehicle] parent: is missing; it must be a text"),
+    "unknown parent": (
+        'parent = "GCSA"',
+        'parent = "GCSX"',
+        "[vehicle] parent: 'GCSX' must be one of the stations: GCSA, GCSB",
+    ),
+    "guard a number": ("guard = false", "guard = 0", "[vehicle] guard: 0 must be true or false"),
+    "misspelt key": ("guard = false", "gaurd = false", "[vehicle] gaurd: unknown key; did you mean 'guard'?"),
+    "unknown key": (
+        "guard = false",
+        "zzz = 1",
+        "[vehicle] zzz: unknown key; allowed are: name, sysid, parent, journal, guard, listen_only_outputs",
+    ),
+    "key with a line break": ("guard = false", '"a\\nb" = 1', "[vehicle] a b: unknown key; allowed are: name, "),
+    "misspelt table": ("[limits]", "[limit]", "unknown table [limit]; did you mean [limits]?"),
+    "unknown table": (
+        "[limits]",
+        "[zzz]",
+        "unknown table [zzz]; allowed are: vehicle, station, limits, policy",
+    ),
+    "one station in single brackets": (
+        VEHICLE[VEHICLE.index("[[station]]") : VEHICLE.index("[limits]")],
+        '[station]\nname = "GCSA"\n',
+        "[station] must be written [[station]], once for each",
+    ),
+    "no station": (
+        VEHICLE[VEHICLE.index("[[station]]") : VEHICLE.index("[limits]")],
+        "",
+        "[station] is missing",
+    ),
+    "two stations of one name": ('name = "GCSB"', 'name = "GCSA"', "[[station]] name 'GCSA' is given twice"),
+    "two stations of one sysid": (
+        "sysid = 252",
+        "sysid = 251",
+        "[[station]] sysid 251 of GCSB is also GCSA's",
+    ),
+    "a station with another's tracker": (
+        "sysid = 252",
+        "sysid = 241",
+        "[[station]] sysid 241 of GCSB is also GCSA's",
+    ),
+    "two stations on one link": ("14552", "14551", "[[station]] link udpout:127.0.0.1:14551 is given twice"),
+    "no links": (
+        'links = ["udpout:127.0.0.1:14552"]',
+        "",
+        "[station 2] links: is missing; it must be a list",
+    ),
+    "empty links": ('["udpout:127.0.0.1:14552"]', "[]", "[station 2] links: must name at least one link"),
+    "links not a list": (
+        '["udpout:127.0.0.1:14552"]',
+        '"udpout:127.0.0.1:14552"',
+        "[station 2] links: 'udpout:127.0.0.1:14552' must be a list",
+    ),
+    "link of another kind": (
+        "udpout:127.0.0.1:14552",
+        "udp:127.0.0.1:14552",
+        "[station 2] links: 'udp:127.0.0.1:14552' must be one of udpin:HOST:PORT, udpout:HOST:PORT",
+    ),
+    "link without a port": ("udpout:127.0.0.1:14552", "udpout:127.0.0.1", "must be one of udpin:HOST:PORT, udpout:"),
+    "link without a host": ("udpout:127.0.0.1:14552", "udpout::14552", "must be one of udpin:HOST:PORT, udpout:"),
+    "link with a line break": (
+        "udpout:127.0.0.1:14552",
+        "udpout:a\\nb:14552",
+        "[station 2] links: 'udpout:a\\nb:14552'",
+    ),
+    "port 0": (":14552", ":0", "[station 2] links: 'udpout:127.0.0.1:0': port must be 1 to 65535"),
+    "port 65536": (":14552", ":65536", "[station 2] links: 'udpout:127.0.0.1:65536': port must be 1 to 65535"),
+    "port a word": (":14552", ":mavlink", "[station 2] links: 'udpout:127.0.0.1:mavlink': port must be 1 to 65535"),
+    "port of thousands of digits": (":14552", ":" + "1" * 5000, ": port must be 1 to 65535"),
+    "link a number": ('"udpout:127.0.0.1:14552"', "14552", "[station 2] links: 14552 must be one of udpin:"),
+    "extra sysid 0": ("[241, 242]", "[241, 0]", "[station 1] sysids: 0 must be a MAVLink system id, 1 to 255"),
+    "extra sysid true": ("[241, 242]", "[true]", "[station 1] sysids: True must be a MAVLink system id, 1 to 255"),
+    "limit below its range": ("dwell_s = 7.5", "dwell_s = -1", "[limits] dwell_s: -1 must be 0 to 600"),
+    "limit above its range": (
+        "heartbeat_lost_s = 3",
+        "heartbeat_lost_s = 61",
+        "[limits] heartbeat_lost_s: 61 must be 1.5 to 60",
+    ),
+    "limit not a number": ("dwell_s = 7.5", "dwell_s = nan", "[limits] dwell_s: nan must be 0 to 600"),
+    "limit without an end": ("dwell_s = 7.5", "dwell_s = inf", "[limits] dwell_s: inf must be 0 to 600"),
+    "limit of hundreds of digits": (
+        "dwell_s = 7.5",
+        "dwell_s = 1" + "0" * 400,
+        "[limits] dwell_s: inf must be 0 to 600",
+    ),
+    "limit a text": ("dwell_s = 7.5", 'dwell_s = "7"', "[limits] dwell_s: '7' must be a number"),
+    "misspelt limit": ("dwell_s", "dwel_s", "[limits] dwel_s: unknown key; did you mean 'dwell_s'?"),
+    "guard as a limit": ("dwell_s = 7.5", "guard_required = false", "[limits] guard_required: unknown key"),
+    "link limit below its range": (
+        "loss = 0.4",
+        "loss = 0",
+        "[links] loss: 0 must be 0.01 to 1",
+    ),
+    "link limit above its range": (
+        "silence_s = 2\n",
+        "silence_s = 61\n",
+        "[links] silence_s: 61 must be 1.5 to 60",
+    ),
+    "link limit a text": (
+        "round_trip_s = 2.5",
+        'round_trip_s = "1"',
+        "[links] round_trip_s: '1' must be a number",
+    ),
+    "misspelt link limit": (
+        "round_trip_s =",
+        "round_trip =",
+        "[links] round_trip: unknown key; did you mean 'round_trip_s'?",
+    ),
+    "unknown link limit": (
+        "hold_s = 0.5",
+        "zzz = 1",
+        "[links] zzz: unknown key; allowed are: silence_s, loss, round_trip_s, bad_signatures, hold_s",
+    ),
+    "links in double brackets": ("[links]", "[[links]]", "[links] must be a table"),
+    "observer limit above its range": (
+        "message_hz = 2",
+        "message_hz = 101",
+        "[observers] message_hz: 101 must be 0.1 to 100",
+    ),
+    "misspelt observer limit": (
+        "bytes_per_s =",
+        "bytes_per_sec =",
+        "[observers] bytes_per_sec: unknown key; did you mean 'bytes_per_s'?",
+    ),
+    "misspelt table of observers": (
+        "[observers]",
+        "[observer]",
+        "unknown table [observer]; did you mean [observers]?",
+    ),
+    "unknown policy": (
+        'out_of_coverage = "land"',
+        'out_of_coverage = "hover"',
+        "[policy] out_of_coverage: 'hover' must be one of warn, return, land",
+    ),
+}
+
+
+def the_line(file: Path, text: str, load: object) -> str:
+    """The one line that a text is refused with, without the file at its head."""
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load(file)  # type: ignore[operator]
+    line = str(caught.value)
+    assert "\n" not in line
+    assert line.startswith(f"{file}: ")
+    return line.removeprefix(f"{file}: ")
+
+
+@pytest.mark.parametrize("mistake", list(VEHICLE_MISTAKES))
+def test_a_mistake_in_a_vehicles_file_is_one_line(file: Path, mistake: str) -> None:
+    old, new, expected = VEHICLE_MISTAKES[mistake]
+    assert expected in the_line(file, with_change(VEHICLE, old, new), load_vehicle)
+
+
+def test_limits_that_are_no_table(file: Path) -> None:
+    text = "limits = 5\n" + VEHICLE[: VEHICLE.index("[limits]")]
+    assert the_line(file, text, load_vehicle) == "[limits] must be a table"
+
+
+def test_stations_that_are_no_tables(file: Path) -> None:
+    text = "station = [5]\n" + VEHICLE[: VEHICLE.index("[[station]]")]
+    assert the_line(file, text, load_vehicle) == "[station 1] must be a table"
+
+
+RANGES = {
+    "limits": (LIMIT_RANGES, Limits()),
+    "links": (LINK_RANGES, LinkLimits()),
+    "observers": (OBSERVER_RANGES, ObserverLimits()),
+}
+
+
+@pytest.mark.parametrize(("table", "key"), [(table, key) for table, (ranges, _) in RANGES.items() for key in ranges])
+def test_every_limit_has_a_range_that_holds_its_default(file: Path, table: str, key: str) -> None:
+    ranges, defaults = RANGES[table]
+    low, high = ranges[key]
+    assert low <= getattr(defaults, key) <= high
+    head = VEHICLE[: VEHICLE.index("[limits]")]
+    for inside in (low, high):
+        file.write_text(f"{head}[{table}]\n{key} = {inside}\n")
+        load_vehicle(file)  # what is in range is none that the limits' own checks refuse
+    for outside in (low - 1, high + 1):
+        line = the_line(file, f"{head}[{table}]\n{key} = {outside}\n", load_vehicle)
+        assert line == f"[{table}] {key}: {outside:g} must be {low:g} to {high:g}"
+
+
+def test_no_allowance_of_an_observer_is_below_the_longest_frame() -> None:
+    """MAVLink 2: 10 bytes of header, 255 of payload, 2 of CRC, 13 of signature."""
+    assert OBSERVER_RANGES["bytes_per_s"][0] >= 280
+
+
+@pytest.mark.parametrize("misspelt", ["keys", "Key", "kye"])
+def test_a_misspelt_key_is_named_and_not_only_missed(file: Path, misspelt: str) -> None:
+    """Signing is asked for and the file of the key is there, under a name that nobody reads."""
+    text = with_change(VEHICLE, "allow_unsigned = true\n", "")
+    text = with_change(text, 'name = "GCSA"\n', f'name = "GCSA"\n{misspelt} = "keys/GCSA.key"\n')
+    assert the_line(file, text, load_vehicle) == f"[station 1] {misspelt}: unknown key; did you mean 'key'?"
+
+
+@pytest.mark.parametrize("foreign", ["signature", "passphrase"])
+def test_a_key_of_another_name_altogether_is_named_first_too(file: Path, foreign: str) -> None:
+    text = with_change(VEHICLE, "allow_unsigned = true\n", "")
+    text = with_change(text, 'name = "GCSA"\n', f'name = "GCSA"\n{foreign} = "x"\n')
+    allowed = "name, sysid, links, key, module, sysids"
+    assert the_line(file, text, load_vehicle) == f"[station 1] {foreign}: unknown key; allowed are: {allowed}"
+
+
+def test_a_key_that_is_missing_and_misspelt_nowhere(file: Path) -> None:
+    text = with_change(VEHICLE, "allow_unsigned = true\n", "")
+    assert the_line(file, text, load_vehicle) == (
+        "[station 1] key: is missing: anybody could speak as GCSA; 'handover keys make GCSA' makes one; "
+        "allow_unsigned = true in [vehicle] does without"
+    )
+
+
+def test_a_required_key_that_is_misspelt_is_named_and_not_only_missed(file: Path) -> None:
+    line = the_line(file, with_change(VEHICLE, 'links = ["udpout:127.0.0.1:14552"]', 'link = ["x"]'), load_vehicle)
+    assert line == "[station 2] link: unknown key; did you mean 'links'?"
+
+
+# ---- mistakes of the station's file -------------------------------------------------------------------------------
+
+STATION_MISTAKES: dict[str, tuple[str, str, str]] = {
+    "no sysid": ("sysid = 251\n", "", "[station] sysid: is missing; it must be a whole number"),
+    "the vehicle's sysid": ("vehicle = 7", "vehicle = 251", "[station] vehicle: 251 is the station's own sysid"),
+    "vehicle 0": ("vehicle = 7", "vehicle = 0", "[station] vehicle: 0 must be a MAVLink system id, 1 to 255"),
+    "consent": (
+        '"operator"',
+        '"maybe"',
+        "[station] consent: 'maybe' must be one of automatic, operator",
+    ),
+    "mission a number": ('"missions/delivery"', "5", "[station] mission: 5 must be a text"),
+    "misspelt key": ("consent", "consnet", "[station] consnet: unknown key; did you mean 'consent'?"),
+    "misspelt table": ("[ground]", "[grund]", "unknown table [grund]; did you mean [ground]?"),
+    "a station in double brackets": ("[station]", "[[station]]", "[station] must be a table"),
+    "ground calls": (
+        "udpin:127.0.0.1:15551",
+        "udpout:127.0.0.1:15551",
+        "[ground] listen: 'udpout:127.0.0.1:15551' must be udpin:HOST:PORT",
+    ),
+    "ground without listen": (
+        'listen = "udpin:127.0.0.1:15551"',
+        "",
+        "[ground] listen: is missing; it must be a text",
+    ),
+    "peer listens": (
+        "udpout:127.0.0.1:15552",
+        "udpin:127.0.0.1:15552",
+        "[peer 1] link: 'udpin:127.0.0.1:15552' must be udpout:HOST:PORT",
+    ),
+    "peer without ground": (
+        '[ground]\nlisten = "udpin:127.0.0.1:15551"\n',
+        "",
+        "[ground] is missing; [[peer]] needs a place to listen",
+    ),
+    "a peer with our sysid": ("sysid = 252", "sysid = 251", "[[peer]] sysid 251 is given twice"),
+    "a peer with the vehicle's sysid": ("sysid = 252", "sysid = 7", "[[peer]] sysid 7 is given twice"),
+    "peer in single brackets": ("[[peer]]", "[peer]", "[peer] must be written [[peer]], once for each"),
+    "misspelt link of a peer": ("link = ", "links = ", "[peer 1] links: unknown key; did you mean 'link'?"),
+    "peer without a link": (
+        'link = "udpout:127.0.0.1:15552"\n',
+        "",
+        "[peer 1] link: is missing; it must be a text",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", list(STATION_MISTAKES))
+def test_a_mistake_in_a_stations_file_is_one_line(file: Path, mistake: str) -> None:
+    old, new, expected = STATION_MISTAKES[mistake]
+    assert expected in the_line(file, with_change(STATION, old, new), load_station)
+
+
+# ---- files --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("load", [load_vehicle, load_station])
+def test_a_file_that_is_no_toml_says_where(file: Path, load: object) -> None:
+    line = the_line(file, "[vehicle\nname = 1", load)
+    assert line.startswith("not valid TOML: ")
+    assert "line 1" in line
+
+
+@pytest.mark.parametrize("load", [load_vehicle, load_station])
+@pytest.mark.parametrize(
+    "data",
+    [b"\xff\xfe[", b"x = 1" + b"0" * 5000, b"x = " + b"[" * 5000, b"\0"],
+    ids=["no UTF-8", "a number of thousands of digits", "brackets thousands deep", "a zero"],
+)
+def test_a_file_of_anything_is_one_line(file: Path, load: object, data: bytes) -> None:
+    file.write_bytes(data)
+    with pytest.raises(ConfigError) as caught:
+        load(file)  # type: ignore[operator]
+    assert str(caught.value).startswith(f"{file}: not valid TOML: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there(file: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_vehicle(file)
+    assert str(caught.value) == f"{file}: no such file"
+
+
+def test_a_file_that_is_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_vehicle(tmp_path)
+    assert str(caught.value) == f"{tmp_path}: Is a directory"
+
+
+# ---- where they are looked for ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
+    """Every place holds a file."""
+    here, etc = tmp_path / "here", tmp_path / "etc"
+    here.mkdir()
+    etc.mkdir()
+    found = {
+        "argument": tmp_path / "argument.toml",
+        "variable": tmp_path / "variable.toml",
+        "here": here / "handover.toml",
+        "etc": etc / "vehicle.toml",
+    }
+    for path in found.values():
+        path.touch()
+    monkeypatch.chdir(here)
+    monkeypatch.setenv("HANDOVER_CONFIG", str(found["variable"]))
+    monkeypatch.setattr(files, "VEHICLE_PLACES", ("./handover.toml", str(found["etc"])))
+    return found
+
+
+def test_the_order_is_argument_variable_here_etc(places: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert files.VEHICLE_PLACES[0] == "./handover.toml"
+    assert find_vehicle_config(str(places["argument"])) == places["argument"]
+    assert find_vehicle_config(None) == places["variable"]
+    monkeypatch.delenv("HANDOVER_CONFIG")
+    assert find_vehicle_config(None) == places["here"]
+    places["here"].unlink()
+    assert find_vehicle_config(None) == places["etc"]
+
+
+def test_the_last_place_is_etc() -> None:
+    assert files.VEHICLE_PLACES == ("./handover.toml", "/etc/handover/vehicle.toml")
+
+
+def test_a_file_that_is_named_is_never_passed_over(places: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A misspelt name must not silently fly with another vehicle's configuration."""
+    assert find_vehicle_config("missing.toml") == Path("missing.toml").resolve()
+    monkeypatch.setenv("HANDOVER_CONFIG", "missing.toml")
+    assert find_vehicle_config(None) == Path("missing.toml").resolve()
+
+
+def test_a_named_file_may_lie_at_home(places: dict[str, Path], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert find_vehicle_config("~/argument.toml") == places["argument"]
+
+
+def test_nowhere_is_one_line(places: dict[str, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("HANDOVER_CONFIG")
+    places["here"].unlink()
+    places["etc"].unlink()
+    with pytest.raises(ConfigError) as caught:
+        find_vehicle_config(None)
+    assert str(caught.value) == (
+        'no configuration: looked for module load handover:{"config":"FILE"} (no spaces in it), $HANDOVER_CONFIG, '
+        f"./handover.toml, {places['etc']}; the shell's 'handover init vehicle' writes one"
+    )
+
+
+def test_a_station_is_looked_for_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ConfigError, match="'handover init station'"):
+        find_station_config(None)
+    (tmp_path / "station.toml").touch()
+    assert find_station_config(None) == tmp_path / "station.toml"
+    assert find_station_config("other.toml") == tmp_path / "other.toml"
+
+
+def test_links_in_a_circle_are_one_line(tmp_path: Path) -> None:
+    circle = tmp_path / "circle.toml"
+    circle.symlink_to(circle)
+    with pytest.raises(ConfigError) as caught:
+        load_vehicle(find_vehicle_config(str(circle)))
+    assert str(circle) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("value", [5, 1.5, True, [], {}, "", "a\0b"])
+def test_an_argument_that_is_no_path_is_one_line(value: object) -> None:
+    with pytest.raises(ConfigError) as caught:
+        config_argument(value)
+    assert str(caught.value) == f"argument config: {value!r} must be the path of a configuration file"
+
+
+def test_an_argument_that_is_a_path() -> None:
+    assert config_argument("x.toml") == "x.toml"
+    assert config_argument(None) is None

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which station could take the aircraft: in its zone, fit, and no attempt at it has just failed."""
+
+from __future__ import annotations
+
+import pytest
+
+from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.events import Action, LinkJudged, Record
+from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import ConnectAck
+from mavproxy_handover.core.mission import Mission
+from mavproxy_handover.core.model import Reason, Station
+from mavproxy_handover.core.presence import Presence
+
+A, B, C = 251, 252, 253
+DIGEST = bytes(range(32))
+NAMES = {A: "GCSA", B: "GCSB", C: "GCSC"}
+NOW = 100.0
+
+
+def candidates(*facts: ZoneFact, route: tuple[int, ...] = (A, B, C)) -> Candidates:
+    """All three are there both ways with the same mission, at `NOW`."""
+    presence = {}
+    for sysid, name in NAMES.items():
+        there = presence[sysid] = Presence(Station(sysid, name), Limits())
+        there.heard_at = there.answered_at = NOW
+        there.answer = ConnectAck(sysid, 1, 1, 1, A, name, DIGEST)
+    made = Candidates(presence, Limits())
+    made.mission = Mission(DIGEST, route)
+    made.zones.update(facts or (inside(A), inside(B), inside(C)), NOW - 50.0)
+    return made
+
+
+def inside(station: int, exit_s: float | None = None) -> ZoneFact:
+    return ZoneFact(station, 100.0, exit_s)
+
+
+def outside(station: int) -> ZoneFact:
+    return ZoneFact(station, -100.0, None)
+
+
+def test_the_owner_is_no_candidate_and_nobody_outside_its_zone_is_one() -> None:
+    made = candidates(inside(A), inside(B), outside(C))
+    actions: list[Action] = []
+    assert list(made.usable(A, NOW, actions)) == [B]
+    assert list(made.usable(None, NOW, actions)) == [A, B]
+    assert actions == []
+
+
+def test_a_zone_without_a_station_calls_nobody() -> None:
+    assert candidates(inside(A), inside(77)).best(A, NOW, []) is None
+
+
+def test_why_one_cannot_be_partner_is_told_once_until_it_changes() -> None:
+    made = candidates()
+    told: list[str] = []
+    for digest in (b"", b"", DIGEST, b"", b""):
+        actions: list[Action] = []
+        made.mission = Mission(digest or bytes(32), (A, B, C))
+        made.usable(A, NOW, actions)
+        told += [f"{action.station}: {action.text}" for action in actions if isinstance(action, Record)]
+    once = ["252: GCSB cannot be partner: mission differs", "253: GCSC cannot be partner: mission differs"]
+    assert told == once * 2
+
+
+@pytest.mark.parametrize(
+    ("reason", "pause_s"),
+    [
+        (Reason.COMMANDER_DENIED, 10.0),
+        (Reason.PARTNER_REFUSED, 10.0),
+        (Reason.CANCELLED, 10.0),
+        (Reason.PARTNER_SILENT, 2.0),
+        (Reason.COMMANDER_SILENT, 2.0),
+        (Reason.LEFT_REGION, 2.0),
+        (Reason.COMMANDER_RETURNED, 2.0),
+    ],
+)
+def test_an_operators_no_pauses_longer_than_silence(reason: Reason, pause_s: float) -> None:
+    made = candidates(inside(A), inside(B), outside(C))
+    made.pause(B, reason, NOW)
+    assert list(made.usable(A, NOW + pause_s - 0.1, [])) == []
+    for there in made._presence.values():
+        there.heard_at = there.answered_at = NOW + pause_s
+    assert list(made.usable(A, NOW + pause_s, [])) == [B]
+
+
+def test_a_pause_is_of_one_station_and_ends_when_authority_moves() -> None:
+    made = candidates()
+    made.pause(B, Reason.COMMANDER_DENIED, NOW)
+    assert list(made.usable(A, NOW, [])) == [C]
+    made.moved(C, NOW, flying=True)
+    assert list(made.usable(A, NOW, [])) == [B, C]
+
+
+def test_the_route_advances_in_flight_alone() -> None:
+    made = candidates(route=(A, B, A, C))
+    made.moved(B, NOW, flying=False)
+    assert made.mission.following == B
+    made.moved(B, NOW, flying=True)
+    assert made.mission.following == A
+    made.moved(C, NOW, flying=True)  # it came out of turn: what lies between is not flown any more
+    assert made.mission.following is None
+
+
+def test_the_next_on_the_route_comes_before_the_one_that_keeps_the_aircraft_longest() -> None:
+    facts = (inside(A), inside(B, 20.0), inside(C, 500.0))
+    assert candidates(*facts).wanted(A, NOW, []) == (B, Reason.ZONE)
+    assert candidates(*facts, route=(A, A)).wanted(A, NOW, []) == (C, Reason.ZONE)
+    assert candidates(*facts).best(A, NOW, []) == B
+
+
+def test_of_two_with_good_links_the_next_on_the_route_and_the_reason_is_the_links() -> None:
+    made = candidates(route=(A, C))
+    made.moved(A, NOW - 40.0, flying=True)  # no zone calls
+    assert made.wanted(A, NOW, []) is None
+    made.links.judged(LinkJudged(A, True, False, "loss 40%"), "GCSA", NOW - 10.0)
+    assert made.wanted(A, NOW, []) == (C, Reason.LINK_QUALITY)
+    made.pause(C, Reason.PARTNER_SILENT, NOW)
+    assert made.wanted(A, NOW, []) == (B, Reason.LINK_QUALITY)

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The journal: every entry a line, whatever the disk does; the newest always there."""
+
+from __future__ import annotations
+
+import json
+import resource
+import signal
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from mavproxy_handover.store.journal import Journal
+
+
+def entries(path: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "journal.jsonl"
+
+
+@pytest.fixture
+def disk() -> Iterator[Any]:
+    """Sets how long a file may grow, as a full disk does; the kernel then writes what still fits."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (soft if size is None else size, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    signal.signal(signal.SIGXFSZ, before)
+
+
+def test_an_entry_has_both_times_who_and_what(path: Path) -> None:
+    journal = Journal(path, "drone-1")
+    journal.write("zone_entered", "zone of GCSB entered", station="GCSB", reason=None, duration_s=1.5)
+    (entry,) = entries(path)
+    assert list(entry) == ["t", "utc", "who", "event", "text", "station", "duration_s"]
+    assert isinstance(entry["t"], float)
+    assert datetime.fromisoformat(entry["utc"]).utcoffset() is not None
+    assert (entry["who"], entry["event"], entry["text"]) == ("drone-1", "zone_entered", "zone of GCSB entered")
+    assert (entry["station"], entry["duration_s"]) == ("GCSB", 1.5)
+
+
+def test_an_entry_is_in_the_file_when_write_returns(path: Path) -> None:
+    """A power cut a moment later must not cost it."""
+    journal = Journal(path, "a")
+    journal.write("one")
+    assert [entry["event"] for entry in entries(path)] == ["one"]
+
+
+def test_a_note_comes_with_the_next_entry_in_its_place_and_with_its_time(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(
+        "mavproxy_handover.store.journal.time", SimpleNamespace(monotonic=lambda: now, time=lambda: now)
+    )
+    journal = Journal(path, "a")
+    journal.note("one", "text", value=1)
+    now = 101.5
+    assert entries(path) == []
+    journal.write("two")
+    first, second = entries(path)
+    assert (first["event"], first["text"], first["value"], first["t"]) == ("one", "text", 1, 100.0)
+    assert (second["event"], second["t"]) == ("two", 101.5)
+    assert first["utc"] == "1970-01-01T00:01:40.000+00:00"
+
+
+@pytest.mark.parametrize("writes", ["flush", "close"])
+def test_notes_are_in_the_file_after(path: Path, writes: str) -> None:
+    journal = Journal(path, "a")
+    journal.note("one")
+    journal.note("two")
+    getattr(journal, writes)()
+    assert [entry["event"] for entry in entries(path)] == ["one", "two"]
+    journal.close()
+    assert len(entries(path)) == 2
+    assert journal.lost == 0
+
+
+def test_a_clock_beyond_all_years_costs_one_entry(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = Journal(path, "a")
+    journal.note("before")
+    with monkeypatch.context() as odd:
+        odd.setattr("mavproxy_handover.store.journal.time", SimpleNamespace(monotonic=lambda: 1.0, time=lambda: 1e18))
+        journal.note("odd")
+    journal.write("after")
+    assert [entry["event"] for entry in entries(path)] == ["before", "after"]
+    assert journal.lost == 1
+
+
+def test_notes_that_nobody_flushes_do_not_pile_up(path: Path) -> None:
+    journal = Journal(path, "a")
+    for number in range(255):
+        journal.note("note", number=number)
+    assert entries(path) == []
+    journal.note("note", number=255)
+    assert [entry["number"] for entry in entries(path)] == list(range(256))
+
+
+def test_text_and_values_may_hold_anything(path: Path) -> None:
+    journal = Journal(path, "a")
+    journal.write("odd", 'line\nbreak "quotes" ünïcode \ud800 \0', value=b"\xff", path=Path("/x"))
+    (entry,) = entries(path)
+    assert entry["text"] == 'line\nbreak "quotes" ünïcode \ud800 \0'
+    assert (entry["value"], entry["path"]) == ("b'\\xff'", "/x")
+    assert path.read_text(encoding="utf-8").count("\n") == 1
+
+
+def test_a_value_that_cannot_be_written_is_counted_and_does_not_raise(path: Path) -> None:
+    class Odd:
+        def __str__(self) -> str:
+            raise ValueError
+
+    circle: list[Any] = []
+    circle.append(circle)
+    journal = Journal(path, "a")
+    journal.write("odd", value=circle)
+    journal.write("odd", value={(1, 2): 3})
+    journal.write("odd", value=Odd())
+    journal.write("fine")
+    assert journal.lost == 3
+    assert [entry["event"] for entry in entries(path)] == ["fine"]
+
+
+def test_a_full_disk_is_counted_and_does_not_raise() -> None:
+    journal = Journal(Path("/dev/full"), "a")
+    for _ in range(3):
+        journal.write("event", "text")
+    journal.close()
+    assert journal.lost == 3
+
+
+def test_after_a_full_disk_the_journal_goes_on_and_a_cut_entry_is_a_line_by_itself(path: Path, disk: Any) -> None:
+    journal = Journal(path, "a")
+    journal.write("before")
+    size = path.stat().st_size
+    disk(size + 20)
+    journal.write("cut")
+    journal.write("lost")
+    assert journal.lost == 2
+    disk(None)
+    journal.write("after")
+    journal.write("last")
+    lines = path.read_text().splitlines()
+    assert [json.loads(line)["event"] for line in (lines[0], *lines[2:])] == ["before", "after", "last"]
+    assert len(lines[1]) == 20
+    assert journal.lost == 2
+
+
+def test_a_line_that_a_power_failure_cut_spoils_no_entry_of_the_next_flight(path: Path) -> None:
+    path.write_text('{"event": "first"}\n{"event": "cu')
+    journal = Journal(path, "a")
+    journal.write("next")
+    lines = path.read_text().splitlines()
+    assert lines[:2] == ['{"event": "first"}', '{"event": "cu']
+    assert json.loads(lines[2])["event"] == "next"
+
+
+def test_a_full_file_moves_aside_and_the_newest_entries_stay(path: Path) -> None:
+    journal = Journal(path, "a", max_bytes=1000)
+    for number in range(100):
+        journal.write("event", number=number)
+    old = path.with_name("journal.jsonl.1")
+    assert path.stat().st_size <= 1000
+    assert old.stat().st_size <= 1000
+    numbers = [entry["number"] for entry in (*entries(old), *entries(path))]
+    assert numbers == list(range(numbers[0], 100))
+    assert len(numbers) >= 10
+    assert journal.lost == 0
+
+
+def test_an_entry_longer_than_the_cap_is_written_all_the_same(path: Path) -> None:
+    journal = Journal(path, "a", max_bytes=100)
+    journal.write("long", "x" * 500)
+    assert entries(path)[0]["text"] == "x" * 500
+
+
+def test_a_file_that_cannot_be_moved_aside_grows_on(path: Path) -> None:
+    path.with_name("journal.jsonl.1").mkdir()
+    journal = Journal(path, "a", max_bytes=300)
+    for number in range(10):
+        journal.write("event", number=number)
+    assert [entry["number"] for entry in entries(path)] == list(range(10))
+    assert journal.lost == 0
+
+
+def test_a_second_run_appends(path: Path) -> None:
+    first = Journal(path, "a")
+    first.write("one")
+    first.close()
+    second = Journal(path, "a")
+    second.write("two")
+    assert [entry["event"] for entry in entries(path)] == ["one", "two"]
+
+
+def test_entries_after_close_are_counted(path: Path) -> None:
+    journal = Journal(path, "a")
+    journal.close()
+    journal.write("late")
+    journal.close()
+    assert journal.lost == 1
+    assert path.read_text() == ""
+
+
+def test_the_folder_is_made(tmp_path: Path) -> None:
+    Journal(tmp_path / "a" / "b" / "j.jsonl", "a").write("one")
+    assert (tmp_path / "a" / "b" / "j.jsonl").exists()
+
+
+def test_a_place_that_cannot_be_written_is_told_before_the_flight(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError):
+        Journal(tmp_path, "a")
