@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""UDP proxies with bad weather, several in one process, on 127.0.0.1 only: `python -m sitl.impairment --config FILE`.
+"""UDP proxies with bad weather, several in one process, on 127.0.0.1 only: `python -m sitl.bad_links --config FILE`.
 
     seed = 7
     [[link]]
@@ -43,8 +43,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
-from sitl.impairment import Impairment, Weather, WeatherError
+from sitl.impairment import Impairment
 from sitl.ports import LOOPBACK
+from sitl.weather import Weather, WeatherError
 
 try:
     import tomllib
@@ -276,7 +277,7 @@ def _number(text: str) -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the proxies until standard input ends. Exit code 2: the configuration is wrong or a port is in use."""
-    parser = argparse.ArgumentParser(prog="python -m sitl.impairment", description="UDP proxies with bad weather.")
+    parser = argparse.ArgumentParser(prog="python -m sitl.bad_links", description="UDP proxies with bad weather.")
     parser.add_argument("--config", type=Path, required=True, metavar="FILE", help="the links, as TOML")
     arguments = parser.parse_args(argv)
     try:
@@ -316,3 +317,7 @@ def _serve(links: BadLinks) -> None:
             *lines, waiting = (waiting + data).split(b"\n")
             for line in lines:
                 print(links.order(line.decode("utf-8", "replace")), flush=True)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

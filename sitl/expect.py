@@ -17,20 +17,11 @@ from math import inf
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH
 from sitl.evidence import NOBODY, Evidence
-from sitl.matching import describe, last_line, matches
-from sitl.tables import Match
+from sitl.matching import Match, describe, last_line, matches
+from sitl.record import Verdict
 from sitl.watch import VEHICLE
 
-__all__ = ["ALWAYS", "EXPECTATIONS", "Expectation", "Verdict"]
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """Whether an expectation held; `wanted` and `seen` are for people."""
-
-    held: bool
-    wanted: str
-    seen: str
+__all__ = ["ALWAYS", "EXPECTATIONS", "Expectation"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,7 @@ class Restart(Action):
 
 @dataclass(frozen=True, slots=True)
 class Impair(Action):
-    """Orders to the proxies between the programs, as `python -m sitl.impairment` takes them, one or several."""
+    """Orders to the proxies between the programs, as `python -m sitl.bad_links` takes them, one or several."""
 
     value: tuple[str, ...]
 

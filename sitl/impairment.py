@@ -3,9 +3,8 @@
 """Bad links on demand: loss, burst loss, delay, jitter, reordering, duplicates, one-way cuts, little bandwidth.
 
 `Impairment` is one direction of one link, pure: a datagram and the time go in, what arrives and when comes out. The
-same object serves unit tests in virtual time and, in `python -m sitl.impairment --config FILE` (`sitl.bad_links`), UDP
-sockets between real programs. `Weather` is its state; it may change at any time, by a call or by a timeline set
-beforehand.
+same object serves unit tests in virtual time and, in `sitl.bad_links`, UDP sockets between real programs. Its state is
+the `Weather` (`sitl.weather`), which may change at any time, by a call or by a timeline set beforehand.
 
 The model, for each datagram in this order:
 
@@ -25,56 +24,14 @@ luck of the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
 from random import Random
 from typing import Final
 
-__all__ = ["Impairment", "Weather", "WeatherError", "main"]
+from sitl.weather import Weather
 
-_SHARES: Final = ("loss", "bad_loss", "to_bad", "to_good", "reorder", "duplicate")
-_MOST_S: Final = 60.0
+__all__ = ["Impairment"]
+
 _EFFECTS: Final = ("loss", "burst", "jitter", "reorder", "duplicate")
-
-
-class WeatherError(ValueError):
-    """A value that no link has. One line that names the value and what is allowed."""
-
-
-@dataclass(frozen=True, slots=True)
-class Weather:
-    """State of one direction of a link; the default is a perfect one. Raises WeatherError."""
-
-    loss: float = 0.0
-    bad_loss: float = 1.0  #: loss while the link is in its bad state
-    to_bad: float = 0.0  #: probability, before each datagram, that a good link turns bad
-    to_good: float = 0.25  #: and that a bad one turns good: bursts of 4 on average
-    delay_s: float = 0.0
-    jitter_s: float = 0.0
-    reorder: float = 0.0
-    reorder_s: float = 0.02
-    duplicate: float = 0.0
-    rate_bytes_per_s: float = 0.0  #: 0: no limit
-    queue_s: float = 1.0
-    cut: bool = False
-
-    def __post_init__(self) -> None:
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if entry.name == "cut":
-                if not isinstance(value, bool):
-                    raise WeatherError(f"cut = {value!r}: must be true or false")
-                continue
-            most = 1.0 if entry.name in _SHARES else 1e9 if entry.name == "rate_bytes_per_s" else _MOST_S
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= most:
-                raise WeatherError(f"{entry.name} = {value!r}: must be 0 to {most:g}")
-
-    def changed(self, **changes: object) -> Weather:
-        """This weather with some values changed. Raises WeatherError, for unknown names too."""
-        known = [entry.name for entry in fields(self)]
-        for name in changes:
-            if name not in known:
-                raise WeatherError(f"{name}: must be one of {', '.join(known)}")
-        return replace(self, **changes)  # type: ignore[arg-type]
 
 
 class Impairment:
@@ -129,14 +86,3 @@ class Impairment:
         if luck["duplicate"] < weather.duplicate:
             arrivals.append((at + weather.jitter_s * second_jitter, datagram))
         return arrivals
-
-
-def main() -> int:
-    """`python -m sitl.impairment`: the proxies between real programs; see `sitl.bad_links`."""
-    from sitl import bad_links
-
-    return bad_links.main()
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -4,13 +4,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
 from sitl.journal_reader import Entry
-from sitl.tables import Match
 
-__all__ = ["describe", "last_line", "matches"]
+__all__ = ["Match", "describe", "last_line", "matches"]
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """Values that an entry of a journal must have, by key. Texts may hold the wildcards * and ?."""
+
+    values: tuple[tuple[str, Any], ...] = ()
 
 
 def matches(entry: Entry, who: str = "", event: str = "", match: Match | None = None) -> bool:

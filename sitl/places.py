@@ -1,32 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where missions, guard and scenarios lie: beside this package in a checkout, inside the package once installed."""
+"""Where missions, guard and scenarios lie, and what is wrong when they are not there."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import sitl
+from mavproxy_handover import resources
+
 __all__ = ["SCENARIOS", "SetupError", "guard_files", "mission_folder"]
 
-SCENARIOS = Path(__file__).resolve().parent / "scenarios"
+SCENARIOS = Path(sitl.__file__).resolve().parent / "scenarios"
 
 
 class SetupError(Exception):
     """A simulation cannot be set up. The message is one line for people."""
 
 
-def _data(name: str) -> Path:
-    checkout = Path(__file__).resolve().parents[1] / name
-    if checkout.is_dir():
-        return checkout
-    import mavproxy_handover
-
-    return Path(mavproxy_handover.__file__).resolve().parent / "data" / name
-
-
 def mission_folder(name: str) -> Path:
     """The folder of a mission that ships, or any folder named by its path. Raises SetupError."""
-    shipped = _data("missions")
+    shipped = resources.shipped("missions")
     for folder in (shipped / name, Path(name).expanduser()):
         if (folder / "mission.toml").is_file():
             return folder.resolve()
@@ -36,7 +30,7 @@ def mission_folder(name: str) -> Path:
 
 def guard_files() -> tuple[Path, Path]:
     """The guard's script and its parameter file. Raises SetupError."""
-    folder = _data("ardupilot_lua")
+    folder = resources.shipped("ardupilot_lua")
     script, parameters = folder / "handover_guard.lua", folder / "handover.parm"
     for path in (script, parameters):
         if not path.is_file():

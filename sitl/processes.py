@@ -11,34 +11,26 @@ is killed.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import site
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
-__all__ = ["Child", "ProcessGone", "Processes", "die_with_parent", "ending"]
+import sitl
+from sitl.vehicles.parent_death import die_with_parent
 
-_PR_SET_PDEATHSIG = 1
+__all__ = ["Child", "ProcessGone", "Processes", "ending"]
+
 _STOP_TIMEOUT_S = 4.0
-_PROJECT = Path(__file__).resolve().parents[1]
-# loaded before any fork: the child must not allocate between fork and exec
-_LIBC = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
+_PROJECT = Path(sitl.__file__).resolve().parents[1]
 
 
 class ProcessGone(RuntimeError):
     """A line was typed at a process that has ended."""
-
-
-def die_with_parent() -> None:
-    """For `preexec_fn`: the kernel kills this process when its parent ends, however that happens."""
-    if _LIBC is not None:
-        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def ending(code: int) -> str:

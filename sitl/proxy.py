@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Orders from a scenario to the proxies of a run (`sitl.impairment`), by name or by pattern, and their answers."""
+"""Orders from a scenario to the proxies of a run (`sitl.bad_links`), by name or by pattern, and their answers."""
 
 from __future__ import annotations
 

@@ -17,16 +17,24 @@ from typing import Any
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
 from sitl.evidence import Evidence
-from sitl.expect import Verdict
 from sitl.journal_reader import read_journals
 
-__all__ = ["RUN_FILE", "RecordError", "RunRecord", "load_run"]
+__all__ = ["RUN_FILE", "RecordError", "RunRecord", "Verdict", "load_run"]
 
 RUN_FILE = "run.json"
 
 
 class RecordError(Exception):
     """The folder holds no run that can be reported. The message is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Whether an expectation held; `wanted` and `seen` are for people."""
+
+    held: bool
+    wanted: str
+    seen: str
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,13 +25,13 @@ from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import KeysError
 from sitl.evidence import Evidence
-from sitl.expect import ALWAYS, Verdict
+from sitl.expect import ALWAYS
 from sitl.journal_reader import Entry, JournalReader
 from sitl.observer import Observer
 from sitl.places import SetupError, guard_files
 from sitl.processes import Processes, ProcessGone, ending
 from sitl.proxy import give_orders
-from sitl.record import RUN_FILE
+from sitl.record import RUN_FILE, Verdict
 from sitl.scenario import Scenario, Step
 from sitl.steps import Running, Steady, StepFailed
 from sitl.story import Story

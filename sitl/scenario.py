@@ -37,11 +37,12 @@ from typing import Any
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.expect import EXPECTATIONS, Expectation
 from sitl.fault_steps import FAULT_STEPS
-from sitl.impairment import Weather
+from sitl.matching import Match
 from sitl.opening import BEGINNINGS, opening
 from sitl.places import SCENARIOS
 from sitl.steps import STEPS, Action
-from sitl.tables import Match, Reader, ScenarioError
+from sitl.tables import Reader, ScenarioError
+from sitl.weather import Weather
 
 if sys.version_info >= (3, 11):
     import tomllib

@@ -22,8 +22,7 @@ from typing import Protocol
 
 from mavproxy_handover.mission.geodesy import distance_m
 from sitl.journal_reader import Entry
-from sitl.matching import describe, matches
-from sitl.tables import Match
+from sitl.matching import Match, describe, matches
 from sitl.watch import Watch
 
 __all__ = ["STEPS", "Action", "Running", "Stage", "StepFailed", "done_at_once"]

@@ -13,7 +13,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from typing import Any, TypeVar, get_type_hints
 
-__all__ = ["Match", "Reader", "ScenarioError"]
+from sitl.matching import Match
+
+__all__ = ["Reader", "ScenarioError"]
 
 T = TypeVar("T")
 _REQUIRED: Any = object()
@@ -21,13 +23,6 @@ _REQUIRED: Any = object()
 
 class ScenarioError(Exception):
     """A scenario cannot be used. The message is one line that names file and key."""
-
-
-@dataclass(frozen=True, slots=True)
-class Match:
-    """Values that an entry of a journal must have, by key. Texts may hold the wildcards * and ?."""
-
-    values: tuple[tuple[str, Any], ...] = ()
 
 
 _KIND_NAMES: dict[Any, str] = {

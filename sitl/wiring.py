@@ -23,9 +23,9 @@ from typing import Any
 from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
-from sitl.impairment import Weather
 from sitl.ports import LOOPBACK, PortPicker
 from sitl.scenario import Scenario
+from sitl.weather import Weather
 
 __all__ = ["COMPANION", "COMPANION_NAME", "IMPAIRMENT", "ROGUE", "Program", "StationWires", "Wiring", "lay_out"]
 
@@ -136,7 +136,7 @@ class _Between:
             links = [{**proxy, "up": weather, "down": weather} for proxy in self.proxies]
             home = folder / IMPAIRMENT
             config = _write(home / f"{IMPAIRMENT}.toml", {"link": links}, {"seed": self._scenario.impair.seed})
-            argv = (sys.executable, "-m", "sitl.impairment", "--config", str(config))
+            argv = (sys.executable, "-m", "sitl.bad_links", "--config", str(config))
             programs.append(Program(IMPAIRMENT, argv, home))
         if self.taps:
             home = folder / ROGUE

@@ -21,9 +21,9 @@ from sitl.bench.loop import BenchError, Loop
 from sitl.bench.rig import toml
 from sitl.bench.shuttle import A, B, Shuttle, write_files
 from sitl.bench.traffic import Place
-from sitl.impairment import Weather
 from sitl.ports import PortPicker
 from sitl.processes import Child, Processes
+from sitl.weather import Weather
 
 __all__ = ["Flight"]
 
@@ -82,7 +82,7 @@ class Flight:
             config = self._folder / "links.toml"
             # a key outside any table has to stand before the first one
             config.write_text(f"seed = {self._seed}\n" + toml({"link": links}), encoding="utf-8")
-            argv = [sys.executable, "-m", "sitl.impairment", "--config", str(config)]
+            argv = [sys.executable, "-m", "sitl.bad_links", "--config", str(config)]
             self._links = self._run("links", argv)
             self._wait(lambda: "ready" in self._console("links"), "the links are there")
         for sysid, name in ((A, "GCSA"), (B, "GCSB")):

@@ -27,8 +27,8 @@ from sitl.bench.host import IDLE_S, Host
 from sitl.bench.loop import BenchError, Loop, Timer
 from sitl.bench.shuttle import A, B, Shuttle, Wires, write_files
 from sitl.bench.traffic import VEHICLE, Place
-from sitl.impairment import Weather
 from sitl.ports import PortPicker
+from sitl.weather import Weather
 
 __all__ = ["Lane", "link_plans"]
 

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sitl.processes import die_with_parent
+from sitl.vehicles.parent_death import die_with_parent
 
 __all__ = ["BASE_PARAMETERS", "KINDS", "LaunchError", "RunningVehicle", "VehicleSpec", "find_arducopter", "launch"]
 

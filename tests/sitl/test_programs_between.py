@@ -216,7 +216,7 @@ def test_orders_reach_every_link_that_a_pattern_means(processes: Processes, tmp_
     names = ("ground-A-B", "ground-B-A", "air-A")
     links = [f'[[link]]\nname = "{name}"\nlisten = {ports.udp()}\ntarget = {ports.udp()}\n' for name in names]
     (tmp_path / "links.toml").write_text("".join(links), encoding="utf-8")
-    argv = [sys.executable, "-m", "sitl.impairment", "--config", str(tmp_path / "links.toml")]
+    argv = [sys.executable, "-m", "sitl.bad_links", "--config", str(tmp_path / "links.toml")]
     child = processes.start("impairment", argv, tmp_path)
     until = time.monotonic() + 10
     while "ready" not in child.console():

@@ -29,7 +29,7 @@ from sitl.expect import (
     Said,
 )
 from sitl.journal_reader import Entry
-from sitl.tables import Match
+from sitl.matching import Match
 from tests.sitl.synthetic import VEHICLE_NAME, evidence, nominal, wall
 
 FIVE = ("GCSA", "GCSB", "GCSA", "GCSB", "GCSA")

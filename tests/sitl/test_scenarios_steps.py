@@ -10,6 +10,7 @@ import pytest
 
 from sitl.fault_steps import Impair, Kill, Restart
 from sitl.journal_reader import Entry
+from sitl.matching import Match
 from sitl.steps import (
     Pause,
     Steady,
@@ -25,7 +26,6 @@ from sitl.steps import (
     WaitReady,
     WaitSpeed,
 )
-from sitl.tables import Match
 from sitl.watch import Sample, Watch
 
 
