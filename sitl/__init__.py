@@ -1,8 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Simulation: real processes on loopback, played through scenarios.
+"""Simulation: real processes on loopback, played through scenarios. Nothing here runs on an aircraft.
 
-`vehicles/` starts what flies (ArduPilot's own SITL program, or the copter model that ships here); the rest of
-the package wires a companion and stations to it, plays the scenario and writes the report. Nothing here runs on
-an aircraft.
+* `report/`: what was seen and what comes of it. Reads journals and the aircraft's telemetry, and draws and writes the
+  report.
+* `script/`: what a scenario says. Its words, what each does to a flight or wants of it, and the reader of its files.
+* `vehicles/`: what flies, ArduPilot's own SITL program or the copter model that ships here.
+* `run/`: what makes it happen. Wires companion and stations to the vehicle, starts all of them, plays the scenario; and
+  the programs that stand in between: bad links, the rogue, a station of the standard.
+* `bench/`: measures speed and transfers with the parts of `run/`.
+
+Imports run one way: `run` takes from `vehicles`, `script` and `report`, `script` from `report`; `report` and `vehicles`
+from none of them. The commands are `main.py` (`handover sim`) and `fly_all.py`; the files in `scenarios/` are data.
 """

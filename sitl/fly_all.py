@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sitl.scenario import known_scenarios
+from sitl.script.scenario import known_scenarios
 from sitl.vehicles import KINDS, find_arducopter
 
 __all__ = ["Flight", "agree", "main"]

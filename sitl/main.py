@@ -20,10 +20,10 @@ from typing import Any, TextIO
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
-from sitl.places import SetupError, mission_folder
-from sitl.runner import Order, Result, run
-from sitl.scenario import Scenario, ScenarioError, known_scenarios, load_scenario, with_opening
-from sitl.story import Story
+from sitl.run.runner import Order, Result, run
+from sitl.run.story import Story
+from sitl.script.places import SetupError, mission_folder
+from sitl.script.scenario import Scenario, ScenarioError, known_scenarios, load_scenario, with_opening
 from sitl.vehicles import KINDS, LaunchError, find_arducopter
 
 __all__ = ["main"]
@@ -176,8 +176,8 @@ def _fly(order: Order, stream: TextIO) -> Result:
 
 def _report(folder: Path) -> Path | None:
     """The report; a run without one is still a run, so trouble here is told and not raised."""
-    from sitl.record import RecordError, load_run
-    from sitl.report import write_report
+    from sitl.report.page import write_report
+    from sitl.report.record import RecordError, load_run
 
     try:
         return write_report(load_run(folder))

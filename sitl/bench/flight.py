@@ -13,7 +13,6 @@ from pathlib import Path
 from types import TracebackType
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
-from sitl.bad_links import LinkPlan
 from sitl.bench.autopilot import SerialAutopilot
 from sitl.bench.durations import read_journal
 from sitl.bench.lanes import link_plans
@@ -21,9 +20,10 @@ from sitl.bench.loop import BenchError, Loop
 from sitl.bench.rig import toml
 from sitl.bench.shuttle import A, B, Shuttle, write_files
 from sitl.bench.traffic import Place
-from sitl.ports import PortPicker
-from sitl.processes import Child, Processes
-from sitl.weather import Weather
+from sitl.run.bad_links import LinkPlan
+from sitl.run.ports import PortPicker
+from sitl.run.processes import Child, Processes
+from sitl.script.weather import Weather
 
 __all__ = ["Flight"]
 
@@ -82,7 +82,7 @@ class Flight:
             config = self._folder / "links.toml"
             # a key outside any table has to stand before the first one
             config.write_text(f"seed = {self._seed}\n" + toml({"link": links}), encoding="utf-8")
-            argv = [sys.executable, "-m", "sitl.bad_links", "--config", str(config)]
+            argv = [sys.executable, "-m", "sitl.run.bad_links", "--config", str(config)]
             self._links = self._run("links", argv)
             self._wait(lambda: "ready" in self._console("links"), "the links are there")
         for sysid, name in ((A, "GCSA"), (B, "GCSB")):

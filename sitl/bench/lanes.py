@@ -21,14 +21,14 @@ from gcs_module import module as station_module
 from mavproxy_handover import module as vehicle_module
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
-from sitl.bad_links import BadLinks, LinkPlan
 from sitl.bench.autopilot import FakeAutopilot
 from sitl.bench.host import IDLE_S, Host
 from sitl.bench.loop import BenchError, Loop, Timer
 from sitl.bench.shuttle import A, B, Shuttle, Wires, write_files
 from sitl.bench.traffic import VEHICLE, Place
-from sitl.ports import PortPicker
-from sitl.weather import Weather
+from sitl.run.bad_links import BadLinks, LinkPlan
+from sitl.run.ports import PortPicker
+from sitl.script.weather import Weather
 
 __all__ = ["Lane", "link_plans"]
 

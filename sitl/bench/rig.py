@@ -26,7 +26,7 @@ from sitl.bench.autopilot import SerialAutopilot
 from sitl.bench.loop import BenchError, Loop, cpu_s
 from sitl.bench.station import FakeStation
 from sitl.bench.traffic import VEHICLE, Place
-from sitl.processes import Processes
+from sitl.run.processes import Processes
 
 __all__ = ["IN_ZONE_A", "PARENT", "Proxy", "Rig", "key_file", "key_for", "toml"]
 

@@ -24,7 +24,7 @@ from sitl.bench.lanes import Lane
 from sitl.bench.loop import BenchError, Loop
 from sitl.bench.numbers import median, quantile
 from sitl.bench.results import Measurement
-from sitl.weather import Weather
+from sitl.script.weather import Weather
 
 __all__ = ["LOSSY", "SLOW", "Condition", "LanePlan", "fly_lanes", "fly_loopback", "fly_with_bad_links"]
 

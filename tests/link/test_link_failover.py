@@ -15,8 +15,8 @@ from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.quality import LinkEventKind
 from mavproxy_handover.link.timesync import TIMESYNC, probe_answer, probe_message
 from mavproxy_handover.wire.frames import Frame, parse_one
-from sitl.impairment import Impairment
-from sitl.weather import Weather
+from sitl.run.impairment import Impairment
+from sitl.script.weather import Weather
 from tests.link.frames import Draw, FakeDevice, command, frame_of, heartbeat
 
 TICK_S = 0.01

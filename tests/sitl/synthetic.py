@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from mavproxy_handover.mission import package as packages
-from sitl.evidence import Evidence
-from sitl.journal_reader import Entry
-from sitl.places import mission_folder
+from sitl.report.evidence import Evidence
+from sitl.report.journal_reader import Entry
+from sitl.script.places import mission_folder
 
 VEHICLE_NAME = "drone-1"
 SPEEDUP = 5.0

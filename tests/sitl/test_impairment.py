@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from sitl.bad_links import BadLinks, LinkPlan, load_plans, main
-from sitl.impairment import Impairment
-from sitl.ports import LOOPBACK, PortPicker
-from sitl.weather import Weather, WeatherError
+from sitl.run.bad_links import BadLinks, LinkPlan, load_plans, main
+from sitl.run.impairment import Impairment
+from sitl.run.ports import LOOPBACK, PortPicker
+from sitl.script.weather import Weather, WeatherError
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -272,7 +272,7 @@ def test_an_order_that_makes_no_sense_is_answered_and_changes_nothing(links: Bad
 
 
 class Running:
-    """`python -m sitl.bad_links` with one link, and a program on either side of it."""
+    """`python -m sitl.run.bad_links` with one link, and a program on either side of it."""
 
     def __init__(self, folder: Path) -> None:
         ports = PortPicker()
@@ -281,7 +281,7 @@ class Running:
         target = self.station.getsockname()[1]
         text = f'[[link]]\nname = "wifi"\nlisten = {self.listen}\ntarget = {target}\n'
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "sitl.bad_links", "--config", str(written(folder, text))],
+            [sys.executable, "-m", "sitl.run.bad_links", "--config", str(written(folder, text))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             cwd=ROOT,

@@ -16,11 +16,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from sitl.ports import LOOPBACK, PortPicker
-from sitl.processes import Child, Processes
-from sitl.proxy import give_orders
-from sitl.rogue import repertoire
-from sitl.steps import StepFailed
+from sitl.run.ports import LOOPBACK, PortPicker
+from sitl.run.processes import Child, Processes
+from sitl.run.proxy import give_orders
+from sitl.run.rogue import repertoire
+from sitl.script.steps import StepFailed
 
 pytestmark = pytest.mark.process
 
@@ -86,7 +86,7 @@ def lines_of(journal: Path, event: str) -> list[dict[str, Any]]:
 
 def begin_standard(processes: Processes, folder: Path, *more: str) -> tuple[Child, int]:
     port = PortPicker().udp()
-    argv = [sys.executable, "-m", "sitl.standard_gcs", "--name", "GCSA", "--sysid", "251", "--listen", str(port)]
+    argv = [sys.executable, "-m", "sitl.run.standard_gcs", "--name", "GCSA", "--sysid", "251", "--listen", str(port)]
     child = processes.start("GCSA", [*argv, "--journal", str(folder / "GCSA.jsonl"), *more], folder)
     lines_of(folder / "GCSA.jsonl", "loaded")
     return child, port
@@ -155,7 +155,7 @@ def begin_rogue(processes: Processes, folder: Path) -> tuple[Child, Companion, s
     journal = folder / "rogue.jsonl"
     link = f'[[link]]\nname = "GCSB"\nlisten = {listen}\ntarget = {target}\n'
     config.write_text(f'journal = "{journal}"\nvehicle = 1\n{link}', encoding="utf-8")
-    child = processes.start("rogue", [sys.executable, "-m", "sitl.rogue", "--config", str(config)], folder)
+    child = processes.start("rogue", [sys.executable, "-m", "sitl.run.rogue", "--config", str(config)], folder)
     lines_of(journal, "loaded")
     return child, Companion(listen), station
 
@@ -216,7 +216,7 @@ def test_orders_reach_every_link_that_a_pattern_means(processes: Processes, tmp_
     names = ("ground-A-B", "ground-B-A", "air-A")
     links = [f'[[link]]\nname = "{name}"\nlisten = {ports.udp()}\ntarget = {ports.udp()}\n' for name in names]
     (tmp_path / "links.toml").write_text("".join(links), encoding="utf-8")
-    argv = [sys.executable, "-m", "sitl.bad_links", "--config", str(tmp_path / "links.toml")]
+    argv = [sys.executable, "-m", "sitl.run.bad_links", "--config", str(tmp_path / "links.toml")]
     child = processes.start("impairment", argv, tmp_path)
     until = time.monotonic() + 10
     while "ready" not in child.console():

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from sitl.record import RecordError, load_run
-from sitl.report import main_report, write_report
+from sitl.report.page import main_report, write_report
+from sitl.report.record import RecordError, load_run
 from tests.sitl.synthetic import write_folder
 
 

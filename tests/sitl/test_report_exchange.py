@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from sitl.exchange import Flight, exchanges, lanes
-from sitl.journal_reader import Entry
+from sitl.report.exchange import Flight, exchanges, lanes
+from sitl.report.journal_reader import Entry
 from tests.sitl.synthetic import BEGUN_T, VEHICLE_NAME, evidence, nominal
 
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from sitl.labels import LabelPlacer
+from sitl.report.labels import LabelPlacer
 
 pytest.importorskip("matplotlib")
 
 from matplotlib.path import Path as Ring
 from matplotlib.text import Text
 
-from sitl.pictures import figure
+from sitl.report.pictures import figure
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from typing import Any
 import pytest
 
 import sitl
-from sitl.scenario import known_scenarios
+from sitl.script.scenario import known_scenarios
 from sitl.vehicles import find_arducopter
 
 #: the package in use, installed or in a checkout
@@ -174,7 +174,8 @@ def test_an_expectation_that_does_not_hold_is_exit_code_1(tmp_path: Path) -> Non
     wrong = ground + '[[step]]\nwait_armed = false\n\n[[expect]]\ncommanders = ["GCSB"]\n'
     (scenarios / "wrong.toml").write_text(wrong, encoding="utf-8")
     code = (
-        "import sys; from pathlib import Path; import sitl.main as m; from sitl.scenario import known_scenarios\n"
+        "import sys; from pathlib import Path; import sitl.main as m\n"
+        "from sitl.script.scenario import known_scenarios\n"
         f"m.known_scenarios = lambda: known_scenarios(Path({str(scenarios)!r}))\n"
         f"sys.exit(m.main(['--scenario', 'wrong', '--json', '--out', {str(tmp_path / 'run')!r}]))"
     )

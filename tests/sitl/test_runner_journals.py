@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sitl.journal_reader import Entry, JournalReader, parse_line, read_journals
+from sitl.report.journal_reader import Entry, JournalReader, parse_line, read_journals
 
 
 def line(t: float, who: str, event: str) -> str:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from sitl import main as command
-from sitl.report import main_report
-from sitl.scenario import known_scenarios
+from sitl.report.page import main_report
+from sitl.script.scenario import known_scenarios
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 import sitl
-from sitl.ports import PortPicker
-from sitl.processes import Processes, ProcessGone, ending
+from sitl.run.ports import PortPicker
+from sitl.run.processes import Processes, ProcessGone, ending
 
 pytestmark = pytest.mark.process
 
@@ -110,7 +110,7 @@ def test_typing_at_a_dead_process_says_so(tmp_path: Path) -> None:
 
 def test_processes_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     code = (
-        "import sys, time\nfrom pathlib import Path\nfrom sitl.processes import Processes\n"
+        "import sys, time\nfrom pathlib import Path\nfrom sitl.run.processes import Processes\n"
         f"processes = Processes()\nchild = processes.start('a', {SLEEP!r}, Path({str(tmp_path)!r}))\n"
         "print(child.pid, flush=True)\ntime.sleep(600)\n"
     )

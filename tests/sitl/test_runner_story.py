@@ -8,8 +8,8 @@ import io
 
 import pytest
 
-from sitl.journal_reader import Entry
-from sitl.story import Story, sentence
+from sitl.report.journal_reader import Entry
+from sitl.run.story import Story, sentence
 
 
 class Terminal(io.StringIO):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sitl.watch import Clock, Watch, samples_of
+from sitl.report.watch import Clock, Watch, samples_of
 
 ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 import pytest
 
 from mavproxy_handover.mission import package as packages
-from sitl.places import mission_folder
-from sitl.scenario import ScenarioError, known_scenarios, load_scenario, parse_scenario, with_opening
-from sitl.steps import Pause, Type, Wait
+from sitl.script.places import mission_folder
+from sitl.script.scenario import ScenarioError, known_scenarios, load_scenario, parse_scenario, with_opening
+from sitl.script.steps import Pause, Type, Wait
 
 HEAD = """
 name = "x"

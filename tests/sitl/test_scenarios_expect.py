@@ -9,7 +9,9 @@ from dataclasses import replace
 
 import pytest
 
-from sitl.expect import (
+from sitl.report.journal_reader import Entry
+from sitl.report.matching import Match
+from sitl.script.expect import (
     ALWAYS,
     Commanders,
     Commands,
@@ -28,8 +30,6 @@ from sitl.expect import (
     OneCommander,
     Said,
 )
-from sitl.journal_reader import Entry
-from sitl.matching import Match
 from tests.sitl.synthetic import VEHICLE_NAME, evidence, nominal, wall
 
 FIVE = ("GCSA", "GCSB", "GCSA", "GCSB", "GCSA")

@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 
 import pytest
 
-from sitl.fault_steps import Impair, Kill, Restart
-from sitl.journal_reader import Entry
-from sitl.matching import Match
-from sitl.steps import (
+from sitl.report.journal_reader import Entry
+from sitl.report.matching import Match
+from sitl.report.watch import Sample, Watch
+from sitl.script.fault_steps import Impair, Kill, Restart
+from sitl.script.steps import (
     Pause,
     Steady,
     StepFailed,
@@ -26,7 +27,6 @@ from sitl.steps import (
     WaitReady,
     WaitSpeed,
 )
-from sitl.watch import Sample, Watch
 
 
 class FakeStage:

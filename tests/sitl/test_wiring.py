@@ -12,10 +12,10 @@ import pytest
 from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.keys import load_key
-from sitl.bad_links import load_plans
-from sitl.places import mission_folder
-from sitl.scenario import parse_scenario
-from sitl.wiring import StationWires, Wiring, lay_out
+from sitl.run.bad_links import load_plans
+from sitl.run.wiring import StationWires, Wiring, lay_out
+from sitl.script.places import mission_folder
+from sitl.script.scenario import parse_scenario
 
 try:
     import tomllib
@@ -114,7 +114,7 @@ def test_a_station_of_the_standard_has_no_module_and_is_nobodys_peer(tmp_path: P
     vehicle = load_vehicle(wiring.companion_config)
     assert [entry.station.standard for entry in vehicle.stations] == [True, False]
     assert vehicle.mission == mission_folder("delivery")
-    assert "sitl.standard_gcs" in station(wiring, "GCSA").program().argv
+    assert "sitl.run.standard_gcs" in station(wiring, "GCSA").program().argv
     b = load_station(station(wiring, "GCSB").config)
     assert (b.peers, b.mission) == ((), mission_folder("delivery"))
 

@@ -16,8 +16,8 @@ from typing import Any
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
-from sitl.evidence import Evidence
-from sitl.journal_reader import read_journals
+from sitl.report.evidence import Evidence
+from sitl.report.journal_reader import read_journals
 
 __all__ = ["RUN_FILE", "RecordError", "RunRecord", "Verdict", "load_run"]
 

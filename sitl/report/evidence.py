@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from math import inf
 
 from mavproxy_handover.mission.package import MissionPackage
-from sitl.journal_reader import Entry
-from sitl.matching import matches
-from sitl.watch import VEHICLE, Clock, Sample, samples_of
+from sitl.report.journal_reader import Entry
+from sitl.report.matching import matches
+from sitl.report.watch import VEHICLE, Clock, Sample, samples_of
 
 __all__ = ["NOBODY", "CommanderChange", "Evidence"]
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sitl.steps import Action, Running, Stage, done_at_once
+from sitl.script.steps import Action, Running, Stage, done_at_once
 
 __all__ = ["FAULT_STEPS", "Impair", "Kill", "Restart"]
 
@@ -53,7 +53,7 @@ class Restart(Action):
 
 @dataclass(frozen=True, slots=True)
 class Impair(Action):
-    """Orders to the proxies between the programs, as `python -m sitl.bad_links` takes them, one or several."""
+    """Orders to the proxies between the programs, as `python -m sitl.run.bad_links` takes them, one or several."""
 
     value: tuple[str, ...]
 

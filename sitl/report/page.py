@@ -14,11 +14,11 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-from sitl.evidence import Evidence
-from sitl.exchange import Exchange, exchanges
-from sitl.journal_reader import Entry
-from sitl.palette import colours
-from sitl.record import RecordError, RunRecord, load_run
+from sitl.report.evidence import Evidence
+from sitl.report.exchange import Exchange, exchanges
+from sitl.report.journal_reader import Entry
+from sitl.report.palette import colours
+from sitl.report.record import RecordError, RunRecord, load_run
 
 __all__ = ["main_report", "write_report"]
 
@@ -84,8 +84,8 @@ def _draw(record: RunRecord, transfers: Sequence[Exchange]) -> dict[str, Path]:
         import matplotlib  # noqa: F401
     except ImportError:
         return {}
-    from sitl.charts import draw_sequence, draw_timeline
-    from sitl.pictures import draw_map
+    from sitl.report.charts import draw_sequence, draw_timeline
+    from sitl.report.pictures import draw_map
 
     evidence, folder = record.evidence, record.folder
     for stale in folder.glob("handover-*.png"):

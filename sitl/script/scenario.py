@@ -35,14 +35,14 @@ from pathlib import Path
 from typing import Any
 
 from mavproxy_handover.mission.package import MissionPackage
-from sitl.expect import EXPECTATIONS, Expectation
-from sitl.fault_steps import FAULT_STEPS
-from sitl.matching import Match
-from sitl.opening import BEGINNINGS, opening
-from sitl.places import SCENARIOS
-from sitl.steps import STEPS, Action
-from sitl.tables import Reader, ScenarioError
-from sitl.weather import Weather
+from sitl.report.matching import Match
+from sitl.script.expect import EXPECTATIONS, Expectation
+from sitl.script.fault_steps import FAULT_STEPS
+from sitl.script.opening import BEGINNINGS, opening
+from sitl.script.places import SCENARIOS
+from sitl.script.steps import STEPS, Action
+from sitl.script.tables import Reader, ScenarioError
+from sitl.script.weather import Weather
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -151,7 +151,7 @@ class Scenario:
     places: Mapping[str, Place]
     #: what the scenario wants, if it wants one
     speedup: float | None = None
-    #: how far the common opening goes (`sitl.opening`); empty: the scenario does that itself
+    #: how far the common opening goes (`sitl.script.opening`); empty: the scenario does that itself
     begin: str = ""
     #: stations that speak the MAVLink standard only
     standard: tuple[str, ...] = ()

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sitl.evidence import NOBODY, Evidence
-from sitl.exchange import Exchange, Flight, lanes
-from sitl.journal_reader import Entry
-from sitl.palette import INK, NOBODY_COLOUR, colours
-from sitl.pictures import figure
-from sitl.watch import VEHICLE
+from sitl.report.evidence import NOBODY, Evidence
+from sitl.report.exchange import Exchange, Flight, lanes
+from sitl.report.journal_reader import Entry
+from sitl.report.palette import INK, NOBODY_COLOUR, colours
+from sitl.report.pictures import figure
+from sitl.report.watch import VEHICLE
 
 __all__ = ["MAX_ROWS", "draw_sequence", "draw_timeline"]
 

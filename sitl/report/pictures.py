@@ -17,11 +17,11 @@ from shapely.ops import unary_union
 
 from mavproxy_handover.mission.geodesy import LocalPlane
 from mavproxy_handover.mission.zones import overlap
-from sitl.evidence import NOBODY, Evidence
-from sitl.exchange import Exchange
-from sitl.labels import LabelPlacer
-from sitl.palette import INK, NOBODY_COLOUR, colours
-from sitl.watch import VEHICLE, Sample
+from sitl.report.evidence import NOBODY, Evidence
+from sitl.report.exchange import Exchange
+from sitl.report.labels import LabelPlacer
+from sitl.report.palette import INK, NOBODY_COLOUR, colours
+from sitl.report.watch import VEHICLE, Sample
 
 __all__ = ["draw_map", "figure"]
 

@@ -21,9 +21,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from mavproxy_handover.mission.geodesy import distance_m
-from sitl.journal_reader import Entry
-from sitl.matching import Match, describe, matches
-from sitl.watch import Watch
+from sitl.report.journal_reader import Entry
+from sitl.report.matching import Match, describe, matches
+from sitl.report.watch import Watch
 
 __all__ = ["STEPS", "Action", "Running", "Stage", "StepFailed", "done_at_once"]
 

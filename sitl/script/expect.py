@@ -16,10 +16,10 @@ from math import inf
 
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH
-from sitl.evidence import NOBODY, Evidence
-from sitl.matching import Match, describe, last_line, matches
-from sitl.record import Verdict
-from sitl.watch import VEHICLE
+from sitl.report.evidence import NOBODY, Evidence
+from sitl.report.matching import Match, describe, last_line, matches
+from sitl.report.record import Verdict
+from sitl.report.watch import VEHICLE
 
 __all__ = ["ALWAYS", "EXPECTATIONS", "Expectation"]
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from sitl.palette import INK
+from sitl.report.palette import INK
 
 __all__ = ["LabelPlacer"]
 

@@ -3,8 +3,8 @@
 """Bad links on demand: loss, burst loss, delay, jitter, reordering, duplicates, one-way cuts, little bandwidth.
 
 `Impairment` is one direction of one link, pure: a datagram and the time go in, what arrives and when comes out. The
-same object serves unit tests in virtual time and, in `sitl.bad_links`, UDP sockets between real programs. Its state is
-the `Weather` (`sitl.weather`), which may change at any time, by a call or by a timeline set beforehand.
+same object serves unit tests in virtual time and, in `sitl.run.bad_links`, UDP sockets between real programs. Its state
+is the `Weather` (`sitl.script.weather`), which may change at any time, by a call or by a timeline set beforehand.
 
 The model, for each datagram in this order:
 
@@ -27,7 +27,7 @@ from __future__ import annotations
 from random import Random
 from typing import Final
 
-from sitl.weather import Weather
+from sitl.script.weather import Weather
 
 __all__ = ["Impairment"]
 

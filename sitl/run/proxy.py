@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Orders from a scenario to the proxies of a run (`sitl.bad_links`), by name or by pattern, and their answers."""
+"""Orders from a scenario to the proxies of a run (`sitl.run.bad_links`), by name or by pattern, and their answers."""
 
 from __future__ import annotations
 
 import fnmatch
 from collections.abc import Callable, Sequence
 
-from sitl.processes import Child, ProcessGone
-from sitl.steps import StepFailed
+from sitl.run.processes import Child, ProcessGone
+from sitl.script.steps import StepFailed
 
 __all__ = ["give_orders"]
 

@@ -18,8 +18,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from sitl.journal_reader import Entry
-from sitl.watch import Watch
+from sitl.report.journal_reader import Entry
+from sitl.report.watch import Watch
 
 __all__ = ["Observer"]
 

@@ -13,9 +13,9 @@ import time
 from collections.abc import Sequence
 from typing import TextIO
 
-from sitl.journal_reader import Entry
-from sitl.matching import last_line
-from sitl.watch import VEHICLE
+from sitl.report.journal_reader import Entry
+from sitl.report.matching import last_line
+from sitl.report.watch import VEHICLE
 
 __all__ = ["Story", "sentence"]
 

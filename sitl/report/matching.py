@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
-from sitl.journal_reader import Entry
+from sitl.report.journal_reader import Entry
 
 __all__ = ["Match", "describe", "last_line", "matches"]
 

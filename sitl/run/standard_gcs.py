@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A ground station that speaks the MAVLink standard and nothing else: `python -m sitl.standard_gcs`.
+"""A ground station that speaks the MAVLink standard and nothing else: `python -m sitl.run.standard_gcs`.
 
 It stands for any ground station program that knows the operator-control protocol of 2026. It sends heartbeats,
 commands, and requests of control; it believes CONTROL_STATUS of the system manager alone about who is in control; it
@@ -35,7 +35,7 @@ from typing import Any, TextIO
 # the dialect of this project for CONTROL_STATUS and the command 32100 alone: pymavlink does not have them yet
 from pymavlink.dialects.v20 import handover as mavlink
 
-from sitl.ports import LOOPBACK
+from sitl.run.ports import LOOPBACK
 
 __all__ = ["StandardGcs", "main"]
 
@@ -264,7 +264,7 @@ def _result_name(result: int) -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the station until standard input ends."""
-    parser = argparse.ArgumentParser(prog="python -m sitl.standard_gcs", description="A station of the standard.")
+    parser = argparse.ArgumentParser(prog="python -m sitl.run.standard_gcs", description="A station of the standard.")
     parser.add_argument("--name", required=True)
     parser.add_argument("--sysid", type=int, required=True)
     parser.add_argument("--vehicle", type=int, default=1, help="its system id")

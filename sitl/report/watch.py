@@ -21,7 +21,7 @@ from typing import Any
 
 from pymavlink import mavutil
 
-from sitl.journal_reader import Entry
+from sitl.report.journal_reader import Entry
 
 __all__ = ["VEHICLE", "Clock", "Sample", "Watch", "samples_of"]
 

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from typing import Any, TypeVar, get_type_hints
 
-from sitl.matching import Match
+from sitl.report.matching import Match
 
 __all__ = ["Reader", "ScenarioError"]
 

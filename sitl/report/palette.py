@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sitl.evidence import NOBODY
+from sitl.report.evidence import NOBODY
 
 __all__ = ["INK", "NOBODY_COLOUR", "PAPER", "colours"]
 

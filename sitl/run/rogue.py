@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""An attacker in the way between the vehicle and its stations: `python -m sitl.rogue --config FILE`.
+"""An attacker in the way between the vehicle and its stations: `python -m sitl.run.rogue --config FILE`.
 
     journal = "rogue.jsonl"
     vehicle = 1                # system id of the vehicle under attack
@@ -40,7 +40,7 @@ from typing import Any, TextIO
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from sitl.ports import LOOPBACK
+from sitl.run.ports import LOOPBACK
 
 try:
     import tomllib
@@ -257,7 +257,7 @@ def _stamped(vehicle: int, sysid: int, number: int) -> bytes:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run until standard input ends."""
-    parser = argparse.ArgumentParser(prog="python -m sitl.rogue", description="An attacker on a station's link.")
+    parser = argparse.ArgumentParser(prog="python -m sitl.run.rogue", description="An attacker on a station's link.")
     parser.add_argument("--config", type=Path, required=True, metavar="FILE")
     arguments = parser.parse_args(argv)
     config = tomllib.loads(arguments.config.read_text(encoding="utf-8"))

@@ -24,20 +24,20 @@ from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import KeysError
-from sitl.evidence import Evidence
-from sitl.expect import ALWAYS
-from sitl.journal_reader import Entry, JournalReader
-from sitl.observer import Observer
-from sitl.places import SetupError, guard_files
-from sitl.processes import Processes, ProcessGone, ending
-from sitl.proxy import give_orders
-from sitl.record import RUN_FILE, Verdict
-from sitl.scenario import Scenario, Step
-from sitl.steps import Running, Steady, StepFailed
-from sitl.story import Story
+from sitl.report.evidence import Evidence
+from sitl.report.journal_reader import Entry, JournalReader
+from sitl.report.record import RUN_FILE, Verdict
+from sitl.report.watch import Watch
+from sitl.run.observer import Observer
+from sitl.run.processes import Processes, ProcessGone, ending
+from sitl.run.proxy import give_orders
+from sitl.run.story import Story
+from sitl.run.wiring import COMPANION, IMPAIRMENT, SYSID, Program, Wiring, lay_out
+from sitl.script.expect import ALWAYS
+from sitl.script.places import SetupError, guard_files
+from sitl.script.scenario import Scenario, Step
+from sitl.script.steps import Running, Steady, StepFailed
 from sitl.vehicles import LaunchError, RunningVehicle, VehicleSpec, launch
-from sitl.watch import Watch
-from sitl.wiring import COMPANION, IMPAIRMENT, SYSID, Program, Wiring, lay_out
 
 __all__ = ["Order", "Result", "run"]
 
@@ -106,7 +106,7 @@ def _prepare_folder(order: Order) -> None:
 
 
 class _Flight:
-    """The run under way; what the steps see of it is `sitl.steps.Stage`."""
+    """The run under way; what the steps see of it is `sitl.script.steps.Stage`."""
 
     def __init__(self, order: Order, story: Story, processes: Processes) -> None:
         self.order = order

@@ -23,9 +23,9 @@ from typing import Any
 from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
-from sitl.ports import LOOPBACK, PortPicker
-from sitl.scenario import Scenario
-from sitl.weather import Weather
+from sitl.run.ports import LOOPBACK, PortPicker
+from sitl.script.scenario import Scenario
+from sitl.script.weather import Weather
 
 __all__ = ["COMPANION", "COMPANION_NAME", "IMPAIRMENT", "ROGUE", "Program", "StationWires", "Wiring", "lay_out"]
 
@@ -66,7 +66,7 @@ class StationWires:
     def program(self) -> Program:
         """What runs there."""
         if self.standard:
-            argv = [sys.executable, "-m", "sitl.standard_gcs", "--name", self.name, "--sysid", str(self.sysid)]
+            argv = [sys.executable, "-m", "sitl.run.standard_gcs", "--name", self.name, "--sysid", str(self.sysid)]
             argv += ["--vehicle", str(SYSID), "--listen", str(self.masters[0]), "--journal", str(self.journal)]
             argv += [] if self.key is None else ["--key", str(self.key)]
         else:
@@ -136,13 +136,13 @@ class _Between:
             links = [{**proxy, "up": weather, "down": weather} for proxy in self.proxies]
             home = folder / IMPAIRMENT
             config = _write(home / f"{IMPAIRMENT}.toml", {"link": links}, {"seed": self._scenario.impair.seed})
-            argv = (sys.executable, "-m", "sitl.bad_links", "--config", str(config))
+            argv = (sys.executable, "-m", "sitl.run.bad_links", "--config", str(config))
             programs.append(Program(IMPAIRMENT, argv, home))
         if self.taps:
             home = folder / ROGUE
             journal = home / f"{ROGUE}.jsonl"
             config = _write(home / f"{ROGUE}.toml", {"link": self.taps}, {"journal": str(journal), "vehicle": SYSID})
-            argv = (sys.executable, "-m", "sitl.rogue", "--config", str(config))
+            argv = (sys.executable, "-m", "sitl.run.rogue", "--config", str(config))
             programs.append(Program(ROGUE, argv, home, journal))
         return tuple(programs)
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from sitl.evidence import Evidence
-from sitl.journal_reader import Entry
+from sitl.report.evidence import Evidence
+from sitl.report.journal_reader import Entry
 
 __all__ = ["Exchange", "Flight", "exchanges", "lanes"]
 

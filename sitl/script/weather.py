@@ -2,7 +2,7 @@
 
 """How bad a link is, in one direction: the values that a scenario's `[impair]` and a proxy's configuration may set.
 
-What they do to a datagram is in `sitl.impairment`.
+What they do to a datagram is in `sitl.run.impairment`.
 """
 
 from __future__ import annotations

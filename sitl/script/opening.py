@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from mavproxy_handover.mission.package import MissionPackage
-from sitl.matching import Match
-from sitl.steps import Action, Type, Wait, WaitReady
+from sitl.report.matching import Match
+from sitl.script.steps import Action, Type, Wait, WaitReady
 
 __all__ = ["BEGINNINGS", "opening"]
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""UDP proxies with bad weather, several in one process, on 127.0.0.1 only: `python -m sitl.bad_links --config FILE`.
+"""UDP proxies with bad weather, several in one process, on 127.0.0.1 only.
+
+Started as `python -m sitl.run.bad_links --config FILE`:
 
     seed = 7
     [[link]]
@@ -43,9 +45,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
-from sitl.impairment import Impairment
-from sitl.ports import LOOPBACK
-from sitl.weather import Weather, WeatherError
+from sitl.run.impairment import Impairment
+from sitl.run.ports import LOOPBACK
+from sitl.script.weather import Weather, WeatherError
 
 try:
     import tomllib
@@ -277,7 +279,7 @@ def _number(text: str) -> float:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the proxies until standard input ends. Exit code 2: the configuration is wrong or a port is in use."""
-    parser = argparse.ArgumentParser(prog="python -m sitl.bad_links", description="UDP proxies with bad weather.")
+    parser = argparse.ArgumentParser(prog="python -m sitl.run.bad_links", description="UDP proxies with bad weather.")
     parser.add_argument("--config", type=Path, required=True, metavar="FILE", help="the links, as TOML")
     arguments = parser.parse_args(argv)
     try:
