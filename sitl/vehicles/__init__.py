@@ -10,6 +10,8 @@ parameter files, and speak MAVLink 2 on the same serial ports: SERIAL1 (channel 
 
 from __future__ import annotations
 
-from sitl.vehicles.base import KINDS, LaunchError, RunningVehicle, VehicleSpec, find_arducopter, launch
+from sitl.vehicles.arducopter import find_arducopter
+from sitl.vehicles.process import KINDS, RunningVehicle, launch
+from sitl.vehicles.spec import LaunchError, VehicleSpec
 
 __all__ = ["KINDS", "LaunchError", "RunningVehicle", "VehicleSpec", "find_arducopter", "launch"]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Command line of ArduPilot's SITL program.
+"""ArduPilot's SITL program: where it is, and its command line.
 
 Facts that shape it: ports are given explicitly, because the defaults (5760 and up) are everybody's and SERIAL0
 would wait for a client. Whatever arrives on its radio-control port is flown as stick positions, and two
@@ -12,12 +12,33 @@ that minds should have a firewall.
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
-from sitl.vehicles.base import LaunchError, VehicleSpec, find_arducopter
+from sitl.vehicles.spec import LaunchError, VehicleSpec
 
-__all__ = ["command"]
+__all__ = ["command", "find_arducopter"]
+
+
+def find_arducopter(explicit: str | None = None) -> Path | None:
+    """The SITL program: `explicit`, `$ARDUCOPTER`, `arducopter` on PATH, ~/ardupilot/build/sitl/bin; None if nowhere.
+
+    Raises:
+        LaunchError: `explicit` or `$ARDUCOPTER` names something that cannot be run.
+    """
+    for source, name in (("--arducopter", explicit), ("$ARDUCOPTER", os.environ.get("ARDUCOPTER"))):
+        if name:
+            path = Path(name).expanduser()
+            if not path.is_file() or not os.access(path, os.X_OK):
+                raise LaunchError(f"{source}: {path} is not a program that can be run")
+            return path.resolve()
+    found = shutil.which("arducopter")
+    if found:
+        return Path(found).resolve()
+    built = Path.home() / "ardupilot" / "build" / "sitl" / "bin" / "arducopter"
+    return built if os.access(built, os.X_OK) else None
 
 
 def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path]) -> tuple[list[str], dict[str, str]]:

@@ -21,7 +21,7 @@ from typing import Any
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import all as dialect
 
-from sitl.vehicles.base import RunningVehicle, VehicleSpec, launch
+from sitl.vehicles import RunningVehicle, VehicleSpec, launch
 
 ROOT = Path(__file__).parents[2]
 GUARD = ROOT / "ardupilot_lua" / "handover_guard.lua"

@@ -17,9 +17,9 @@ import pytest
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles import LaunchError, RunningVehicle, VehicleSpec, find_arducopter, launch
-from sitl.vehicles.base import BASE_PARAMETERS
 from sitl.vehicles.builtin.framing import FrameSplitter, decode
 from sitl.vehicles.builtin.params import ParameterTable
+from sitl.vehicles.process import BASE_PARAMETERS
 
 pytestmark = pytest.mark.process
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from sitl.vehicles.base import find_arducopter
+from sitl.vehicles import find_arducopter
 from tests.sitl.guard_flight import (
     ACCEPTED,
     AUTO,

@@ -18,7 +18,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavproxy_handover.core.model import LeaseState
 from mavproxy_handover.wire.lease import Lease, pack_lease
-from sitl.vehicles.base import find_arducopter
+from sitl.vehicles import find_arducopter
 from tests.sitl.guard_flight import (
     ACCEPTED,
     EXPIRED,

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from sitl.vehicles.base import VehicleSpec
+from sitl.vehicles.spec import VehicleSpec
 
 __all__ = ["command"]
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Starting and stopping a simulated vehicle.
+"""A simulated vehicle as a process: starting and stopping it.
 
 Rules: the vehicle's working directory is the one given, and everything it writes (parameters, logs, scripts,
 console) lands there, so that one directory is one flight; parameters come from `copter_base.parm` beside this
@@ -17,14 +17,18 @@ import socket
 import subprocess
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
+from sitl.vehicles import arducopter
+from sitl.vehicles.builtin import launcher
 from sitl.vehicles.parent_death import die_with_parent
+from sitl.vehicles.spec import Command, LaunchError, VehicleSpec
 
-__all__ = ["BASE_PARAMETERS", "KINDS", "LaunchError", "RunningVehicle", "VehicleSpec", "find_arducopter", "launch"]
+__all__ = ["BASE_PARAMETERS", "KINDS", "RunningVehicle", "launch"]
 
-KINDS = ("builtin", "arducopter")
+#: kind -> what makes its command line
+_COMMANDS: Mapping[str, Command] = {"builtin": launcher.command, "arducopter": arducopter.command}
+KINDS = tuple(_COMMANDS)
 
 #: What a copter without radio control needs to arm in GUIDED and fly AUTO, for both kinds.
 BASE_PARAMETERS = Path(__file__).with_name("copter_base.parm")
@@ -33,29 +37,6 @@ LOG_NAME = "vehicle.log"
 _START_TIMEOUT_S = 30.0
 _STOP_TIMEOUT_S = 3.0
 _SERIALS = (0, 1, 2)
-
-
-class LaunchError(RuntimeError):
-    """The vehicle did not come up; the message names the program and carries the end of its log."""
-
-
-@dataclass(frozen=True, slots=True)
-class VehicleSpec:
-    """What to start: place, identity, pace and parameters."""
-
-    home: tuple[float, float, float, float]
-    """Latitude and longitude (degrees), altitude above sea level (m), heading (degrees)."""
-    sysid: int = 1
-    speedup: float = 1.0
-    """Simulated seconds per second of the wall clock."""
-    scripts: tuple[Path, ...] = ()
-    """Lua scripts, copied into the directory's `scripts/`."""
-    defaults: tuple[Path, ...] = ()
-    """Parameter files (NAME VALUE lines), applied after the base file."""
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    """Single parameters, applied last."""
-    arducopter: str | None = None
-    """Explicit path of the SITL program, for kind `arducopter`."""
 
 
 class RunningVehicle:
@@ -102,42 +83,19 @@ class RunningVehicle:
             self._process.wait()
 
 
-def find_arducopter(explicit: str | None = None) -> Path | None:
-    """The SITL program: `explicit`, `$ARDUCOPTER`, `arducopter` on PATH, ~/ardupilot/build/sitl/bin; None if nowhere.
-
-    Raises:
-        LaunchError: `explicit` or `$ARDUCOPTER` names something that cannot be run.
-    """
-    for source, name in (("--arducopter", explicit), ("$ARDUCOPTER", os.environ.get("ARDUCOPTER"))):
-        if name:
-            path = Path(name).expanduser()
-            if not path.is_file() or not os.access(path, os.X_OK):
-                raise LaunchError(f"{source}: {path} is not a program that can be run")
-            return path.resolve()
-    found = shutil.which("arducopter")
-    if found:
-        return Path(found).resolve()
-    built = Path.home() / "ardupilot" / "build" / "sitl" / "bin" / "arducopter"
-    return built if os.access(built, os.X_OK) else None
-
-
 def launch(kind: str, spec: VehicleSpec, directory: Path) -> RunningVehicle:
     """Start a vehicle of `kind` in `directory` (made if absent) and wait until it listens.
 
     Raises:
         LaunchError: unknown kind, no program found, or the process ended or did not listen in time.
     """
-    from sitl.vehicles import arducopter
-    from sitl.vehicles.builtin import launcher
-
-    commands = {"builtin": launcher.command, "arducopter": arducopter.command}
-    if kind not in commands:
+    if kind not in _COMMANDS:
         raise LaunchError(f"vehicle kind '{kind}' is unknown; known are {', '.join(KINDS)}")
     directory = directory.resolve()
     directory.mkdir(parents=True, exist_ok=True)
     _install_scripts(spec, directory)
     ports = dict(zip(_SERIALS, _free_ports(len(_SERIALS)), strict=True))
-    arguments, environment = commands[kind](spec, ports, _parameter_files(spec, directory))
+    arguments, environment = _COMMANDS[kind](spec, ports, _parameter_files(spec, directory))
     log_path = directory / LOG_NAME
     with log_path.open("wb") as log:
         process = subprocess.Popen(
