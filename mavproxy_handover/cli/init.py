@@ -12,7 +12,6 @@ from pathlib import Path
 
 from mavproxy_handover.resources import DEPLOY, shipped
 from mavproxy_handover.store.keys import key_of, key_path, make_passphrase, write_key
-from sitl import vehicles
 
 __all__ = ["main"]
 
@@ -67,4 +66,3 @@ def _write_demo(sample: Path, target: Path) -> None:
     (target / "scripts").mkdir()
     shutil.copy(guard / "handover_guard.lua", target / "scripts")
     shutil.copy(guard / "handover.parm", target)
-    shutil.copy(Path(vehicles.__file__).parent / "copter_base.parm", target)

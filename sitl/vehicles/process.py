@@ -3,9 +3,9 @@
 """A simulated vehicle as a process: starting and stopping it.
 
 Rules: the vehicle's working directory is the one given, and everything it writes (parameters, logs, scripts,
-console) lands there, so that one directory is one flight; parameters come from `copter_base.parm` beside this
-file, then the files of the specification in order, then its single overrides, the last word winning; `launch`
-returns when the ports listen.
+console) lands there, so that one directory is one flight; parameters come from `copter_base.parm` of the demo folder,
+then the files of the specification in order, then its single overrides, the last word winning; `launch` returns when
+the ports listen.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from mavproxy_handover.resources import DEPLOY
 from sitl.vehicles import arducopter
 from sitl.vehicles.builtin import launcher
 from sitl.vehicles.parent_death import die_with_parent
@@ -31,7 +32,7 @@ _COMMANDS: Mapping[str, Command] = {"builtin": launcher.command, "arducopter": a
 KINDS = tuple(_COMMANDS)
 
 #: What a copter without radio control needs to arm in GUIDED and fly AUTO, for both kinds.
-BASE_PARAMETERS = Path(__file__).with_name("copter_base.parm")
+BASE_PARAMETERS = DEPLOY / "demo" / "copter_base.parm"
 
 LOG_NAME = "vehicle.log"
 _START_TIMEOUT_S = 30.0
