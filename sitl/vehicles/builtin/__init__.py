@@ -11,7 +11,7 @@ What it does not model is in `NOT_MODELLED`, and in `python -m sitl.vehicles.bui
 depends on any of it has to be flown with `arducopter`.
 
 Layers, each in modules of its own: geometry and airframe (`frame`, `physics`, `navigator`, `battery`), flight
-(`modes`, `auto`, `returning`, `mission`, `copter`, `arming`, `failsafe`), MAVLink (`framing`, `link`,
+(`aircraft`, `modes`, `auto`, `returning`, `mission`, `copter`, `arming`, `failsafe`), MAVLink (`framing`, `link`,
 `routing`, `telemetry`, `commands`, the two protocols, `guided_input`), scripts (`script_host`), the whole
 (`vehicle`) and the process (`__main__`).
 """

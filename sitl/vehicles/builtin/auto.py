@@ -13,16 +13,12 @@ navigation items are skipped with a text.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from sitl.vehicles.builtin.aircraft import Aircraft
 from sitl.vehicles.builtin.frame import AltFrame, Location, Vector, shift
 from sitl.vehicles.builtin.items import Cmd, Item
 from sitl.vehicles.builtin.mission import MissionState
 from sitl.vehicles.builtin.modes import Mode, Takeoff
 from sitl.vehicles.builtin.returning import ReturnToLaunch
-
-if TYPE_CHECKING:
-    from sitl.vehicles.builtin.copter import Copter
 
 __all__ = ["Auto"]
 
@@ -49,7 +45,7 @@ class Auto(Mode):
 
     number, name, autopilot = 3, "AUTO", True
 
-    def __init__(self, copter: Copter) -> None:
+    def __init__(self, copter: Aircraft) -> None:
         super().__init__(copter)
         self.takeoff = Takeoff(self)
         self.rtl = _MissionReturn(copter)
@@ -180,8 +176,6 @@ class Auto(Mode):
 
     def verify_command(self, index: int, item: Item) -> bool:
         """Whether an item is done; announces those that are."""
-        if self.copter.mode is not self:
-            return False
         done = self._done(index, item)
         if done:
             self.copter.listener.item_reached(index)

@@ -11,13 +11,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from sitl.vehicles.builtin.aircraft import Aircraft
 from sitl.vehicles.builtin.frame import Location, Vector, bearing_deg
 from sitl.vehicles.builtin.navigator import approach_speed, pursue
-
-if TYPE_CHECKING:
-    from sitl.vehicles.builtin.copter import Copter
 
 __all__ = ["Brake", "Guided", "Land", "Loiter", "Mode", "Stabilize", "Takeoff", "target_bearing_deg"]
 
@@ -33,7 +30,7 @@ class Mode:
     manual_throttle = False
     autopilot = False
 
-    def __init__(self, copter: Copter) -> None:
+    def __init__(self, copter: Aircraft) -> None:
         self.copter = copter
 
     def init(self, ignore_checks: bool) -> bool:
@@ -173,7 +170,7 @@ class Brake(Mode):
 class Land(Mode):
     number, name, needs_position, autopilot = 9, "LAND", False, True
 
-    def __init__(self, copter: Copter) -> None:
+    def __init__(self, copter: Aircraft) -> None:
         super().__init__(copter)
         self._pause_until_s = -math.inf
 
@@ -203,7 +200,7 @@ class Guided(Mode):
 
     number, name, autopilot = 4, "GUIDED", True
 
-    def __init__(self, copter: Copter) -> None:
+    def __init__(self, copter: Aircraft) -> None:
         super().__init__(copter)
         self.takeoff = Takeoff(self)
         self._doing = "hold"

@@ -10,14 +10,11 @@ path back to where the aircraft armed, two metres above its end, and lands there
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
+from sitl.vehicles.builtin.aircraft import Aircraft
 from sitl.vehicles.builtin.frame import AltFrame, Location, Vector
 from sitl.vehicles.builtin.modes import Mode
 from sitl.vehicles.builtin.navigator import approach_speed
-
-if TYPE_CHECKING:
-    from sitl.vehicles.builtin.copter import Copter
 
 __all__ = ["ReturnToLaunch", "SmartReturn"]
 
@@ -29,7 +26,7 @@ class ReturnToLaunch(Mode):
 
     number, name, autopilot = 6, "RTL", True
 
-    def __init__(self, copter: Copter) -> None:
+    def __init__(self, copter: Aircraft) -> None:
         super().__init__(copter)
         self.stage = "start"
         self._target: Vector = (0.0, 0.0, 0.0)
@@ -107,11 +104,11 @@ class ReturnToLaunch(Mode):
 
 
 class SmartReturn(Mode):
-    """Back along the recorded path. `record` is called all the time, in every mode."""
+    """Back along the recorded path. `record` is called all the time, in every other mode."""
 
     number, name, autopilot = 21, "SMARTRTL", True
 
-    def __init__(self, copter: Copter) -> None:
+    def __init__(self, copter: Aircraft) -> None:
         super().__init__(copter)
         self._path: list[Vector] = []
         self._usable = False
@@ -126,7 +123,7 @@ class SmartReturn(Mode):
     def record(self) -> None:
         """Add the present position to the path, dropping points that lie on a straight line (SRTL_ACCURACY)."""
         copter = self.copter
-        if not self._usable or copter.land_complete or copter.mode is self:
+        if not self._usable or copter.land_complete:
             return
         if copter.time_s - self._recorded_at_s < _PATH_PERIOD_S:
             return

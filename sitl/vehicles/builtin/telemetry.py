@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from pymavlink.dialects.v20 import all as dialect
 
-from sitl.vehicles.builtin.copter import ORIGIN_AFTER_S
+from sitl.vehicles.builtin.aircraft import ORIGIN_AFTER_S
 from sitl.vehicles.builtin.frame import AltFrame, shift
 from sitl.vehicles.builtin.mission import MissionState
 from sitl.vehicles.builtin.modes import target_bearing_deg
