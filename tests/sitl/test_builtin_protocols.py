@@ -412,7 +412,7 @@ def test_long_texts_travel_in_chunks_of_fifty(bench: Bench) -> None:
 
 def test_timesync_is_answered_with_the_clock(bench: Bench) -> None:
     answer = bench.ask(dialect.MAVLink_timesync_message(0, 12345), "TIMESYNC")
-    assert (answer.ts1, answer.tc1) == (12345, bench.vehicle.micros() * 1000)
+    assert (answer.ts1, answer.tc1) == (12345, bench.vehicle.autopilot.micros() * 1000)
 
 
 # -- routing and the sysid filter -------------------------------------------------------------------------------------

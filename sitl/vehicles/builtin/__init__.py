@@ -11,9 +11,9 @@ What it does not model is in `NOT_MODELLED`, and in `python -m sitl.vehicles.bui
 depends on any of it has to be flown with `arducopter`.
 
 Layers, each in modules of its own: geometry and airframe (`frame`, `physics`, `navigator`, `battery`), flight
-(`aircraft`, `modes`, `auto`, `returning`, `mission`, `copter`, `arming`, `failsafe`), MAVLink (`framing`, `link`,
-`routing`, `telemetry`, `commands`, the two protocols, `guided_input`), scripts (`script_host`), the whole
-(`vehicle`) and the process (`__main__`).
+(`aircraft`, `modes`, `auto`, `returning`, `mission`, `copter`, `arming`, `failsafe`, together `autopilot`), MAVLink
+(`framing`, `link`, `routing`, `telemetry`, `commands`, the two protocols, `guided_input`), scripts (`script_host`), the
+whole (`vehicle`) and the process (`__main__`).
 """
 
 from __future__ import annotations

@@ -14,18 +14,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import all as dialect
 
+from sitl.vehicles.builtin.autopilot import Autopilot
 from sitl.vehicles.builtin.copter import ModeReason
-from sitl.vehicles.builtin.frame import Location
+from sitl.vehicles.builtin.frame import Location, altitude_frame
 from sitl.vehicles.builtin.link import Link
 from sitl.vehicles.builtin.mission import MissionState
-from sitl.vehicles.builtin.telemetry import BUILDERS, STREAMS, altitude_frame, gps_global_origin, home_position
-
-if TYPE_CHECKING:
-    from sitl.vehicles.builtin.vehicle import Vehicle
+from sitl.vehicles.builtin.telemetry import BUILDERS, STREAMS, gps_global_origin, home_position, send, send_banner
 
 __all__ = ["Command", "Commands", "Outcome"]
 
@@ -67,8 +64,11 @@ class Command:
 class Commands:
     """Executes commands."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._v = vehicle
+    def __init__(self, autopilot: Autopilot, to_scripts: Callable[[float], int]) -> None:
+        """`to_scripts` takes the first parameter of MAV_CMD_SCRIPTING and returns the MAV_RESULT."""
+        self._autopilot = autopilot
+        self._copter = autopilot.copter
+        self._to_scripts = to_scripts
         self._handlers: dict[int, Callable[[Link, Command], Outcome]] = {
             17: lambda _, c: self._mode(5),
             20: lambda _, c: self._mode(6),
@@ -92,18 +92,12 @@ class Commands:
             42701: self._scripting,
         }
 
-    def handle(self, link: Link, message: dialect.MAVLink_message) -> bool:
-        """Handle COMMAND_LONG or COMMAND_INT; False: it is neither."""
-        kind = message.get_type()
-        if kind not in ("COMMAND_LONG", "COMMAND_INT"):
-            return False
-        if self._v.command_blocked(message.command):
-            return True
-        command = _from_long(message) if kind == "COMMAND_LONG" else _from_int(message)
+    def handle(self, link: Link, message: dialect.MAVLink_message) -> None:
+        """Execute and acknowledge COMMAND_LONG or COMMAND_INT."""
+        command = _from_long(message) if message.get_type() == "COMMAND_LONG" else _from_int(message)
         outcome = Outcome.UNSUPPORTED if command is None else self.execute(link, command)
         source = (message.get_srcSystem(), message.get_srcComponent())
         link.send(dialect.MAVLink_command_ack_message(message.command, int(outcome), 0, 0, *source))
-        return True
 
     def execute(self, link: Link, command: Command) -> Outcome:
         handler = self._handlers.get(command.command)
@@ -112,7 +106,7 @@ class Commands:
     # -- modes and arming -----------------------------------------------------------------------------------------
 
     def _mode(self, number: int) -> Outcome:
-        done = self._v.copter.set_mode(number, ModeReason.GCS_COMMAND)
+        done = self._copter.set_mode(number, ModeReason.GCS_COMMAND)
         return Outcome.ACCEPTED if done else Outcome.FAILED
 
     def _set_mode(self, link: Link, c: Command) -> Outcome:
@@ -126,23 +120,23 @@ class Commands:
 
     def _arm_disarm(self, link: Link, c: Command) -> Outcome:
         if c.param1 == 1:
-            done = self._v.arming.arm(force=c.param2 in (_FORCE, _FORCE_ARM_ONLY))
+            done = self._autopilot.arming.arm(force=c.param2 in (_FORCE, _FORCE_ARM_ONLY))
         elif c.param1 == 0:
-            done = self._v.arming.disarm(force=c.param2 == _FORCE)
+            done = self._autopilot.arming.disarm(force=c.param2 == _FORCE)
         else:
             return Outcome.UNSUPPORTED
         return Outcome.ACCEPTED if done else Outcome.FAILED
 
     def _run_checks(self, link: Link, c: Command) -> Outcome:
-        if self._v.copter.armed:
+        if self._copter.armed:
             return Outcome.TEMPORARILY_REJECTED
-        self._v.arming.show()
+        self._autopilot.arming.show()
         return Outcome.ACCEPTED
 
     def _mission_start(self, link: Link, c: Command) -> Outcome:
         if c.param1 != 0 or c.param2 != 0:
             return Outcome.DENIED
-        copter = self._v.copter
+        copter = self._copter
         if self._mode(3) is not Outcome.ACCEPTED:
             return Outcome.FAILED
         copter.auto_armed = copter.armed
@@ -155,10 +149,10 @@ class Commands:
     def _takeoff(self, link: Link, c: Command) -> Outcome:
         if c.frame != _RELATIVE:
             return Outcome.DENIED
-        return Outcome.ACCEPTED if self._v.copter.mode.take_off(c.z) else Outcome.FAILED
+        return Outcome.ACCEPTED if self._copter.mode.take_off(c.z) else Outcome.FAILED
 
     def _pause_continue(self, link: Link, c: Command) -> Outcome:
-        mode, wanted = self._v.copter.mode, _whole(c.param1)
+        mode, wanted = self._copter.mode, _whole(c.param1)
         if wanted == 0:
             done, word = mode.pause(), "pause"
         elif wanted == 1:
@@ -166,7 +160,7 @@ class Commands:
         else:
             return Outcome.DENIED
         if not done:
-            self._v.text(6, f"Failed to {word}")
+            self._copter.say(6, f"Failed to {word}")
         return Outcome.ACCEPTED if done else Outcome.FAILED
 
     def _change_speed(self, link: Link, c: Command) -> Outcome:
@@ -174,11 +168,11 @@ class Commands:
         if not c.param2 > 0 or kind == _SPEED_TYPE_END:
             return Outcome.DENIED
         known = kind in _SPEED_KINDS
-        done = known and self._v.copter.mode.change_speed(_SPEED_KINDS[kind], min(c.param2, 100.0))
+        done = known and self._copter.mode.change_speed(_SPEED_KINDS[kind], min(c.param2, 100.0))
         return Outcome.ACCEPTED if done else Outcome.FAILED
 
     def _reposition(self, link: Link, c: Command) -> Outcome:
-        copter = self._v.copter
+        copter = self._copter
         if copter.mode is not copter.guided and not _whole(c.param2) & _CHANGE_MODE:
             return Outcome.DENIED
         place = _place(c)
@@ -190,7 +184,7 @@ class Commands:
         return Outcome.ACCEPTED
 
     def _set_home(self, link: Link, c: Command) -> Outcome:
-        copter = self._v.copter
+        copter = self._copter
         if c.param1 == 1 or (c.x == 0 and c.y == 0):
             if not copter.position_ok:
                 return Outcome.FAILED
@@ -206,7 +200,7 @@ class Commands:
         return Outcome.ACCEPTED
 
     def _set_mission_current(self, link: Link, c: Command) -> Outcome:
-        mission, index = self._v.copter.mission, _whole(c.param1)
+        mission, index = self._copter.mission, _whole(c.param1)
         if not 0 <= index < len(mission):
             return Outcome.DENIED
         if c.param2 == 1:
@@ -215,15 +209,15 @@ class Commands:
             return Outcome.FAILED
         if c.param2 == 1:
             mission.resume()
-        self._v.send(link, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+        send(self._autopilot, link, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
         return Outcome.ACCEPTED
 
     # -- messages -------------------------------------------------------------------------------------------------
 
     def _get_home(self, link: Link, c: Command) -> Outcome:
-        if self._v.copter.home is None:
+        if self._copter.home is None:
             return Outcome.FAILED
-        for message in (home_position(self._v), gps_global_origin(self._v)):
+        for message in (home_position(self._autopilot), gps_global_origin(self._autopilot)):
             if message is not None:
                 link.send(message)
         return Outcome.ACCEPTED
@@ -231,7 +225,7 @@ class Commands:
     def _capabilities(self, link: Link, c: Command) -> Outcome:
         if c.param1 != 1:
             return Outcome.FAILED
-        self._v.send(link, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        send(self._autopilot, link, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         return Outcome.ACCEPTED
 
     def _request_message(self, link: Link, c: Command) -> Outcome:
@@ -240,7 +234,7 @@ class Commands:
             return self._tell_interval(link, _whole(c.param2))
         if wanted not in BUILDERS:
             return Outcome.FAILED
-        self._v.send(link, wanted)
+        send(self._autopilot, link, wanted)
         return Outcome.ACCEPTED
 
     def _get_interval(self, link: Link, c: Command) -> Outcome:
@@ -258,25 +252,25 @@ class Commands:
     def _set_interval(self, link: Link, c: Command) -> Outcome:
         wanted, period_us = _whole(c.param1), _whole(c.param2)
         if wanted not in BUILDERS or c.param3 != 0:
-            self._v.text(6, f"No ap_message for mavlink id ({wanted})")
+            self._copter.say(6, f"No ap_message for mavlink id ({wanted})")
             return Outcome.DENIED
         if period_us < -1:
             return Outcome.DENIED
         if period_us == 0:
             stream = next((name for name, ids in STREAMS.items() if wanted in ids), None)
-            rate = self._v.parameters[f"MAV{link.channel + 1}_{stream}"] if stream else 0.0
+            rate = self._copter.parameters[f"MAV{link.channel + 1}_{stream}"] if stream else 0.0
             period_s = 1 / rate if rate > 0 else 0.0
         else:
             period_s = 0.0 if period_us == -1 else min(max(period_us, 20_000), 60_000_000) / 1e6
-        link.set_interval(wanted, period_s, self._v.copter.time_s)
+        link.set_interval(wanted, period_s, self._copter.time_s)
         return Outcome.ACCEPTED
 
     def _banner(self, link: Link, c: Command) -> Outcome:
-        self._v.parameter_protocol.banner(link)
+        send_banner(link)
         return Outcome.ACCEPTED
 
     def _scripting(self, link: Link, c: Command) -> Outcome:
-        return Outcome(self._v.scripting_command(c.param1))
+        return Outcome(self._to_scripts(c.param1))
 
 
 def _whole(value: float) -> int:

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-__all__ = ["AltFrame", "Location", "Vector", "bearing_deg", "distance_m", "offset_ne_m", "shift"]
+__all__ = ["AltFrame", "Location", "Vector", "altitude_frame", "bearing_deg", "distance_m", "offset_ne_m", "shift"]
 
 #: Metres per 1e-7 degree of latitude (ArduPilot's LOCATION_SCALING_FACTOR: a sphere of 6 378 100 m).
 _METRES_PER_UNIT = 0.011131884502145034
@@ -71,3 +71,10 @@ def distance_m(a: Location, b: Location) -> float:
 def bearing_deg(north_m: float, east_m: float) -> float:
     """Direction of a horizontal vector, degrees clockwise from north, 0..360."""
     return math.degrees(math.atan2(east_m, north_m)) % 360.0
+
+
+def altitude_frame(mav_frame: int) -> AltFrame | None:
+    """Which altitude a MAV_FRAME means; None for frames that carry no place. Terrain counts as home (flat ground)."""
+    if mav_frame in (3, 6, 10, 11):
+        return AltFrame.ABOVE_HOME
+    return AltFrame.ABSOLUTE if mav_frame in (0, 5) else None

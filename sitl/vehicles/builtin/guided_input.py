@@ -12,8 +12,7 @@ from __future__ import annotations
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles.builtin.copter import Copter
-from sitl.vehicles.builtin.frame import Location
-from sitl.vehicles.builtin.telemetry import altitude_frame
+from sitl.vehicles.builtin.frame import Location, altitude_frame
 
 __all__ = ["handle_position_target"]
 

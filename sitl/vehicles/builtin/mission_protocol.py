@@ -12,17 +12,14 @@ downloads that kind.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from pymavlink.dialects.v20 import all as dialect
 
+from sitl.vehicles.builtin.autopilot import Autopilot
 from sitl.vehicles.builtin.items import Cmd, Item, Result, stored, stored_fence, stored_rally
 from sitl.vehicles.builtin.link import Link
 from sitl.vehicles.builtin.mission import MAX_ITEMS
 from sitl.vehicles.builtin.telemetry import mission_current
-
-if TYPE_CHECKING:
-    from sitl.vehicles.builtin.vehicle import Vehicle
 
 __all__ = ["MissionProtocol"]
 
@@ -47,8 +44,9 @@ class _Store:
 class MissionProtocol:
     """Handles MISSION_* messages and runs the uploads' timers."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._v = vehicle
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._autopilot = autopilot
+        self._copter = autopilot.copter
         self._stores = {
             _MISSION: _Store(_MISSION, "Mission", MAX_ITEMS, stored),
             _FENCE: _Store(_FENCE, "Fence", _MAX_FENCE, stored_fence),
@@ -77,13 +75,13 @@ class MissionProtocol:
 
     def update(self) -> None:
         """Ask again for items that did not come, give up on uploads that died."""
-        now = self._v.copter.time_s
+        now = self._copter.time_s
         for store in self._stores.values():
             if store.link is None or store.peer is None:
                 continue
             if now - store.received_at_s > _UPLOAD_TIMEOUT_S:
                 self._send_ack(store.link, store.peer, Result.OPERATION_CANCELLED, store.kind)
-                self._v.text(4, f"{store.name} upload timeout")
+                self._copter.say(4, f"{store.name} upload timeout")
                 self._end(store)
             elif now - store.requested_at_s > _REQUEST_AGAIN_S:
                 self._ask(store)
@@ -97,7 +95,7 @@ class MissionProtocol:
         elif self._free(link, message, store):
             if message.count > store.limit:
                 self._ack(link, message, Result.NO_SPACE)
-                self._v.text(4, f"Only {store.limit} items are supported")
+                self._copter.say(4, f"Only {store.limit} items are supported")
                 return
             store.incoming = []
             if store.kind != _FENCE:
@@ -117,7 +115,7 @@ class MissionProtocol:
             return
         size, first, last = len(self._items(store)), message.start_index, message.end_index
         if not 0 <= first <= last <= size:
-            self._v.text(4, "Flight plan update rejected")
+            self._copter.say(4, "Flight plan update rejected")
             self._ack(link, message, Result.ERROR)
             return
         store.incoming = list(self._items(store)) if store.kind == _FENCE else []
@@ -126,13 +124,13 @@ class MissionProtocol:
     def _begin(self, store: _Store, link: Link, message: dialect.MAVLink_message, first: int, last: int) -> None:
         store.peer, store.link = _source(message), link
         store.next, store.last = first, last
-        store.received_at_s = self._v.copter.time_s
+        store.received_at_s = self._copter.time_s
         self._warned_item = self._warned_request = False
         self._ask(store)
 
     def _ask(self, store: _Store) -> None:
         if store.link is not None and store.peer is not None:
-            store.requested_at_s = self._v.copter.time_s
+            store.requested_at_s = self._copter.time_s
             store.link.send(dialect.MAVLink_mission_request_message(*store.peer, store.next, store.kind))
 
     def _item(self, link: Link, message: dialect.MAVLink_message) -> None:
@@ -149,7 +147,7 @@ class MissionProtocol:
             return
         if message.get_type() == "MISSION_ITEM" and not self._warned_item:
             self._warned_item = True
-            self._v.text(4, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
+            self._copter.say(4, "got MISSION_ITEM; GCS should send MISSION_ITEM_INT")
         if store.link is None or store.peer is None:
             self._ack(link, message, Result.ERROR)
         elif message.seq != store.next:
@@ -166,7 +164,7 @@ class MissionProtocol:
             self._ack(link, message, result)
             self._end(store)
             return
-        store.received_at_s = self._v.copter.time_s
+        store.received_at_s = self._copter.time_s
         store.next += 1
         if store.next > store.last:
             self._finish(store, link, message)
@@ -174,7 +172,7 @@ class MissionProtocol:
             self._ask(store)
 
     def _keep(self, store: _Store, index: int, item: Item) -> Result:
-        copter = self._v.copter
+        copter = self._copter
         if store.kind == _MISSION:
             if item.command == Cmd.DO_JUMP:
                 target = int(item.param1)
@@ -184,7 +182,7 @@ class MissionProtocol:
             if not copter.mission.write(index, item):
                 return Result.ERROR
             if len(copter.mission) != before:
-                self._v.stored("MIS_TOTAL")
+                self._copter.listener.stored("MIS_TOTAL")
             return Result.ACCEPTED
         items = store.incoming if store.kind == _FENCE else copter.rally
         if index < len(items):
@@ -192,18 +190,18 @@ class MissionProtocol:
         elif index == len(items):
             items.append(item)
             if store.kind == _RALLY:
-                self._v.stored("RALLY_TOTAL")
+                self._copter.listener.stored("RALLY_TOTAL")
         else:
             return Result.ERROR
         return Result.ACCEPTED
 
     def _finish(self, store: _Store, link: Link, message: dialect.MAVLink_message) -> None:
         if store.kind == _FENCE:
-            self._v.copter.fence[:] = store.incoming
-            self._v.stored("FENCE_TOTAL")
+            self._copter.fence[:] = store.incoming
+            self._copter.listener.stored("FENCE_TOTAL")
         self._ack(link, message, Result.ACCEPTED)
         if store.kind == _MISSION:
-            self._v.text(6, "Flight plan received")
+            self._copter.say(6, "Flight plan received")
         self._end(store)
 
     def _end(self, store: _Store) -> None:
@@ -224,7 +222,7 @@ class MissionProtocol:
         if isinstance(kept, Result):
             self._ack(link, message, kept)
             return
-        copter = self._v.copter
+        copter = self._copter
         guided = copter.mode is copter.guided
         result = Result.ACCEPTED
         if message.current == 2:
@@ -254,7 +252,7 @@ class MissionProtocol:
             self._ack(link, message, Result.DENIED)
             return
         items = self._items(store)
-        item = self._v.copter.mission.read(message.seq) if store.kind == _MISSION else None
+        item = self._copter.mission.read(message.seq) if store.kind == _MISSION else None
         if item is None and 0 <= message.seq < len(items):
             item = items[message.seq]
         if item is None:
@@ -262,14 +260,14 @@ class MissionProtocol:
                 link.send(dialect.MAVLink_mission_count_message(*_source(message), len(items), store.kind))
             self._ack(link, message, Result.INVALID_SEQUENCE)
             return
-        current = int(store.kind == _MISSION and item.command == self._v.copter.mission.current)
+        current = int(store.kind == _MISSION and item.command == self._copter.mission.current)
         head = (*_source(message), message.seq, item.frame, item.command, current, item.autocontinue, *item.params)
         if modern:
             link.send(dialect.MAVLink_mission_item_int_message(*head, item.x, item.y, item.z, store.kind))
             return
         if not self._warned_request:
             self._warned_request = True
-            self._v.text(4, "got MISSION_REQUEST; use MISSION_REQUEST_INT!")
+            self._copter.say(4, "got MISSION_REQUEST; use MISSION_REQUEST_INT!")
         link.send(dialect.MAVLink_mission_item_message(*head, item.x * 1e-7, item.y * 1e-7, item.z, store.kind))
 
     def _clear(self, link: Link, message: dialect.MAVLink_message) -> None:
@@ -280,32 +278,32 @@ class MissionProtocol:
         if not self._free(link, message, store):
             self._ack(link, message, Result.ERROR)
             return
-        copter = self._v.copter
+        copter = self._copter
         done = True
         if store.kind == _MISSION:
             done = copter.mission.clear(copter.armed)
-            self._v.stored("MIS_TOTAL")
+            self._copter.listener.stored("MIS_TOTAL")
         else:
             self._truncate(store, 0)
         self._ack(link, message, Result.ACCEPTED if done else Result.ERROR)
 
     def _set_current(self, link: Link, message: dialect.MAVLink_message) -> None:
-        if self._v.copter.mission.set_current(message.seq):
-            link.send(mission_current(self._v, message.seq))
+        if self._copter.mission.set_current(message.seq):
+            link.send(mission_current(self._autopilot, message.seq))
 
     def _items(self, store: _Store) -> list[Item]:
-        copter = self._v.copter
+        copter = self._copter
         return {_MISSION: copter.mission.items, _FENCE: copter.fence, _RALLY: copter.rally}[store.kind]
 
     def _truncate(self, store: _Store, count: int) -> None:
-        copter = self._v.copter
+        copter = self._copter
         if store.kind == _MISSION:
             if len(copter.mission) > count:
                 copter.mission.truncate(count)
-                self._v.stored("MIS_TOTAL")
+                self._copter.listener.stored("MIS_TOTAL")
         elif len(self._items(store)) > count:
             del self._items(store)[count:]
-            self._v.stored("RALLY_TOTAL" if store.kind == _RALLY else "FENCE_TOTAL")
+            self._copter.listener.stored("RALLY_TOTAL" if store.kind == _RALLY else "FENCE_TOTAL")
 
     def _ack(self, link: Link, message: dialect.MAVLink_message, result: Result) -> None:
         self._send_ack(link, _source(message), result, message.mission_type)

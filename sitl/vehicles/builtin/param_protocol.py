@@ -9,16 +9,13 @@ out beside the telemetry.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles.builtin.link import Link
-from sitl.vehicles.builtin.params import Parameter
-from sitl.vehicles.builtin.telemetry import BANNER
-
-if TYPE_CHECKING:
-    from sitl.vehicles.builtin.vehicle import Vehicle
+from sitl.vehicles.builtin.params import Parameter, ParameterTable
+from sitl.vehicles.builtin.telemetry import send_banner
 
 __all__ = ["ParameterProtocol"]
 
@@ -29,35 +26,39 @@ _NO_INDEX = 65535
 class ParameterProtocol:
     """Handles PARAM_* messages."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._v = vehicle
+    def __init__(self, parameters: ParameterTable, links: Mapping[int, Link]) -> None:
+        self._parameters = parameters
+        self._links = links
 
     def handle(self, link: Link, message: dialect.MAVLink_message) -> bool:
         """Handle a message of this protocol; False: it is not one."""
         kind = message.get_type()
         if kind == "PARAM_REQUEST_LIST":
-            self.banner(link)
-            link.parameter_list = iter(list(enumerate(self._v.parameters)))
+            send_banner(link)
+            link.parameter_list = iter(list(enumerate(self._parameters)))
         elif kind == "PARAM_REQUEST_READ":
             self._read(link, message)
         elif kind == "PARAM_SET":
-            if self._v.parameters.set(message.param_id, message.param_value):
-                self._v.parameter_changed(message.param_id)
+            if self.set(message.param_id, message.param_value):
                 self.announce(message.param_id)
         else:
             return False
         return True
 
-    def banner(self, link: Link) -> None:
-        """Firmware name and frame, to one channel."""
-        for text in BANNER:
-            link.send(dialect.MAVLink_statustext_message(6, text.encode()))
+    def set(self, name: str, value: float) -> bool:
+        """Set a parameter, with its effects beyond its value. False: no such parameter, or no number."""
+        if not self._parameters.set(name, value):
+            return False
+        if name == "MAV_SYSID":
+            for link in self._links.values():
+                link.set_sysid(int(self._parameters[name]))
+        return True
 
     def announce(self, name: str) -> None:
         """PARAM_VALUE to every active channel: a value was saved."""
-        row = self._v.parameters.find(name)
+        row = self._parameters.find(name)
         if row is not None:
-            for link in self._v.links.values():
+            for link in self._links.values():
                 if link.heard:
                     link.send(self._value(row, _NO_INDEX))
 
@@ -74,11 +75,9 @@ class ParameterProtocol:
 
     def _read(self, link: Link, message: dialect.MAVLink_message) -> None:
         by_name = message.param_index == -1
-        row = self._v.parameters.find(message.param_id) if by_name else self._v.parameters.at(message.param_index)
+        row = self._parameters.find(message.param_id) if by_name else self._parameters.at(message.param_index)
         if row is not None:
             link.send(self._value(row, _NO_INDEX if by_name else message.param_index))
 
     def _value(self, row: Parameter, index: int) -> dialect.MAVLink_message:
-        return dialect.MAVLink_param_value_message(
-            row.name.encode(), row.value, row.type, len(self._v.parameters), index
-        )
+        return dialect.MAVLink_param_value_message(row.name.encode(), row.value, row.type, len(self._parameters), index)

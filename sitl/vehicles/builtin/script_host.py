@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import all as dialect
 
+from sitl.vehicles.builtin.autopilot import Autopilot
+from sitl.vehicles.builtin.link import Link
+from sitl.vehicles.builtin.param_protocol import ParameterProtocol
 from sitl.vehicles.builtin.telemetry import FIRMWARE
-
-if TYPE_CHECKING:
-    from sitl.vehicles.builtin.vehicle import Vehicle
 
 __all__ = ["ScriptHost"]
 
@@ -21,76 +21,86 @@ _WRAP = 1 << 32
 class ScriptHost:
     """Answers the scripts' bindings from the vehicle."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._v = vehicle
+    def __init__(
+        self,
+        autopilot: Autopilot,
+        links: Mapping[int, Link],
+        parameter_protocol: ParameterProtocol,
+        record: Callable[[str], None],
+    ) -> None:
+        """`record` gets the scripts' log records and their ends, a line each."""
+        self._autopilot = autopilot
+        self._copter = autopilot.copter
+        self._links = links
+        self._parameter_protocol = parameter_protocol
+        self._record = record
 
     def millis(self) -> int:
-        return self._v.millis() % _WRAP
+        return self._autopilot.millis() % _WRAP
 
     def is_armed(self) -> bool:
-        return self._v.copter.armed
+        return self._copter.armed
 
     def arm(self) -> bool:
-        return self._v.arming.arm()
+        return self._autopilot.arming.arm()
 
     def disarm(self) -> bool:
-        was_armed = self._v.copter.armed
-        self._v.copter.disarm()
+        was_armed = self._copter.armed
+        self._copter.disarm()
         return was_armed
 
     def get_mode(self) -> int:
-        return self._v.copter.mode.number
+        return self._copter.mode.number
 
     def set_mode(self, mode: int, reason: int) -> bool:
-        return self._v.copter.set_mode(mode, reason)
+        return self._copter.set_mode(mode, reason)
 
     def get_control_mode_reason(self) -> int:
-        return int(self._v.copter.reason)
+        return int(self._copter.reason)
 
     def likely_flying(self) -> bool:
-        return not self._v.copter.land_complete
+        return not self._copter.land_complete
 
     def time_flying_ms(self) -> int:
-        since_s = self._v.copter.flying_since_s
-        return 0 if since_s is None else round((self._v.copter.time_s - since_s) * 1000)
+        since_s = self._copter.flying_since_s
+        return 0 if since_s is None else round((self._copter.time_s - since_s) * 1000)
 
     def rc_valid(self) -> bool:
         return False
 
     def param_get(self, name: str) -> float | None:
-        row = self._v.parameters.find(name)
+        row = self._copter.parameters.find(name)
         return None if row is None else row.value
 
     def param_set(self, name: str, value: float, save: bool) -> bool:
-        if not self._v.parameters.set(name, value):
+        if not self._parameter_protocol.set(name, value):
             return False
-        self._v.parameter_changed(name)
         if save:
-            self._v.parameter_protocol.announce(name)
+            self._parameter_protocol.announce(name)
         return True
 
     def param_define(self, name: str, default: float) -> bool:
-        return self._v.parameters.define(name, default)
+        return self._copter.parameters.define(name, default)
 
     def send_text(self, severity: int, text: str) -> None:
-        self._v.text(severity, text)
+        self._copter.say(severity, text)
 
     def send_message(self, channel: int, msgid: int, payload: bytes) -> bool:
-        link = self._v.links.get(channel)
+        link = self._links.get(channel)
         if link is None or msgid not in dialect.mavlink_map:
             return False
         return link.send(_RawMessage(msgid, payload))
 
     def gcs_last_seen_ms(self) -> int:
-        seen_s = self._v.failsafes.gcs_seen_at_s
+        seen_s = self._autopilot.failsafes.gcs_seen_at_s
         return 0 if seen_s is None else round(seen_s * 1000)
 
     def log_write(self, name: str, labels: str, fmt: str, values: tuple[object, ...]) -> None:
         fields = " ".join(f"{label}={value}" for label, value in zip(labels.split(","), values, strict=False))
-        self._v.config.record(f"{self._v.copter.time_s:.2f} log {name} {fields}")
+        self._record(f"{self._copter.time_s:.2f} log {name} {fields}")
 
     def script_removed(self, path: str, error: str) -> None:
-        self._v.config.record(f"{self._v.copter.time_s:.2f} script removed {path}: {error}")
+        self._record(f"{self._copter.time_s:.2f} script removed {path}: {error}")
 
     def firmware(self) -> tuple[int, int, int]:
         return FIRMWARE

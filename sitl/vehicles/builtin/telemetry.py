@@ -12,19 +12,18 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles.builtin.aircraft import ORIGIN_AFTER_S
-from sitl.vehicles.builtin.frame import AltFrame, shift
+from sitl.vehicles.builtin.autopilot import Autopilot
+from sitl.vehicles.builtin.frame import shift
+from sitl.vehicles.builtin.link import Link
 from sitl.vehicles.builtin.mission import MissionState
 from sitl.vehicles.builtin.modes import target_bearing_deg
 
-if TYPE_CHECKING:
-    from sitl.vehicles.builtin.vehicle import Vehicle
-
-__all__ = ["BUILDERS", "CAPABILITIES", "FIRMWARE", "STREAMS", "STREAM_IDS"]
+__all__ = ["BUILDERS", "CAPABILITIES", "FIRMWARE", "STREAMS", "STREAM_IDS", "send", "send_banner"]
 
 #: pymavlink's messages are untyped.
 Message: TypeAlias = Any
@@ -42,16 +41,12 @@ _PREARM = 0x1000_0000
 _EKF_FLAGS_READY, _EKF_FLAGS_WAITING = 831, 167
 
 
-def _millis(v: Vehicle) -> int:
-    return v.millis()
+def _has_fix(a: Autopilot) -> bool:
+    return a.copter.time_s >= ORIGIN_AFTER_S
 
 
-def _has_fix(v: Vehicle) -> bool:
-    return v.copter.time_s >= ORIGIN_AFTER_S
-
-
-def heartbeat(v: Vehicle) -> Message:
-    copter = v.copter
+def heartbeat(a: Autopilot) -> Message:
+    copter = a.copter
     base = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
     base |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     ended = copter.mission.state is MissionState.COMPLETE and copter.mode.number == 3 and copter.land_complete
@@ -65,13 +60,13 @@ def heartbeat(v: Vehicle) -> Message:
         dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
         base,
         copter.mode.number,
-        _system_status(v),
+        _system_status(a),
         3,
     )
 
 
-def _system_status(v: Vehicle) -> int:
-    copter = v.copter
+def _system_status(a: Autopilot) -> int:
+    copter = a.copter
     if not copter.initialised:
         return int(dialect.MAV_STATE_BOOT)
     if copter.failsafe_active or copter.battery.level:
@@ -79,12 +74,12 @@ def _system_status(v: Vehicle) -> int:
     return int(dialect.MAV_STATE_STANDBY if copter.land_complete else dialect.MAV_STATE_ACTIVE)
 
 
-def sys_status(v: Vehicle) -> Message | None:
-    if not v.copter.initialised:
+def sys_status(a: Autopilot) -> Message | None:
+    if not a.copter.initialised:
         return None
-    battery = v.copter.battery
+    battery = a.copter.battery
     health = _SENSORS_HEALTHY
-    if v.arming.ready or v.copter.armed:
+    if a.arming.ready or a.copter.armed:
         health |= _PREARM
     return dialect.MAVLink_sys_status_message(
         _SENSORS_PRESENT,
@@ -103,16 +98,16 @@ def sys_status(v: Vehicle) -> Message | None:
     )
 
 
-def power_status(v: Vehicle) -> Message:
+def power_status(a: Autopilot) -> Message:
     return dialect.MAVLink_power_status_message(5000, 0, 0)
 
 
-def meminfo(v: Vehicle) -> Message:
+def meminfo(a: Autopilot) -> Message:
     return dialect.MAVLink_meminfo_message(0, 65535, 524288)
 
 
-def mission_current(v: Vehicle, seq: int | None = None) -> Message:
-    mission, mode = v.copter.mission, v.copter.mode
+def mission_current(a: Autopilot, seq: int | None = None) -> Message:
+    mission, mode = a.copter.mission, a.copter.mode
     state = int(mission.state) if mission.present else int(dialect.MISSION_STATE_NO_MISSION)
     if getattr(mode, "paused", False):
         state = int(dialect.MISSION_STATE_PAUSED)
@@ -122,13 +117,13 @@ def mission_current(v: Vehicle, seq: int | None = None) -> Message:
     )
 
 
-def gps_raw_int(v: Vehicle) -> Message:
-    if not _has_fix(v):
+def gps_raw_int(a: Autopilot) -> Message:
+    if not _has_fix(a):
         return dialect.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
-    place, body = v.copter.location(), v.copter.body
+    place, body = a.copter.location(), a.copter.body
     course = math.degrees(math.atan2(body.velocity[1], body.velocity[0])) % 360
     return dialect.MAVLink_gps_raw_int_message(
-        v.micros(),
+        a.micros(),
         6,
         place.lat_e7,
         place.lon_e7,
@@ -147,8 +142,8 @@ def gps_raw_int(v: Vehicle) -> Message:
     )
 
 
-def nav_controller_output(v: Vehicle) -> Message | None:
-    copter = v.copter
+def nav_controller_output(a: Autopilot) -> Message | None:
+    copter = a.copter
     if not copter.initialised:
         return None
     goal = copter.mode.target()
@@ -170,47 +165,47 @@ def nav_controller_output(v: Vehicle) -> Message | None:
     )
 
 
-def position_target_global_int(v: Vehicle) -> Message | None:
-    copter = v.copter
+def position_target_global_int(a: Autopilot) -> Message | None:
+    copter = a.copter
     goal = copter.mode.target()
     if goal is None:
         return None
     lat, lon = shift(copter.start, goal[0], goal[1])
     return dialect.MAVLink_position_target_global_int_message(
-        _millis(v), 0, 0xFDF8, lat, lon, copter.start.alt_m + goal[2], *([0.0] * 8)
+        a.millis(), 0, 0xFDF8, lat, lon, copter.start.alt_m + goal[2], *([0.0] * 8)
     )
 
 
-def global_position_int(v: Vehicle) -> Message:
-    copter, body = v.copter, v.copter.body
+def global_position_int(a: Autopilot) -> Message:
+    copter, body = a.copter, a.copter.body
     lat = lon = alt = above = 0
-    if _has_fix(v):
+    if _has_fix(a):
         place = copter.location()
         lat, lon, alt = place.lat_e7, place.lon_e7, round(place.alt_m * 1000)
         above = round(copter.above_home_m() * 1000)
     vn, ve, vu = body.velocity
     heading = round(body.heading_deg * 100) % 36000
     return dialect.MAVLink_global_position_int_message(
-        _millis(v), lat, lon, alt, above, round(vn * 100), round(ve * 100), round(-vu * 100), heading
+        a.millis(), lat, lon, alt, above, round(vn * 100), round(ve * 100), round(-vu * 100), heading
     )
 
 
-def local_position_ned(v: Vehicle) -> Message | None:
-    if not v.copter.position_ok:
+def local_position_ned(a: Autopilot) -> Message | None:
+    if not a.copter.position_ok:
         return None
-    (n, e, u), (vn, ve, vu) = v.copter.body.position, v.copter.body.velocity
-    return dialect.MAVLink_local_position_ned_message(_millis(v), n, e, -u, vn, ve, -vu)
+    (n, e, u), (vn, ve, vu) = a.copter.body.position, a.copter.body.velocity
+    return dialect.MAVLink_local_position_ned_message(a.millis(), n, e, -u, vn, ve, -vu)
 
 
-def attitude(v: Vehicle) -> Message:
-    body = v.copter.body
+def attitude(a: Autopilot) -> Message:
+    body = a.copter.body
     roll, pitch = body.roll_pitch_rad()
     yaw = math.radians((body.heading_deg + 180) % 360 - 180)
-    return dialect.MAVLink_attitude_message(_millis(v), roll, pitch, yaw, 0.0, 0.0, math.radians(body.yaw_rate_deg_s))
+    return dialect.MAVLink_attitude_message(a.millis(), roll, pitch, yaw, 0.0, 0.0, math.radians(body.yaw_rate_deg_s))
 
 
-def vfr_hud(v: Vehicle) -> Message:
-    copter, body = v.copter, v.copter.body
+def vfr_hud(a: Autopilot) -> Message:
+    copter, body = a.copter, a.copter.body
     flying = copter.armed and not copter.land_complete
     throttle = 36 + round(2 * body.velocity[2]) if flying else 0
     return dialect.MAVLink_vfr_hud_message(
@@ -218,18 +213,18 @@ def vfr_hud(v: Vehicle) -> Message:
         body.ground_speed_m_s,
         int(body.heading_deg),
         throttle,
-        copter.location().alt_m if _has_fix(v) else 0.0,
+        copter.location().alt_m if _has_fix(a) else 0.0,
         body.velocity[2],
     )
 
 
-def system_time(v: Vehicle) -> Message:
-    unix_us = v.unix_start_us + v.micros() if _has_fix(v) else 0
-    return dialect.MAVLink_system_time_message(unix_us, _millis(v))
+def system_time(a: Autopilot) -> Message:
+    unix_us = a.unix_start_us + a.micros() if _has_fix(a) else 0
+    return dialect.MAVLink_system_time_message(unix_us, a.millis())
 
 
-def battery_status(v: Vehicle) -> Message | None:
-    battery = v.copter.battery
+def battery_status(a: Autopilot) -> Message | None:
+    battery = a.copter.battery
     if not battery.present:
         return None
     charge_state = {0: 1, 2: 2, 3: 3}[int(battery.level)]
@@ -251,17 +246,17 @@ def battery_status(v: Vehicle) -> Message | None:
     )
 
 
-def ekf_status_report(v: Vehicle) -> Message:
-    ready = v.copter.position_ok
+def ekf_status_report(a: Autopilot) -> Message:
+    ready = a.copter.position_ok
     return dialect.MAVLink_ekf_status_report_message(_EKF_FLAGS_READY if ready else _EKF_FLAGS_WAITING, *([0.0] * 5))
 
 
-def vibration(v: Vehicle) -> Message:
-    return dialect.MAVLink_vibration_message(v.micros(), 0.0, 0.0, 0.0, 0, 0, 0)
+def vibration(a: Autopilot) -> Message:
+    return dialect.MAVLink_vibration_message(a.micros(), 0.0, 0.0, 0.0, 0, 0, 0)
 
 
-def extended_sys_state(v: Vehicle) -> Message:
-    copter = v.copter
+def extended_sys_state(a: Autopilot) -> Message:
+    copter = a.copter
     if copter.land_complete:
         landed = dialect.MAV_LANDED_STATE_ON_GROUND
     elif copter.mode.landing:
@@ -273,8 +268,8 @@ def extended_sys_state(v: Vehicle) -> Message:
     return dialect.MAVLink_extended_sys_state_message(dialect.MAV_VTOL_STATE_MC, landed)
 
 
-def home_position(v: Vehicle) -> Message | None:
-    copter = v.copter
+def home_position(a: Autopilot) -> Message | None:
+    copter = a.copter
     if copter.home is None:
         return None
     n, e, u = copter.local(copter.home)
@@ -289,20 +284,20 @@ def home_position(v: Vehicle) -> Message | None:
         0.0,
         0.0,
         0.0,
-        v.micros(),
+        a.micros(),
     )
 
 
-def gps_global_origin(v: Vehicle) -> Message | None:
-    origin = v.copter.origin
+def gps_global_origin(a: Autopilot) -> Message | None:
+    origin = a.copter.origin
     if origin is None:
         return None
     return dialect.MAVLink_gps_global_origin_message(
-        origin.lat_e7, origin.lon_e7, round(origin.alt_m * 1000), v.micros()
+        origin.lat_e7, origin.lon_e7, round(origin.alt_m * 1000), a.micros()
     )
 
 
-def autopilot_version(v: Vehicle) -> Message:
+def autopilot_version(a: Autopilot) -> Message:
     version = struct.unpack(">I", bytes((*FIRMWARE, 0)))[0]
     custom = list(b"builtin\0")
     return dialect.MAVLink_autopilot_version_message(CAPABILITIES, version, 0, 0, 0, custom, [0] * 8, [0] * 8, 0, 0, 0)
@@ -341,7 +336,7 @@ STREAMS: dict[str, tuple[int, ...]] = {
 }
 
 #: Every message that can be requested or given an interval.
-BUILDERS: dict[int, Callable[[Vehicle], Message | None]] = {
+BUILDERS: dict[int, Callable[[Autopilot], Message | None]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: sys_status,
     dialect.MAVLINK_MSG_ID_POWER_STATUS: power_status,
@@ -365,8 +360,14 @@ BUILDERS: dict[int, Callable[[Vehicle], Message | None]] = {
 }
 
 
-def altitude_frame(mav_frame: int) -> AltFrame | None:
-    """Which altitude a MAV_FRAME means; None for frames that carry no place. Terrain counts as home (flat ground)."""
-    if mav_frame in (3, 6, 10, 11):
-        return AltFrame.ABOVE_HOME
-    return AltFrame.ABSOLUTE if mav_frame in (0, 5) else None
+def send(a: Autopilot, link: Link, message: int) -> None:
+    """Build a message by its id and send it on one channel."""
+    built = BUILDERS[message](a)
+    if built is not None:
+        link.send(built)
+
+
+def send_banner(link: Link) -> None:
+    """Firmware name and frame, to one channel."""
+    for text in BANNER:
+        link.send(dialect.MAVLink_statustext_message(6, text.encode()))

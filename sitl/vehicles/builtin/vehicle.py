@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles.builtin.arming import Arming
+from sitl.vehicles.builtin.autopilot import Autopilot
 from sitl.vehicles.builtin.commands import Commands
 from sitl.vehicles.builtin.copter import Copter
 from sitl.vehicles.builtin.failsafe import Failsafes
@@ -29,7 +30,8 @@ from sitl.vehicles.builtin.mission_protocol import MissionProtocol
 from sitl.vehicles.builtin.param_protocol import ParameterProtocol
 from sitl.vehicles.builtin.params import ParameterTable
 from sitl.vehicles.builtin.routing import Router
-from sitl.vehicles.builtin.telemetry import BUILDERS, STREAM_IDS, STREAMS, gps_global_origin, home_position
+from sitl.vehicles.builtin.script_host import ScriptHost
+from sitl.vehicles.builtin.telemetry import BUILDERS, STREAM_IDS, STREAMS, gps_global_origin, home_position, send
 
 if TYPE_CHECKING:
     from sitl.vehicles.lua_bindings import LuaScripting
@@ -42,6 +44,7 @@ _RUNTIME_SAVED_EVERY_S = 30.0
 _ENFORCE_SYSID = 1
 _TEXT_LENGTH = 50
 _MAX_STREAM_HZ = 50
+_UNSUPPORTED = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +71,6 @@ class Vehicle:
 
     def __init__(self, config: VehicleConfig) -> None:
         self.config = config
-        self.unix_start_us = config.unix_start_us
         self.parameters = ParameterTable()
         self.unknown_parameters = sum(self.parameters.load(path) for path in config.defaults)
         for name, value in config.overrides.items():
@@ -81,9 +83,10 @@ class Vehicle:
         self.copter = Copter(self.parameters, start, heading, self)
         self.arming = Arming(self.copter, self._script_refusal)
         self.failsafes = Failsafes(self.copter)
-        self.parameter_protocol = ParameterProtocol(self)
-        self.mission_protocol = MissionProtocol(self)
-        self.commands = Commands(self)
+        self.autopilot = Autopilot(self.copter, self.arming, self.failsafes, config.unix_start_us)
+        self.parameter_protocol = ParameterProtocol(self.parameters, self.links)
+        self.mission_protocol = MissionProtocol(self.autopilot)
+        self.commands = Commands(self.autopilot, self._script_command)
         self._router = Router(self.links, self.parameters)
         self._text_id = 0
         self._reached: int | None = None
@@ -96,12 +99,6 @@ class Vehicle:
         self._scripting = self._start_scripting()
 
     # -- time and bytes -------------------------------------------------------------------------------------------
-
-    def micros(self) -> int:
-        return round(self.copter.time_s * 1e6)
-
-    def millis(self) -> int:
-        return round(self.copter.time_s * 1e3)
 
     def receive(self, channel: int, data: bytes) -> None:
         """Bytes arrived on a channel."""
@@ -116,20 +113,14 @@ class Vehicle:
         self.arming.update()
         self.mission_protocol.update()
         if self._scripting is not None and self.copter.initialised:
-            self._scripting.run_due(self.millis())
+            self._scripting.run_due(self.autopilot.millis())
         self._send_due()
 
     def take(self, channel: int) -> bytes:
         """What is to be written to a channel's client."""
         return self.links[channel].take()
 
-    # -- for the parts --------------------------------------------------------------------------------------------
-
-    def send(self, link: Link, message: int) -> None:
-        """Build a message by its id and send it on one channel."""
-        built = BUILDERS[message](self)
-        if built is not None:
-            link.send(built)
+    # -- what the aircraft tells ----------------------------------------------------------------------------------
 
     def text(self, severity: int, text: str) -> None:
         """STATUSTEXT on every channel, in chunks of fifty characters."""
@@ -152,10 +143,10 @@ class Vehicle:
 
     def mode_changed(self) -> None:
         for link in self.links.values():
-            self.send(link, dialect.MAVLINK_MSG_ID_HEARTBEAT)
+            send(self.autopilot, link, dialect.MAVLINK_MSG_ID_HEARTBEAT)
 
     def home_changed(self) -> None:
-        for message in (gps_global_origin(self), home_position(self)):
+        for message in (gps_global_origin(self.autopilot), home_position(self.autopilot)):
             for link in self.links.values():
                 if message is not None:
                     link.send(message)
@@ -167,19 +158,6 @@ class Vehicle:
         self.parameters.set(name, counts[name])
         self.parameter_protocol.announce(name)
 
-    def parameter_changed(self, name: str) -> None:
-        """Effects of a parameter beyond its value."""
-        if name == "MAV_SYSID":
-            for link in self.links.values():
-                link.set_sysid(int(self.parameters[name]))
-
-    def command_blocked(self, command: int) -> bool:
-        return self._scripting is not None and self._scripting.command_blocked(command)
-
-    def scripting_command(self, param1: float) -> int:
-        """MAV_CMD_SCRIPTING that no script has taken over."""
-        return self._scripting.scripting_command(param1) if self._scripting is not None else 3
-
     # -- inside ---------------------------------------------------------------------------------------------------
 
     def _start_scripting(self) -> LuaScripting | None:
@@ -187,16 +165,22 @@ class Vehicle:
             return None
         if not self.config.scripts:
             return None
-        from sitl.vehicles.builtin.script_host import ScriptHost
         from sitl.vehicles.lua_bindings import LuaScripting
 
-        scripting = LuaScripting(ScriptHost(self))
+        scripting = LuaScripting(ScriptHost(self.autopilot, self.links, self.parameter_protocol, self.config.record))
         for path in self.config.scripts:
             scripting.load(path)
         return scripting
 
     def _script_refusal(self) -> str | None:
         return self._scripting.arming_refusal() if self._scripting is not None else None
+
+    def _script_blocks(self, command: int) -> bool:
+        return self._scripting is not None and self._scripting.command_blocked(command)
+
+    def _script_command(self, param1: float) -> int:
+        """MAV_CMD_SCRIPTING that no script has taken over."""
+        return self._scripting.scripting_command(param1) if self._scripting is not None else _UNSUPPORTED
 
     def _frame(self, link: Link, frame: bytes) -> None:
         message = decode(frame)
@@ -230,14 +214,17 @@ class Vehicle:
             self.commands.set_mode_common(message.base_mode, message.custom_mode)
         elif kind == "TIMESYNC":
             if message.tc1 == 0:
-                link.send(dialect.MAVLink_timesync_message(self.micros() * 1000, message.ts1))
+                link.send(dialect.MAVLink_timesync_message(self.autopilot.micros() * 1000, message.ts1))
         elif kind == "REQUEST_DATA_STREAM":
             self._request_stream(link, message)
         elif kind == "AUTOPILOT_VERSION_REQUEST":
-            self.send(link, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+            send(self.autopilot, link, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         elif kind == "SET_POSITION_TARGET_GLOBAL_INT":
             handle_position_target(self.copter, message)
-        elif not self.commands.handle(link, message) and not self.mission_protocol.handle(link, message):
+        elif kind in ("COMMAND_LONG", "COMMAND_INT"):
+            if not self._script_blocks(message.command):
+                self.commands.handle(link, message)
+        elif not self.mission_protocol.handle(link, message):
             self.parameter_protocol.handle(link, message)
 
     def _request_stream(self, link: Link, message: dialect.MAVLink_message) -> None:
@@ -277,14 +264,14 @@ class Vehicle:
             self.parameter_protocol.update(link)
             if now_s >= link.timesync_due_s:
                 link.timesync_due_s = now_s + _TIMESYNC_PERIOD_S
-                stamp = self.micros() * 1000 + self.config.sysid
+                stamp = self.autopilot.micros() * 1000 + self.config.sysid
                 link.send(dialect.MAVLink_timesync_message(0, stamp))
             for message, entry in link.schedule.items():
                 if now_s < entry.due_s:
                     continue
                 entry.due_s = max(entry.due_s + entry.period_s, now_s)
                 if message not in built:
-                    built[message] = BUILDERS[message](self)
+                    built[message] = BUILDERS[message](self.autopilot)
                 ready = built[message]
                 if ready is not None:
                     link.send(ready)
