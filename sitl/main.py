@@ -154,7 +154,7 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
     names = [station.name for station in package.stations]
     used = {*scenario.consent, *scenario.standard, *scenario.links, *scenario.rogue}
     for step in scenario.steps:
-        used.update(step.action.processes())
+        used.update(step.deed.processes())
     for name in sorted(used - {*names, "companion", *(["rogue"] if scenario.rogue else [])}):
         raise ScenarioError(
             f"{scenario.name}.toml: {name!r} is no station of mission {package.name!r}: {', '.join(names)}"

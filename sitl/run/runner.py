@@ -254,7 +254,7 @@ class _Flight:
             trouble = self._do(step)
             if trouble:
                 self.story.line(f"{step.title} failed: {trouble}", sim_s=self.sim_s())
-                wanted = f"{step.title}: {step.action.describe()}"
+                wanted = f"{step.title}: {step.deed.describe()}"
                 self.step_verdicts.append(Verdict(False, wanted, trouble))
                 break
         else:
@@ -268,10 +268,10 @@ class _Flight:
         began_wall, began_sim = time.monotonic(), self.sim_s()
         wall_limit_s = step.timeout_wall_s or (step.timeout_s or 0.0) / self.order.speedup * _SLACK_FACTOR + _SLACK_S
         try:
-            running = step.action.begin(self)
+            running = step.deed.begin(self)
             while not running.done():
                 self._pump(_POLL_S)
-                self.story.progress(f"waiting for {step.action.describe()} ({running.seen()})", self.sim_s())
+                self.story.progress(f"waiting for {step.deed.describe()} ({running.seen()})", self.sim_s())
                 if self.deaths:
                     return f"{', '.join(f'{name} {how}' for name, how in self.deaths.items())}; {running.seen()}"
                 if step.timeout_s is not None and self.sim_s() - began_sim > step.timeout_s:
@@ -286,8 +286,8 @@ class _Flight:
     def _done(self, step: Step, running: Running) -> None:
         if step.label:
             self.marks[step.label] = time.monotonic() if running.at is None else running.at
-        if isinstance(step.action, Steady):
-            self.step_verdicts.append(Verdict(True, step.action.describe(), running.seen()))
+        if isinstance(step.deed, Steady):
+            self.step_verdicts.append(Verdict(True, step.deed.describe(), running.seen()))
 
     def tear_down(self) -> None:
         """End everything that was started, whatever has happened."""

@@ -12,13 +12,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sitl.script.steps import Action, Running, Stage, done_at_once
+from sitl.script.steps import Deed, Running, Stage, done_at_once
 
 __all__ = ["FAULT_STEPS", "Impair", "Kill", "Restart"]
 
 
 @dataclass(frozen=True, slots=True)
-class Kill(Action):
+class Kill(Deed):
     """A process killed with SIGKILL: "companion" or a station's name."""
 
     value: str
@@ -35,7 +35,7 @@ class Kill(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class Restart(Action):
+class Restart(Deed):
     """A process that was killed, started again with the same command line in the same folder."""
 
     value: str
@@ -52,7 +52,7 @@ class Restart(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class Impair(Action):
+class Impair(Deed):
     """Orders to the proxies between the programs, as `python -m sitl.run.bad_links` takes them, one or several."""
 
     value: tuple[str, ...]
@@ -71,4 +71,4 @@ class Impair(Action):
 
 
 #: word in the file -> step
-FAULT_STEPS: Mapping[str, type[Action]] = {"kill": Kill, "restart": Restart, "impair": Impair}
+FAULT_STEPS: Mapping[str, type[Deed]] = {"kill": Kill, "restart": Restart, "impair": Impair}

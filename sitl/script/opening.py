@@ -12,7 +12,7 @@ from collections.abc import Collection
 
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.report.matching import Match
-from sitl.script.steps import Action, Type, Wait, WaitReady
+from sitl.script.steps import Deed, Type, Wait, WaitReady
 
 __all__ = ["BEGINNINGS", "opening"]
 
@@ -20,7 +20,7 @@ __all__ = ["BEGINNINGS", "opening"]
 BEGINNINGS = ("connected", "loaded", "start")
 
 #: (what is done or waited for, time limit in simulated seconds, or None, and on the wall clock, or None, what is told)
-Opened = tuple[Action, "float | None", "float | None", str]
+Opened = tuple[Deed, "float | None", "float | None", str]
 _CONNECT_WALL_S = 40.0
 _PACKAGE_WALL_S = 60.0
 _ZONE_WALL_S = 20.0

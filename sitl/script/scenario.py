@@ -40,7 +40,7 @@ from sitl.script.expect import EXPECTATIONS, Expectation
 from sitl.script.fault_steps import FAULT_STEPS
 from sitl.script.opening import BEGINNINGS, opening
 from sitl.script.places import SCENARIOS
-from sitl.script.steps import STEPS, Action
+from sitl.script.steps import STEPS, Deed
 from sitl.script.tables import Reader, ScenarioError
 from sitl.script.weather import Weather
 
@@ -64,7 +64,7 @@ __all__ = [
 DEFAULT_TIMEOUT_S = 120.0
 CONSENTS = ("automatic", "operator")
 GUARD_KEYS = ("same", "other")
-WORDS: Mapping[str, type[Action]] = {**STEPS, **FAULT_STEPS}
+WORDS: Mapping[str, type[Deed]] = {**STEPS, **FAULT_STEPS}
 #: what goes through the proxy: links of the vehicle, links between stations
 IMPAIRED = ("air", "ground")
 _KEYS = (
@@ -104,7 +104,7 @@ class Step:
     """One step of the timeline. At most one of the two time limits is set. Number 0: of the common opening."""
 
     number: int
-    action: Action
+    deed: Deed
     label: str = ""
     say: str = ""
     timeout_s: float | None = DEFAULT_TIMEOUT_S
@@ -247,7 +247,7 @@ def with_opening(scenario: Scenario, package: MissionPackage) -> Scenario:
     if not scenario.begin:
         return scenario
     opened = opening(scenario.begin, package, scenario.standard, on_board=scenario.on_board)
-    steps = (Step(0, action, "", say, simulated, wall) for action, simulated, wall, say in opened)
+    steps = (Step(0, deed, "", say, simulated, wall) for deed, simulated, wall, say in opened)
     return replace(scenario, steps=(*steps, *scenario.steps))
 
 
@@ -262,8 +262,8 @@ def _consent(reader: Reader, data: Mapping[str, Any]) -> dict[str, str]:
 
 def _step(reader: Reader, number: int, table: Mapping[str, Any], places: Mapping[str, Place]) -> Step:
     verb, value = reader.one_of(table, WORDS, _STEP_KEYS)
-    action = reader.at(verb).build(WORDS[verb], value)
-    for name in action.places():
+    deed = reader.at(verb).build(WORDS[verb], value)
+    for name in deed.places():
         if name not in places:
             raise reader.error(verb, f"place {name!r} is not among [places]: {', '.join(places) or 'there are none'}")
     simulated = reader.value(table, "timeout_s", float, None)
@@ -274,10 +274,10 @@ def _step(reader: Reader, number: int, table: Mapping[str, Any], places: Mapping
         if limit is not None and not 0 < limit <= 7200:
             raise reader.error(key, f"{limit:g} must be above 0 and at most 7200")
     if simulated is None and wall is None:
-        simulated = max(DEFAULT_TIMEOUT_S, action.at_least_s())
+        simulated = max(DEFAULT_TIMEOUT_S, deed.at_least_s())
     return Step(
         number=number,
-        action=action,
+        deed=deed,
         label=reader.value(table, "label", str, ""),
         say=reader.value(table, "say", str, ""),
         timeout_s=simulated,

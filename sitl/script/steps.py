@@ -25,7 +25,7 @@ from sitl.report.journal_reader import Entry
 from sitl.report.matching import Match, describe, matches
 from sitl.report.watch import Watch
 
-__all__ = ["STEPS", "Action", "Running", "Stage", "StepFailed", "done_at_once"]
+__all__ = ["STEPS", "Deed", "Running", "Stage", "StepFailed", "done_at_once"]
 
 #: from where a `wait` may look
 SINCE = ("typed", "last", "begin")
@@ -87,8 +87,8 @@ def done_at_once() -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Action:
-    """Base of the steps."""
+class Deed:
+    """What a step does or waits for: the base of the words of a timeline."""
 
     def places(self) -> tuple[str, ...]:
         """Places that the step names."""
@@ -112,7 +112,7 @@ class Action:
 
 
 @dataclass(frozen=True, slots=True)
-class Wait(Action):
+class Wait(Deed):
     """Until a journal has an entry with this source, this event and these values."""
 
     event: str
@@ -147,7 +147,7 @@ class Wait(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class Type(Action):
+class Type(Deed):
     """A line typed at the console of a station or of the rogue; {place} stands for its latitude and longitude."""
 
     station: str
@@ -171,7 +171,7 @@ class Type(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitReady(Action):
+class WaitReady(Deed):
     """Until the autopilot knows where it is and could be armed in GUIDED."""
 
     value: bool
@@ -184,7 +184,7 @@ class WaitReady(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitMode(Action):
+class WaitMode(Deed):
     """Until the autopilot shows a flight mode."""
 
     value: str
@@ -197,7 +197,7 @@ class WaitMode(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitArmed(Action):
+class WaitArmed(Deed):
     """Until the motors are armed (true) or not (false)."""
 
     value: bool
@@ -210,7 +210,7 @@ class WaitArmed(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitReached(Action):
+class WaitReached(Deed):
     """Until the autopilot says that it reached a mission item."""
 
     value: int
@@ -226,7 +226,7 @@ class WaitReached(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitLanded(Action):
+class WaitLanded(Deed):
     """Until the aircraft has flown, is on the ground again and has disarmed."""
 
     value: bool
@@ -239,7 +239,7 @@ class WaitLanded(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitHeight(Action):
+class WaitHeight(Deed):
     """Until the aircraft is so high above home."""
 
     above_m: float | None = None
@@ -257,7 +257,7 @@ class WaitHeight(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitSpeed(Action):
+class WaitSpeed(Deed):
     """Until the aircraft is so fast over ground."""
 
     above_mps: float | None = None
@@ -275,7 +275,7 @@ class WaitSpeed(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class WaitNear(Action):
+class WaitNear(Deed):
     """Until the aircraft is that near a place."""
 
     place: str
@@ -296,7 +296,7 @@ class WaitNear(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class Pause(Action):
+class Pause(Deed):
     """A time of the simulation, in seconds."""
 
     value: float
@@ -313,7 +313,7 @@ class Pause(Action):
 
 
 @dataclass(frozen=True, slots=True)
-class Steady(Action):
+class Steady(Deed):
     """All of this holds at every moment of `for_s` simulated seconds: the aircraft goes on as it was."""
 
     for_s: float
@@ -371,7 +371,7 @@ def _flight(watch: Watch) -> str:
 
 
 #: word in the file -> step
-STEPS: Mapping[str, type[Action]] = {
+STEPS: Mapping[str, type[Deed]] = {
     "wait": Wait,
     "type": Type,
     "pause_s": Pause,

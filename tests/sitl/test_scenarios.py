@@ -41,7 +41,7 @@ def test_every_scenario_that_ships_can_be_used(name: str) -> None:
     package = packages.load(mission_folder(scenario.mission))
     stations = {station.name for station in package.stations}
     assert scenario.name == name
-    named = {process for step in with_opening(scenario, package).steps for process in step.action.processes()}
+    named = {process for step in with_opening(scenario, package).steps for process in step.deed.processes()}
     assert named <= stations | {"companion", *(["rogue"] if scenario.rogue else [])}
     assert {*scenario.standard, *scenario.links, *scenario.consent, *scenario.rogue} <= stations
 
@@ -68,7 +68,7 @@ def opened(text: str, mission: str = "delivery") -> list[str]:
     steps = with_opening(scenario, packages.load(mission_folder(mission))).steps
     assert steps[-1].number == 1
     assert all(step.title == "opening" for step in steps[:-1])
-    return [step.action.describe() for step in steps[:-1]]
+    return [step.deed.describe() for step in steps[:-1]]
 
 
 def test_a_flight_begins_with_both_stations_the_mission_and_start() -> None:
@@ -122,21 +122,21 @@ say = "Now."
 timeout_wall_s = 7
 """
     read = parse_scenario(HEAD + step + EXPECT, "x.toml").steps[0]
-    assert read.action == Type("GCSA", "handover start")
+    assert read.deed == Type("GCSA", "handover start")
     assert (read.label, read.say, read.timeout_s, read.timeout_wall_s) == ("go", "Now.", None, 7.0)
 
 
 def test_a_wait_takes_any_value_of_an_entry() -> None:
     step = '[[step]]\nwait = {who = "drone-1", event = "refused", station = "GCSB", answered = true}\n'
-    action = parse_scenario(HEAD + step + EXPECT, "x.toml").steps[0].action
-    assert isinstance(action, Wait)
-    assert (action.who, action.event, action.since) == ("drone-1", "refused", "typed")
-    assert dict(action.match.values) == {"station": "GCSB", "answered": True}
+    deed = parse_scenario(HEAD + step + EXPECT, "x.toml").steps[0].deed
+    assert isinstance(deed, Wait)
+    assert (deed.who, deed.event, deed.since) == ("drone-1", "refused", "typed")
+    assert dict(deed.match.values) == {"station": "GCSB", "answered": True}
 
 
 def test_a_long_pause_has_time_to_end() -> None:
     read = parse_scenario(HEAD + "[[step]]\npause_s = 600\n" + EXPECT, "x.toml").steps[0]
-    assert read.action == Pause(600.0)
+    assert read.deed == Pause(600.0)
     assert read.timeout_s is not None
     assert read.timeout_s > 600.0
 

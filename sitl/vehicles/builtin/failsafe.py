@@ -23,7 +23,7 @@ _RTL, _LAND, _SMART_RTL, _BRAKE, _AUTO = 6, 9, 21, 17, 3
 _GCS_CONTINUE_IF_AUTO, _CONTINUE_IF_LANDING, _GCS_CONTINUE_IF_PILOT = 2, 8, 16
 
 
-class Action(Enum):
+class FailsafeAction(Enum):
     """What a failsafe does, and the modes it tries in order."""
 
     NONE = ()
@@ -36,28 +36,28 @@ class Action(Enum):
 
 
 _SECOND_CHOICE_TEXT = {
-    Action.SMART_RTL: "SmartRTL Unavailable, Trying RTL Mode",
-    Action.SMART_RTL_LAND: "SmartRTL Unavailable, Using Land Mode",
-    Action.BRAKE_LAND: "Trying Land Mode",
+    FailsafeAction.SMART_RTL: "SmartRTL Unavailable, Trying RTL Mode",
+    FailsafeAction.SMART_RTL_LAND: "SmartRTL Unavailable, Using Land Mode",
+    FailsafeAction.BRAKE_LAND: "Trying Land Mode",
 }
 _GCS_ACTIONS = {
-    1: Action.RTL,
-    2: Action.RTL,
-    3: Action.SMART_RTL,
-    4: Action.SMART_RTL_LAND,
-    5: Action.LAND,
-    6: Action.RTL,
-    7: Action.BRAKE_LAND,
+    1: FailsafeAction.RTL,
+    2: FailsafeAction.RTL,
+    3: FailsafeAction.SMART_RTL,
+    4: FailsafeAction.SMART_RTL_LAND,
+    5: FailsafeAction.LAND,
+    6: FailsafeAction.RTL,
+    7: FailsafeAction.BRAKE_LAND,
 }
 _BATTERY_ACTIONS = {
-    0: Action.NONE,
-    1: Action.LAND,
-    2: Action.RTL,
-    3: Action.SMART_RTL,
-    4: Action.SMART_RTL_LAND,
-    5: Action.TERMINATE,
-    6: Action.RTL,
-    7: Action.BRAKE_LAND,
+    0: FailsafeAction.NONE,
+    1: FailsafeAction.LAND,
+    2: FailsafeAction.RTL,
+    3: FailsafeAction.SMART_RTL,
+    4: FailsafeAction.SMART_RTL_LAND,
+    5: FailsafeAction.TERMINATE,
+    6: FailsafeAction.RTL,
+    7: FailsafeAction.BRAKE_LAND,
 }
 
 
@@ -99,23 +99,23 @@ class Failsafes:
     def _gcs_lost(self) -> None:
         copter = self._copter
         options = int(copter.parameters["FS_OPTIONS"])
-        action = _GCS_ACTIONS.get(int(copter.parameters["FS_GCS_ENABLE"]), Action.RTL)
+        action = _GCS_ACTIONS.get(int(copter.parameters["FS_GCS_ENABLE"]), FailsafeAction.RTL)
         note = ""
         if not copter.armed:
-            action = Action.NONE
+            action = FailsafeAction.NONE
         elif self._on_ground():
             copter.disarm()
-            action, note = Action.NONE, " - Disarming"
+            action, note = FailsafeAction.NONE, " - Disarming"
         elif copter.mode.landing and copter.battery.level is not BatteryLevel.OK:
             copter.say(4, "GCS + Battery Failsafe - Continuing Landing")
-            self._act(Action.LAND, ModeReason.GCS_FAILSAFE)
+            self._act(FailsafeAction.LAND, ModeReason.GCS_FAILSAFE)
             return
         elif copter.mode.landing and options & _CONTINUE_IF_LANDING:
-            action, note = Action.LAND, " - Continuing Landing"
+            action, note = FailsafeAction.LAND, " - Continuing Landing"
         elif copter.mode.number == _AUTO and options & _GCS_CONTINUE_IF_AUTO:
-            action, note = Action.NONE, " - Continuing Auto Mode"
+            action, note = FailsafeAction.NONE, " - Continuing Auto Mode"
         elif options & _GCS_CONTINUE_IF_PILOT and not copter.mode.autopilot:
-            action, note = Action.NONE, " - Continuing Pilot Control"
+            action, note = FailsafeAction.NONE, " - Continuing Pilot Control"
         copter.say(4, f"GCS Failsafe{note}")
         self._act(action, ModeReason.GCS_FAILSAFE)
 
@@ -125,7 +125,7 @@ class Failsafes:
         word = "critical" if level is BatteryLevel.CRITICAL else "low"
         copter.say(4, f"Battery 1 is {word} {battery.voltage_v:.2f}V used {battery.used_mah:.0f} mAh")
         name = "BATT_FS_CRT_ACT" if level is BatteryLevel.CRITICAL else "BATT_FS_LOW_ACT"
-        action = _BATTERY_ACTIONS.get(int(copter.parameters[name]), Action.NONE)
+        action = _BATTERY_ACTIONS.get(int(copter.parameters[name]), FailsafeAction.NONE)
         if self._on_ground():
             copter.disarm()
             copter.say(4, "Battery Failsafe - Disarming")
@@ -134,9 +134,9 @@ class Failsafes:
         if (
             copter.mode.landing
             and int(copter.parameters["FS_OPTIONS"]) & _CONTINUE_IF_LANDING
-            and action is not Action.NONE
+            and action is not FailsafeAction.NONE
         ):
-            action, note = Action.LAND, " - Continuing Landing"
+            action, note = FailsafeAction.LAND, " - Continuing Landing"
         copter.say(4, f"Battery Failsafe{note}")
         self._act(action, ModeReason.BATTERY_FAILSAFE)
 
@@ -149,9 +149,9 @@ class Failsafes:
             return copter.land_complete and not copter.auto_armed
         return copter.land_complete
 
-    def _act(self, action: Action, reason: ModeReason) -> None:
+    def _act(self, action: FailsafeAction, reason: ModeReason) -> None:
         copter = self._copter
-        if action is Action.TERMINATE:
+        if action is FailsafeAction.TERMINATE:
             copter.disarm()
             return
         for attempt, number in enumerate(action.value):
