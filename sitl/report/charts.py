@@ -244,7 +244,7 @@ def _flags(made: Any, axes: Any, evidence: Evidence, transfers: Sequence[Exchang
         for entry in evidence.of(event="emergency")
     ]
     known = {text for _, text in spots}
-    spots += [(evidence.sim_at(t), label) for label, t in evidence.marks.items() if label not in known]
+    spots += [(evidence.sim_at(t), label) for label, t in evidence.notes.marks.items() if label not in known]
     renderer = made.canvas.get_renderer()
     ends = [float("-inf")] * 3
     low, high = axes.get_xlim()

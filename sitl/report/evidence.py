@@ -8,8 +8,8 @@ Entries after the end of the timeline are left out: they tell of the programs be
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from math import inf
 
 from mavproxy_handover.mission.package import MissionPackage
@@ -17,7 +17,7 @@ from sitl.report.journal_reader import Entry
 from sitl.report.matching import matches
 from sitl.report.watch import VEHICLE, Clock, Sample, samples_of
 
-__all__ = ["NOBODY", "CommanderChange", "Evidence"]
+__all__ = ["NOBODY", "CommanderChange", "Evidence", "RunNotes"]
 
 NOBODY = "nobody"
 #: a companion that flies writes its position every second
@@ -33,30 +33,33 @@ class CommanderChange:
     epoch: int
 
 
+@dataclass(slots=True)
+class RunNotes:
+    """What stands in no journal: only who ran the flight knows it."""
+
+    speedup: float = 1.0
+    #: label of a step -> monotonic time at which it was done
+    marks: dict[str, float] = field(default_factory=dict)
+    #: process -> how it ended without being asked to
+    deaths: dict[str, str] = field(default_factory=dict)
+    #: process -> monotonic time at which the scenario killed it
+    kills: dict[str, float] = field(default_factory=dict)
+    #: end of the timeline
+    ended_t: float | None = None
+
+
 class Evidence:
     """The journals of a run, sorted by time, with what is needed to read them."""
 
-    def __init__(
-        self,
-        entries: Iterable[Entry],
-        package: MissionPackage,
-        *,
-        speedup: float = 1.0,
-        marks: Mapping[str, float] | None = None,
-        deaths: Mapping[str, str] | None = None,
-        kills: Mapping[str, float] | None = None,
-        ended_t: float | None = None,
-    ) -> None:
-        """`marks`: label of a step -> monotonic time at which it was done. `deaths`: process -> how it ended without
-        being asked to. `kills`: process -> when the scenario killed it."""
+    def __init__(self, entries: Iterable[Entry], package: MissionPackage, notes: RunNotes | None = None) -> None:
+        """Without `notes`: a flight that nobody staged."""
+        self.notes = notes or RunNotes()
+        ended_t = self.notes.ended_t
         cut = sorted(entries, key=lambda entry: entry.t)
         self.entries: Sequence[Entry] = [entry for entry in cut if ended_t is None or entry.t <= ended_t]
         self.package = package
-        self.marks = dict(marks or {})
-        self.deaths = dict(deaths or {})
-        self.kills = dict(kills or {})
         self.samples: Sequence[Sample] = samples_of(self.entries)
-        self._clock = Clock(speedup)
+        self._clock = Clock(self.notes.speedup)
         for sample in self.samples:
             self._clock.add(sample.t, sample.sim_s)
 
@@ -109,8 +112,8 @@ class Evidence:
 
         After that its last word says nothing any more: nobody commands.
         """
-        if "companion" in self.kills:
-            return self.kills["companion"]
+        if "companion" in self.notes.kills:
+            return self.notes.kills["companion"]
         companions = {entry.who for entry in self.of(event="view")}
         spoken = [entry.t for entry in self.entries if entry.who in companions]
         silent = bool(spoken) and self.entries[-1].t - spoken[-1] > _SILENCE_S

@@ -33,11 +33,15 @@ def matches(entry: Entry, who: str = "", event: str = "", match: Match | None = 
 
 
 def _equal(value: Any, wanted: Any) -> bool:
-    if isinstance(wanted, list):
-        return any(_equal(value, one) for one in wanted)
-    if isinstance(wanted, str):
-        return value is not None and fnmatchcase(str(value), wanted)
-    return type(value) is not bool and value == wanted if not isinstance(wanted, bool) else value is wanted
+    match wanted:
+        case list():
+            return any(_equal(value, one) for one in wanted)
+        case str():
+            return value is not None and fnmatchcase(str(value), wanted)
+        case bool():
+            return value is wanted
+        case _:  # a number, which true and false are not
+            return type(value) is not bool and value == wanted
 
 
 def describe(who: str, event: str, match: Match) -> str:

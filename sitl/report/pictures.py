@@ -191,7 +191,7 @@ class _Map:
         spots: list[tuple[float, str]] = []
         for entry in self._evidence.of(event="emergency"):
             spots.append((entry.t, str(entry.get("reason", "emergency")).replace("_", " ")))
-        for label, t in self._evidence.marks.items():
+        for label, t in self._evidence.notes.marks.items():
             if not any(text == label for _, text in spots):
                 spots.append((t, label))
         for t, text in spots:

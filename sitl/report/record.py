@@ -16,7 +16,7 @@ from typing import Any
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
-from sitl.report.evidence import Evidence
+from sitl.report.evidence import Evidence, RunNotes
 from sitl.report.journal_reader import read_journals
 
 __all__ = ["RUN_FILE", "RecordError", "RunRecord", "Verdict", "load_run"]
@@ -73,15 +73,14 @@ def load_run(folder: Path) -> RunRecord:
         package = packages.load(mission if mission.is_dir() else folder)
     except MissionError as error:
         raise RecordError(f"{folder}: no mission package in it: {error}") from None
-    evidence = Evidence(
-        read_journals(journals),
-        package,
+    notes = RunNotes(
         speedup=_number(values.get("speedup"), 1.0),
-        marks=values.get("marks", {}),
-        deaths=values.get("deaths", {}),
-        kills=values.get("kills", {}),
+        marks=values.get("marks") or {},
+        deaths=values.get("deaths") or {},
+        kills=values.get("kills") or {},
         ended_t=_number(values.get("ended_t"), None),
     )
+    evidence = Evidence(read_journals(journals), package, notes)
     verdicts = tuple(
         Verdict(bool(entry.get("held")), str(entry.get("wanted", "")), str(entry.get("seen", "")))
         for entry in values.get("verdicts", [])

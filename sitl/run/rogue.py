@@ -33,6 +33,7 @@ import socket
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from types import FrameType
@@ -138,23 +139,23 @@ def _send(sock: socket.socket, data: bytes, address: tuple[str, int]) -> None:
         pass
 
 
+@dataclass(slots=True)
 class _Stream:
     """Datagrams that go out at a rate, and what is journalled when all are out."""
 
-    def __init__(self, tap: _Tap, what: str, datagrams: Sequence[bytes], total: int, rate: float, now: float) -> None:
-        self.tap = tap
-        self.what = what
-        self.total = total
-        self._datagrams = datagrams
-        self._rate = rate
-        self._began = now
-        self.sent = 0
+    tap: _Tap
+    what: str
+    datagrams: Sequence[bytes]
+    total: int
+    rate: float
+    began: float
+    sent: int = 0
 
     def send(self, now: float) -> bool:
         """Send what is due; True when that was all."""
-        due = min(self.total, int((now - self._began) * self._rate) + 1, self.sent + 10 * _AT_ONCE)
+        due = min(self.total, int((now - self.began) * self.rate) + 1, self.sent + 10 * _AT_ONCE)
         while self.sent < due:
-            self.tap.inject(self._datagrams[self.sent % len(self._datagrams)])
+            self.tap.inject(self.datagrams[self.sent % len(self.datagrams)])
             self.sent += 1
         return self.sent >= self.total
 

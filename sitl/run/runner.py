@@ -24,7 +24,7 @@ from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import KeysError
-from sitl.report.evidence import Evidence
+from sitl.report.evidence import Evidence, RunNotes
 from sitl.report.journal_reader import Entry, JournalReader
 from sitl.report.record import RUN_FILE, Verdict
 from sitl.report.watch import Watch
@@ -115,13 +115,10 @@ class _Flight:
         self.reader = JournalReader()
         self.since = {"typed": 0, "last": 0, "begin": 0}
         self.taken: set[int] = set()
-        self.marks: dict[str, float] = {}
-        self.deaths: dict[str, str] = {}
-        self.kills: dict[str, float] = {}
+        self.notes = RunNotes(order.speedup)
         self.step_verdicts: list[Verdict] = []
         self.begun_t = time.monotonic()
         self.begun_utc = datetime.now(timezone.utc)
-        self.ended_t = self.begun_t
         self.vehicle: RunningVehicle | None = None
         self._observer: Observer | None = None
         self._told = 0
@@ -161,7 +158,7 @@ class _Flight:
     def kill(self, process: str) -> None:
         self._begin_anew()
         self.processes[process].kill()
-        self.kills[process] = time.monotonic()
+        self.notes.kills[process] = time.monotonic()
 
     def restart(self, process: str) -> None:
         self._begin_anew()
@@ -169,7 +166,7 @@ class _Flight:
             self.processes.restart(process)
         except (ValueError, OSError) as error:
             raise StepFailed(str(error)) from None
-        del self.kills[process]
+        del self.notes.kills[process]
 
     def impair(self, orders: Sequence[str]) -> Callable[[], bool]:
         self._begin_anew()
@@ -261,7 +258,7 @@ class _Flight:
             steps = len(self.order.scenario.steps)
             self.step_verdicts.append(Verdict(True, f"timeline of {steps} steps", "all done"))
         self._pump(0.2)
-        self.ended_t = time.monotonic()
+        self.notes.ended_t = time.monotonic()
 
     def _do(self, step: Step) -> str:
         """Do a step; returns what went wrong, or nothing."""
@@ -272,8 +269,9 @@ class _Flight:
             while not running.done():
                 self._pump(_POLL_S)
                 self.story.progress(f"waiting for {step.deed.describe()} ({running.seen()})", self.sim_s())
-                if self.deaths:
-                    return f"{', '.join(f'{name} {how}' for name, how in self.deaths.items())}; {running.seen()}"
+                if self.notes.deaths:
+                    deaths = ", ".join(f"{name} {how}" for name, how in self.notes.deaths.items())
+                    return f"{deaths}; {running.seen()}"
                 if step.timeout_s is not None and self.sim_s() - began_sim > step.timeout_s:
                     return f"not within {step.timeout_s:g} s: {running.seen()}"
                 if time.monotonic() - began_wall > wall_limit_s:
@@ -285,7 +283,7 @@ class _Flight:
 
     def _done(self, step: Step, running: Running) -> None:
         if step.label:
-            self.marks[step.label] = time.monotonic() if running.at is None else running.at
+            self.notes.marks[step.label] = time.monotonic() if running.at is None else running.at
         if isinstance(step.deed, Steady):
             self.step_verdicts.append(Verdict(True, step.deed.describe(), running.seen()))
 
@@ -316,11 +314,12 @@ class _Flight:
             entry = self.reader.entries[self._told]
             self._told += 1
             self.story.entry(entry, self.watch.clock.sim_at(entry.t))
+        deaths = self.notes.deaths
         for child in self.processes.dead():
-            if child.name not in self.deaths and child.returncode is not None:
-                self.deaths[child.name] = ending(child.returncode)
-        if self.vehicle is not None and not self.vehicle.alive() and "vehicle" not in self.deaths:
-            self.deaths["vehicle"] = "ended"
+            if child.name not in deaths and child.returncode is not None:
+                deaths[child.name] = ending(child.returncode)
+        if self.vehicle is not None and not self.vehicle.alive() and "vehicle" not in deaths:
+            deaths["vehicle"] = "ended"
 
     def _weigh(self) -> None:
         """Once a second: the memory of the companion."""
@@ -336,18 +335,11 @@ class _Flight:
 
     def judge(self) -> Result:
         """Judge what was seen."""
-        evidence = Evidence(
-            self.reader.entries,
-            self.order.package,
-            speedup=self.order.speedup,
-            marks=self.marks,
-            deaths=self.deaths,
-            kills=self.kills,
-            ended_t=self.ended_t,
-        )
+        evidence = Evidence(self.reader.entries, self.order.package, self.notes)
         verdicts = list(self.step_verdicts)
         verdicts += [expectation.judge(evidence) for expectation in (*self.order.scenario.expectations, *ALWAYS)]
-        return Result(self.order, verdicts, duration_sim_s=evidence.sim_at(self.ended_t), evidence=evidence)
+        assert self.notes.ended_t is not None  # the timeline was played
+        return Result(self.order, verdicts, duration_sim_s=evidence.sim_at(self.notes.ended_t), evidence=evidence)
 
 
 def _trouble(console: Sequence[str]) -> str:
@@ -366,12 +358,12 @@ def _write_run(order: Order, flight: _Flight, result: Result) -> None:
         "speedup": order.speedup,
         "begun_utc": flight.begun_utc.isoformat(timespec="seconds"),
         "begun_t": flight.begun_t,
-        "ended_t": flight.ended_t,
+        "ended_t": flight.notes.ended_t,
         "duration_wall_s": round(result.duration_wall_s, 1),
         "duration_sim_s": round(result.duration_sim_s, 1),
-        "marks": flight.marks,
-        "deaths": flight.deaths,
-        "kills": flight.kills,
+        "marks": flight.notes.marks,
+        "deaths": flight.notes.deaths,
+        "kills": flight.notes.kills,
         "held": result.held,
         "verdicts": [
             {"held": verdict.held, "wanted": verdict.wanted, "seen": verdict.seen} for verdict in result.verdicts

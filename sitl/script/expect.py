@@ -132,7 +132,8 @@ class Memory(Expectation):
 
     def judge(self, evidence: Evidence) -> Verdict:
         wanted = f"memory grows by less than {self.grows_below_mb:g} MB from '{self.after}' to '{self.until}'"
-        begin, end = evidence.marks.get(self.after), evidence.marks.get(self.until)
+        marks = evidence.notes.marks
+        begin, end = marks.get(self.after), marks.get(self.until)
         if begin is None or end is None:
             return Verdict(False, wanted, "one of the two never came")
         sizes = [entry.get("resident_kb") for entry in evidence.of(event="memory") if begin <= entry.t <= end]
@@ -199,7 +200,7 @@ class ModeWithin(Expectation):
 
     def judge(self, evidence: Evidence) -> Verdict:
         wanted = f"mode {self.mode} within {self.within_s:g} s after '{self.after}'"
-        mark = evidence.marks.get(self.after)
+        mark = evidence.notes.marks.get(self.after)
         if mark is None:
             return Verdict(False, wanted, f"'{self.after}' never came")
         for entry in evidence.of(VEHICLE, "mode"):
@@ -298,7 +299,7 @@ class NobodyDied(Expectation):
 
     def judge(self, evidence: Evidence) -> Verdict:
         wanted = "every program runs to the end"
-        deaths = [f"{name} {how}" for name, how in evidence.deaths.items()]
+        deaths = [f"{name} {how}" for name, how in evidence.notes.deaths.items()]
         return Verdict(not deaths, wanted, "; ".join(deaths) or "they did")
 
 

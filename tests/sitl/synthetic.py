@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from mavproxy_handover.mission import package as packages
-from sitl.report.evidence import Evidence
+from sitl.report.evidence import Evidence, RunNotes
 from sitl.report.journal_reader import Entry
 from sitl.script.places import mission_folder
 
@@ -152,7 +152,7 @@ def _transfer(script: Script, t: float, number: int, old: str, new: str) -> None
 def evidence(entries: list[Entry] | None = None, **values: Any) -> Evidence:
     """Evidence of the flight, or of other entries."""
     package = packages.load(mission_folder("delivery"))
-    return Evidence(nominal() if entries is None else entries, package, speedup=SPEEDUP, **values)
+    return Evidence(nominal() if entries is None else entries, package, RunNotes(SPEEDUP, **values))
 
 
 def write_folder(folder: Path, *, verdicts: list[dict[str, Any]] | None = None) -> Path:
