@@ -20,6 +20,8 @@ from typing import Any, TextIO
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
+from sitl.report.page import write_report
+from sitl.report.record import RecordError, load_run
 from sitl.run.runner import Order, Result, run
 from sitl.run.story import Story
 from sitl.script.places import SetupError, mission_folder
@@ -176,9 +178,6 @@ def _fly(order: Order, stream: TextIO) -> Result:
 
 def _report(folder: Path) -> Path | None:
     """The report; a run without one is still a run, so trouble here is told and not raised."""
-    from sitl.report.page import write_report
-    from sitl.report.record import RecordError, load_run
-
     try:
         return write_report(load_run(folder))
     except (RecordError, OSError) as error:
