@@ -41,6 +41,7 @@ from mavproxy_handover.core.messages import (
     TransferKey,
 )
 from mavproxy_handover.core.model import PROTOCOL_VERSION, Consent, Outcome, Phase, Reason, Station
+from mavproxy_handover.core.never import assert_never
 
 from .events import (
     Action,
@@ -161,32 +162,33 @@ class StationCore:
         """Whether the vehicle's companion is heard."""
         return now - self._vehicle_heard < self.VEHICLE_LOST_S
 
-    # ---- entry point ----------------------------------------------------------------------------------------------
+    # ---- entry points ---------------------------------------------------------------------------------------------
 
     def handle(self, event: Event, now: float) -> list[Action]:
         """Take in one event at monotonic time `now` (s); returns what to do, in order."""
-        if isinstance(event, FromVehicle):
-            self._vehicle_heard = now
-            return [*self._heard_vehicle(now), *self._on_vehicle(event.message, now)]
-        if isinstance(event, VehicleHeard):
-            self._vehicle_heard = now
-            return self._heard_vehicle(now)
-        if isinstance(event, FromPeer):
-            self._peers_heard[event.peer] = now
-            return self._on_peer(event.peer, event.message, now)
-        if isinstance(event, PeerHeard):
-            was_alive = self.peer_alive(event.peer, now)
-            self._peers_heard[event.peer] = now
-            return [] if was_alive else [Notice("peer", f"Ground link to {self.name(event.peer)} is up.")]
-        if isinstance(event, AuthorityHeard):
-            return self._on_authority(event)
-        if isinstance(event, MissionHeld):
-            self.digest = event.digest
-            return []
-        if isinstance(event, Wish):
-            self._wishes[event.station] = now + self.WISH_S
-            return []
-        return self._on_answer(event.yes, now)
+        actions: list[Action] = []
+        match event:
+            case FromVehicle():
+                self._heard_vehicle(now, actions)
+                self._on_vehicle(event.message, now, actions)
+            case VehicleHeard():
+                self._heard_vehicle(now, actions)
+            case FromPeer():
+                self._peers_heard[event.peer] = now
+                self._on_peer(event.peer, event.message, now, actions)
+            case PeerHeard():
+                self._heard_peer(event.peer, now, actions)
+            case AuthorityHeard():
+                self._on_authority(event, actions)
+            case MissionHeld():
+                self.digest = event.digest
+            case Wish():
+                self._wishes[event.station] = now + self.WISH_S
+            case Answer():
+                self._on_answer(event.yes, now, actions)
+            case _:
+                assert_never(event)
+        return actions
 
     def tick(self, now: float) -> list[Action]:
         """Time has passed: notices that the vehicle has fallen silent."""
@@ -197,70 +199,75 @@ class StationCore:
 
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
-    def _heard_vehicle(self, now: float) -> list[Action]:
-        if not self._vehicle_lost:
-            return []
-        self._vehicle_lost = False
-        return [Notice("connected", f"{self._vehicle_name} is connected.")]
+    def _heard_vehicle(self, now: float, actions: list[Action]) -> None:
+        self._vehicle_heard = now
+        if self._vehicle_lost:
+            self._vehicle_lost = False
+            actions.append(Notice("connected", f"{self._vehicle_name} is connected."))
 
-    def _on_vehicle(self, message: Message, now: float) -> list[Action]:
-        if isinstance(message, Connect):
-            self.vehicle_digest = message.mission_digest
-            # of nobody it does not say whether that is before or after somebody: AUTHORITY_STATUS does
-            notices = self._believe(message.commander, message.epoch, over=False)
-            return [*notices, ToVehicle(self._state(message.nonce))]
-        if isinstance(message, HandoverResult):
-            return self._on_result(message)
-        if isinstance(message, HandoverRequest):
-            return self._on_request(message, now)
-        if isinstance(message, ConnectHandover):
-            return self._on_connect_handover(message, now)
-        if isinstance(message, (OnHandover, DroneConnected)):
-            return self._as_commander(message, now, of_vehicle=True)
-        return []
+    def _on_vehicle(self, message: Message, now: float, actions: list[Action]) -> None:
+        match message:
+            case Connect():
+                self.vehicle_digest = message.mission_digest
+                # of nobody it does not say whether that is before or after somebody: AUTHORITY_STATUS does
+                self._believe(message.commander, message.epoch, actions, over=False)
+                actions.append(ToVehicle(self._state(message.nonce)))
+            case HandoverResult():
+                self._on_result(message, actions)
+            case HandoverRequest():
+                self._on_request(message, now, actions)
+            case ConnectHandover():
+                self._on_connect_handover(message, now, actions)
+            case OnHandover() | DroneConnected():
+                self._as_commander(message, now, actions, of_vehicle=True)
+            case ConnectAck() | OkHandover() | DisconnectHandover():  # what stations say, and no vehicle
+                pass
+            case _:
+                assert_never(message)
 
     def _state(self, nonce: int) -> ConnectAck:
         return ConnectAck(
             self._station.sysid, PROTOCOL_VERSION, nonce, self.epoch, self.commander, self._station.name, self.digest
         )
 
-    def _believe(self, commander: int | None, epoch: int, *, over: bool) -> list[Action]:
+    def _believe(self, commander: int | None, epoch: int, actions: list[Action], *, over: bool) -> None:
         """Take over what the vehicle says of commander and epoch, unless it is stale."""
         nobody = _Stage.NOBODY_ANY_MORE if over else _Stage.NOBODY_YET
         stage = nobody if commander is None else _Stage.COMMANDED
         if (epoch, stage) <= (self.epoch, self._stage):
-            return []
+            return
         known = (commander, epoch) == (self.commander, self.epoch)
         before, self.commander, self.epoch, self._stage = self.role, commander, epoch, stage
         if known:
-            return []
+            return
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # over, whatever became of it: no question of it is open any more
         if self.role is before:
-            return [Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")]
-        if self.role is Role.COMMANDER:
-            return [Notice("authority", f"{self._station.name} is the commander now, epoch {epoch}.", urgent=True)]
-        return [Notice("authority", f"{self.name(commander)} commands now, epoch {epoch}.", urgent=True)]
+            notice = Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")
+        elif self.role is Role.COMMANDER:
+            notice = Notice("authority", f"{self._station.name} is the commander now, epoch {epoch}.", urgent=True)
+        else:
+            notice = Notice("authority", f"{self.name(commander)} commands now, epoch {epoch}.", urgent=True)
+        actions.append(notice)
 
-    def _on_authority(self, event: AuthorityHeard) -> list[Action]:
-        notices: list[Action] = []
+    def _on_authority(self, event: AuthorityHeard, actions: list[Action]) -> None:
         if event.phase is not self.phase:
             self.phase = event.phase
-            notices.append(Notice("phase", f"{self._vehicle_name} is {event.phase.name.replace('_', ' ').lower()}."))
+            phase = event.phase.name.replace("_", " ").lower()
+            actions.append(Notice("phase", f"{self._vehicle_name} is {phase}."))
         self.partner = event.partner
-        return [*notices, *self._believe(event.commander, event.epoch, over=not event.recovering)]
+        self._believe(event.commander, event.epoch, actions, over=not event.recovering)
 
-    def _on_result(self, message: HandoverResult) -> list[Action]:
+    def _on_result(self, message: HandoverResult, actions: list[Action]) -> None:
         key = message.key
-        notices: list[Action] = []
         if self._part is not None and self._part.key.handover_id == key.handover_id:
             self._part = None
             if message.outcome is Outcome.ABORTED:
                 why = message.reason.name.lower().replace("_", " ")
-                notices.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}.", urgent=True))
+                actions.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}.", urgent=True))
         self.partner = None
-        notices += self._believe(message.commander, key.epoch, over=True)
-        return [*notices, ToVehicle(self._state(0))]
+        self._believe(message.commander, key.epoch, actions, over=True)
+        actions.append(ToVehicle(self._state(0)))
 
     def _stale(self, key: TransferKey, *, of_vehicle: bool) -> bool:
         """Whether this is about a transfer of an older epoch, or one before the vehicle's latest.
@@ -285,78 +292,89 @@ class StationCore:
         self._part = _Part(key, as_partner, consent)
         return consent, True
 
-    def _on_request(self, message: HandoverRequest, now: float) -> list[Action]:
+    def _on_request(self, message: HandoverRequest, now: float, actions: list[Action]) -> None:
         key = message.key
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
-            return []
+            return
         consent, new = self._consent(key, now, as_partner=True)
-        notices: list[Action] = []
         if new:
             text = f"Handover requested: {self.name(key.from_station)} -> {self._station.name}."
-            notices.append(Notice("requested", text + self._hint(consent), urgent=True))
-        return [*notices, *self._say_ready(key, consent, now)]
+            actions.append(Notice("requested", text + self._hint(consent), urgent=True))
+        self._say_ready(key, consent, now, actions)
 
     @staticmethod
     def _hint(consent: Consent) -> str:
         return " Type 'handover accept' or 'handover deny'." if consent is Consent.WAITING else ""
 
-    def _say_ready(self, key: TransferKey, consent: Consent, now: float) -> list[Action]:
+    def _say_ready(self, key: TransferKey, consent: Consent, now: float, actions: list[Action]) -> None:
         reason = Reason.OPERATOR if consent is Consent.DENIED else Reason.NONE
         ground = self.peer_alive(key.from_station, now)
         word = OnHandover(key, consent, reason, relay=not ground and consent is Consent.GRANTED)
-        actions: list[Action] = [ToVehicle(word)]
         if ground and consent is Consent.GRANTED:
-            actions.insert(0, ToPeer(key.from_station, word))
-        return actions
+            actions.append(ToPeer(key.from_station, word))
+        actions.append(ToVehicle(word))
 
-    def _on_connect_handover(self, message: ConnectHandover, now: float) -> list[Action]:
+    def _on_connect_handover(self, message: ConnectHandover, now: float, actions: list[Action]) -> None:
         key = message.key
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
-            return []
+            return
         consent, _new = self._consent(key, now, as_partner=True)
         if consent is not Consent.GRANTED:
-            return self._say_ready(key, consent, now)
+            self._say_ready(key, consent, now, actions)
+            return
         ground = self.peer_alive(key.from_station, now)
         word = DroneConnected(key, relay=not ground)
-        actions: list[Action] = [ToVehicle(word)]
         if ground:
-            actions.insert(0, ToPeer(key.from_station, word))
+            actions.append(ToPeer(key.from_station, word))
+        actions.append(ToVehicle(word))
         part = self._part
         if part is not None and not part.connected:
             part.connected = True
             actions.append(Notice("set_up", "Set up as commander: Drone Connected."))
-        return actions
 
     # ---- as commander ---------------------------------------------------------------------------------------------
 
-    def _on_peer(self, peer: int, message: Message, now: float) -> list[Action]:
-        if not isinstance(message, (OnHandover, DroneConnected)) or message.key.to_station != peer:
-            return []
-        if self.role is not Role.COMMANDER or message.key.epoch != self.epoch:
-            return []
-        return self._as_commander(message, now, of_vehicle=False)
+    def _heard_peer(self, peer: int, now: float, actions: list[Action]) -> None:
+        was_alive = self.peer_alive(peer, now)
+        self._peers_heard[peer] = now
+        if not was_alive:
+            actions.append(Notice("peer", f"Ground link to {self.name(peer)} is up."))
 
-    def _as_commander(self, message: OnHandover | DroneConnected, now: float, *, of_vehicle: bool) -> list[Action]:
+    def _on_peer(self, peer: int, message: Message, now: float, actions: list[Action]) -> None:
+        if not isinstance(message, (OnHandover, DroneConnected)) or message.key.to_station != peer:
+            return
+        if self.role is not Role.COMMANDER or message.key.epoch != self.epoch:
+            return
+        self._as_commander(message, now, actions, of_vehicle=False)
+
+    def _as_commander(
+        self, message: OnHandover | DroneConnected, now: float, actions: list[Action], *, of_vehicle: bool
+    ) -> None:
         key = message.key
         if key.from_station != self._station.sysid or self._stale(key, of_vehicle=of_vehicle):
-            return []
+            return
         if isinstance(message, DroneConnected):
-            part = self._part
-            if part is None or part.as_partner or part.key != key or part.consent is not Consent.GRANTED:
-                return []
-            release = ToVehicle(DisconnectHandover(key))
-            if part.connected:
-                return [release]
-            part.connected = True
-            return [release, Notice("released", f"{self.name(key.to_station)} has the drone: Disconnect.")]
+            self._release(key, actions)
+            return
         consent, new = self._consent(key, now, as_partner=False)
-        answer = ToVehicle(self._ok(key, consent))
+        actions.append(ToVehicle(self._ok(key, consent)))
         if not new:
-            return [answer]
+            return
         if consent is Consent.GRANTED:
-            return [answer, Notice("consent", "Handover Authorized.")]
+            actions.append(Notice("consent", "Handover Authorized."))
+            return
         text = f"{self.name(key.to_station)} is ready to take {self._vehicle_name}."
-        return [answer, Notice("asked", text + self._hint(consent), urgent=True)]
+        actions.append(Notice("asked", text + self._hint(consent), urgent=True))
+
+    def _release(self, key: TransferKey, actions: list[Action]) -> None:
+        """The partner has the aircraft: this station lets go of it, if it has consented to that."""
+        part = self._part
+        if part is None or part.as_partner or part.key != key or part.consent is not Consent.GRANTED:
+            return
+        actions.append(ToVehicle(DisconnectHandover(key)))
+        if not part.connected:
+            part.connected = True
+            actions.append(Notice("released", f"{self.name(key.to_station)} has the drone: Disconnect."))
 
     @staticmethod
     def _ok(key: TransferKey, consent: Consent) -> OkHandover:
@@ -364,12 +382,14 @@ class StationCore:
 
     # ---- the operator ---------------------------------------------------------------------------------------------
 
-    def _on_answer(self, yes: bool, now: float) -> list[Action]:
+    def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
         part = self._part
         if part is None or part.consent is not Consent.WAITING:
-            return [Notice("question", "There is no question to answer.")]
+            actions.append(Notice("question", "There is no question to answer."))
+            return
         part.consent = Consent.GRANTED if yes else Consent.DENIED
-        notice = Notice("consent", "Handover Authorized." if yes else "Handover Denied.")
+        actions.append(Notice("consent", "Handover Authorized." if yes else "Handover Denied."))
         if part.as_partner:
-            return [notice, *self._say_ready(part.key, part.consent, now)]
-        return [notice, ToVehicle(self._ok(part.key, part.consent))]
+            self._say_ready(part.key, part.consent, now, actions)
+        else:
+            actions.append(ToVehicle(self._ok(part.key, part.consent)))

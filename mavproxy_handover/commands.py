@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from mavproxy_handover.companion import Companion
 from mavproxy_handover.core import events
-from mavproxy_handover.core.events import GuardState
+from mavproxy_handover.core.model import GuardState
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.stations.port import StationPort

@@ -33,7 +33,7 @@ from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.messages import Connect, ConnectAck
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Reason
+from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase, Reason
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Action, Verdict, judge
@@ -383,7 +383,7 @@ class Companion:
             self._attempt("flush", self._changeover.close_all_of, former)
         self._attempt("end of START", self._orders.give_start_up, "internal fault", now)
         if self.aircraft.flying:
-            self._attempt("way home", self._orders.bring_home, events.FlightAction.RETURN, now)
+            self._attempt("way home", self._orders.bring_home, FlightAction.RETURN, now)
         line = f"INTERNAL FAULT, authority ends here: {text.strip().splitlines()[-1]}"
         self._attempt("console", self._narrator.tell, line)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import FlightAction
+from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.mission.items import MissionItem, RallyPoint, difference
 from mavproxy_handover.wire.conversation import Ask, Conversation, NoAnswer
 

@@ -15,7 +15,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import Event, FlightAction, MissionLoaded
+from mavproxy_handover.core.events import Event, MissionLoaded
+from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.zones import ZoneFinder

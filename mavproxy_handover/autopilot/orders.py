@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.core import events
+from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
@@ -69,7 +70,7 @@ class FlightOrders:
             self._handle(events.StartFinished(False, why), now)
             self._answer(mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
 
-    def bring_home(self, action: events.FlightAction, now: float) -> None:
+    def bring_home(self, action: FlightAction, now: float) -> None:
         """Have the autopilot fly home, or land."""
         self.give_start_up("the aircraft is brought home", now)
 

@@ -23,8 +23,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import GuardState
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import GuardState
 from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.wire.conversation import Ask, Conversation, Dialogue, NoAnswer
 from mavproxy_handover.wire.conversations import Conversations

@@ -16,7 +16,7 @@ from mavproxy_handover.autopilot.loading import MissionLoader
 from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.core import events
-from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.wire.conversations import Conversations

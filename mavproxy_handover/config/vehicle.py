@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tables, list_of_tables, read_toml
-from mavproxy_handover.core.events import FlightAction
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.model import FlightAction, Station
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 

@@ -6,10 +6,10 @@ It takes every event to the part of the rules that it belongs to, and decides wh
 
 * `authority.py`: owner, epoch, phase, and the view made of them; the phase moves by the table of `phases.py`.
 * `contacts.py`, `presence.py`: which stations are there, both ways, with the same mission package.
-* `choice.py`, `zones.py`, `links.py`: which of them could take the aircraft, and which should.
-* `handover.py`, `transfer.py`, `results.py`: how authority moves; `requests.py`, `control.py`: by the MAVLink standard.
-* `flight.py`: what the aircraft said; `start.py`: how a flight begins; `safety.py`, `emergency.py`: what is done when
-  something goes wrong.
+* `candidates.py`, `zones.py`, `links.py`: which of them could take the aircraft, and which should.
+* `conductor.py`, `transfer.py`, `results.py`: how authority moves; `requests.py`, `control.py`: by the standard.
+* `flight.py`: what the aircraft said; `start.py`: how a flight begins; `safety.py`: what is done when something goes
+  wrong.
 
 Rules that live here
 --------------------
@@ -30,19 +30,16 @@ from math import inf
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.conductor import Handover
+from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.contacts import Contacts
-from mavproxy_handover.core.emergency import Emergency
 from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
     Cancel,
     ControlRequested,
     Event,
-    FlightAction,
     Fly,
     GuardSeen,
-    GuardState,
     LinkJudged,
     MissionLoaded,
     PositionSeen,
@@ -51,15 +48,16 @@ from mavproxy_handover.core.events import (
     StartRequested,
     StationHeard,
     StationMessage,
+    Tick,
 )
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck
-from mavproxy_handover.core.mission import Mission
-from mavproxy_handover.core.model import AuthorityView, Phase, Reason, Station
+from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, Mission, Phase, Reason, Station
+from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.phases import PhaseCause
 from mavproxy_handover.core.requests import Requests
-from mavproxy_handover.core.safety import Situation
+from mavproxy_handover.core.safety import Emergency, Situation
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Cause
@@ -91,8 +89,8 @@ class Arbiter:
         self._contacts = Contacts(identity.name, identity.stations, identity.nonce, self._limits)
         self._presence = self._contacts.presence
         self._candidates = Candidates(self._presence, self._limits)
-        self._handover = Handover(self._authority, self._flight, self._presence, self._candidates, self._limits)
-        self._requests = Requests(self._authority, self._presence, self._candidates, self._handover)
+        self._conductor = Conductor(self._authority, self._flight, self._presence, self._candidates, self._limits)
+        self._requests = Requests(self._authority, self._presence, self._candidates, self._conductor)
         self._start = Start(self._authority, self._flight, self._candidates)
         self._emergency = Emergency(self._limits)
         #: the run before ended in a transfer: its zone has still to be served
@@ -105,7 +103,7 @@ class Arbiter:
     def _restore(self, restored: Snapshot) -> None:
         self._authority.restore(restored)
         if restored.phase is not Phase.ON_LOAD:
-            self._candidates.mission = Mission(restored.digest, restored.route, restored.route_at)
+            self._candidates.hold(Mission(restored.digest, restored.route, restored.route_at))
             self._emergency.adopt(restored.out_of_coverage)
             self._interrupted = restored.phase is Phase.ON_HANDOVER
             if restored.phase is Phase.EMERGENCY:
@@ -176,34 +174,38 @@ class Arbiter:
         What has run out by then runs out before the event counts, even if the caller's tick is late.
         """
         actions: list[Action] = []
-        if self._authority.recover_until == inf:
-            self._authority.recover_until = now + self._limits.heartbeat_lost_s
+        self._authority.await_owner(now + self._limits.heartbeat_lost_s)
         self._expire(now, actions)
-        if isinstance(event, StationHeard):
-            self._on_heard(event.station, now, actions)
-        elif isinstance(event, StationMessage):
-            self._on_message(event, now, actions)
-        elif isinstance(event, PositionSeen):
-            self._on_position(event, now, actions)
-        elif isinstance(event, AutopilotState):
-            self._on_autopilot(event, now, actions)
-        elif isinstance(event, GuardSeen):
-            self._on_guard(event, now, actions)
-        elif isinstance(event, MissionLoaded):
-            self._on_mission(event, actions)
-        elif isinstance(event, StartRequested):
-            self._start.requested(event.station, now, actions)
-        elif isinstance(event, StartFinished):
-            self._start.finished(event, actions)
-        elif isinstance(event, Cancel):
-            self._handover.cancel(event.station, now, actions)
-        elif isinstance(event, ControlRequested):
-            if self._known(event.station):
-                self._requests.on_request(event, now, actions)
-        elif isinstance(event, LinkJudged):
-            actions += self._candidates.links.judged(event, self.name(event.station), now)
-            self._handover.seek(now, actions)
-        self._handover.speak(now, actions)
+        match event:
+            case Tick():
+                pass
+            case StationHeard():
+                self._on_heard(event.station, now, actions)
+            case StationMessage():
+                self._on_message(event, now, actions)
+            case PositionSeen():
+                self._on_position(event, now, actions)
+            case AutopilotState():
+                self._on_autopilot(event, now, actions)
+            case GuardSeen():
+                self._on_guard(event, now, actions)
+            case MissionLoaded():
+                self._on_mission(event, actions)
+            case StartRequested():
+                self._start.requested(event.station, now, actions)
+            case StartFinished():
+                self._start.finished(event, actions)
+            case Cancel():
+                self._conductor.cancel(event.station, now, actions)
+            case ControlRequested():
+                if self._known(event.station):
+                    self._requests.on_request(event, now, actions)
+            case LinkJudged():
+                self._candidates.links.judged(event, self.name(event.station), now, actions)
+                self._conductor.seek(now, actions)
+            case _:
+                assert_never(event)
+        self._conductor.speak(now, actions)
         self._judge_safety(now, actions)
         self._contacts.ask(self._authority, self.mission_digest, now, actions)
         return actions
@@ -212,7 +214,7 @@ class Arbiter:
         """When `Tick` is due at the latest (monotonic s); None if nothing is pending."""
         authority = self._authority
         times = [presence.ask_at for presence in self._presence.values()]
-        times += self._handover.deadlines()
+        times += self._conductor.deadlines()
         if authority.owner is not None and not authority.lost:
             times.append(self._presence[authority.owner].lost_at())
         others = (
@@ -235,7 +237,7 @@ class Arbiter:
             return
         self._contacts.heard(station, now, actions)
         if station == self._authority.owner and self._authority.lost:
-            self._handover.move(Cause.COMMANDER_RETURNED, now, actions)
+            self._conductor.move(Cause.COMMANDER_RETURNED, now, actions)
             self._authority.take_back(station, actions)
 
     def _on_message(self, event: StationMessage, now: float, actions: list[Action]) -> None:
@@ -243,18 +245,19 @@ class Arbiter:
         self._on_heard(station, now, actions)
         if station not in self._presence:
             return
-        if isinstance(message, Connect):
-            actions.append(self._contacts.answer(station, message, self._authority, self.mission_digest))
-            return
-        if isinstance(message, ConnectAck):
-            dropped = self._on_connect_ack(station, message, now, actions)
-        else:
-            dropped = self._handover.on_message(event, now, actions)
+        match message:
+            case Connect():
+                self._contacts.answer(station, message, self._authority, self.mission_digest, actions)
+                return
+            case ConnectAck():
+                dropped = self._on_connect_ack(station, message, now, actions)
+            case _:
+                dropped = self._conductor.on_message(station, message, now, actions)
         if dropped is not None:
             self.dropped[dropped] += 1
 
     def _on_connect_ack(self, station: int, answer: ConnectAck, now: float, actions: list[Action]) -> str | None:
-        self._handover.results.acknowledged(station, answer)
+        self._conductor.results.acknowledged(station, answer)
         if answer.nonce == 0:  # unasked: it shows that a result is known, and no more
             return None
         dropped = self._contacts.answered(station, answer, now, actions)
@@ -286,8 +289,8 @@ class Arbiter:
         for station in change.left:
             actions.append(Record("zone_left", f"zone of {self.name(station)} left", station=station))
         if transfer is not None and transfer.key.to_station in change.left:
-            self._handover.move(Cause.LEFT_REGION, now, actions)
-        self._handover.seek(now, actions)
+            self._conductor.move(Cause.LEFT_REGION, now, actions)
+        self._conductor.seek(now, actions)
 
     def _on_autopilot(self, event: AutopilotState, now: float, actions: list[Action]) -> None:
         authority = self._authority
@@ -302,11 +305,10 @@ class Arbiter:
         self._grant_parent(now, actions)
 
     def _land(self, now: float, actions: list[Action]) -> None:
-        self._handover.move(Cause.CANCELLED, now, actions)
-        self._authority.move_phase(PhaseCause.DISARMED)
-        self._authority.takeover_allowed = False
+        self._conductor.move(Cause.CANCELLED, now, actions)
+        self._authority.land()
         self._emergency.landed()
-        self._candidates.mission = replace(self._candidates.mission, at=0)
+        self._candidates.hold(replace(self._candidates.mission, at=0))
         actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
         self._authority.refresh(Reason.LANDED, actions)
 
@@ -317,7 +319,7 @@ class Arbiter:
             actions.append(Record("guard", f"guard: {before.name.lower()} -> {event.state.name.lower()}"))
 
     def _on_mission(self, event: MissionLoaded, actions: list[Action]) -> None:
-        self._candidates.mission = Mission(event.digest, event.route)
+        self._candidates.hold(Mission(event.digest, event.route))
         self._emergency.adopt(event.out_of_coverage)
         if event.digest:
             names = " ".join(self.name(station) for station in event.route)
@@ -331,24 +333,24 @@ class Arbiter:
         authority, transfer = self._authority, self._authority.transfer
         # the partner first: from here on nothing commits to a station that is lost itself
         if transfer is not None and not self._presence[transfer.key.to_station].alive(now):
-            self._handover.move(Cause.PARTNER_LOST, now, actions)
+            self._conductor.move(Cause.PARTNER_LOST, now, actions)
         if authority.owner is not None and not authority.lost and not self._presence[authority.owner].alive(now):
             self._lose_owner(authority.owner, now, actions)
         transfer = authority.transfer
         if transfer is not None and now >= transfer.timeout_at:
-            self._handover.move(Cause.TIMEOUT, now, actions)
+            self._conductor.move(Cause.TIMEOUT, now, actions)
         if authority.recover_until is not None and now >= authority.recover_until and authority.owner is not None:
             authority.wait_no_longer(authority.owner, actions)
-            self._handover.seek(now, actions)
+            self._conductor.seek(now, actions)
 
     def _lose_owner(self, owner: int, now: float, actions: list[Action]) -> None:
-        self._handover.move(Cause.COMMANDER_LOST, now, actions)
+        self._conductor.move(Cause.COMMANDER_LOST, now, actions)
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
         self._authority.lose(owner, actions)
         # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()
-        self._handover.seek(now, actions)
+        self._conductor.seek(now, actions)
 
     def _judge_safety(self, now: float, actions: list[Action]) -> None:
         authority, flying = self._authority, self._flight.flying
@@ -371,8 +373,8 @@ class Arbiter:
         warning = decision.action is FlightAction.WARN
         if not warning:
             if decision.reason is Reason.OUT_OF_COVERAGE:  # a transfer from a lost commander goes on
-                self._handover.move(Cause.OUT_OF_COVERAGE, now, actions)
-            authority.starting = False
+                self._conductor.move(Cause.OUT_OF_COVERAGE, now, actions)
+            authority.start_over()
             if authority.phase is Phase.ON_LOAD:
                 self._start.enter_mission("airborne", actions)
             authority.move_phase(PhaseCause.EMERGENCY)

@@ -107,6 +107,11 @@ class Authority:
 
     # ---- how it changes -------------------------------------------------------------------------------------------
 
+    def await_owner(self, until: float) -> None:
+        """The clock of a recovery starts, with the first event of the run; later nothing happens."""
+        if self.recover_until == inf:
+            self.recover_until = until
+
     def grant(self, station: int, reason: Reason, actions: list[Action]) -> None:
         """A station gets authority on the ground, where nobody has it."""
         self.owner, self.lost, self.released = station, False, False
@@ -123,6 +128,21 @@ class Authority:
         self.epoch += 1
         actions.append(Record("authority", "control released: nobody commands", Reason.OPERATOR, owner))
         self.refresh(Reason.OPERATOR, actions)
+
+    def number_transfer(self) -> int:
+        """The number of the transfer that is about to begin."""
+        self.handover_id = self.handover_id % 0xFFFF + 1
+        return self.handover_id
+
+    def begin_transfer(self, transfer: Transfer) -> None:
+        """An attempt to move authority is under way. The view follows with the next `refresh`."""
+        self.transfer = transfer
+        self.move_phase(PhaseCause.TRANSFER_BEGUN)
+
+    def end_transfer(self) -> None:
+        """It is over. The view follows with the next `refresh`."""
+        self.transfer = None
+        self.move_phase(PhaseCause.TRANSFER_ENDED)
 
     def commit(self, station: int) -> None:
         """A transfer moves authority. The view follows when its end is told."""
@@ -175,6 +195,19 @@ class Authority:
         """Whether a request for control needs no consent from now on."""
         self.takeover_allowed = allowed
         self.refresh(Reason.OPERATOR, actions)
+
+    def start_begun(self) -> None:
+        """START was accepted: the edge is carrying it out."""
+        self.starting = True
+
+    def start_over(self) -> None:
+        """It did, or gave up, or what was accepted does not count any more."""
+        self.starting = False
+
+    def land(self) -> None:
+        """Disarmed: the flight is over. The view follows with the next `refresh`."""
+        self.move_phase(PhaseCause.DISARMED)
+        self.takeover_allowed = False
 
     def move_phase(self, cause: PhaseCause) -> None:
         """By the table of `phases.py`. The view follows with the next `refresh`."""

@@ -14,8 +14,7 @@ from math import inf
 from mavproxy_handover.core.events import Action, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
-from mavproxy_handover.core.mission import NO_MISSION, Mission
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.model import NO_MISSION, Mission, Reason
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.zones import ZoneTracker
 
@@ -37,6 +36,10 @@ class Candidates:
         self.zones = ZoneTracker(limits)
         self.links = Links(limits)
         self.mission: Mission = NO_MISSION
+
+    def hold(self, mission: Mission) -> None:
+        """The mission that the autopilot holds now."""
+        self.mission = mission
 
     def unfit(self, station: int, now: float) -> Reason | None:
         """Why this station could not be a partner now; None if it could."""

@@ -17,20 +17,26 @@ from math import inf
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.control import Echo, waiting_s
-from mavproxy_handover.core.events import Action, NotifyOwner, Record, Send, StationMessage
+from mavproxy_handover.core.events import Action, NotifyOwner, Record, Send
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import DroneConnected, HandoverResult, Message, OnHandover, TransferKey
+from mavproxy_handover.core.messages import (
+    DroneConnected,
+    HandoverResult,
+    Message,
+    OnHandover,
+    TransferKey,
+    TransferMessage,
+)
 from mavproxy_handover.core.model import Outcome, Phase, Reason
-from mavproxy_handover.core.phases import PhaseCause
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.results import Results
 from mavproxy_handover.core.transfer import Cause, End, Step, Transfer, cause_of
 
-__all__ = ["Handover"]
+__all__ = ["Conductor"]
 
 
-class Handover:
+class Conductor:
     """Conducts the transfer under way, `Authority.transfer`. Times are monotonic seconds."""
 
     __slots__ = ("_authority", "_candidates", "_flight", "_limits", "_presence", "echo", "results")
@@ -87,39 +93,38 @@ class Handover:
         """Begin a transfer from the owner. `consented`: it has agreed. `forced`: it is lost, there is nobody to ask."""
         authority = self._authority
         assert authority.owner is not None
-        authority.handover_id = authority.handover_id % 0xFFFF + 1
-        key = TransferKey(authority.owner, partner, authority.handover_id, authority.epoch)
-        authority.transfer = Transfer(
+        key = TransferKey(authority.owner, partner, authority.number_transfer(), authority.epoch)
+        transfer = Transfer(
             key, reason, self._limits, now, consented=consented, forced=forced, operator_timeout_s=operator_timeout_s
         )
         self.results.forget()
         if not consented or reason is not Reason.OPERATOR:  # it is not by the last request that this one begins
             self.echo.forget()
-        authority.move_phase(PhaseCause.TRANSFER_BEGUN)
+        authority.begin_transfer(transfer)
         authority.refresh(reason, actions)
         how = " (forced)" if forced else ""
         text = f"handover {key.handover_id}{how}: {authority.name(authority.owner)} -> {authority.name(partner)}"
         actions.append(Record("transfer_begun", text, reason, partner))
         self.imply(now, actions)
 
-    def on_message(self, event: StationMessage, now: float, actions: list[Action]) -> str | None:
+    def on_message(self, station: int, message: TransferMessage, now: float, actions: list[Action]) -> str | None:
         """A station's word in a transfer; returns why it was dropped, None if it counts."""
-        key: TransferKey = event.message.key  # type: ignore[union-attr]
+        key = message.key
         transfer = self._authority.transfer
         if transfer is None or key != transfer.key:
             last = self.results.last
             if (
                 last is not None
                 and key.handover_id == last.key.handover_id
-                and event.station in (last.key.from_station, last.key.to_station)
+                and station in (last.key.from_station, last.key.to_station)
             ):
-                actions.append(Send(event.station, last))
+                actions.append(Send(station, last))
                 return "transfer already over"
             return "stale epoch or unknown transfer"
-        cause = cause_of(event.message, event.station)
+        cause = cause_of(message, station)
         if cause is None:
             return "not the sender's to say"
-        relay = isinstance(event.message, (OnHandover, DroneConnected)) and event.message.relay
+        relay = isinstance(message, (OnHandover, DroneConnected)) and message.relay
         self.move(cause, now, actions, relay=relay)
         return None
 
@@ -167,11 +172,10 @@ class Handover:
 
     def _end(self, transfer: Transfer, end: End, now: float, actions: list[Action]) -> None:
         authority = self._authority
-        authority.transfer = None
         key = transfer.key
         committed = end.outcome is Outcome.COMMITTED
         reason = end.reason if end.reason is not Reason.NONE else transfer.reason
-        authority.move_phase(PhaseCause.TRANSFER_ENDED)
+        authority.end_transfer()
         if committed:
             self.echo.took_effect(now)
             authority.commit(key.to_station)
@@ -191,7 +195,7 @@ class Handover:
         now_key = TransferKey(key.from_station, key.to_station, key.handover_id, authority.epoch)
         result = HandoverResult(now_key, commander, end.outcome, reason)
         told = [station for station in (key.from_station, key.to_station) if not self._standard(station)]
-        actions += self.results.announce(result, told, now)
+        self.results.announce(result, told, now, actions)
 
     # ---- what is said ---------------------------------------------------------------------------------------------
 
@@ -202,7 +206,7 @@ class Handover:
             due = transfer.due(now)
             if due is not None:
                 actions.append(self._put(due[0], due[1], transfer, now))
-        actions += self.results.due(now, self._authority.names)
+        self.results.repeat(now, self._authority.names, actions)
 
     def _put(self, station: int, message: Message, transfer: Transfer, now: float) -> Action:
         """To a station of the standard alone the question of consent is its command; nothing else is ever due to it."""

@@ -38,14 +38,16 @@ class Contacts:
                 presence.ask_at = now
         presence.heard_at = now
 
-    def answer(self, station: int, question: Connect, authority: Authority, digest: bytes) -> Send:
+    def answer(
+        self, station: int, question: Connect, authority: Authority, digest: bytes, actions: list[Action]
+    ) -> None:
         """The vehicle's answer to a station's CONNECT."""
         accepted = question.protocol_version == PROTOCOL_VERSION
         commander = authority.view.commander
         answer = ConnectAck(
             station, PROTOCOL_VERSION, question.nonce, authority.epoch, commander, self._vehicle, digest, accepted
         )
-        return Send(station, answer)
+        actions.append(Send(station, answer))
 
     def answered(self, station: int, answer: ConnectAck, now: float, actions: list[Action]) -> str | None:
         """A station's answer to CONNECT; returns why it was dropped, None if it counts."""

@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, Reason
+from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, Reason, ZoneFact
 
 __all__ = [
     "Action",
@@ -24,10 +23,8 @@ __all__ = [
     "ControlRequested",
     "ControlResult",
     "Event",
-    "FlightAction",
     "Fly",
     "GuardSeen",
-    "GuardState",
     "LinkJudged",
     "MissionLoaded",
     "NotifyOwner",
@@ -82,31 +79,12 @@ class AutopilotState:
     flying: bool
 
 
-class GuardState(IntEnum):
-    """What the guard says of itself (`HANDOVER_GUARD`)."""
-
-    DISABLED = 0
-    WAITING = 1
-    LIVE = 2
-    EXPIRED = 3
-    LOST = 4
-    SILENT = 255
-
-
 @dataclass(frozen=True, slots=True)
 class GuardSeen:
     """A status message of the guard. `ours`: it echoes the nonce of this companion's leases."""
 
     state: GuardState
     ours: bool
-
-
-class FlightAction(IntEnum):
-    """What the companion commands the autopilot to do in an emergency, mildest first."""
-
-    WARN = 0
-    RETURN = 1
-    LAND = 2
 
 
 @dataclass(frozen=True, slots=True)

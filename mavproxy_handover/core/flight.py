@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from math import inf
 
-from mavproxy_handover.core.events import AutopilotState, GuardSeen, GuardState
+from mavproxy_handover.core.events import AutopilotState, GuardSeen
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import GuardState
 
 __all__ = ["Flight"]
 

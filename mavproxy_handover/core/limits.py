@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mavproxy_handover.core.events import FlightAction
+from mavproxy_handover.core.model import FlightAction
 
 __all__ = ["Limits"]
 

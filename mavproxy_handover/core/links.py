@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import inf
 
-from mavproxy_handover.core.events import LinkJudged, Record
+from mavproxy_handover.core.events import Action, LinkJudged, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Reason
 
@@ -33,9 +33,9 @@ class Links:
         #: stations under whose name bad signatures come in
         self._attacked: set[int] = set()
 
-    def judged(self, event: LinkJudged, name: str, now: float) -> list[Record]:
+    def judged(self, event: LinkJudged, name: str, now: float, actions: list[Action]) -> None:
         """Take in a measurement of the station of this name; what it changed is for the journal."""
-        station, records = event.station, []
+        station = event.station
         if event.weak is not (station in self._weak):
             if event.weak:
                 self._weak[station] = now
@@ -43,12 +43,11 @@ class Links:
                 del self._weak[station]
                 self._weak_until[station] = now
             text = f"links of {name} are {'weak' if event.weak else 'good again'}: {event.text}"
-            records.append(Record("link_quality", text, Reason.LINK_QUALITY, station))
+            actions.append(Record("link_quality", text, Reason.LINK_QUALITY, station))
         if event.attacked is not (station in self._attacked):
             (self._attacked.add if event.attacked else self._attacked.discard)(station)
             text = f"somebody {'speaks' if event.attacked else 'no longer speaks'} in the name of {name}: {event.text}"
-            records.append(Record("attack", text, Reason.AUTHENTICATION, station))
-        return records
+            actions.append(Record("attack", text, Reason.AUTHENTICATION, station))
 
     def better(self, commander: int, stations: Iterable[int], now: float) -> list[int]:
         """Those of `stations` whose links have long been good, while the commander's have been weak for a while."""

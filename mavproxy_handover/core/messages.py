@@ -24,6 +24,7 @@ __all__ = [
     "OkHandover",
     "OnHandover",
     "TransferKey",
+    "TransferMessage",
 ]
 
 
@@ -131,14 +132,8 @@ class HandoverResult:
     reason: Reason
 
 
-Message = (
-    Connect
-    | ConnectAck
-    | HandoverRequest
-    | OnHandover
-    | OkHandover
-    | ConnectHandover
-    | DroneConnected
-    | DisconnectHandover
-    | HandoverResult
+#: the steps of a transfer: what carries a `TransferKey`
+TransferMessage = (
+    HandoverRequest | OnHandover | OkHandover | ConnectHandover | DroneConnected | DisconnectHandover | HandoverResult
 )
+Message = Connect | ConnectAck | TransferMessage

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The words of the system as types: phases, lease states, reasons, and the view that the gate judges by.
+"""The words of the system as types: phases, lease states, reasons, zones, missions, and the view the gate judges by.
 
 Values that travel (phases, lease states, consents, reasons) have the numbers of `wire/handover.xml`;
 `tests/test_dialect.py` compares the two, so neither can drift.
@@ -8,18 +8,23 @@ Values that travel (phases, lease states, consents, reasons) have the numbers of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 __all__ = [
+    "NO_MISSION",
     "PROTOCOL_VERSION",
     "AuthorityView",
     "Consent",
+    "FlightAction",
+    "GuardState",
     "LeaseState",
+    "Mission",
     "Outcome",
     "Phase",
     "Reason",
     "Station",
+    "ZoneFact",
 ]
 
 #: Version of the messages of `handover.xml`; stations of another version are not handed authority.
@@ -42,6 +47,25 @@ class LeaseState(IntEnum):
     TRANSFER = 2  #: held, and a transfer is under way
     LOST = 3  #: nobody holds authority
     RECOVERING = 4  #: the companion restarted and has not yet heard the commander of its state file
+
+
+class GuardState(IntEnum):
+    """What the guard says of itself (`HANDOVER_GUARD`)."""
+
+    DISABLED = 0
+    WAITING = 1
+    LIVE = 2
+    EXPIRED = 3
+    LOST = 4
+    SILENT = 255
+
+
+class FlightAction(IntEnum):
+    """What the companion commands the autopilot to do in an emergency, mildest first."""
+
+    WARN = 0
+    RETURN = 1
+    LAND = 2
 
 
 class Consent(IntEnum):
@@ -119,3 +143,48 @@ class AuthorityView:
     handover_id: int = 0
     #: a request for control is granted without asking the commander
     takeover_allowed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneFact:
+    """Where the aircraft is with respect to one station's zone: a fact, not geometry.
+
+    The zone finder (`mission/zones.py`) makes one for each station of a position; hysteresis, dwell and every decision
+    belong to the rules.
+    """
+
+    #: system id of the station
+    station: int
+    #: geodesic distance to the border of its zone in metres, > 0 inside, < 0 outside
+    margin_m: float
+    #: seconds until the present track at the present speed leaves the zone; None when it does not within the
+    #: horizon, when the aircraft is slower than 0.5 m/s, and when it is outside
+    exit_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Mission:
+    """The mission package and how far the aircraft has come.
+
+    `digest`: its SHA-256, empty without one. `route`: the commanders that its planned track needs, in order.
+    `at`: where on the route the present commander stands.
+    """
+
+    digest: bytes = b""
+    route: tuple[int, ...] = ()
+    at: int = 0
+
+    @property
+    def following(self) -> int | None:
+        """The station that the route needs next; None at its end."""
+        following = self.at + 1
+        return self.route[following] if following < len(self.route) else None
+
+    def advanced(self, station: int) -> Mission:
+        """The same when this station commands; one that is not ahead on the route changes nothing."""
+        if station not in self.route[self.at :]:
+            return self
+        return replace(self, at=self.route.index(station, self.at))
+
+
+NO_MISSION = Mission()

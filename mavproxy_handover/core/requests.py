@@ -6,10 +6,11 @@ from __future__ import annotations
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.conductor import Handover
+from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.control import ControlFacts, Effect, judge_control, waiting_s
 from mavproxy_handover.core.events import Action, ControlAnswer, ControlRequested, ControlResult, Record
 from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.transfer import Cause
 
@@ -19,19 +20,19 @@ __all__ = ["Requests"]
 class Requests:
     """Answers requests of operator control, and carries them out."""
 
-    __slots__ = ("_authority", "_candidates", "_handover", "_presence")
+    __slots__ = ("_authority", "_candidates", "_conductor", "_presence")
 
     def __init__(
-        self, authority: Authority, presence: dict[int, Presence], candidates: Candidates, handover: Handover
+        self, authority: Authority, presence: dict[int, Presence], candidates: Candidates, conductor: Conductor
     ) -> None:
         self._authority = authority
         self._presence = presence
         self._candidates = candidates
-        self._handover = handover
+        self._conductor = conductor
 
     def on_request(self, request: ControlRequested, now: float, actions: list[Action]) -> None:
         """A request of a known station, at monotonic time `now` (s)."""
-        authority, echo = self._authority, self._handover.echo
+        authority, echo = self._authority, self._conductor.echo
         if request.station != authority.view.commander and echo.repeats(request, now):
             actions.append(ControlAnswer(request.station, ControlResult.ACCEPTED))
             return
@@ -60,38 +61,43 @@ class Requests:
         )
 
     def _take_effect(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:
-        authority, handover = self._authority, self._handover
-        if effect is Effect.SET_TAKEOVER:
-            authority.allow_takeover(request.takeover, actions)
-        elif effect is Effect.CONSENT:
-            handover.consent(now, actions)
-        elif effect is Effect.DENY:
-            authority.allow_takeover(False, actions)
-            handover.move(Cause.DENIED, now, actions)
-            handover.move(Cause.CANCELLED, now, actions)  # it had agreed before: until the commit it may think again
-        elif effect in (Effect.TRANSFER, Effect.TRANSFER_CONSENTED, Effect.FORCE):
-            handover.begin(
-                request.for_station,
-                Reason.OPERATOR,
-                now,
-                actions,
-                consented=effect is Effect.TRANSFER_CONSENTED,
-                forced=effect is Effect.FORCE,
-                operator_timeout_s=waiting_s(request.timeout_s),
-            )
-        elif effect is Effect.GRANT:
-            authority.grant(request.station, Reason.OPERATOR, actions)
-        elif effect is Effect.RELEASE:
-            authority.release(actions)
-        elif effect is Effect.OFFER:
-            self._offer(now, actions)
+        authority, conductor = self._authority, self._conductor
+        match effect:
+            case Effect.NOTHING:
+                pass
+            case Effect.SET_TAKEOVER:
+                authority.allow_takeover(request.takeover, actions)
+            case Effect.CONSENT:
+                conductor.consent(now, actions)
+            case Effect.DENY:
+                authority.allow_takeover(False, actions)
+                conductor.move(Cause.DENIED, now, actions)
+                conductor.move(Cause.CANCELLED, now, actions)  # it had agreed: until the commit it may think again
+            case Effect.TRANSFER | Effect.TRANSFER_CONSENTED | Effect.FORCE:
+                conductor.begin(
+                    request.for_station,
+                    Reason.OPERATOR,
+                    now,
+                    actions,
+                    consented=effect is Effect.TRANSFER_CONSENTED,
+                    forced=effect is Effect.FORCE,
+                    operator_timeout_s=waiting_s(request.timeout_s),
+                )
+            case Effect.GRANT:
+                authority.grant(request.station, Reason.OPERATOR, actions)
+            case Effect.RELEASE:
+                authority.release(actions)
+            case Effect.OFFER:
+                self._offer(now, actions)
+            case _:
+                assert_never(effect)
 
     def _offer(self, now: float, actions: list[Action]) -> None:
         """The commander gives the aircraft to whoever can take it."""
         self._authority.allow_takeover(True, actions)
         if self._authority.transfer is not None:
-            self._handover.consent(now, actions)
+            self._conductor.consent(now, actions)
             return
         partner = self._candidates.best(self._authority.owner, now, actions)
         if partner is not None:
-            self._handover.begin(partner, Reason.OPERATOR, now, actions, consented=True)
+            self._conductor.begin(partner, Reason.OPERATOR, now, actions, consented=True)

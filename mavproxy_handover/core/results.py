@@ -42,16 +42,14 @@ class Results:
         self._pending: dict[int, _Pending] = {}
         self.last: HandoverResult | None = None
 
-    def announce(self, result: HandoverResult, stations: Iterable[int], now: float) -> list[Action]:
+    def announce(self, result: HandoverResult, stations: Iterable[int], now: float, actions: list[Action]) -> None:
         """Tell `stations`, and begin to wait for them."""
         self.last = result
         first_s = self._limits.retry_first_s
-        actions: list[Action] = []
         for station in stations:
             actions.append(Send(station, result))
             give_up_at = now + self._limits.result_timeout_s
             self._pending[station] = _Pending(result, now + first_s, first_s, give_up_at)
-        return actions
 
     def forget(self) -> None:
         """A new transfer begins: nobody needs to be told of the old one any more."""
@@ -64,12 +62,11 @@ class Results:
             del self._pending[station]
 
     def deadlines(self) -> list[float]:
-        """When `due` has something to do."""
+        """When `repeat` has something to do."""
         return [min(pending.retry_at, pending.give_up_at) for pending in self._pending.values()]
 
-    def due(self, now: float, name_of: dict[int, str]) -> list[Action]:
-        """Repetitions that are due."""
-        actions: list[Action] = []
+    def repeat(self, now: float, name_of: dict[int, str], actions: list[Action]) -> None:
+        """Tell again whom it is due to tell; whoever has been told for long enough is given up."""
         for station, pending in list(self._pending.items()):
             if now >= pending.give_up_at:
                 del self._pending[station]
@@ -81,4 +78,3 @@ class Results:
                 pending.pause_s = min(pending.pause_s * self._limits.retry_growth, self._limits.retry_max_s)
                 pending.retry_at = now + pending.pause_s
                 actions.append(Send(station, pending.result, pending.attempt))
-        return actions

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mavproxy_handover.core.events import FlightAction
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.model import FlightAction, Phase
 
 __all__ = ["Snapshot"]
 

@@ -90,7 +90,7 @@ class Start:
             actions.append(Record("start_refused", "START refused: " + ", ".join(needs), Reason.NOT_READY, station))
             actions.append(StartRefused(station, needs))
             return
-        self._authority.starting = True
+        self._authority.start_begun()
         actions.append(Record("start", f"START from {self._authority.name(station)}", station=station))
         actions.append(BeginStart(station))
 
@@ -98,7 +98,7 @@ class Start:
         """The edge went through the START sequence; what was given up meanwhile is over already."""
         if not self._authority.starting:
             return
-        self._authority.starting = False
+        self._authority.start_over()
         if event.ok:
             self.enter_mission("armed and in AUTO", actions)
         else:

@@ -19,8 +19,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf
 
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import ZoneFact
 
 __all__ = ["ZoneChange", "ZoneTracker"]
 

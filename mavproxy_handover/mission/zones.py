@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
 
-from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.borders import Border, Circle, CircleBorder, PolygonBorder, plane_at
 
 __all__ = ["Circle", "Zone", "ZoneFinder", "overlap"]

@@ -17,8 +17,7 @@ import json
 import os
 from pathlib import Path
 
-from mavproxy_handover.core.events import FlightAction
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.model import FlightAction, Phase
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes

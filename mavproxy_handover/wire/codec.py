@@ -24,13 +24,17 @@ from mavproxy_handover.core.messages import (
     OkHandover,
     OnHandover,
     TransferKey,
+    TransferMessage,
 )
 from mavproxy_handover.core.model import Consent, Outcome, Reason
+from mavproxy_handover.core.never import assert_never
 
 __all__ = ["AircraftState", "decode", "decode_bytes", "encode", "name_of", "pack"]
 
 _RELAY = mavlink.HANDOVER_FLAGS_RELAY
 _RELAYED = mavlink.HANDOVER_FLAGS_RELAYED
+_ACCEPTED = mavlink.HANDOVER_CONNECT_RESULT_ACCEPTED
+_VERSION_DIFFERS = mavlink.HANDOVER_CONNECT_RESULT_VERSION_DIFFERS
 _NO_DIGEST = bytes(32)
 
 
@@ -70,53 +74,60 @@ def encode(
     message: Message, target: tuple[int, int], vehicle: int, aircraft: AircraftState | None = None
 ) -> mavlink.MAVLink_message:
     """The MAVLink message for `message`, addressed to `target` (system, component)."""
-    if isinstance(message, (Connect, ConnectAck)):
-        common = (
-            *target,
-            vehicle,
-            message.station,
-            message.protocol_version,
-            message.nonce,
-            message.epoch,
-            message.commander or 0,
-            message.name.encode("utf-8")[:20],
-            list(message.mission_digest or _NO_DIGEST),
-        )
-        if isinstance(message, Connect):
-            return mavlink.MAVLink_connect_message(*common)
-        result = (
-            mavlink.HANDOVER_CONNECT_RESULT_ACCEPTED
-            if message.accepted
-            else mavlink.HANDOVER_CONNECT_RESULT_VERSION_DIFFERS
-        )
-        return mavlink.MAVLink_connect_ack_message(*common, result)
-    key = message.key
-    head = (*target, vehicle, key.from_station, key.to_station, key.handover_id, key.epoch)
-    if isinstance(message, HandoverRequest):
-        state = aircraft or AircraftState()
-        return mavlink.MAVLink_handover_request_message(
-            *head,
-            message.reason,
-            state.lat,
-            state.lon,
-            state.relative_alt,
-            state.heading,
-            state.groundspeed,
-            state.battery_remaining,
-            state.waypoint,
-            state.custom_mode,
-        )
-    if isinstance(message, OnHandover):
-        return mavlink.MAVLink_on_handover_message(*head, message.consent, message.reason, _flags(message))
-    if isinstance(message, OkHandover):
-        return mavlink.MAVLink_ok_handover_message(*head, message.consent, message.reason)
-    if isinstance(message, ConnectHandover):
-        return mavlink.MAVLink_connect_handover_message(*head)
-    if isinstance(message, DroneConnected):
-        return mavlink.MAVLink_drone_connected_message(*head, _flags(message))
-    if isinstance(message, DisconnectHandover):
-        return mavlink.MAVLink_disconnect_handover_message(*head)
-    return mavlink.MAVLink_handover_result_message(*head, message.commander or 0, message.outcome, message.reason)
+    match message:
+        case Connect():
+            return mavlink.MAVLink_connect_message(*target, vehicle, *_state(message))
+        case ConnectAck():
+            result = _ACCEPTED if message.accepted else _VERSION_DIFFERS
+            return mavlink.MAVLink_connect_ack_message(*target, vehicle, *_state(message), result)
+        case _:
+            key = message.key
+            head = (*target, vehicle, key.from_station, key.to_station, key.handover_id, key.epoch)
+            return _encode_step(message, head, aircraft or AircraftState())
+
+
+def _state(message: Connect | ConnectAck) -> tuple[Any, ...]:
+    return (
+        message.station,
+        message.protocol_version,
+        message.nonce,
+        message.epoch,
+        message.commander or 0,
+        message.name.encode("utf-8")[:20],
+        list(message.mission_digest or _NO_DIGEST),
+    )
+
+
+def _encode_step(message: TransferMessage, head: tuple[int, ...], aircraft: AircraftState) -> mavlink.MAVLink_message:
+    match message:
+        case HandoverRequest():
+            return mavlink.MAVLink_handover_request_message(
+                *head,
+                message.reason,
+                aircraft.lat,
+                aircraft.lon,
+                aircraft.relative_alt,
+                aircraft.heading,
+                aircraft.groundspeed,
+                aircraft.battery_remaining,
+                aircraft.waypoint,
+                aircraft.custom_mode,
+            )
+        case OnHandover():
+            return mavlink.MAVLink_on_handover_message(*head, message.consent, message.reason, _flags(message))
+        case OkHandover():
+            return mavlink.MAVLink_ok_handover_message(*head, message.consent, message.reason)
+        case ConnectHandover():
+            return mavlink.MAVLink_connect_handover_message(*head)
+        case DroneConnected():
+            return mavlink.MAVLink_drone_connected_message(*head, _flags(message))
+        case DisconnectHandover():
+            return mavlink.MAVLink_disconnect_handover_message(*head)
+        case HandoverResult():
+            commander = message.commander or 0
+            return mavlink.MAVLink_handover_result_message(*head, commander, message.outcome, message.reason)
+        case _:
+            assert_never(message)
 
 
 def _flags(message: OnHandover | DroneConnected) -> int:
@@ -146,7 +157,7 @@ def _decode(m: Any) -> Message | None:
         )
         if kind == mavlink.MAVLINK_MSG_ID_CONNECT:
             return Connect(*common)
-        return ConnectAck(*common, accepted=m.result == mavlink.HANDOVER_CONNECT_RESULT_ACCEPTED)
+        return ConnectAck(*common, accepted=m.result == _ACCEPTED)
     if not mavlink.MAVLINK_MSG_ID_HANDOVER_REQUEST <= kind <= mavlink.MAVLINK_MSG_ID_HANDOVER_RESULT:
         return None
     key = TransferKey(m.from_station, m.to_station, m.handover_id, m.epoch)

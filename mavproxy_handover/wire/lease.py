@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import GuardState
-from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.model import GuardState, LeaseState
 from mavproxy_handover.wire.lease_tag import TAG_BYTES, lease_tag
 
 __all__ = [

@@ -8,8 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import GuardState
-from mavproxy_handover.core.model import AuthorityView, Phase, Reason
+from mavproxy_handover.core.model import AuthorityView, GuardState, Phase, Reason
 from mavproxy_handover.wire.lease import Lease, pack_lease
 
 __all__ = ["LEASE_INTERVAL_S", "LeaseSequence", "authority_status", "control_status", "heartbeat"]

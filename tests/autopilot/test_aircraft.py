@@ -10,8 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.core.events import GuardState
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Reason
+from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState, Phase, Reason
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.codec import AircraftState
 from mavproxy_handover.wire.lease import unpack_lease

@@ -18,9 +18,8 @@ from mavproxy_handover.config.files import (
     load_vehicle,
 )
 from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
-from mavproxy_handover.core.events import FlightAction
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.model import FlightAction, Station
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 from mavproxy_handover.resources import DEPLOY

@@ -20,7 +20,6 @@ from mavproxy_handover.core.events import (
     Event,
     Fly,
     GuardSeen,
-    GuardState,
     MissionLoaded,
     PositionSeen,
     Record,
@@ -32,7 +31,6 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import (
     Connect,
@@ -47,7 +45,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, Outcome, Phase, Reason, Station
+from mavproxy_handover.core.model import Consent, GuardState, Outcome, Phase, Reason, Station, ZoneFact
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.watch import Watch
 

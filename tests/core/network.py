@@ -24,7 +24,6 @@ from mavproxy_handover.core.events import (
     Event,
     Fly,
     GuardSeen,
-    GuardState,
     MissionLoaded,
     PositionSeen,
     Record,
@@ -34,10 +33,9 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, Message, OkHandover, OnHandover
-from mavproxy_handover.core.model import Consent, Station
+from mavproxy_handover.core.model import Consent, GuardState, Station, ZoneFact
 from tests.core.watch import Watch
 
 __all__ = ["TAKE_OFF_S", "Link", "Network", "lossy", "perfect", "scripted"]

@@ -12,7 +12,6 @@ from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.events import (
     AutopilotState,
     Event,
-    FlightAction,
     Fly,
     MissionLoaded,
     Record,
@@ -23,7 +22,7 @@ from mavproxy_handover.core.events import (
     ViewChanged,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
 from tests.core.bench import (
     DIGEST,
     KEY,

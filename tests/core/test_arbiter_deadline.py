@@ -24,7 +24,6 @@ from mavproxy_handover.core.events import (
     Cancel,
     ControlRequested,
     Event,
-    FlightAction,
     LinkJudged,
     MissionLoaded,
     PositionSeen,
@@ -35,7 +34,7 @@ from mavproxy_handover.core.events import (
     Tick,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.model import FlightAction, Phase
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,

@@ -19,7 +19,6 @@ from mavproxy_handover.core.events import (
     ControlRequested,
     Event,
     GuardSeen,
-    GuardState,
     LinkJudged,
     MissionLoaded,
     PositionSeen,
@@ -30,8 +29,8 @@ from mavproxy_handover.core.events import (
     StationMessage,
     Tick,
 )
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.messages import Message
+from mavproxy_handover.core.model import GuardState, ZoneFact
 from mavproxy_handover.core.transfer import Step
 from tests.core.bench import (
     DIGEST,

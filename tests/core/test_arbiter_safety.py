@@ -8,18 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import (
-    FlightAction,
-    Fly,
-    GuardSeen,
-    GuardState,
-    Record,
-    StartFinished,
-    StartRequested,
-    ViewChanged,
-)
+from mavproxy_handover.core.events import Fly, GuardSeen, Record, StartFinished, StartRequested, ViewChanged
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, LeaseState
 from tests.core.bench import (
     A,
     B,

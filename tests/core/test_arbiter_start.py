@@ -15,7 +15,6 @@ from mavproxy_handover.core.events import (
     ControlRequested,
     ControlResult,
     GuardSeen,
-    GuardState,
     MissionLoaded,
     Record,
     StartFinished,
@@ -24,7 +23,7 @@ from mavproxy_handover.core.events import (
     ViewChanged,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState
 from tests.core.bench import (
     DIGEST,
     KEY,

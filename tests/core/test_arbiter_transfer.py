@@ -9,19 +9,10 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import (
-    Cancel,
-    FlightAction,
-    Fly,
-    PositionSeen,
-    Record,
-    Send,
-    StationHeard,
-    ViewChanged,
-)
+from mavproxy_handover.core.events import Cancel, Fly, PositionSeen, Record, Send, StationHeard, ViewChanged
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
 from mavproxy_handover.core.transfer import Step
 from tests.core.bench import (
     KEY,

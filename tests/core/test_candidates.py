@@ -8,11 +8,9 @@ import pytest
 
 from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.events import Action, LinkJudged, Record
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import ConnectAck
-from mavproxy_handover.core.mission import Mission
-from mavproxy_handover.core.model import Reason, Station
+from mavproxy_handover.core.model import Mission, Reason, Station, ZoneFact
 from mavproxy_handover.core.presence import Presence
 
 A, B, C = 251, 252, 253
@@ -29,7 +27,7 @@ def candidates(*facts: ZoneFact, route: tuple[int, ...] = (A, B, C)) -> Candidat
         there.heard_at = there.answered_at = NOW
         there.answer = ConnectAck(sysid, 1, 1, 1, A, name, DIGEST)
     made = Candidates(presence, Limits())
-    made.mission = Mission(DIGEST, route)
+    made.hold(Mission(DIGEST, route))
     made.zones.update(facts or (inside(A), inside(B), inside(C)), NOW - 50.0)
     return made
 
@@ -59,7 +57,7 @@ def test_why_one_cannot_be_partner_is_told_once_until_it_changes() -> None:
     told: list[str] = []
     for digest in (b"", b"", DIGEST, b"", b""):
         actions: list[Action] = []
-        made.mission = Mission(digest or bytes(32), (A, B, C))
+        made.hold(Mission(digest or bytes(32), (A, B, C)))
         made.usable(A, NOW, actions)
         told += [f"{action.station}: {action.text}" for action in actions if isinstance(action, Record)]
     once = ["252: GCSB cannot be partner: mission differs", "253: GCSC cannot be partner: mission differs"]
@@ -116,7 +114,7 @@ def test_of_two_with_good_links_the_next_on_the_route_and_the_reason_is_the_link
     made = candidates(route=(A, C))
     made.moved(A, NOW - 40.0, flying=True)  # no zone calls
     assert made.wanted(A, NOW, []) is None
-    made.links.judged(LinkJudged(A, True, False, "loss 40%"), "GCSA", NOW - 10.0)
+    made.links.judged(LinkJudged(A, True, False, "loss 40%"), "GCSA", NOW - 10.0, [])
     assert made.wanted(A, NOW, []) == (C, Reason.LINK_QUALITY)
     made.pause(C, Reason.PARTNER_SILENT, NOW)
     assert made.wanted(A, NOW, []) == (B, Reason.LINK_QUALITY)

@@ -112,7 +112,9 @@ def test_a_stations_own_question_is_answered_whatever_its_version_and_says_wheth
 ) -> None:
     made, authority = contacts()
     theirs = Connect(A, version, 555, 0, None, "GCSA", b"")
-    assert made.answer(A, theirs, authority, DIGEST) == Send(A, ConnectAck(A, 1, 555, 1, A, "drone", DIGEST, accepted))
+    actions: list[Action] = []
+    made.answer(A, theirs, authority, DIGEST, actions)
+    assert actions == [Send(A, ConnectAck(A, 1, 555, 1, A, "drone", DIGEST, accepted))]
 
 
 def test_nobody_is_told_that_a_lost_commander_commands() -> None:

@@ -23,9 +23,8 @@ from mavproxy_handover.core.events import (
     StationHeard,
     ViewChanged,
 )
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.model import AuthorityView, LeaseState, ZoneFact
 from mavproxy_handover.stations.operator_control import read_request
 from mavproxy_handover.wire.status import control_status
 from tests.core.bench import (

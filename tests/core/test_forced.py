@@ -15,7 +15,6 @@ import pytest
 from mavproxy_handover.core.events import (
     ControlAnswer,
     ControlResult,
-    FlightAction,
     Fly,
     Record,
     Send,
@@ -23,9 +22,8 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, ZoneFact
 from tests.core.bench import (
     A,
     B,

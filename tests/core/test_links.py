@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from mavproxy_handover.core.events import LinkJudged, Record
+from mavproxy_handover.core.events import Action, LinkJudged, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.model import Reason
@@ -15,8 +15,10 @@ A, B, C = 251, 252, 253
 LIMITS = Limits(link_weak_s=3.0, link_steady_s=30.0)
 
 
-def judged(links: Links, station: int, now: float, *, weak: bool = False, attacked: bool = False) -> list[Record]:
-    return links.judged(LinkJudged(station, weak, attacked, "loss 40%"), "GCSX", now)
+def judged(links: Links, station: int, now: float, *, weak: bool = False, attacked: bool = False) -> list[Action]:
+    actions: list[Action] = []
+    links.judged(LinkJudged(station, weak, attacked, "loss 40%"), "GCSX", now, actions)
+    return actions
 
 
 def weak_commander(now: float = 100.0) -> Links:

@@ -13,7 +13,6 @@ from mavproxy_handover.core.events import (
     AutopilotState,
     ControlAnswer,
     ControlResult,
-    FlightAction,
     Fly,
     MissionLoaded,
     Record,
@@ -25,7 +24,7 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, LeaseState
+from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.transfer import Step
 from tests.core.bench import (

@@ -10,9 +10,8 @@ from itertools import product
 
 import pytest
 
-from mavproxy_handover.core.events import FlightAction
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.model import FlightAction, Reason
 from mavproxy_handover.core.safety import Decision, Situation, decide
 
 WARN, RETURN, LAND = FlightAction.WARN, FlightAction.RETURN, FlightAction.LAND

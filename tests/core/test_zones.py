@@ -8,8 +8,8 @@ from math import nan
 
 import pytest
 
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.core.zones import ZoneChange, ZoneTracker
 
 A, B, C = 251, 252, 253

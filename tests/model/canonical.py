@@ -29,16 +29,16 @@ from gcs_module.core import StationCore, _Part
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.conductor import Handover
+from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.contacts import Contacts
 from mavproxy_handover.core.control import Echo
-from mavproxy_handover.core.emergency import Emergency
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.results import Results, _Pending
+from mavproxy_handover.core.safety import Emergency
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Transfer
 from mavproxy_handover.core.zones import ZoneTracker
@@ -279,19 +279,19 @@ class _Echo(_Object):
 
 def _share(arbiter: Arbiter) -> None:
     """The parts of an arbiter refer to each other: what `_Shared` left out."""
-    flight, authority, candidates, handover = (
+    flight, authority, candidates, conductor = (
         arbiter._flight,
         arbiter._authority,
         arbiter._candidates,
-        arbiter._handover,
+        arbiter._conductor,
     )
     presence = arbiter._presence = arbiter._contacts.presence
     authority._flight = flight
     candidates._presence = presence
-    for part in (handover, arbiter._requests):
+    for part in (conductor, arbiter._requests):
         part._authority, part._presence, part._candidates = authority, presence, candidates
-    handover._flight = flight
-    arbiter._requests._handover = handover
+    conductor._flight = flight
+    arbiter._requests._conductor = conductor
     arbiter._start._authority, arbiter._start._flight, arbiter._start._candidates = authority, flight, candidates
 
 
@@ -402,8 +402,8 @@ class Packer:
             links=_Object(links),
             mission=plain,
         )
-        handover = _Class(
-            Handover,
+        conductor = _Class(
+            Conductor,
             _authority=_Shared(),
             _flight=_Shared(),
             _presence=_Shared(),
@@ -413,7 +413,7 @@ class Packer:
             echo=_Echo(Echo, _request=plain, _until=_Ago(0.0)),
         )
         requests = _Class(
-            Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _handover=_Shared()
+            Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _conductor=_Shared()
         )
         start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared())
         emergency = _Class(Emergency, _limits=plain, _worst=plain, _judged_at=_Ago(limits.out_hold_s))
@@ -426,7 +426,7 @@ class Packer:
             _contacts=_Object(contacts),
             _presence=_Shared(),
             _candidates=_Object(candidates),
-            _handover=_Object(handover),
+            _conductor=_Object(conductor),
             _requests=_Object(requests),
             _start=_Object(start),
             _emergency=_Object(emergency),

@@ -38,7 +38,6 @@ from mavproxy_handover.core.events import (
     Event,
     Fly,
     GuardSeen,
-    GuardState,
     MissionLoaded,
     PositionSeen,
     Record,
@@ -50,7 +49,6 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import (
     ConnectHandover,
@@ -62,7 +60,7 @@ from mavproxy_handover.core.messages import (
     OkHandover,
     OnHandover,
 )
-from mavproxy_handover.core.model import LeaseState, Station
+from mavproxy_handover.core.model import GuardState, LeaseState, Station, ZoneFact
 
 __all__ = ["FAULTS", "KILLS", "NAMES", "Fault", "Kill", "Outcome", "markdown", "rows", "run"]
 

@@ -16,8 +16,7 @@ from gcs_module import core as gcs
 from mavproxy_handover.core import conductor, presence, transfer, zones
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority import Authority
-from mavproxy_handover.core.conductor import Handover
-from mavproxy_handover.core.events import StationMessage
+from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.messages import DisconnectHandover
 from mavproxy_handover.core.model import Consent, Outcome, Reason
 from mavproxy_handover.core.transfer import Cause, End, Step
@@ -82,12 +81,12 @@ def release_by_the_partner(patch: pytest.MonkeyPatch) -> None:
 
 
 def forced_while_the_commander_lives(patch: pytest.MonkeyPatch) -> None:
-    original = Handover.begin
+    original = Conductor.begin
 
-    def ruthless(self: Handover, partner: int, reason: Reason, now: float, actions: Any, **how: Any) -> None:
+    def ruthless(self: Conductor, partner: int, reason: Reason, now: float, actions: Any, **how: Any) -> None:
         original(self, partner, reason, now, actions, **{**how, "forced": True})
 
-    patch.setattr(Handover, "begin", ruthless)
+    patch.setattr(Conductor, "begin", ruthless)
 
 
 def restart_grants_at_once(patch: pytest.MonkeyPatch) -> None:
@@ -113,15 +112,14 @@ def restart_raises_no_epoch(patch: pytest.MonkeyPatch) -> None:
 
 
 def any_epoch_will_do(patch: pytest.MonkeyPatch) -> None:
-    original = Handover.on_message
+    original = Conductor.on_message
 
-    def lenient(self: Handover, event: StationMessage, now: float, actions: Any) -> str | None:
-        message: Any = event.message
+    def lenient(self: Conductor, station: int, message: Any, now: float, actions: Any) -> str | None:
         if self._authority.transfer is not None:
-            event = StationMessage(event.station, shown_with(message, self._authority.transfer.key))
-        return original(self, event, now, actions)
+            message = shown_with(message, self._authority.transfer.key)
+        return original(self, station, message, now, actions)
 
-    patch.setattr(Handover, "on_message", lenient)
+    patch.setattr(Conductor, "on_message", lenient)
 
 
 def shown_with(message: Any, key: Any) -> Any:
@@ -154,7 +152,7 @@ def lost_too_soon(patch: pytest.MonkeyPatch) -> None:
 
 
 def lost_and_nobody_takes_it(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Handover, "_seek_successor", lambda self, lost, now, actions: None)
+    patch.setattr(Conductor, "_seek_successor", lambda self, lost, now, actions: None)
 
 
 def the_first_position_counts_as_entry(patch: pytest.MonkeyPatch) -> None:
@@ -175,9 +173,8 @@ def told_before_the_gate(patch: pytest.MonkeyPatch) -> None:
 
 
 def station_believes_anything(patch: pytest.MonkeyPatch) -> None:
-    def gullible(self: gcs.StationCore, commander: int | None, epoch: int, *, over: bool) -> list[Any]:
+    def gullible(self: gcs.StationCore, commander: int | None, epoch: int, actions: list[Any], *, over: bool) -> None:
         self.commander, self.epoch = commander, epoch
-        return []
 
     patch.setattr(gcs.StationCore, "_believe", gullible)
 

@@ -38,7 +38,6 @@ from mavproxy_handover.core.events import (
     ControlRequested,
     Event,
     GuardSeen,
-    GuardState,
     LinkJudged,
     MissionLoaded,
     NotifyOwner,
@@ -50,10 +49,9 @@ from mavproxy_handover.core.events import (
     Tick,
     ViewChanged,
 )
-from mavproxy_handover.core.facts import ZoneFact
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import DisconnectHandover, OkHandover, TransferKey
-from mavproxy_handover.core.model import Consent, LeaseState, Outcome, Reason, Station
+from mavproxy_handover.core.model import Consent, GuardState, LeaseState, Outcome, Reason, Station, ZoneFact
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.transfer import MOVES, Cause, End, Step
 from tests.core.watch import Watch
@@ -530,9 +528,11 @@ def a_restart_that_forgets_the_numbers(patch: pytest.MonkeyPatch) -> None:
 
 def a_station_that_takes_waiting_for_lost(patch: pytest.MonkeyPatch) -> None:
     on_authority = gcs.StationCore._on_authority
-    patch.setattr(
-        gcs.StationCore, "_on_authority", lambda self, event: on_authority(self, replace(event, recovering=False))
-    )
+
+    def hasty(self: gcs.StationCore, event: gcs.AuthorityHeard, actions: list[gcs.Action]) -> None:
+        on_authority(self, replace(event, recovering=False), actions)
+
+    patch.setattr(gcs.StationCore, "_on_authority", hasty)
 
 
 @pytest.mark.parametrize(

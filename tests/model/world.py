@@ -23,21 +23,12 @@ from typing import NamedTuple
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import (
-    AutopilotState,
-    GuardSeen,
-    GuardState,
-    MissionLoaded,
-    PositionSeen,
-    StationHeard,
-    Tick,
-)
-from mavproxy_handover.core.facts import ZoneFact
+from mavproxy_handover.core.events import AutopilotState, GuardSeen, MissionLoaded, PositionSeen, StationHeard, Tick
 from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
 )
-from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.model import GuardState, Station, ZoneFact
 from tests.model.canonical import EPOCH, Packer, Shift, shifted
 from tests.model.nodes import DIGEST, Names, Parcel, Stations, Vehicles, too_old
 from tests.model.setting import PARENT, Setting

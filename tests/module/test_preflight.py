@@ -12,8 +12,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 
 from mavproxy_handover.autopilot.preflight import NAMES, Finding, Found, judge, reading
-from mavproxy_handover.core.events import GuardState
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import GuardState
 from tests.autopilot.test_copter import talk
 from tests.module.conftest import Bench, Clock
 from tests.module.vehicle import Autopilot

@@ -16,8 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.events import FlightAction
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.model import FlightAction, Phase
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage

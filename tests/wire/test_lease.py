@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import GuardState
-from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.model import GuardState, LeaseState
 from mavproxy_handover.wire.lease import (
     GUARD_STATUS_TYPE,
     LEASE_TYPE,
