@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import Answer, Wish
 from gcs_module.view import telemetry_line
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
-from mavproxy_handover.wire.conversation import Ask, Conversation, Dialogue
+from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, command_long
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, MISSION_START, OPERATOR_CONTROL
 
 if TYPE_CHECKING:
     from gcs_module.module import HandoverGcsModule
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["StationCommands"]
 
 _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
-_START = mavlink.MAV_CMD_MISSION_START
-_CONTROL = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 
 
 class StationCommands:
@@ -41,11 +39,11 @@ class StationCommands:
                 ),
             ]
         )
-        self._dialogues: dict[str, Dialogue] = {}
+        self._talks: dict[str, Conversation] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
             "status": ("who commands, this station's part, telemetry, links", self._status),
             "share": ("send the mission package to the vehicle and to the other stations", self._share),
-            "start": ("START: arm and fly the mission", lambda: self._command("START", _START)),
+            "start": ("START: arm and fly the mission", lambda: self._command("START", MISSION_START)),
             "stop": ("STOP: hold where the aircraft is", lambda: self._command("STOP", _PAUSE, 0)),
             "continue": ("CONTINUE the mission", lambda: self._command("CONTINUE", _PAUSE, 1)),
             "request": ("ask for control of the aircraft", self._request),
@@ -87,13 +85,12 @@ class StationCommands:
 
     def _command(self, word: str, command: int, *parameters: float) -> None:
         now = time.monotonic()
-        self._dialogues[word] = Dialogue(self._conversation(command, parameters), self._module.to_vehicle, now)
+        self._talks[word] = Conversation(self._asking(command, parameters), self._module.to_vehicle, now)
         self._module.journal.write("command", f"{word} sent", what=word)
 
-    def _conversation(self, command: int, parameters: tuple[float, ...]) -> Conversation:
-        component = COMPANION_COMPID if command == _CONTROL else mavlink.MAV_COMP_ID_AUTOPILOT1
-        values = (*parameters, *([0.0] * (7 - len(parameters))))
-        message = mavlink.MAVLink_command_long_message(self._module.config.vehicle, component, command, 0, *values)
+    def _asking(self, command: int, parameters: tuple[float, ...]) -> Asking:
+        component = COMPANION_COMPID if command == OPERATOR_CONTROL else AUTOPILOT_COMPID
+        message = command_long((self._module.config.vehicle, component), command, *parameters)
         result = yield Ask("the command", (message,), _ack(command), timeout_s=1.5, tries=3)
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
             result = yield Ask("the end of the command", (), _ack(command, final=True), timeout_s=60.0, tries=1)
@@ -103,40 +100,40 @@ class StationCommands:
         """Whoever commands is asked; the answer of the vehicle says that, AUTHORITY_STATUS who commands."""
         own = self._module.config.station.sysid
         self._module.operator(Wish(own))
-        self._command("REQUEST", _CONTROL, 1, 0, self.settings.request_timeout, own)
+        self._command("REQUEST", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, own)
 
     def _release(self) -> None:
         own = self._module.config.station.sysid
-        self._command("RELEASE", _CONTROL, 0, 0, 0, own)
+        self._command("RELEASE", OPERATOR_CONTROL, 0, 0, 0, own)
 
     def _give(self, name: str) -> None:
         for peer in self._module.config.peers:
             if peer.station.name == name:
                 self._module.operator(Wish(peer.station.sysid))
-                self._command("GIVE", _CONTROL, 1, 0, self.settings.request_timeout, peer.station.sysid)
+                self._command("GIVE", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, peer.station.sysid)
                 return
         known = ", ".join(peer.station.name for peer in self._module.config.peers) or "none"
         self._module.console.writeln(f"handover give: no station {name!r}; known are {known}")
 
     def on_message(self, message: Any, now: float) -> None:
         """A COMMAND_ACK or heartbeat of the autopilot."""
-        for dialogue in list(self._dialogues.values()):
-            dialogue.on_message(message, now)
+        for talk in list(self._talks.values()):
+            talk.on_message(message, now)
 
     def tick(self, now: float) -> None:
         """Time has passed: repeats what was not answered, tells what was."""
-        for word, dialogue in list(self._dialogues.items()):
-            dialogue.tick(now)
-            if not dialogue.finished:
+        for word, talk in list(self._talks.items()):
+            talk.tick(now)
+            if not talk.finished:
                 continue
-            del self._dialogues[word]
-            if dialogue.failure is not None:
+            del self._talks[word]
+            if talk.failure is not None:
                 outcome, text = "no answer", f"{word}: no answer of the vehicle."
             else:
-                outcome = _result_name(dialogue.result)
-                accepted = dialogue.result == mavlink.MAV_RESULT_ACCEPTED
+                outcome = _result_name(talk.result)
+                accepted = talk.result == mavlink.MAV_RESULT_ACCEPTED
                 text = f"{word} accepted." if accepted else f"{word} refused: {outcome.replace('_', ' ')}."
-                if word in ("REQUEST", "GIVE") and dialogue.result == mavlink.MAV_RESULT_FAILED:
+                if word in ("REQUEST", "GIVE") and talk.result == mavlink.MAV_RESULT_FAILED:
                     outcome, text = "pending", f"{word}: the commander is being asked."
             self._module.journal.write("command", text, what=word, result=outcome)
             self._module.view.line(text, urgent=True)

@@ -50,9 +50,8 @@ from mavproxy_handover.config.files import (
 )
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import LeaseState, Phase
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.link.devices import Device, LinkError
-from mavproxy_handover.link.timesync import PROBE_COMPID, probe_answer
+from mavproxy_handover.link.timesync import probe_answer
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.journal import Journal
@@ -60,11 +59,11 @@ from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
+from mavproxy_handover.wire.ids import COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["HandoverGcsModule", "init"]
 
-_OURS = range(47100, 47132)
 _last_config: list[str] = []
 
 
@@ -172,7 +171,7 @@ class HandoverGcsModule(mp_module.MPModule):
         if frame.compid == COMPANION_COMPID:
             if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._handle(VehicleHeard())
-            elif frame.msgid in _OURS and self._proven(frame):
+            elif frame.msgid in OUR_MESSAGES and self._proven(frame):
                 self._on_ours(frame)
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:  # of a request for control
                 self.commands.on_message(m, time.monotonic())
@@ -247,7 +246,7 @@ class HandoverGcsModule(mp_module.MPModule):
                 self.faults["ground frame of a stranger"] += 1
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._handle(PeerHeard(frame.sysid))
-            elif frame.msgid in _OURS:
+            elif frame.msgid in OUR_MESSAGES:
                 self._on_peer(frame)
 
     def _on_peer(self, frame: Frame) -> None:

@@ -49,13 +49,14 @@ from mavproxy_handover.restart import Memory
 from mavproxy_handover.schedule import Schedule
 from mavproxy_handover.stations.operator_control import OperatorControl
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.voice import AUTOPILOT, Voice
+from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.store.state import StateStore, recall
 from mavproxy_handover.wire import codec, status
-from mavproxy_handover.wire.conversations import Conversations
+from mavproxy_handover.wire.conversation import Conversations
 from mavproxy_handover.wire.frames import Frame, parse_one
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
 __all__ = ["Companion"]
 
@@ -289,7 +290,7 @@ class Companion:
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.second_manager(frame)
                 return
-            if frame.compid == AUTOPILOT:
+            if frame.compid == AUTOPILOT_COMPID:
                 self._flusher.heard(frame)
                 self.autopilot.take(message, now)
         raw = frame.raw

@@ -2,9 +2,9 @@
 
 """What the companion itself says to ArduCopter: mission and rally points, START, the way home.
 
-Each is a conversation (`dialogue.py`) and each checks that the autopilot did what it acknowledged: a mission counts as
-loaded when it was read back equal, a mode when a heartbeat shows it. Sources: mavlink.io "Mission Protocol" and
-"Command Protocol"; ArduCopter's GCS_MAVLink_Copter.cpp for arming and MISSION_START.
+Each is an `Asking` (`wire/conversation.py`), and each checks that the autopilot did what it acknowledged: a mission
+counts as loaded when it was read back equal, a mode when a heartbeat shows it. Sources: mavlink.io "Mission Protocol"
+and "Command Protocol"; ArduCopter's GCS_MAVLink_Copter.cpp for arming and MISSION_START.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.mission.items import MissionItem, RallyPoint, difference
-from mavproxy_handover.wire.conversation import Ask, Conversation, NoAnswer
+from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START
 
 __all__ = [
     "AUTO",
@@ -67,19 +68,18 @@ class NoRoomError(AutopilotError):
 
 @dataclass(frozen=True, slots=True)
 class Copter:
-    """Conversations with the autopilot of system `sysid`; `heard` returns its last STATUSTEXT, for reasons."""
+    """What there is to ask the autopilot of system `sysid`; `heard` returns its last STATUSTEXT, for reasons."""
 
     sysid: int
     heard: Callable[[], str]
 
     @property
     def _target(self) -> tuple[int, int]:
-        return self.sysid, mavlink.MAV_COMP_ID_AUTOPILOT1
+        return self.sysid, AUTOPILOT_COMPID
 
     def command(self, command: int, *parameters: float) -> Any:
         """COMMAND_LONG to the autopilot."""
-        values = (*parameters, *([0.0] * (7 - len(parameters))))
-        return mavlink.MAVLink_command_long_message(*self._target, command, 0, *values)
+        return command_long(self._target, command, *parameters)
 
     def stream_requests(self) -> list[Any]:
         """Messages that ask for everything in STREAMS."""
@@ -88,7 +88,7 @@ class Copter:
 
     # ---- commands and modes -------------------------------------------------------------------------------------
 
-    def _do(self, what: str, command: int, *parameters: float) -> Conversation:
+    def _do(self, what: str, command: int, *parameters: float) -> Asking:
         """Send a command; ends when it is accepted, raises AutopilotError when it is refused."""
         result = yield Ask(what, (self.command(command, *parameters),), _ack_of(command))
         if result != mavlink.MAV_RESULT_ACCEPTED:
@@ -96,23 +96,23 @@ class Copter:
             reason = self.heard()
             raise AutopilotError(f"{what} refused ({name}){': ' + reason if reason else ''}")
 
-    def _mode(self, mode: int) -> Conversation:
+    def _mode(self, mode: int) -> Asking:
         """Change the mode and see it in a heartbeat."""
         name = COPTER_MODES[mode]
         flag = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         yield from self._do(f"mode {name}", mavlink.MAV_CMD_DO_SET_MODE, flag, mode)
         yield Ask(f"mode {name} to show", (), _heartbeat(lambda m: m.custom_mode == mode), timeout_s=3.0, tries=1)
 
-    def start(self) -> Conversation:
+    def start(self) -> Asking:
         """Arm in GUIDED, then fly the mission in AUTO (DESIGN.md section 5)."""
         yield from self._mode(GUIDED)
         yield from self._do("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         yield Ask("arming to show", (), _heartbeat(lambda m: bool(m.base_mode & armed)), timeout_s=3.0, tries=1)
-        yield from self._do("MISSION_START", mavlink.MAV_CMD_MISSION_START)
+        yield from self._do("MISSION_START", MISSION_START)
         yield Ask("mode AUTO to show", (), _heartbeat(lambda m: m.custom_mode == AUTO), timeout_s=3.0, tries=1)
 
-    def bring_home(self, action: FlightAction) -> Conversation:
+    def bring_home(self, action: FlightAction) -> Asking:
         """RTL, and LAND if that cannot be had. Returns the name of the mode that the autopilot took."""
         wanted = (RTL, LAND) if action is FlightAction.RETURN else (LAND,)
         trouble = ""
@@ -126,7 +126,7 @@ class Copter:
 
     # ---- mission ------------------------------------------------------------------------------------------------
 
-    def load(self, items: Sequence[MissionItem], rally: Sequence[RallyPoint]) -> Conversation:
+    def load(self, items: Sequence[MissionItem], rally: Sequence[RallyPoint]) -> Asking:
         """Write mission and rally points, read both back and compare. `items` begins with home, item 0."""
         rally_items = [rally_item(number, point) for number, point in enumerate(rally)]
         yield from self._write_when_ready(items)
@@ -134,7 +134,7 @@ class Copter:
         yield from self._compare(_MISSION, items)
         yield from self._compare(_RALLY, rally_items)
 
-    def _write_when_ready(self, items: Sequence[MissionItem]) -> Conversation:
+    def _write_when_ready(self, items: Sequence[MissionItem]) -> Asking:
         """In its first seconds the autopilot has no room for missions and says so: it is asked again a little later."""
         for _ in range(_PATIENCE):
             try:
@@ -145,7 +145,7 @@ class Copter:
                     yield Ask("time to pass", (), lambda _message: None, timeout_s=2.0, tries=1)
         yield from self._write(_MISSION, items)
 
-    def _write(self, kind: int, items: Sequence[MissionItem]) -> Conversation:
+    def _write(self, kind: int, items: Sequence[MissionItem]) -> Asking:
         if not items:
             clear = mavlink.MAVLink_mission_clear_all_message(*self._target, kind)
             _accepted((yield Ask("MISSION_CLEAR_ALL", (clear,), _upload_answer(kind))), kind)
@@ -177,7 +177,7 @@ class Copter:
             kind,
         )
 
-    def _compare(self, kind: int, items: Sequence[MissionItem]) -> Conversation:
+    def _compare(self, kind: int, items: Sequence[MissionItem]) -> Asking:
         request = mavlink.MAVLink_mission_request_list_message(*self._target, kind)
         count = yield Ask("MISSION_REQUEST_LIST", (request,), _of_kind(("MISSION_COUNT",), kind))
         if count.count != len(items):

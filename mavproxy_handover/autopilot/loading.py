@@ -23,8 +23,7 @@ from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.restart import Memory
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.wire.conversation import Dialogue
-from mavproxy_handover.wire.conversations import Conversations
+from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.package_transfer import PackageReceiver
 
 __all__ = ["MissionLoader", "MissionWriter"]
@@ -154,15 +153,15 @@ class MissionWriter:
             self._handle(MissionLoaded(b"", ()), now)
         source = "on board" if port is None else port.name
 
-        def done(dialogue: Dialogue, now: float) -> None:
+        def done(talk: Conversation, now: float) -> None:
             if port is not None:
-                answer = self._loader.concluded(package, dialogue.failure, port.target)
+                answer = self._loader.concluded(package, talk.failure, port.target)
                 port.send(answer)
-            elif dialogue.failure is None:
+            elif talk.failure is None:
                 self._loader.adopt(package)
-            if dialogue.failure is not None:
-                self._narrator.journal.write("mission_failed", dialogue.failure, station=source)
-                self._narrator.tell(f"mission not loaded: {dialogue.failure}")
+            if talk.failure is not None:
+                self._narrator.journal.write("mission_failed", talk.failure, station=source)
+                self._narrator.tell(f"mission not loaded: {talk.failure}")
                 return
             self._narrator.journal.write("mission_written", "mission and rally points written, read back, equal")
             self._memory.keep(package)

@@ -17,8 +17,7 @@ from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
-from mavproxy_handover.wire.conversation import Dialogue
-from mavproxy_handover.wire.conversations import Conversations
+from mavproxy_handover.wire.conversation import Conversation, Conversations
 
 __all__ = ["FlightOrders"]
 
@@ -50,10 +49,10 @@ class FlightOrders:
         answer = self._answer = self._answers(port, asker)
         answer(mavlink.MAV_RESULT_IN_PROGRESS, "")
 
-        def done(dialogue: Dialogue, now: float) -> None:
-            text = dialogue.failure or ""
-            self._handle(events.StartFinished(dialogue.failure is None, text), now)
-            result = mavlink.MAV_RESULT_ACCEPTED if dialogue.failure is None else mavlink.MAV_RESULT_FAILED
+        def done(talk: Conversation, now: float) -> None:
+            text = talk.failure or ""
+            self._handle(events.StartFinished(talk.failure is None, text), now)
+            result = mavlink.MAV_RESULT_ACCEPTED if talk.failure is None else mavlink.MAV_RESULT_FAILED
             answer(result, f"START failed: {text}" if text else "")
 
         self._narrator.journal.write("start_sequence", "GUIDED, arm, AUTO", station=port.name)
@@ -74,9 +73,9 @@ class FlightOrders:
         """Have the autopilot fly home, or land."""
         self.give_start_up("the aircraft is brought home", now)
 
-        def done(dialogue: Dialogue, now: float) -> None:
-            text = dialogue.failure or f"the autopilot flies {dialogue.result}"
-            self._narrator.journal.write("fly", text, action=action.name.lower(), obeyed=dialogue.failure is None)
+        def done(talk: Conversation, now: float) -> None:
+            text = talk.failure or f"the autopilot flies {talk.result}"
+            self._narrator.journal.write("fly", text, action=action.name.lower(), obeyed=talk.failure is None)
             self._narrator.tell(text[:1].upper() + text[1:] + ".")
 
         self._conversations.begin("home", self._copter.bring_home(action), done, now)

@@ -25,9 +25,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
-from mavproxy_handover.wire.conversation import Ask, Conversation, Dialogue, NoAnswer
-from mavproxy_handover.wire.conversations import Conversations
+from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
 __all__ = ["NAMES", "Finding", "Found", "Preflight", "judge", "reading"]
 
@@ -75,7 +74,7 @@ class Found:
 # ---- reading ------------------------------------------------------------------------------------------------------
 
 
-def reading(sysid: int, names: tuple[str, ...] = NAMES) -> Conversation:
+def reading(sysid: int, names: tuple[str, ...] = NAMES) -> Asking:
     """Ask the autopilot of system `sysid` for parameters. Returns name -> value of those that it answered."""
     values: dict[str, float] = {}
     for start in range(0, len(names), _AT_ONCE):
@@ -94,8 +93,7 @@ def reading(sysid: int, names: tuple[str, ...] = NAMES) -> Conversation:
 
 
 def _request(sysid: int, name: str) -> Any:
-    autopilot = mavlink.MAV_COMP_ID_AUTOPILOT1
-    return mavlink.MAVLink_param_request_read_message(sysid, autopilot, name.encode("ascii"), -1)
+    return mavlink.MAVLink_param_request_read_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), -1)
 
 
 def _collector(wanted: list[str], values: dict[str, float], lacking: set[str]) -> Callable[[Any], Any]:
@@ -307,8 +305,8 @@ class Preflight:
             return
         self._due_at, self._unread = math.inf, False
 
-        def done(dialogue: Dialogue, now: float) -> None:
-            found = Found(dialogue.result or {}, guard, firmware, self._heard_on)
+        def done(talk: Conversation, now: float) -> None:
+            found = Found(talk.result or {}, guard, firmware, self._heard_on)
             self._conclude(judge(found, self._limits), now)
 
         self._conversations.begin("preflight", reading(self._sysid), done, now)

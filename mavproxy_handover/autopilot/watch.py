@@ -17,11 +17,11 @@ from mavproxy_handover.autopilot.preflight import Preflight
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.core import events
 from mavproxy_handover.core.model import ZoneFact
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.narrator import Narrator
-from mavproxy_handover.wire.conversations import Conversations
+from mavproxy_handover.wire.conversation import Conversations
 from mavproxy_handover.wire.frames import Frame
-from mavproxy_handover.wire.lease import GUARD_STATUS_TYPE, GuardStatus, unpack_guard_status
+from mavproxy_handover.wire.ids import COMPANION_COMPID, GUARD_STATUS_TUNNEL
+from mavproxy_handover.wire.lease import GuardStatus, unpack_guard_status
 
 __all__ = ["AutopilotWatch"]
 
@@ -123,7 +123,7 @@ class AutopilotWatch:
             self._zones_at, self.position_waits = now, True
 
     def _on_tunnel(self, message: Any, now: float) -> None:
-        if message.payload_type != GUARD_STATUS_TYPE:
+        if message.payload_type != GUARD_STATUS_TUNNEL:
             return
         status = unpack_guard_status(bytes(message.payload)[: message.payload_length])
         if status is None:

@@ -11,11 +11,10 @@ import sys
 from pathlib import Path
 
 from mavproxy_handover.config.files import ConfigError, load_station, load_vehicle
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
+from mavproxy_handover.wire.ids import COMPANION_COMPID, STATION_COMPID
 
 __all__ = ["companion_argv", "mavproxy", "station_argv"]
 
-_MISSION_PLANNER = 190  # MAV_COMP_ID_MISSIONPLANNER: what ground stations use
 #: modules of MAVProxy that ask the vehicle for nothing on their own
 _COMPANION_MODULES = "link,signing"
 #: how long MAVProxy waits for frames before it looks at its timers again. Its own 0.01 is for maps and joysticks, and
@@ -66,7 +65,7 @@ def station_argv(config: Path, master: str, logfile: Path) -> list[str]:
         *mavproxy(),
         f"--master={master}",
         f"--source-system={station.station.sysid}",
-        f"--source-component={_MISSION_PLANNER}",
+        f"--source-component={STATION_COMPID}",
         f"--target-system={station.vehicle}",
         "--streamrate=-1",
         "--nowait",

@@ -29,8 +29,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.observers import ALWAYS, DEFAULTS, ObserverRates
-from mavproxy_handover.gate.policy.rows import COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
+from mavproxy_handover.wire.ids import COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 
 __all__ = ["ANSWERS", "COMMAND_ANSWERS", "EACH", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
 

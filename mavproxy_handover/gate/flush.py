@@ -43,15 +43,24 @@ from mavproxy_handover.gate.judge import Action, Verdict
 from mavproxy_handover.gate.policy.files import is_parameter_file, is_upload
 from mavproxy_handover.gate.policy.parts import MISSION_TYPES
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
+from mavproxy_handover.wire.ids import (
+    AUTOPILOT_COMPID,
+    FTP_ACK,
+    FTP_CREATE,
+    FTP_NAK,
+    FTP_OPEN_WRITE,
+    FTP_RESET,
+    FTP_TERMINATE,
+    FTP_WRITE,
+    MISSION_START,
+)
 
 __all__ = ["Closing", "FlushTracker"]
 
-_AUTOPILOT: Final = 1
 _MOST_OPEN: Final = 8
 #: More items than any autopilot stores: the count is refused after it has ended the upload before it.
 _TOO_MANY_ITEMS: Final = 0xFFFF
 
-_FTP_TERMINATE, _FTP_RESET, _FTP_CREATE, _FTP_WRITE, _FTP_OPEN_WRITE, _FTP_ACK, _FTP_NAK = 1, 2, 6, 7, 11, 128, 129
 #: Sequence number, session, opcode, size of the data, opcode that is answered.
 _FTP_HEAD: Final = struct.Struct("<HBBBB")
 _FTP_DATA: Final = slice(12, 250)
@@ -81,7 +90,7 @@ _NEW_AIMS: Final = (
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH,
     mavlink.MAV_CMD_NAV_LOITER_UNLIM,
     mavlink.MAV_CMD_DO_SET_MODE,
-    mavlink.MAV_CMD_MISSION_START,
+    MISSION_START,
 )
 _VELOCITY_IGNORED: Final = 0b111 << 3
 _ACCELERATION_IGNORED: Final = 0b111 << 6
@@ -153,7 +162,7 @@ class FlushTracker:
         if handler is None:
             return
         aim = target(frame)
-        component = aim[1] if aim is not None and aim[1] != 0 else _AUTOPILOT
+        component = aim[1] if aim is not None and aim[1] != 0 else AUTOPILOT_COMPID
         opened = self._open.get(station_sysid)
         if opened is None:
             opened = self._open[station_sysid] = _Open()
@@ -207,7 +216,7 @@ class FlushTracker:
     def _saw_file(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
         request = field_bytes(frame, "payload")
         sequence, session, opcode, _size, _request = _FTP_HEAD.unpack_from(request)
-        if opcode in (_FTP_CREATE, _FTP_OPEN_WRITE):
+        if opcode in (FTP_CREATE, FTP_OPEN_WRITE):
             name = sender, session, request[_FTP_DATA].partition(b"\0")[0]
             known = opened.files.get(name)
             acknowledged = known is not None and known.acknowledged
@@ -257,12 +266,12 @@ class FlushTracker:
             for name, file in list(opened.files.items()):
                 if name[:2] != session_of:
                     continue
-                if opcode == _FTP_ACK and request in (_FTP_TERMINATE, _FTP_RESET):
+                if opcode == FTP_ACK and request in (FTP_TERMINATE, FTP_RESET):
                     del opened.files[name]
-                elif request in (_FTP_CREATE, _FTP_OPEN_WRITE) and file.asked == asked:
-                    if opcode == _FTP_ACK:
+                elif request in (FTP_CREATE, FTP_OPEN_WRITE) and file.asked == asked:
+                    if opcode == FTP_ACK:
                         opened.files[name] = replace(file, acknowledged=True)
-                    elif opcode == _FTP_NAK and not file.acknowledged:
+                    elif opcode == FTP_NAK and not file.acknowledged:
                         del opened.files[name]
 
     # ---- what closes ------------------------------------------------------------------------------------------------
@@ -275,9 +284,9 @@ class FlushTracker:
 
     def _close_file(self, name: _FileName, file: _File) -> Closing:
         sender, session, path = name
-        requests = [(_FTP_TERMINATE, 0)]
+        requests = [(FTP_TERMINATE, 0)]
         if is_upload(path):
-            requests.insert(0, (_FTP_WRITE, _HEADER_BYTES))  # zeros, at offset zero
+            requests.insert(0, (FTP_WRITE, _HEADER_BYTES))  # zeros, at offset zero
         messages = []
         for number, (opcode, size) in enumerate(requests, start=1):
             head = _FTP_HEAD.pack((file.sequence + number) & 0xFFFF, session, opcode, size, 0)

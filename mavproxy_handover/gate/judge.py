@@ -30,8 +30,9 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from mavproxy_handover.core.model import AuthorityView, Phase
-from mavproxy_handover.gate.policy.rows import COMPANION_COMPID, MESSAGE_ROWS, MISSION_START, Access, Row, classify
+from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Access, Row, classify
 from mavproxy_handover.wire.frames import Frame, target, target_places
+from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START
 
 __all__ = ["Action", "GateReason", "StationIdentity", "Verdict", "judge", "outcome"]
 

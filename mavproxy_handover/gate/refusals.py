@@ -28,15 +28,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.judge import Action, GateReason, Verdict
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_NAK, NOT_IN_CONTROL
 
 __all__ = ["SILENT", "RefusalLimiter", "refusal"]
 
-AUTOPILOT_COMPID: Final = 1
-
-#: MAV_RESULT_NOT_IN_CONTROL, of the operator-control standard.
-RESULT_NOT_IN_CONTROL: Final = 10
-
-FTP_NAK: Final = 129
 FTP_ERROR_NO_SESSION: Final = 5
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
 FTP_ERROR_FILE_PROTECTED: Final = 9
@@ -49,7 +44,7 @@ _FTP_ANSWER: Final = struct.Struct("<HBBBB2x4sB")
 TEXT_LIMIT: Final = 50  #: characters of a STATUSTEXT
 
 _RESULTS: Final = {
-    GateReason.NOT_IN_CONTROL: RESULT_NOT_IN_CONTROL,
+    GateReason.NOT_IN_CONTROL: NOT_IN_CONTROL,
     GateReason.LOCKED_WHILE_ARMED: mavlink.MAV_RESULT_DENIED,
     GateReason.MAINTENANCE_ONLY: mavlink.MAV_RESULT_DENIED,
     GateReason.UNKNOWN_COMMAND: mavlink.MAV_RESULT_UNSUPPORTED,

@@ -27,9 +27,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.wire.frames import Frame, field_offset
 
-__all__ = ["PROBE_COMPID", "TIMESYNC", "answered_stamp", "draw_stamp", "probe_answer", "probe_message"]
+__all__ = ["TIMESYNC", "answered_stamp", "draw_stamp", "probe_answer", "probe_message"]
 
-PROBE_COMPID: Final[int] = mavlink.MAV_COMP_ID_UDP_BRIDGE
 TIMESYNC: Final[int] = mavlink.MAVLINK_MSG_ID_TIMESYNC
 _TC1: Final = field_offset(TIMESYNC, "tc1")
 _TS1: Final = field_offset(TIMESYNC, "ts1")

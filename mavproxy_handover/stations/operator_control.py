@@ -21,11 +21,11 @@ from mavproxy_handover.core.events import ControlRequested, Event, NotifyOwner
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.wire.conversation import command_long
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import OPERATOR_CONTROL
 
 __all__ = ["OperatorControl", "notification", "read_request"]
-
-_COMMAND = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 
 
 def read_request(message: Any, station: int) -> ControlRequested | str:
@@ -50,7 +50,7 @@ def read_request(message: Any, station: int) -> ControlRequested | str:
 
 def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> Any:
     """The command by which the manager tells the owner that `requester` asks for control."""
-    return mavlink.MAVLink_command_long_message(*owner, _COMMAND, 0, 1, 0, timeout_s, requester, 0, 0, 0)
+    return command_long(owner, OPERATOR_CONTROL, 1, 0, timeout_s, requester)
 
 
 class OperatorControl:
@@ -84,7 +84,7 @@ class OperatorControl:
     def answer(self, port: StationPort, result: int, text: str) -> None:
         """COMMAND_ACK of the component that was asked; the companion where nobody was named."""
         sysid, compid, component = self._asker
-        self._voice.acknowledge(port, (sysid, compid), _COMMAND, result, component)
+        self._voice.acknowledge(port, (sysid, compid), OPERATOR_CONTROL, result, component)
         if text:
             self._voice.say(port, f"Control denied: {text}")
 

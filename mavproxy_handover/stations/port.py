@@ -14,14 +14,14 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.gate.judge import GateReason, StationIdentity
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_device
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
-from mavproxy_handover.link.timesync import PROBE_COMPID, probe_message
+from mavproxy_handover.link.timesync import probe_message
 from mavproxy_handover.store.keys import StationKeys, check_distinct, load_station_keys
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import COMPANION_COMPID, PROBE_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
 __all__ = ["StationPort", "open_ports"]

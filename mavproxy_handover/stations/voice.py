@@ -13,14 +13,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
-__all__ = ["AUTOPILOT", "Voice"]
+__all__ = ["Voice"]
 
-#: the autopilot's component
-AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _TEXT_BYTES = 50
 
 
@@ -29,7 +27,7 @@ class Voice:
 
     def __init__(self, sysid: int, write_autopilot: Callable[[bytes], None], ports: Mapping[int, StationPort]) -> None:
         self.own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=COMPANION_COMPID)
-        self._as_autopilot = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT)
+        self._as_autopilot = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT_COMPID)
         self._write_autopilot = write_autopilot
         self._ports = ports
 
@@ -47,11 +45,11 @@ class Voice:
         port.write(codec.pack(message, self._as_autopilot))
 
     def acknowledge(
-        self, port: StationPort, asker: tuple[int, int], command: int, result: int, component: int = AUTOPILOT
+        self, port: StationPort, asker: tuple[int, int], command: int, result: int, component: int = AUTOPILOT_COMPID
     ) -> None:
         """COMMAND_ACK to `asker` (system, component), in the name of the `component` that was asked."""
         ack = mavlink.MAVLink_command_ack_message(command, result, 0, 0, *asker)
-        port.write(codec.pack(ack, self._as_autopilot if component == AUTOPILOT else self.own))
+        port.write(codec.pack(ack, self._as_autopilot if component == AUTOPILOT_COMPID else self.own))
 
     def say(self, port: StationPort, text: str) -> None:
         """A warning for the station's operator, in as many STATUSTEXT as it takes."""

@@ -2,18 +2,22 @@
 
 """Conversations with the autopilot, written down as they go: ask, wait for the answer, ask the next.
 
-A conversation is a generator. It yields an `Ask`: messages to send, what counts as the answer, how long to wait and how
-often to ask again. It gets the answer back as the value of the yield, or `NoAnswer` is raised at that line. No clock
-and no I/O here: `Dialogue` is handed messages and the time.
+What is to be asked is a generator, an `Asking`. It yields an `Ask`: messages to send, what counts as the answer, how
+long to wait and how often to ask again. It gets the answer back as the value of the yield, or `NoAnswer` is raised at
+that line. `Conversation` goes through one of them, and `Conversations` holds those that are going on, each by its name.
+No clock and no I/O here: they are handed messages and the time.
 """
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Ask", "Conversation", "Dialogue", "NoAnswer"]
+from pymavlink.dialects.v20 import handover as mavlink
+
+__all__ = ["Ask", "Asking", "Conversation", "Conversations", "Done", "NoAnswer", "command_long"]
 
 
 class NoAnswer(Exception):
@@ -31,24 +35,24 @@ class Ask:
     tries: int = 5
 
 
-Conversation = Generator[Ask, Any, Any]
+Asking = Generator[Ask, Any, Any]
 
 
-class Dialogue:
-    """Runs one conversation. `send` puts a message on its way to the autopilot."""
+class Conversation:
+    """Goes through one `Asking`. `send` puts a message on its way to the autopilot."""
 
-    def __init__(self, conversation: Conversation, send: Callable[[Any], None], now: float) -> None:
-        self._conversation = conversation
+    def __init__(self, asking: Asking, send: Callable[[Any], None], now: float) -> None:
+        self._asking = asking
         self._send = send
         self._ask: Ask | None = None
         self._tries = 0
         self._again_at = now
         self.finished = False
-        #: what the conversation returned
+        #: what the asking returned
         self.result: Any = None
         #: why it broke off, None if it did not
         self.failure: str | None = None
-        self._go_on(lambda: next(conversation), now)
+        self._go_on(lambda: next(asking), now)
 
     def _go_on(self, step: Callable[[], Ask], now: float) -> None:
         try:
@@ -80,7 +84,7 @@ class Dialogue:
             return
         answer = self._ask.answer(message)
         if answer is not None:
-            self._go_on(lambda: self._conversation.send(answer), now)
+            self._go_on(lambda: self._asking.send(answer), now)
 
     def tick(self, now: float) -> None:
         """Time has passed."""
@@ -90,4 +94,62 @@ class Dialogue:
             self._put(now)
             return
         error = NoAnswer(f"no answer to {self._ask.what}")
-        self._go_on(lambda: self._conversation.throw(error), now)
+        self._go_on(lambda: self._asking.throw(error), now)
+
+
+#: called with the finished conversation and the time
+Done = Callable[[Conversation, float], None]
+
+
+class Conversations:
+    """Those that are going on, each by its name; what breaks in one ends that one.
+
+    `send` puts a message on its way to the autopilot, `fault` is told what broke.
+    """
+
+    def __init__(self, send: Callable[[Any], None], fault: Callable[[str, str], None]) -> None:
+        self._send = send
+        self._fault = fault
+        self._running: dict[str, tuple[Conversation, Done]] = {}
+
+    def __len__(self) -> int:
+        return len(self._running)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._running
+
+    def begin(self, name: str, asking: Asking, done: Done, now: float) -> None:
+        """Start a conversation; one of the same name that is still going on is dropped."""
+        self._running[name] = (Conversation(asking, self._send, now), done)
+
+    def drop(self, name: str) -> bool:
+        """Give one up; whether it was going on. Its `done` is not called."""
+        return self._running.pop(name, None) is not None
+
+    def on_message(self, message: Any, now: float) -> None:
+        """A message of the autopilot."""
+        self._each(lambda talk: talk.on_message(message, now))
+
+    def tick(self, now: float) -> None:
+        """Time has passed: asks again, and concludes what has come to an end."""
+        self._each(lambda talk: talk.tick(now))
+        for name, (talk, done) in list(self._running.items()):
+            if talk.finished and name in self._running and self._running[name][0] is talk:
+                del self._running[name]
+                try:
+                    done(talk, now)
+                except Exception:
+                    self._fault(f"end of conversation {name}", traceback.format_exc(limit=-3))
+
+    def _each(self, step: Callable[[Conversation], None]) -> None:
+        for name, (talk, _done) in list(self._running.items()):
+            try:
+                step(talk)
+            except Exception as error:
+                self._fault(f"conversation {name}", traceback.format_exc(limit=-3))
+                talk.break_off(f"internal fault: {error}")
+
+
+def command_long(target: tuple[int, int], command: int, *parameters: float) -> mavlink.MAVLink_message:
+    """COMMAND_LONG to `target` (system, component); parameters that are not given are 0."""
+    return mavlink.MAVLink_command_long_message(*target, command, 0, *parameters, *[0.0] * (7 - len(parameters)))

@@ -3,7 +3,7 @@
 """What companion and guard tell each other inside TUNNEL messages.
 
 TUNNEL is known to every ArduPilot firmware, so the autopilot's signing protects it and firmware 4.5 delivers it to Lua.
-No field is wider than 32 bits: Lua on the flight controller has 32-bit integers. Layouts: DESIGN.md section 4.3.
+No field is wider than 32 bits: Lua on the flight controller has 32-bit integers. Layouts: docs/architecture.md.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import GuardState, LeaseState
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, LEASE_TUNNEL, TUNNEL_BYTES
 from mavproxy_handover.wire.lease_tag import TAG_BYTES, lease_tag
 
 __all__ = [
-    "GUARD_STATUS_TYPE",
-    "LEASE_TYPE",
     "GuardStatus",
     "Lease",
     "pack_lease",
@@ -26,8 +25,6 @@ __all__ = [
     "unpack_lease",
 ]
 
-LEASE_TYPE = 47116
-GUARD_STATUS_TYPE = 47117
 _VERSION = 1
 _LEASE = struct.Struct("<BBBBIIIHH")
 _STATUS = struct.Struct("<BBBBIIIHBB")
@@ -80,10 +77,10 @@ def pack_lease(lease: Lease, vehicle: int, key: bytes | None = None) -> mavlink.
         lease.ttl_ms,
         0,
     )
-    target = vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1
+    target = vehicle, AUTOPILOT_COMPID
     if key is not None:
-        body += lease_tag(key, LEASE_TYPE, target, body)
-    return mavlink.MAVLink_tunnel_message(*target, LEASE_TYPE, len(body), list(body.ljust(128, b"\0")))
+        body += lease_tag(key, LEASE_TUNNEL, target, body)
+    return mavlink.MAVLink_tunnel_message(*target, LEASE_TUNNEL, len(body), list(body.ljust(TUNNEL_BYTES, b"\0")))
 
 
 def unpack_lease(payload: bytes) -> Lease | None:

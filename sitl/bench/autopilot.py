@@ -19,8 +19,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
-from mavproxy_handover.wire.lease import LEASE_TYPE
+from mavproxy_handover.wire.ids import COMPANION_COMPID, LEASE_TUNNEL
 from sitl.bench.loop import BenchError, Loop, Timer
 from sitl.bench.traffic import AUTOPILOT, DOWNLINK, VEHICLE, Place, downlink_message, split
 
@@ -120,7 +119,7 @@ class FakeAutopilot:
         kind = m.get_type()
         asker = (m.get_srcSystem(), m.get_srcComponent())
         if kind == "TUNNEL":
-            if m.payload_type == LEASE_TYPE:
+            if m.payload_type == LEASE_TUNNEL:
                 self.commander = m.payload[2] or None
                 self.in_transfer = m.payload[1] == 2
         elif kind == "COMMAND_LONG":

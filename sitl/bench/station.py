@@ -16,9 +16,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.messages import ConnectAck
 from mavproxy_handover.core.model import PROTOCOL_VERSION, Phase
-from mavproxy_handover.gate.policy.tables import COMPANION_COMPID
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.ids import COMPANION_COMPID
 from mavproxy_handover.wire.package_transfer import PackageSender
 from sitl.bench.loop import Loop, Timer
 from sitl.bench.traffic import VEHICLE, split

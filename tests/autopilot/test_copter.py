@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
-from mavproxy_handover.wire.conversation import Ask, Conversation, Dialogue, NoAnswer
+from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer
 from tests.module.vehicle import GUIDED, LAND, RTL, Autopilot
 
 MODE, ARM, START = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_MISSION_START
@@ -23,19 +23,19 @@ WAYPOINT = MissionItem(2, 16, 3, 2, 0, 0, 0, 52.6795, 5.925, 40)
 RALLY = RallyPoint(52.679, 5.923, 30)
 
 
-def talk(conversation: Conversation, autopilot: Autopilot, limit_s: float = 60.0) -> Dialogue:
+def talk(conversation: Asking, autopilot: Autopilot, limit_s: float = 60.0) -> Conversation:
     """Run a conversation to its end, in steps of 50 ms."""
     own = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
     written: list[bytes] = []
     now = 100.0
-    dialogue = Dialogue(conversation, lambda message: written.append(bytes(message.pack(own))), now)
-    while not dialogue.finished and now < 100.0 + limit_s:
+    made = Conversation(conversation, lambda message: written.append(bytes(message.pack(own))), now)
+    while not made.finished and now < 100.0 + limit_s:
         now += 0.05
         waiting, written[:] = list(written), []
         for message in autopilot.step(waiting, now):
-            dialogue.on_message(message, now)
-        dialogue.tick(now)
-    return dialogue
+            made.on_message(message, now)
+        made.tick(now)
+    return made
 
 
 @pytest.fixture
@@ -54,8 +54,8 @@ def copter() -> Copter:
 
 
 def test_a_mission_is_written_and_read_back(autopilot: Autopilot, copter: Copter) -> None:
-    dialogue = talk(copter.load((HOME, TAKEOFF, WAYPOINT), (RALLY,)), autopilot)
-    assert (dialogue.finished, dialogue.failure) == (True, None)
+    made = talk(copter.load((HOME, TAKEOFF, WAYPOINT), (RALLY,)), autopilot)
+    assert (made.finished, made.failure) == (True, None)
     sent = [m.get_type() for m in autopilot.received]
     assert sent == [
         "MISSION_COUNT", *["MISSION_ITEM_INT"] * 3,
@@ -71,8 +71,8 @@ def test_a_mission_is_written_and_read_back(autopilot: Autopilot, copter: Copter
 
 def test_without_rally_points_those_of_the_last_flight_are_cleared(autopilot: Autopilot, copter: Copter) -> None:
     autopilot.items[2] = [object()]
-    dialogue = talk(copter.load((HOME, TAKEOFF), ()), autopilot)
-    assert dialogue.failure is None
+    made = talk(copter.load((HOME, TAKEOFF), ()), autopilot)
+    assert made.failure is None
     assert autopilot.items[2] == []
     (clear,) = autopilot.got("MISSION_CLEAR_ALL")
     assert clear.mission_type == mavlink.MAV_MISSION_TYPE_RALLY
@@ -90,8 +90,8 @@ def test_home_is_the_autopilots_own_business(autopilot: Autopilot, copter: Copte
 
 def test_an_autopilot_that_holds_another_number_of_items_is_not_believed(autopilot: Autopilot, copter: Copter) -> None:
     autopilot.count_error = 1
-    dialogue = talk(copter.load((HOME, TAKEOFF), ()), autopilot)
-    assert dialogue.failure == "the autopilot holds 3 items of 2 written"
+    made = talk(copter.load((HOME, TAKEOFF), ()), autopilot)
+    assert made.failure == "the autopilot holds 3 items of 2 written"
 
 
 def test_an_autopilot_that_asks_for_an_item_that_is_not_there_ends_the_upload(copter: Copter) -> None:
@@ -112,8 +112,8 @@ def test_rally_altitudes_may_come_back_in_whole_metres(autopilot: Autopilot, cop
 
 def test_a_rally_altitude_that_is_another_is_told(autopilot: Autopilot, copter: Copter) -> None:
     autopilot.spoil = lambda item: setattr(item, "z", 55.0) or item if item.mission_type == 2 else item
-    dialogue = talk(copter.load((HOME, TAKEOFF), (RALLY,)), autopilot)
-    assert dialogue.failure == "rally point 0: altitude 30 m came back as 55 m"
+    made = talk(copter.load((HOME, TAKEOFF), (RALLY,)), autopilot)
+    assert made.failure == "rally point 0: altitude 30 m came back as 55 m"
 
 
 def test_rally_points_that_the_autopilot_refuses_are_told_apart_from_the_mission(
@@ -140,8 +140,8 @@ def test_items_in_the_other_form_of_the_mission_protocol_are_asked_for_and_sent(
 
 def test_the_way_home_is_rtl_seen_in_a_heartbeat(autopilot: Autopilot, copter: Copter) -> None:
     autopilot.mode = GUIDED
-    dialogue = talk(copter.bring_home(FlightAction.RETURN), autopilot)
-    assert (dialogue.result, dialogue.failure, autopilot.mode) == ("RTL", None, RTL)
+    made = talk(copter.bring_home(FlightAction.RETURN), autopilot)
+    assert (made.result, made.failure, autopilot.mode) == ("RTL", None, RTL)
 
 
 @pytest.mark.parametrize("how", ["refused", "not answered", "not done"])
@@ -160,20 +160,20 @@ def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, copter: Copter, 
         autopilot.forgets.add(MODE)
     else:
         autopilot.script[MODE] = DENIED if how == "refused" else None
-    dialogue = talk(copter.bring_home(FlightAction.RETURN), autopilot)
-    assert (dialogue.result, dialogue.failure, autopilot.mode) == ("LAND", None, LAND)
+    made = talk(copter.bring_home(FlightAction.RETURN), autopilot)
+    assert (made.result, made.failure, autopilot.mode) == ("LAND", None, LAND)
 
 
 def test_an_order_to_land_does_not_fly_home_first(autopilot: Autopilot, copter: Copter) -> None:
-    dialogue = talk(copter.bring_home(FlightAction.LAND), autopilot)
-    assert dialogue.result == "LAND"
+    made = talk(copter.bring_home(FlightAction.LAND), autopilot)
+    assert made.result == "LAND"
     assert [m.param2 for m in autopilot.got("COMMAND_LONG")] == [float(LAND)]
 
 
 def test_an_autopilot_that_does_neither_is_told(autopilot: Autopilot, copter: Copter) -> None:
     autopilot.script[MODE] = DENIED
-    dialogue = talk(copter.bring_home(FlightAction.RETURN), autopilot)
-    assert dialogue.failure == ("the autopilot does not obey: mode LAND refused (MAV_RESULT_DENIED): PreArm: why")
+    made = talk(copter.bring_home(FlightAction.RETURN), autopilot)
+    assert made.failure == ("the autopilot does not obey: mode LAND refused (MAV_RESULT_DENIED): PreArm: why")
 
 
 # ---- commands -----------------------------------------------------------------------------------------------------
@@ -195,8 +195,8 @@ def test_a_result_that_mavlink_has_no_name_for_is_shown_as_its_number(autopilot:
 
 def test_a_refusal_without_a_reason_ends_with_the_result(autopilot: Autopilot) -> None:
     autopilot.script[ARM] = DENIED
-    dialogue = talk(Copter(1, lambda: "").start(), autopilot)
-    assert dialogue.failure == "arming refused (MAV_RESULT_DENIED)"
+    made = talk(Copter(1, lambda: "").start(), autopilot)
+    assert made.failure == "arming refused (MAV_RESULT_DENIED)"
 
 
 # ---- any conversation ---------------------------------------------------------------------------------------------
@@ -214,43 +214,43 @@ def ask(what: str, tries: int = 3) -> Ask:
 
 
 def test_a_question_is_asked_as_often_as_it_says_and_then_it_fails() -> None:
-    def conversation() -> Conversation:
+    def conversation() -> Asking:
         yield ask("a")
         raise AssertionError("there was no answer")
 
     line = Line()
-    dialogue = Dialogue(conversation(), line.sent.append, 0.0)
+    made = Conversation(conversation(), line.sent.append, 0.0)
     for now in (0.5, 0.999, 1.0, 1.5, 2.0, 2.999):
-        dialogue.tick(now)
-    assert (line.sent, dialogue.finished) == (["a", "a", "a"], False)
-    dialogue.tick(3.0)
-    assert (line.sent, dialogue.finished, dialogue.failure) == (["a", "a", "a"], True, "no answer to a")
+        made.tick(now)
+    assert (line.sent, made.finished) == (["a", "a", "a"], False)
+    made.tick(3.0)
+    assert (line.sent, made.finished, made.failure) == (["a", "a", "a"], True, "no answer to a")
 
 
 def test_an_answer_leads_to_the_next_question_with_tries_of_its_own() -> None:
-    def conversation() -> Conversation:
+    def conversation() -> Asking:
         first = yield ask("a")
         second = yield ask("b")
         return first + second
 
     line = Line()
-    dialogue = Dialogue(conversation(), line.sent.append, 0.0)
-    dialogue.tick(1.0)
-    dialogue.on_message("b!", 1.1)
-    dialogue.on_message("a!", 1.2)
-    dialogue.tick(2.1)
+    made = Conversation(conversation(), line.sent.append, 0.0)
+    made.tick(1.0)
+    made.on_message("b!", 1.1)
+    made.on_message("a!", 1.2)
+    made.tick(2.1)
     assert line.sent == ["a", "a", "b"]
-    dialogue.tick(2.2)
+    made.tick(2.2)
     assert line.sent == ["a", "a", "b", "b"]
-    dialogue.on_message("b!", 2.3)
-    assert (dialogue.finished, dialogue.failure, dialogue.result) == (True, None, "a!b!")
-    dialogue.on_message("b!", 2.4)
-    dialogue.tick(100.0)
+    made.on_message("b!", 2.3)
+    assert (made.finished, made.failure, made.result) == (True, None, "a!b!")
+    made.on_message("b!", 2.4)
+    made.tick(100.0)
     assert line.sent == ["a", "a", "b", "b"]
 
 
 def test_a_conversation_may_live_with_no_answer() -> None:
-    def conversation() -> Conversation:
+    def conversation() -> Asking:
         try:
             yield ask("a", tries=1)
         except NoAnswer:
@@ -258,21 +258,21 @@ def test_a_conversation_may_live_with_no_answer() -> None:
         return "done"
 
     line = Line()
-    dialogue = Dialogue(conversation(), line.sent.append, 0.0)
-    dialogue.tick(1.0)
-    dialogue.on_message("b!", 1.1)
-    assert (line.sent, dialogue.result) == (["a", "b"], "done")
+    made = Conversation(conversation(), line.sent.append, 0.0)
+    made.tick(1.0)
+    made.on_message("b!", 1.1)
+    assert (line.sent, made.result) == (["a", "b"], "done")
 
 
 def test_a_conversation_that_is_broken_off_has_failed_and_says_nothing_more() -> None:
-    def conversation() -> Conversation:
+    def conversation() -> Asking:
         yield ask("a")
 
     line = Line()
-    dialogue = Dialogue(conversation(), line.sent.append, 0.0)
-    dialogue.break_off("why")
-    dialogue.tick(10.0)
-    dialogue.on_message("a!", 10.0)
-    assert (line.sent, dialogue.finished, dialogue.failure) == (["a"], True, "why")
-    dialogue.break_off("again")
-    assert dialogue.failure == "why"
+    made = Conversation(conversation(), line.sent.append, 0.0)
+    made.break_off("why")
+    made.tick(10.0)
+    made.on_message("a!", 10.0)
+    assert (line.sent, made.finished, made.failure) == (["a"], True, "why")
+    made.break_off("again")
+    assert made.failure == "why"

@@ -11,10 +11,9 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.policy.parameters import parameter_rule
-from mavproxy_handover.gate.policy.rows import MISSION_START, Access, classify
+from mavproxy_handover.gate.policy.rows import Access, classify
 from mavproxy_handover.gate.policy.tables import (
     COMMAND_RULES,
-    FTP_OPCODES,
     FTP_RULES,
     MESSAGE_RULES,
     MESSAGES_BY_PART,
@@ -24,6 +23,7 @@ from mavproxy_handover.gate.policy.tables import (
     Rule,
 )
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import FTP_OPCODES, MISSION_START
 
 DIALECT_MESSAGES = {cls.msgname for cls in mavlink.mavlink_map.values()}
 DIALECT_COMMANDS = {

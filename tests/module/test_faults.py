@@ -53,12 +53,12 @@ HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "the telemetry": lambda b, patch: patch.setattr(b.companion.aircraft, "telemetry", broken),
     "the zone finder": lambda b, patch: patch.setattr(b.companion.autopilot, "zone_facts", broken),
     "a conversation": lambda b, patch: patch.setattr(
-        b.companion._conversations, "_running", {"load": (BrokenDialogue(), broken)}
+        b.companion._conversations, "_running", {"load": (BrokenTalk(), broken)}
     ),
 }
 
 
-class BrokenDialogue:
+class BrokenTalk:
     """A conversation with a bug in it."""
 
     finished = False
@@ -89,7 +89,7 @@ def test_a_broken_part_does_not_stop_the_leases(flight: Bench, part: str, monkey
 def test_a_conversation_that_breaks_is_over_and_is_told(flight: Bench) -> None:
     ends: list[str | None] = []
     running = flight.companion._conversations._running
-    running["load"] = (BrokenDialogue(), lambda dialogue, now: ends.append(dialogue.failure))
+    running["load"] = (BrokenTalk(), lambda ended, now: ends.append(ended.failure))
     flight.run(1.0)
     assert ends == ["internal fault: a bug"]
     assert "load" not in running

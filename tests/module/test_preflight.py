@@ -68,9 +68,9 @@ class ParameterAutopilot(Autopilot):
 
 def test_every_parameter_that_is_there_is_read_and_a_missing_one_costs_a_time_out() -> None:
     autopilot = ParameterAutopilot(dict(GOOD))
-    dialogue = talk(reading(1), autopilot, limit_s=5.0)
-    assert dialogue.finished
-    assert dialogue.result == GOOD
+    ended = talk(reading(1), autopilot, limit_s=5.0)
+    assert ended.finished
+    assert ended.result == GOOD
     assert {name: autopilot.asked.count(name) for name in ("SYSID_ENFORCE", "HNDO_CHAN")} == {
         "SYSID_ENFORCE": 3,
         "HNDO_CHAN": 1,
@@ -80,15 +80,15 @@ def test_every_parameter_that_is_there_is_read_and_a_missing_one_costs_a_time_ou
 def test_a_request_that_got_lost_is_repeated() -> None:
     autopilot = ParameterAutopilot(dict.fromkeys(NAMES, 7.0))
     autopilot.deaf_for = 8
-    dialogue = talk(reading(1), autopilot, limit_s=5.0)
-    assert dialogue.result == dict.fromkeys(NAMES, 7.0)
+    ended = talk(reading(1), autopilot, limit_s=5.0)
+    assert ended.result == dict.fromkeys(NAMES, 7.0)
 
 
 def test_a_firmware_that_says_that_it_lacks_a_name_is_not_asked_again() -> None:
     autopilot = ParameterAutopilot({"SCR_ENABLE": 1.0})
     autopilot.says_error = True
-    dialogue = talk(reading(1), autopilot, limit_s=1.0)
-    assert dialogue.result == {"SCR_ENABLE": 1.0}
+    ended = talk(reading(1), autopilot, limit_s=1.0)
+    assert ended.result == {"SCR_ENABLE": 1.0}
     assert sorted(autopilot.asked) == sorted(NAMES)
 
 

@@ -12,15 +12,8 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import GuardState, LeaseState
-from mavproxy_handover.wire.lease import (
-    GUARD_STATUS_TYPE,
-    LEASE_TYPE,
-    GuardStatus,
-    Lease,
-    pack_lease,
-    unpack_guard_status,
-    unpack_lease,
-)
+from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
+from mavproxy_handover.wire.lease import GuardStatus, Lease, pack_lease, unpack_guard_status, unpack_lease
 
 LEASE = Lease(LeaseState.TRANSFER, 251, 0x01020304, 0x05060708, 0x090A0B0C, 3000)
 #: version 1, state 2, commander 251, flags 0, nonce, sequence, epoch, ttl, reserved; little-endian
@@ -46,7 +39,7 @@ STATUS_BYTES = bytes.fromhex("01 03 01 0b 04030201 08070605 0c0b0a09 0e0d 04 06"
 def test_a_lease_is_these_twenty_bytes_and_zeros_behind_them() -> None:
     message = pack_lease(LEASE, 1)
     assert (message.target_system, message.target_component) == (1, 1)
-    assert (message.payload_type, LEASE_TYPE, message.payload_length) == (47116, 47116, 20)
+    assert (message.payload_type, LEASE_TUNNEL, message.payload_length) == (47116, 47116, 20)
     assert bytes(message.payload) == LEASE_BYTES + bytes(108)
 
 
@@ -106,7 +99,7 @@ def test_what_is_no_lease_is_none(payload: bytes) -> None:
 
 
 def test_a_guard_status_is_these_twenty_bytes() -> None:
-    assert GUARD_STATUS_TYPE == 47117
+    assert GUARD_STATUS_TUNNEL == 47117
     assert unpack_guard_status(STATUS_BYTES) == STATUS
 
 

@@ -24,12 +24,12 @@ from fnmatch import fnmatchcase
 from typing import Final
 
 from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME
 
 __all__ = ["FILE_RULES", "FileRule", "file_rule", "is_parameter_file", "is_upload"]
 
-_WRITES: Final = frozenset({6, 8, 9, 10, 11, 12, 13})
+_WRITES: Final = frozenset({FTP_CREATE, 8, 9, 10, FTP_OPEN_WRITE, 12, FTP_RENAME})
 _READS: Final = frozenset({3, 4, 14, 16})
-_RENAME: Final = 13
 #: Where paths are in the payload. ArduPilot makes the last byte of the data a zero, whatever it was.
 _DATA: Final = slice(12, 250)
 
@@ -123,7 +123,7 @@ def _read(path: bytes) -> str:
 def _paths(opcode: int, payload: bytes) -> list[str]:
     """The paths that a request names: up to a zero byte; Rename has a second one behind it."""
     names = payload[_DATA].split(b"\0")
-    return [_read(name) for name in names[: 2 if opcode == _RENAME else 1]]
+    return [_read(name) for name in names[: 2 if opcode == FTP_RENAME else 1]]
 
 
 def file_rule(opcode: int, payload: bytes) -> FileRule | None:

@@ -16,22 +16,16 @@ from __future__ import annotations
 from typing import Final
 
 from mavproxy_handover.gate.policy.access import ANY, Access, Rule, names
+from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 
 __all__ = [
     "COMMAND_ACK_RULES",
-    "FTP_OPCODES",
     "FTP_RULES",
-    "GUARD_STATUS_TUNNEL",
-    "LEASE_TUNNEL",
     "MISSION_TYPES",
     "MISSION_TYPE_MESSAGES",
     "MISSION_TYPE_RULES",
     "TUNNEL_RULES",
 ]
-
-#: TUNNEL payload types of the lease (companion to guard) and of the guard's status (guard to companion).
-LEASE_TUNNEL: Final = 47116
-GUARD_STATUS_TUNNEL: Final = 47117
 
 TUNNEL_RULES: Final = (
     Rule(
@@ -66,29 +60,6 @@ MISSION_TYPE_RULES: Final = (
     Rule(Access.COMMAND, "writes the rally points, where the aircraft goes when authority is lost", names("RALLY")),
     Rule(Access.COMMAND, "clears all three at once", names("ALL")),
 )
-
-#: File-transfer opcodes by number (MAVLink file transfer protocol, FtpOpcode).
-FTP_OPCODES: Final = {
-    0: "None",
-    1: "TerminateSession",
-    2: "ResetSessions",
-    3: "ListDirectory",
-    4: "OpenFileRO",
-    5: "ReadFile",
-    6: "CreateFile",
-    7: "WriteFile",
-    8: "RemoveFile",
-    9: "CreateDirectory",
-    10: "RemoveDirectory",
-    11: "OpenFileWO",
-    12: "TruncateFile",
-    13: "Rename",
-    14: "CalcFileCRC32",
-    15: "BurstReadFile",
-    16: "ListDirectoryWithTime",
-    128: "Ack",
-    129: "Nak",
-}
 
 FTP_RULES: Final = (
     Rule(

@@ -22,11 +22,7 @@ from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.tables import (
     COMMAND_ACK_RULES,
     COMMAND_RULES,
-    COMPANION_COMPID,
-    FTP_OPCODES,
     FTP_RULES,
-    GUARD_STATUS_TUNNEL,
-    LEASE_TUNNEL,
     MESSAGE_RULES,
     MISSION_TYPE_RULES,
     MISSION_TYPES,
@@ -35,20 +31,14 @@ from mavproxy_handover.gate.policy.tables import (
     Rule,
 )
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
+from mavproxy_handover.wire.ids import FTP_OPCODES, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 
 __all__ = [
-    "COMPANION_COMPID",
-    "GUARD_STATUS_TUNNEL",
-    "LEASE_TUNNEL",
     "MESSAGE_ROWS",
-    "MISSION_START",
     "Access",
     "Row",
     "classify",
 ]
-
-#: MAV_CMD_MISSION_START: START, which the companion itself carries out on the ground.
-MISSION_START: Final = 300
 
 
 @dataclass(frozen=True, slots=True)

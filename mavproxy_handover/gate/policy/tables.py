@@ -26,10 +26,7 @@ from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, PARAMETER_MESSAGES, PARAMETER_RULES
 from mavproxy_handover.gate.policy.parts import (
     COMMAND_ACK_RULES,
-    FTP_OPCODES,
     FTP_RULES,
-    GUARD_STATUS_TUNNEL,
-    LEASE_TUNNEL,
     MISSION_TYPE_MESSAGES,
     MISSION_TYPE_RULES,
     MISSION_TYPES,
@@ -39,12 +36,8 @@ from mavproxy_handover.gate.policy.parts import (
 __all__ = [
     "COMMAND_ACK_RULES",
     "COMMAND_RULES",
-    "COMPANION_COMPID",
     "FILE_RULES",
-    "FTP_OPCODES",
     "FTP_RULES",
-    "GUARD_STATUS_TUNNEL",
-    "LEASE_TUNNEL",
     "MESSAGES_BY_PART",
     "MESSAGE_RULES",
     "MISSION_TYPES",
@@ -56,9 +49,6 @@ __all__ = [
     "PolicyRow",
     "Rule",
 ]
-
-#: MAVLink component of the companion computer within the vehicle's system.
-COMPANION_COMPID: Final = 191
 
 #: Messages that are judged by a part of their contents, and which part.
 MESSAGES_BY_PART: Final = {

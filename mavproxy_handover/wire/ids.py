@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The numbers that several parts have to agree on, each written once: who is who within the vehicle, what travels in a
+TUNNEL, the file-transfer opcodes, and the commands and results that the companion itself deals in.
+
+Numbers of messages and enums that only one part needs come from the dialect, where they are used.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+__all__ = [
+    "AUTOPILOT_COMPID",
+    "COMPANION_COMPID",
+    "EVERYBODY",
+    "FTP_ACK",
+    "FTP_CREATE",
+    "FTP_NAK",
+    "FTP_OPCODES",
+    "FTP_OPEN_WRITE",
+    "FTP_RENAME",
+    "FTP_RESET",
+    "FTP_TERMINATE",
+    "FTP_WRITE",
+    "GUARD_STATUS_TUNNEL",
+    "LEASE_TUNNEL",
+    "MISSION_START",
+    "NOT_IN_CONTROL",
+    "OPERATOR_CONTROL",
+    "OUR_MESSAGES",
+    "PROBE_COMPID",
+    "STATION_COMPID",
+    "TUNNEL_BYTES",
+]
+
+# ---- components ---------------------------------------------------------------------------------------------------
+
+#: in a target field: every system, or every component
+EVERYBODY: Final = 0
+AUTOPILOT_COMPID: Final[int] = mavlink.MAV_COMP_ID_AUTOPILOT1
+#: the companion computer within the vehicle's system
+COMPANION_COMPID: Final[int] = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+#: what link probes come from (see `link/timesync.py`)
+PROBE_COMPID: Final[int] = mavlink.MAV_COMP_ID_UDP_BRIDGE
+#: what ground station programs use
+STATION_COMPID: Final[int] = mavlink.MAV_COMP_ID_MISSIONPLANNER
+
+# ---- messages, commands, results ----------------------------------------------------------------------------------
+
+#: ids of the messages of `handover.xml`
+OUR_MESSAGES: Final = range(47100, 47132)
+
+#: TUNNEL payload types: the lease (companion to guard) and the guard's status (guard to companion)
+LEASE_TUNNEL: Final = 47116
+GUARD_STATUS_TUNNEL: Final = 47117
+#: the payload field of a TUNNEL
+TUNNEL_BYTES: Final = 128
+
+#: START, which the companion itself carries out on the ground
+MISSION_START: Final[int] = mavlink.MAV_CMD_MISSION_START
+#: the request of the operator-control standard
+OPERATOR_CONTROL: Final[int] = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
+#: the MAV_RESULT of the operator-control standard
+NOT_IN_CONTROL: Final[int] = mavlink.MAV_RESULT_NOT_IN_CONTROL
+
+# ---- file transfer (MAVLink file transfer protocol, FtpOpcode) -----------------------------------------------------
+
+FTP_TERMINATE: Final = 1
+FTP_RESET: Final = 2
+FTP_CREATE: Final = 6
+FTP_WRITE: Final = 7
+FTP_OPEN_WRITE: Final = 11
+FTP_RENAME: Final = 13
+FTP_ACK: Final = 128
+FTP_NAK: Final = 129
+
+#: every opcode, and its name
+FTP_OPCODES: Final = {
+    0: "None",
+    FTP_TERMINATE: "TerminateSession",
+    FTP_RESET: "ResetSessions",
+    3: "ListDirectory",
+    4: "OpenFileRO",
+    5: "ReadFile",
+    FTP_CREATE: "CreateFile",
+    FTP_WRITE: "WriteFile",
+    8: "RemoveFile",
+    9: "CreateDirectory",
+    10: "RemoveDirectory",
+    FTP_OPEN_WRITE: "OpenFileWO",
+    12: "TruncateFile",
+    FTP_RENAME: "Rename",
+    14: "CalcFileCRC32",
+    15: "BurstReadFile",
+    16: "ListDirectoryWithTime",
+    FTP_ACK: "Ack",
+    FTP_NAK: "Nak",
+}
