@@ -5,29 +5,47 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from MAVProxy.modules.lib import mp_settings
 from pymavlink.dialects.v20 import handover as mavlink
 
-from gcs_module.core import Answer, Wish
-from gcs_module.view import telemetry_line
+from gcs_module.core import Answer, Event, StationCore, Wish
+from gcs_module.narrator import StationNarrator
+from gcs_module.package_desk import PackageDesk
+from gcs_module.view import View, telemetry_line
+from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, command_long
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, MISSION_START, OPERATOR_CONTROL
-
-if TYPE_CHECKING:
-    from gcs_module.module import HandoverGcsModule
 
 __all__ = ["StationCommands"]
 
 _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 
 
+class Host(Protocol):
+    """The module, as far as the operator's commands need it."""
+
+    config: StationConfig
+    core: StationCore
+    desk: PackageDesk
+    view: View
+    narrator: StationNarrator
+    faults: Counter[str]
+
+    def operator(self, event: Event) -> None:
+        """An operator's word to the core."""
+
+    def to_vehicle(self, message: Any) -> None:
+        """Send a MAVLink message to the vehicle."""
+
+
 class StationCommands:
     """The operator's commands. A command to the aircraft is asked again until it is acknowledged."""
 
-    def __init__(self, module: HandoverGcsModule) -> None:
+    def __init__(self, module: Host) -> None:
         self._module = module
         self.settings = mp_settings.MPSettings(
             [
@@ -51,7 +69,6 @@ class StationCommands:
             "accept": ("answer the question of a handover: yes", lambda: module.operator(Answer(True))),
             "deny": ("answer the question of a handover: no", lambda: module.operator(Answer(False))),
         }
-        module.add_completion_function("(HANDOVERSETTING)", self.settings.completion)
 
     def completions(self) -> list[str]:
         """For MAVProxy's tab completion."""
@@ -69,7 +86,7 @@ class StationCommands:
         if len(args) == 2 and args[0] == "give":
             self._give(args[1])
             return
-        show = self._module.console.writeln
+        show = self._module.view.show
         if args and args[0] != "help":
             show(f"handover: unknown command {' '.join(args)!r}")
         show("usage: handover <" + "|".join(self._table) + "|give|set>")
@@ -86,7 +103,7 @@ class StationCommands:
     def _command(self, word: str, command: int, *parameters: float) -> None:
         now = time.monotonic()
         self._talks[word] = Conversation(self._asking(command, parameters), self._module.to_vehicle, now)
-        self._module.journal.write("command", f"{word} sent", what=word)
+        self._module.narrator.command_sent(word)
 
     def _asking(self, command: int, parameters: tuple[float, ...]) -> Asking:
         component = COMPANION_COMPID if command == OPERATOR_CONTROL else AUTOPILOT_COMPID
@@ -113,7 +130,7 @@ class StationCommands:
                 self._command("GIVE", OPERATOR_CONTROL, 1, 0, self.settings.request_timeout, peer.station.sysid)
                 return
         known = ", ".join(peer.station.name for peer in self._module.config.peers) or "none"
-        self._module.console.writeln(f"handover give: no station {name!r}; known are {known}")
+        self._module.view.show(f"handover give: no station {name!r}; known are {known}")
 
     def on_message(self, message: Any, now: float) -> None:
         """A COMMAND_ACK or heartbeat of the autopilot."""
@@ -135,8 +152,7 @@ class StationCommands:
                 text = f"{word} accepted." if accepted else f"{word} refused: {outcome.replace('_', ' ')}."
                 if word in ("REQUEST", "GIVE") and talk.result == mavlink.MAV_RESULT_FAILED:
                     outcome, text = "pending", f"{word}: the commander is being asked."
-            self._module.journal.write("command", text, what=word, result=outcome)
-            self._module.view.line(text, urgent=True)
+            self._module.narrator.command_ended(word, outcome, text)
 
     # ---- others ---------------------------------------------------------------------------------------------------
 
@@ -153,7 +169,7 @@ class StationCommands:
 
     def _status(self) -> None:
         module, core, now = self._module, self._module.core, time.monotonic()
-        show = module.console.writeln
+        show = module.view.show
         show(f"vehicle   {'connected' if core.vehicle_alive(now) else 'not heard'}, {core.phase.name}")
         show(f"commander {core.name(core.commander)}, epoch {core.epoch}; this station is {core.role.value}")
         if core.question is not None:

@@ -12,7 +12,6 @@ started with `--dialect=handover`, with neither CRC nor signature checked, so th
 from __future__ import annotations
 
 import time
-import traceback
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
@@ -23,6 +22,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.commands import StationCommands
 from gcs_module.core import (
+    Action,
     AuthorityHeard,
     Event,
     FromPeer,
@@ -35,12 +35,12 @@ from gcs_module.core import (
     ToVehicle,
     VehicleHeard,
 )
-from gcs_module.ground import GroundLink
+from gcs_module.means import Means
+from gcs_module.narrator import StationNarrator
 from gcs_module.package_desk import PackageDesk
-from gcs_module.record import journal_message
-from gcs_module.signing import LinkSigning
 from gcs_module.uplink import UplinkChoice
 from gcs_module.view import View, telemetry_line
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import (
     ConfigError,
     StationConfig,
@@ -50,12 +50,10 @@ from mavproxy_handover.config.files import (
 )
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import LeaseState, Phase
-from mavproxy_handover.link.devices import Device, LinkError
+from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.hosting import guarded, why
+from mavproxy_handover.link.devices import Device
 from mavproxy_handover.link.timesync import probe_answer
-from mavproxy_handover.mission import package as mission_package
-from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.store.journal import Journal
-from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -74,39 +72,37 @@ class HandoverGcsModule(mp_module.MPModule):
         self,
         mpstate: Any,
         config: StationConfig,
-        held: mission_package.MissionPackage | None,
-        ground: GroundLink,
-        journal: Journal,
-        signing: LinkSigning | None,
+        means: Means,
     ) -> None:
         super().__init__(
             mpstate, "handover_gcs", "authority handover (ground station)", public=True, multi_vehicle=True
         )
         self.config = config
-        self.journal = journal
         self.faults: Counter[str] = Counter()
         stations = tuple(peer.station for peer in config.peers)
         self.core = StationCore(
             config.station, f"vehicle {config.vehicle}", stations, operator_consents=config.operator_consents
         )
-        self.desk = PackageDesk(held)
+        self.desk = PackageDesk(means.held)
         self.view = View(self.core, config.station.name, self.console, self._speak)
-        self._ground = ground
+        self.narrator = StationNarrator(means.journal, self.core, self.view)
+        self._ground = ground = means.ground
         self._own = mavlink.MAVLink(None, srcSystem=config.station.sysid, srcComponent=self.settings.source_component)
         self._uplink = UplinkChoice()
-        self._signing = signing
+        self._signing = means.signing
         self._each_second_at = 0.0
         self._telemetry_shown_at = 0.0
         self.commands = StationCommands(self)
         self.add_command(
             "handover", self._command, "authority handover, this station ('handover help')", self.commands.completions()
         )
+        self.add_completion_function("(HANDOVERSETTING)", self.commands.settings.completion)
         if ground.listening is not None:
             mpstate.select_extra[ground.listening] = (self._readable, None)
         for link in self._links():
             mp_util.child_fd_list_add(link.fileno())  # or a map's process would keep the port after `unload`
-        journal.write("loaded", f"handover_gcs {VERSION}, configuration {config.path}", version=VERSION)
-        self.console.writeln(
+        self.narrator.loaded(VERSION, str(config.path))
+        self.view.show(
             f"handover_gcs {VERSION}: {config.station.name}, vehicle {config.vehicle}, configuration {config.path}"
         )
         self._kept_source_system = self.settings.source_system
@@ -114,8 +110,8 @@ class HandoverGcsModule(mp_module.MPModule):
             self.view.line(f"source_system is {self.settings.source_system}: set to {config.station.sysid}.")
             self.settings.source_system = config.station.sysid
         self._sign_links()
-        if held is not None:
-            self._handle(MissionHeld(held.digest))
+        if means.held is not None:
+            self._handle(MissionHeld(means.held.digest))
 
     # ---- MAVProxy's callbacks, all wrapped ------------------------------------------------------------------------
 
@@ -145,22 +141,19 @@ class HandoverGcsModule(mp_module.MPModule):
         self.mpstate.completion_functions.pop("(HANDOVERSETTING)", None)
         self.mpstate.public_modules.pop("handover_gcs", None)
         self.settings.source_system = self._kept_source_system
-        self.journal.write("unloaded")
-        self.journal.close()
+        self.narrator.unloaded()
 
     def _links(self) -> list[Device]:
         return self._ground.devices
 
     def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
         """Run `job`; if it breaks, count and journal that, and show `line`."""
-        try:
-            job()
-        except Exception:
-            self.faults[where] += 1
-            if self.faults[where] <= 10:
-                self.journal.write("fault", f"{where}: {traceback.format_exc(limit=-3)}")
-            if line:
-                self.console.writeln(line)
+        guarded(where, job, self._fault, partial(self.view.show, line) if line else None)
+
+    def _fault(self, where: str, text: str) -> None:
+        self.faults[where] += 1
+        if self.faults[where] <= 10:
+            self.narrator.fault(where, text)
 
     # ---- in -------------------------------------------------------------------------------------------------------
 
@@ -217,13 +210,13 @@ class HandoverGcsModule(mp_module.MPModule):
         else:
             decoded = codec.decode(message)
             if decoded is not None and message.target_system in (0, self.config.station.sysid):
-                journal_message(self.journal, "in", decoded, "vehicle")
+                self.narrator.message("in", decoded, "vehicle")
                 self._handle(FromVehicle(decoded))
 
     def _on_telemetry(self, message: Any) -> None:
         self.view.last_telemetry = message
         zone = self.core.name(message.zone) if message.zone else "none"
-        self.journal.write("telemetry", lat_deg=message.lat / 1e7, lon_deg=message.lon / 1e7, zone=zone)
+        self.narrator.telemetry(message.lat / 1e7, message.lon / 1e7, zone)
         now = time.monotonic()
         every_s = self.commands.settings.telemetry
         if every_s > 0 and now - self._telemetry_shown_at >= every_s:
@@ -258,7 +251,7 @@ class HandoverGcsModule(mp_module.MPModule):
             return
         decoded = codec.decode(message)
         if decoded is not None:
-            journal_message(self.journal, "in", decoded, self.core.name(frame.sysid), via="ground")
+            self.narrator.message("in", decoded, self.core.name(frame.sysid), via="ground")
             self._handle(FromPeer(frame.sysid, decoded))
 
     # ---- time -----------------------------------------------------------------------------------------------------
@@ -286,9 +279,7 @@ class HandoverGcsModule(mp_module.MPModule):
         )
         if chosen != self.settings.link - 1:
             self.settings.link = chosen + 1
-            text = f"link to the vehicle is {masters[chosen].address} now"
-            self.journal.write("link", text, link=masters[chosen].address, change="switched")
-            self.view.line(f"{text[:1].upper()}{text[1:]}.")
+            self.narrator.link_chosen(masters[chosen].address)
 
     def _send_package(self, now: float) -> None:
         messages, lines = self.desk.tick(now, lambda receiver: self._alive(receiver, now))
@@ -303,8 +294,7 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def _tell_of(self, sysid: int, event: str, line: str) -> None:
         who = "vehicle" if sysid == self.config.vehicle else self.core.name(sysid)
-        self.journal.write(event, line, station=who)
-        self.view.line(f"{who}: {line}")
+        self.narrator.package(event, line, who)
 
     def _beat(self) -> None:
         beat = mavlink.MAVLink_heartbeat_message(
@@ -322,22 +312,24 @@ class HandoverGcsModule(mp_module.MPModule):
         """An operator's word to the core."""
         self._handle(event)
 
-    def _perform(self, actions: list[Any]) -> None:
+    def _perform(self, actions: list[Action]) -> None:
         for action in actions:  # those behind one that breaks are none the worse for it
             self._guarded(f"action {type(action).__name__}", partial(self._perform_one, action))
 
-    def _perform_one(self, action: Any) -> None:
-        if isinstance(action, ToVehicle):
-            self._send(self.config.vehicle, action.message, "vehicle")
-        elif isinstance(action, ToPeer):
-            self._send(action.peer, action.message, self.core.name(action.peer), via="ground")
-        elif isinstance(action, Notice):
-            self.journal.write(action.event, action.text, role=self.core.role.value, epoch=self.core.epoch)
-            self.view.line(action.text, urgent=action.urgent)
+    def _perform_one(self, action: Action) -> None:
+        match action:
+            case ToVehicle():
+                self._send(self.config.vehicle, action.message, "vehicle")
+            case ToPeer():
+                self._send(action.peer, action.message, self.core.name(action.peer), via="ground")
+            case Notice():
+                self.narrator.notice(action)
+            case _:
+                assert_never(action)
 
     def _send(self, receiver: int, message: Message, who: str, via: str | None = None) -> None:
         component = COMPANION_COMPID if receiver == self.config.vehicle else 0
-        journal_message(self.journal, "out", message, who, via)
+        self.narrator.message("out", message, who, via)
         self._put(receiver, codec.encode(message, (receiver, component), self.config.vehicle))
 
     def _put(self, receiver: int, message: Any) -> None:
@@ -362,9 +354,7 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule 
 
     `config`: path of the configuration file (`module load handover_gcs:{"config":"FILE"}`).
     """
-    ground: GroundLink | None = None
-    journal: Journal | None = None
-    signing: LinkSigning | None = None
+    means: Means | None = None
     try:
         if unknown:
             raise ConfigError(f"unknown argument {', '.join(unknown)}; allowed is: config")
@@ -372,31 +362,15 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule 
             raise ConfigError("module handover is loaded here: vehicle and station need a MAVProxy each")
         last = _last_config[-1] if _last_config else None
         settings = load_station(find_station_config(config_argument(config) or last))
-        held = None if settings.mission is None else mission_package.load(settings.mission)
-        ground = GroundLink(settings)
-        if settings.key is not None:
-            signing = LinkSigning(load_key(settings.key), time.time, time.monotonic)
-        journal = Journal(settings.journal, settings.station.name)
-        module = HandoverGcsModule(mpstate, settings, held, ground, journal, signing)
+        means = Means.of(settings, Clocks(time.time, time.monotonic))
+        module = HandoverGcsModule(mpstate, settings, means)
     except Exception as error:  # MAVProxy would not live through it when it loads its default modules
-        if ground is not None:
-            mpstate.select_extra.pop(ground.listening, None)
-            ground.close()
-        if signing is not None:
-            signing.release()
-        if journal is not None:
-            journal.close()
+        if means is not None:
+            mpstate.select_extra.pop(means.ground.listening, None)
+            means.close()
         mpstate.public_modules.pop("handover_gcs", None)
         mpstate.command_map.pop("handover", None)
-        mpstate.console.writeln(f"handover_gcs is not loaded: {_why(error)}")
+        mpstate.console.writeln(f"handover_gcs is not loaded: {why(error)}")
         return None
     _last_config[:] = [str(settings.path)]
     return module
-
-
-def _why(error: Exception) -> str:
-    if isinstance(error, (ConfigError, KeysError, LinkError, MissionError)):
-        return str(error)
-    if isinstance(error, OSError):
-        return f"{error.filename}: {error.strerror}"
-    return f"internal fault: {type(error).__name__}: {error}"

@@ -18,13 +18,14 @@ MAVProxy signs and checks; this tells it with what, and does what it leaves out.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SigningClock, Verifier, fingerprint
 
@@ -41,7 +42,7 @@ _KEPT: Final = ("secret_key", "sign_outgoing", "allow_unsigned_callback", "link_
 
 
 @dataclass(slots=True)
-class _Memory:
+class _Outlives:
     """What must outlive a reload, of one key."""
 
     sent: int = 0  #: newest stamp given out
@@ -49,7 +50,7 @@ class _Memory:
 
 
 #: fingerprint of a key -> what was seen under it in this process
-_remembered: dict[str, _Memory] = {}
+_remembered: dict[str, _Outlives] = {}
 
 
 @dataclass(slots=True)
@@ -62,16 +63,15 @@ class _Link:
 
 
 class LinkSigning:
-    """One station's key on all links to the vehicle. `utc`, `monotonic`: the clocks, in seconds."""
+    """One station's key on all links to the vehicle."""
 
-    def __init__(self, key: bytes, utc: Callable[[], float], monotonic: Callable[[], float]) -> None:
+    def __init__(self, key: bytes, clocks: Clocks) -> None:
         """Raises ValueError for no key."""
         self._key = key
-        self._utc = utc
-        self._monotonic = monotonic
-        self._memory = _remembered.setdefault(fingerprint(key), _Memory())
-        self._clock = SigningClock()
-        self._clock.follow(self._memory.sent)
+        self._clocks = clocks
+        self._outlives = _remembered.setdefault(fingerprint(key), _Outlives())
+        self._stamps = SigningClock()
+        self._stamps.follow(self._outlives.sent)
         self._links: list[_Link] = []
         self._ours = self._verifier()
         self._seen: deque[bytes] = deque(maxlen=_COPIES)
@@ -98,7 +98,7 @@ class LinkSigning:
 
     def check(self, frame: Frame) -> SignatureVerdict | None:
         """The verdict on a frame that MAVProxy has not checked. None: a copy of one that came by another link."""
-        verdict = self._ours.check(frame, self._utc(), self._monotonic())
+        verdict = self._ours.check(frame, self._clocks.utc(), self._clocks.monotonic())
         if verdict is SignatureVerdict.OK:
             self._seen.append(frame.raw)
         elif verdict is SignatureVerdict.REPLAYED and frame.raw in self._seen:
@@ -107,7 +107,7 @@ class LinkSigning:
 
     def release(self) -> None:
         """Give the links back as they were."""
-        self._memory.proven = max(self._memory.proven, self._ours.newest)
+        self._outlives.proven = max(self._outlives.proven, self._ours.newest)
         for link in self._links:
             self._remember(link)
             link.mav.__dict__.pop("check_signature", None)
@@ -122,13 +122,13 @@ class LinkSigning:
 
     def _set_up(self, link: _Link) -> None:
         signing = link.mav.signing
-        now_s = self._monotonic()
+        now_s = self._clocks.monotonic()
         if signing.secret_key == self._key:
-            self._clock.follow(signing.timestamp, now_s)
-        stamp = self._clock.next(self._utc(), now_s)
+            self._stamps.follow(signing.timestamp, now_s)
+        stamp = self._stamps.next(self._clocks.utc(), now_s)
         if stamp is not None:
             signing.timestamp = stamp
-            self._memory.sent = stamp
+            self._outlives.sent = stamp
         signing.secret_key = self._key
         signing.sign_outgoing = True
         signing.link_id = link.link_id
@@ -138,14 +138,16 @@ class LinkSigning:
     def _accept(self, link: _Link, raw: bytes, _sysid: int, _compid: int) -> bool:
         """In the place of pymavlink's check: a frame whose CRC is proven, with a signature."""
         frame = parse_one(bytes(raw))
-        if frame is None or link.verifier.check(frame, self._utc(), self._monotonic()) is not SignatureVerdict.OK:
+        if frame is None:
+            return False
+        if link.verifier.check(frame, self._clocks.utc(), self._clocks.monotonic()) is not SignatureVerdict.OK:
             return False
         link.mav.signing.timestamp = max(link.mav.signing.timestamp, link.verifier.newest)
         return True
 
     def _verifier(self) -> Verifier:
-        verifier = Verifier(self._key, clock=self._clock, max_streams=_STREAMS)
-        verifier.floor = self._memory.proven
+        verifier = Verifier(self._key, clock=self._stamps, max_streams=_STREAMS)
+        verifier.floor = self._outlives.proven
         return verifier
 
     def _free_id(self) -> int:
@@ -153,10 +155,10 @@ class LinkSigning:
         return next((number for number in range(1, _MAX_LINK_ID) if number not in taken), _MAX_LINK_ID)
 
     def _remember(self, link: _Link) -> None:
-        self._memory.proven = max(self._memory.proven, link.verifier.newest)
+        self._outlives.proven = max(self._outlives.proven, link.verifier.newest)
         if link.mav.signing.secret_key == self._key:
-            self._clock.follow(link.mav.signing.timestamp, self._monotonic())
-            self._memory.sent = max(self._memory.sent, link.mav.signing.timestamp)
+            self._stamps.follow(link.mav.signing.timestamp, self._clocks.monotonic())
+            self._outlives.sent = max(self._outlives.sent, link.mav.signing.timestamp)
 
 
 def _radio_only(_mav: Any, msgid: int) -> bool:

@@ -42,6 +42,10 @@ class View:
         if urgent:
             self._speak(text)
 
+    def show(self, text: str) -> None:
+        """A line as it is: the answer to what the operator typed."""
+        self._console.writeln(text)
+
     def status(self) -> None:
         """The status field of MAVProxy's graphical console."""
         core = self._core

@@ -5,15 +5,14 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 
 from mavproxy_handover.companion import Companion
 from mavproxy_handover.core import events
 from mavproxy_handover.core.model import GuardState
-from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["VehicleCommands"]
 
@@ -63,10 +62,10 @@ class VehicleCommands:
         digest = arbiter.mission_digest
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
-        if not companion.aircraft.armed:
+        if not companion.autopilot.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
             self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")
-        findings = companion.preflight.findings
+        findings = companion.autopilot.findings
         if findings == ():
             self._show("preflight guard, parameters and firmware fit")
         for finding in findings or ():
@@ -90,7 +89,9 @@ class VehicleCommands:
                     f"  {link.device}: {_measured(port, link, now)}, "
                     f"{counted.frames_in} frames in, {counted.frames_out} out, {counted.bad_crc} damaged"
                 )
-            verdicts = ", ".join(f"{_words(reason)} {count}" for reason, count in port.verdicts.most_common())
+            counts = Counter({reason.value: count for reason, count in companion.gate.counts[port.sysid].items()})
+            counts.update({f"signature: {bad.name.lower()}": count for bad, count in port.bad_signatures.items()})
+            verdicts = ", ".join(f"{what} {count}" for what, count in counts.most_common())
             self._show(f"  gate: {verdicts or 'nothing yet'}")
 
     def _zones(self) -> None:
@@ -112,10 +113,6 @@ class VehicleCommands:
             self._show("no transfer is under way")
             return
         companion.handle(events.Cancel(companion.view.partner), time.monotonic())
-
-
-def _words(reason: GateReason | SignatureVerdict) -> str:
-    return reason.value if isinstance(reason, GateReason) else f"signature: {reason.name.lower()}"
 
 
 def _measured(port: StationPort, link: Device, now: float) -> str:

@@ -27,26 +27,22 @@ from typing import Any
 from MAVProxy.modules.lib import mp_module, mp_util
 
 from mavproxy_handover.autopilot.link import AutopilotLink
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.commands import VehicleCommands
-from mavproxy_handover.companion import Companion
+from mavproxy_handover.companion import Companion, Edge
 from mavproxy_handover.config.files import (
-    ConfigError,
     VehicleConfig,
     config_argument,
     find_vehicle_config,
     load_vehicle,
 )
-from mavproxy_handover.link.devices import Device, LinkError
+from mavproxy_handover.hosting import guarded, why
+from mavproxy_handover.link.devices import Device
 from mavproxy_handover.main_loop import STAY_S, TALKING_S, poller, readable, waited_for
-from mavproxy_handover.mission import package as mission_package
-from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
-from mavproxy_handover.store.journal import Journal
-from mavproxy_handover.store.keys import KeysError, load_key
+from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.store.replay import ReplayStore
-from mavproxy_handover.store.state import StateStore
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.signing import SignedPeer
 
@@ -70,18 +66,17 @@ class HandoverModule(mp_module.MPModule):
         mpstate: Any,
         config: VehicleConfig,
         ports: dict[int, StationPort],
-        journal: Journal,
-        on_board: MissionPackage | None = None,
+        clocks: Clocks,
     ) -> None:
+        """Raises what cannot be used of what the configuration names: OSError, KeysError, MissionError."""
         super().__init__(mpstate, "handover", "authority handover (companion)", public=True, multi_vehicle=True)
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
         #: looked at in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
         autopilot = None if config.autopilot_key is None else SignedPeer(load_key(config.autopilot_key))
-        self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot)
+        self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot, clocks)
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
-        store = None if config.state is None else StateStore(config.state, config.name)
-        self.companion = Companion(config, ports, journal, self._to_autopilot.write, nonce, self._show, store, on_board)
+        self.companion = Companion(config, ports, Edge(self._to_autopilot.write, self._show, clocks, nonce))
         self._commands = VehicleCommands(self.companion, self._show)
         self._links = [(port, link) for port in ports.values() for link in port.links]
         self._idle_at = 0.0
@@ -104,7 +99,7 @@ class HandoverModule(mp_module.MPModule):
             "authority handover of this vehicle ('handover help')",
             self._commands.completions(),
         )
-        journal.write("loaded", f"handover {VERSION}, configuration {config.path}", version=VERSION)
+        self.companion.narrator.loaded(VERSION, str(config.path))
         self._close_side_doors(tell=False)
         stations = ", ".join(port.name for port in ports.values())
         self._show(f"handover {VERSION}: {config.name}, stations {stations}, configuration {config.path}")
@@ -113,7 +108,7 @@ class HandoverModule(mp_module.MPModule):
             self._guard_against_replay(config, ports)
         open_doors = ", ".join(port.name for port in ports.values() if port.peer is None)
         if open_doors:
-            journal.write("unsigned_allowed", f"frames of {open_doors} are taken unsigned")
+            self.companion.narrator.unsigned_allowed(open_doors)
             self._show(f"handover: WARNING: {open_doors} without a key: whoever reaches the link is the station")
 
     def _guard_against_replay(self, config: VehicleConfig, ports: dict[int, StationPort]) -> None:
@@ -124,7 +119,7 @@ class HandoverModule(mp_module.MPModule):
             if port.peer is not None:
                 replay.attach(port.name, port.peer)
         if note:
-            self.companion.journal.write("replay_state", note)
+            self.companion.narrator.replay_state(note)
             self._show(f"handover: {note}")
 
     # ---- MAVProxy's callbacks, all wrapped ------------------------------------------------------------------------
@@ -174,12 +169,7 @@ class HandoverModule(mp_module.MPModule):
 
     def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
         """Run `job`; if it breaks, count and journal that, and show `line`."""
-        try:
-            job()
-        except Exception:
-            self.companion.fault(where, traceback.format_exc(limit=-3))
-            if line:
-                self._show(line)
+        guarded(where, job, self.companion.fault, partial(self._show, line) if line else None)
 
     def _stay(self) -> None:
         """Serve our links while nothing else happens (see `main_loop`)."""
@@ -320,9 +310,9 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
                 f"MAVProxy has outputs ({outputs}): whoever is behind them could pass the gate. Start without --out, "
                 "or set listen_only_outputs = true in [vehicle]",
             )
-        ports = open_ports(settings.stations, settings.sysid)
-        on_board = None if settings.mission is None else mission_package.load(settings.mission)
-        module = HandoverModule(mpstate, settings, ports, Journal(settings.journal, settings.name), on_board)
+        clocks = Clocks(time.time, time.monotonic)
+        ports = open_ports(settings.stations, settings.sysid, clocks)
+        module = HandoverModule(mpstate, settings, ports, clocks)
     except Exception as error:  # whatever: MAVProxy would not live through it when it loads its default modules
         for port in ports.values():
             for link in port.links:
@@ -330,17 +320,9 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
             port.close()
         mpstate.public_modules.pop("handover", None)
         mpstate.command_map.pop("handover", None)
-        return _not_loaded(mpstate, _why(error))
+        return _not_loaded(mpstate, why(error))
     _last_config[:] = [str(path)]
     return module
-
-
-def _why(error: Exception) -> str:
-    if isinstance(error, (ConfigError, KeysError, LinkError, MissionError)):
-        return str(error)
-    if isinstance(error, OSError):
-        return f"{error.filename}: {error.strerror}"
-    return f"internal fault: {type(error).__name__}: {error}"
 
 
 def _not_loaded(mpstate: Any, text: str) -> HandoverModule | None:

@@ -2,8 +2,9 @@
 
 """What people get to read of a flight while it lasts and after it: entries of the journal, lines of the console.
 
-One method for each kind of entry, so that its words and values are the same wherever it comes from. Nothing is decided
-here, and nothing that arrived in a frame is more than words here.
+Every sentence of the vehicle's journal is here, one method for each kind of entry, which gets names and values: so its
+words are the same wherever it comes from. Nothing is decided here, and nothing that arrived in a frame is more than
+words here.
 """
 
 from __future__ import annotations
@@ -11,16 +12,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from enum import Enum
-from typing import Any
 
-from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.preflight import Finding
-from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.model import AuthorityView, Phase, Reason
+from mavproxy_handover.core.events import Record
+from mavproxy_handover.core.messages import TransferMessage
+from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Reason
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.link.quality import LinkEvent
-from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.wire import codec
 
@@ -41,8 +39,8 @@ class Narrator:
         show: Callable[[str], None],
         phase: Callable[[], Phase],
     ) -> None:
-        self.journal = journal
         self._vehicle = vehicle
+        self._journal = journal
         self._arbiter = arbiter
         self._show = show
         self._phase = phase
@@ -55,9 +53,52 @@ class Narrator:
         stamp = time.strftime("%H:%M:%S")
         self._show(f"[{stamp}|{self._vehicle}][{_DISPLAY_MODE[self._phase()]}]: {text}")
 
-    def record(self, action: events.Record) -> None:
+    def _tell_sentence(self, text: str) -> None:
+        self.tell(f"{text[:1].upper()}{text[1:]}.")
+
+    # ---- the module -----------------------------------------------------------------------------------------------
+
+    def loaded(self, version: str, configuration: str) -> None:
+        """The module is loaded."""
+        self._journal.write("loaded", f"handover {version}, configuration {configuration}", version=version)
+
+    def unloaded(self) -> None:
+        """The module is unloaded."""
+        self._journal.write("unloaded")
+
+    def unsigned_allowed(self, names: str) -> None:
+        """Stations without a key."""
+        self._journal.write("unsigned_allowed", f"frames of {names} are taken unsigned")
+
+    def replay_state(self, text: str) -> None:
+        """What is remarkable about the replay state that was found."""
+        self._journal.write("replay_state", text)
+
+    def fault(self, where: str, text: str) -> None:
+        """Something broke that costs one frame or one tick."""
+        self._journal.write("fault", f"{where}: {text}")
+
+    def failed_closed(self, text: str) -> None:
+        """Something broke that ends authority."""
+        self._journal.write("failed_closed", text, reason="fault")
+
+    def authority_ends(self, text: str) -> None:
+        """The same for the console, once everything that helps the aircraft is done."""
+        self.tell(f"INTERNAL FAULT, authority ends here: {text.strip().splitlines()[-1]}")
+
+    def clock(self, now: float) -> None:
+        """Nothing goes by the wall clock; who reads the journal must know that it was set. `now`: monotonic s."""
+        offset_s = time.time() - now
+        if self._clock_offset_s is not None and abs(offset_s - self._clock_offset_s) > _CLOCK_STEP_S:
+            step_s = offset_s - self._clock_offset_s
+            self._journal.write("clock_step", f"the clock was set by {step_s:+.1f} s", step_s=round(step_s, 3))
+        self._clock_offset_s = offset_s
+
+    # ---- authority ------------------------------------------------------------------------------------------------
+
+    def record(self, action: Record) -> None:
         """An entry that the arbiter asks for."""
-        self.journal.write(
+        self._journal.write(
             action.event,
             action.text,
             reason=action.reason.name.lower() if action.reason is not Reason.NONE else None,
@@ -67,11 +108,11 @@ class Narrator:
             epoch=self._arbiter.view.epoch if action.event in ("transfer_committed", "authority") else None,
         )
         if action.event != "step":
-            self.tell(action.text[:1].upper() + action.text[1:] + ".")
+            self._tell_sentence(action.text)
 
     def view(self, view: AuthorityView, reason: Reason) -> None:
         """A new view is in force."""
-        self.journal.write(
+        self._journal.write(
             "view",
             phase=view.phase.name.lower(),
             commander=self._name(view.commander),
@@ -81,23 +122,46 @@ class Narrator:
             reason=reason.name.lower(),
         )
 
-    def message(self, direction: str, port: StationPort, message: Any, attempt: int | None = None) -> None:
+    def message(self, direction: str, station: str, message: TransferMessage, attempt: int | None = None) -> None:
         """A message of a transfer, `direction` "in" or "out"."""
-        key = message.key
-        self.journal.write(
-            "message",
-            direction=direction,
-            name=codec.name_of(message),
-            station=port.name,
-            handover_id=key.handover_id,
-            epoch=key.epoch,
-            attempt=attempt,
-            relayed=getattr(message, "relayed", False) or None,
-            consent=message.consent.name.lower() if hasattr(message, "consent") else None,
+        self._journal.write(
+            "message", direction=direction, station=station, attempt=attempt, **codec.values_of(message)
         )
 
+    def senseless(self, kind: str, station: str) -> None:
+        """A message of a transfer that holds what none may hold, or is about another vehicle."""
+        self._journal.write("dropped", f"{kind} of {station} makes no sense", station=station)
+
+    def request_not_understood(self, station: str, why: str) -> None:
+        """A request of operator control that cannot be one."""
+        self._journal.write("control", f"request of {station} not understood: {why}", station=station)
+
+    def owner_asked(self, station: str, requester: str) -> None:
+        """The commander is asked by the standard's command."""
+        self._journal.write("notified", f"{station} is asked: may {requester} have control?", station=station)
+
+    def restarted(self, owner: str, epoch: int) -> None:
+        """This run goes on where the one before it ended, in flight."""
+        self._journal.write("restarted", f"restarted in flight; {owner} had authority", epoch=epoch)
+        self.tell(f"Restarted in flight, epoch {epoch}: waiting for {owner}.")
+
+    def state_lost(self, trouble: str) -> None:
+        """There was a state file, and it cannot be trusted."""
+        self._journal.write("state_lost", trouble, reason="fault")
+        self.tell(f"State file: {trouble}: nobody commands.")
+
+    def package_lost(self) -> None:
+        """The mission package that was kept with it is not there."""
+        self._journal.write("state_lost", "the mission package of the run before is gone: no zones", reason="fault")
+
+    # ---- the gate -------------------------------------------------------------------------------------------------
+
+    def accepted(self, station: str, what: str) -> None:
+        """A command of the commander; it comes often, so it is in the file a moment later."""
+        self._journal.note("accepted", station=station, what=what)
+
     def refused(
-        self, port: StationPort, key: tuple[int, int, Enum], what: str, reason: str, answered: bool, now: float
+        self, station: str, key: tuple[int, int, Enum], what: str, reason: str, answered: bool, now: float
     ) -> None:
         """One entry a second for each station, message and reason; the next one says how many were left out."""
         since, kept_back = self._refusals.get(key, (-1.0, 0))
@@ -105,54 +169,96 @@ class Narrator:
             self._refusals[key] = (since, kept_back + 1)
             return
         self._refusals[key] = (now, 0)
-        text = f"{what} of {port.name} refused: {reason}"
+        text = f"{what} of {station} refused: {reason}"
         also = kept_back or None
-        self.journal.write("refused", text, station=port.name, what=what, reason=reason, answered=answered, also=also)
+        self._journal.write("refused", text, station=station, what=what, reason=reason, answered=answered, also=also)
 
-    def link(self, port: StationPort, change: LinkEvent) -> None:
+    def closed(self, station: int, closing: Closing) -> None:
+        """Something that `station` had open at the autopilot was closed."""
+        name, incomplete = self._arbiter.name(station), closing.incomplete or None
+        self._journal.write("flush", f"{closing.what} ({name})", station=name, incomplete=incomplete)
+
+    def link(self, station: str, change: LinkEvent) -> None:
         """What the measuring of a link has brought to light."""
-        self.journal.write(
+        self._journal.write(
             "link",
             change.text,
-            station=port.name,
+            station=station,
             link=change.device,
             change=change.kind.value,
             measure=None if change.measure is None else change.measure.value,
             value=None if change.value is None else round(change.value, 3),
         )
 
-    def closed(self, station: int, closing: Closing) -> None:
-        """Something that `station` had open at the autopilot was closed."""
-        name, incomplete = self._arbiter.name(station), closing.incomplete or None
-        self.journal.write("flush", f"{closing.what} ({name})", station=name, incomplete=incomplete)
+    # ---- the aircraft ---------------------------------------------------------------------------------------------
 
-    def preflight(self, finding: Finding, fits: bool) -> None:
-        """What the checks before flight found."""
-        self.journal.write("preflight", finding.text, parameter=finding.parameter or None, fits=fits)
-        self.tell(f"Preflight: {finding.text}." if fits else f"Preflight WARNING: {finding.text}.")
+    def mode(self, name: str) -> None:
+        """The autopilot flies another mode."""
+        self._journal.write("mode", f"mode {name}", mode=name)
 
-    def position(self, aircraft: Aircraft, zone: int, commander: int | None) -> None:
-        """Where the aircraft is; only while its position is known."""
-        position = aircraft.position
-        if position is None:
-            return
-        self.journal.write(
+    def waypoint(self, number: int) -> None:
+        """The autopilot flies to another waypoint."""
+        self._journal.write("waypoint", f"flying to waypoint {number}", number=number)
+
+    def reached(self, number: int, *, delivery: bool) -> None:
+        """A waypoint was reached; `delivery`: it is the delivery point."""
+        self._journal.write("reached", f"waypoint {number} reached", number=number)
+        if delivery:
+            self._journal.write("delivery", f"delivery point (waypoint {number}) reached", number=number)
+            self.tell(f"Delivery point reached, waypoint {number}.")
+
+    def position(self, where: tuple[float, float, float], zone: int, commander: int | None, waypoint: int) -> None:
+        """Where the aircraft is: latitude and longitude (degrees), height above home (m)."""
+        lat_deg, lon_deg, alt_m = where
+        self._journal.write(
             "position",
-            lat_deg=position.lat / 1e7,
-            lon_deg=position.lon / 1e7,
-            alt_m=position.relative_alt / 1000.0,
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
+            alt_m=alt_m,
             zone=self._name(zone),
             commander=self._name(commander),
-            waypoint=aircraft.waypoint,
+            waypoint=waypoint,
         )
 
-    def clock(self, now: float) -> None:
-        """Nothing goes by the wall clock; who reads the journal must know that it was set. `now`: monotonic s."""
-        offset_s = time.time() - now
-        if self._clock_offset_s is not None and abs(offset_s - self._clock_offset_s) > _CLOCK_STEP_S:
-            step_s = offset_s - self._clock_offset_s
-            self.journal.write("clock_step", f"the clock was set by {step_s:+.1f} s", step_s=round(step_s, 3))
-        self._clock_offset_s = offset_s
+    def second_manager(self, component: int) -> None:
+        """Somebody else on board claims to manage operator control."""
+        text = f"component {component} claims to be the system manager too: switch its operator control off"
+        self._journal.write("second_manager", text)
+        self._tell_sentence(text)
+
+    def preflight(self, text: str, parameter: str, fits: bool) -> None:
+        """What the checks before flight found; `parameter`: what to change, "" if it is none."""
+        self._journal.write("preflight", text, parameter=parameter or None, fits=fits)
+        self.tell(f"Preflight: {text}." if fits else f"Preflight WARNING: {text}.")
+
+    # ---- what the companion has the autopilot do ------------------------------------------------------------------
+
+    def package_received(self, mission: str, station: str) -> None:
+        """A mission package is here whole, and fit to be loaded."""
+        self._journal.write("package_received", f"mission {mission!r} from {station}", station=station)
+
+    def mission_written(self) -> None:
+        """The autopilot holds the mission of the package."""
+        self._journal.write("mission_written", "mission and rally points written, read back, equal")
+
+    def mission_failed(self, why: str, source: str) -> None:
+        """It does not; `source`: where the package came from."""
+        self._journal.write("mission_failed", why, station=source)
+        self.tell(f"mission not loaded: {why}")
+
+    def start_asked(self, station: str, what: str) -> None:
+        """The commander's START, which the companion itself carries out."""
+        self._journal.write("accepted", station=station, what=what)
+
+    def start_begun(self, station: str) -> None:
+        """START is under way."""
+        self._journal.write("start_sequence", "GUIDED, arm, AUTO", station=station)
+
+    def flown(self, action: FlightAction, mode: str | None, failure: str | None) -> None:
+        """What came of an order in an emergency: the mode that the autopilot took, or why it did not."""
+        text = failure or f"the autopilot flies {mode}"
+        self._journal.write("fly", text, action=action.name.lower(), obeyed=failure is None)
+        self._tell_sentence(text)
 
     def _name(self, station: int | None) -> str | None:
         return self._arbiter.name(station) if station else None

@@ -19,22 +19,25 @@ from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
-from mavproxy_handover.store.state import StateStore
+from mavproxy_handover.store.state import StateStore, recall
 
-__all__ = ["Memory"]
+__all__ = ["Restart"]
 
 
-class Memory:
-    """Keeps the arbiter's snapshot in `store`; `known` is what the store says by now, or need not say.
+class Restart:
+    """Reads what the run before left in `store`, and keeps there what the next one needs.
 
-    `fault` is told what could not be written.
+    `store` None: nothing is kept. `fault` is told what could not be written.
     """
 
-    def __init__(self, store: StateStore | None, known: Snapshot, fault: Callable[[str, str], None]) -> None:
+    def __init__(self, store: StateStore | None, fault: Callable[[str, str], None]) -> None:
         self._store = store
-        #: what the state file says; None if it is not known to say anything
-        self._saved: Snapshot | None = known
         self._fault = fault
+        #: what the run before left behind, if it did
+        self.restored: Snapshot | None
+        self.restored, self._trouble = recall(store)
+        #: what the state file says, or need not say; None if it is not known to say anything
+        self._saved: Snapshot | None = self.restored
 
     def save(self, snapshot: Snapshot) -> None:
         """Write the snapshot if it says something new. To be called again each second: it may have failed."""
@@ -58,26 +61,24 @@ class Memory:
         except OSError as error:
             self._fault("state file", str(error))
 
-    def resume(
-        self, restored: Snapshot | None, trouble: str, arbiter: Arbiter, narrator: Narrator
-    ) -> MissionPackage | None:
+    def resume(self, arbiter: Arbiter, narrator: Narrator) -> MissionPackage | None:
         """Go on where the run before this one ended, or say that this cannot be done.
 
-        `restored` and `trouble`: what `recall` returned. Returns the mission package that the autopilot still holds.
+        Returns the mission package that the autopilot still holds.
         """
-        journal = narrator.journal
-        if trouble:
-            journal.write("state_lost", trouble, reason="fault")
-            narrator.tell(f"State file: {trouble}: nobody commands.")
-        if restored is None or self._store is None:
+        restored = self.restored
+        if self._trouble:
+            narrator.state_lost(self._trouble)
+        if restored is None:
+            self._saved = arbiter.snapshot()  # what a run begins with need not be written
+            return None
+        if self._store is None:
             return None
         self.save(arbiter.snapshot())  # the epoch has risen: if this run ends soon, the next one must begin above it
         if restored.phase is Phase.ON_LOAD:
             return None
-        name, epoch = arbiter.name(restored.owner), arbiter.view.epoch
-        journal.write("restarted", f"restarted in flight; {name} had authority", epoch=epoch)
-        narrator.tell(f"Restarted in flight, epoch {epoch}: waiting for {name}.")
+        narrator.restarted(arbiter.name(restored.owner), arbiter.view.epoch)
         package = self._store.load_package(restored.digest) if restored.digest else None
         if restored.digest and package is None:
-            journal.write("state_lost", "the mission package of the run before is gone: no zones", reason="fault")
+            narrator.package_lost()
         return package

@@ -82,6 +82,12 @@ class Aircraft:
         north, east = self.position.vx / 100.0, self.position.vy / 100.0
         return math.degrees(math.atan2(east, north)) % 360.0, math.hypot(north, east)
 
+    @property
+    def where(self) -> tuple[float, float, float] | None:
+        """Latitude and longitude (degrees), height above home (m); None before they are known."""
+        position = self.position
+        return None if position is None else (position.lat / 1e7, position.lon / 1e7, position.relative_alt / 1000.0)
+
     def state(self) -> AircraftState:
         """What HANDOVER_REQUEST tells."""
         position = self.position

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 import os
 import struct
-import time
 from collections.abc import Callable
 from typing import Any, Final
 
 import serial
 
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.wire.signing import SignedPeer
 
 __all__ = ["LOG_S", "AutopilotLink"]
@@ -38,7 +38,8 @@ _STAMP: Final = struct.Struct(">Q")
 class AutopilotLink:
     """Takes whole frames. `find` is MAVProxy's search for the link, `peer` the autopilot's key, if there is one."""
 
-    def __init__(self, mpstate: Any, find: Callable[[], Any], peer: SignedPeer | None) -> None:
+    def __init__(self, mpstate: Any, find: Callable[[], Any], peer: SignedPeer | None, clocks: Clocks) -> None:
+        self._clocks = clocks
         self._mpstate = mpstate
         self._find = find
         self._peer = peer
@@ -58,7 +59,7 @@ class AutopilotLink:
     def write(self, data: bytes) -> None:
         """Send a frame. Without a link it is gone; whatever a link raises is passed on."""
         if self._peer is not None:
-            data = self._peer.sign(data, _LINK_ID, time.time(), time.monotonic()) or data
+            data = self._peer.sign(data, _LINK_ID, self._clocks.utc(), self._clocks.monotonic()) or data
         if self._master not in self._mpstate.mav_master:
             self.choose()
         master, line = self._master, self._line
@@ -72,7 +73,7 @@ class AutopilotLink:
             taken = 0
         if taken != len(data):
             master.write(data[taken:])
-        self._log.append((time.time(), data))
+        self._log.append((self._clocks.utc(), data))
 
     def tick(self, now: float) -> None:
         """Hand the frames of the last LOG_S to MAVProxy's tlog; to be called often."""

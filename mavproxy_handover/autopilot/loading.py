@@ -7,21 +7,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.files import VehicleConfig
-from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import Event, MissionLoaded
+from mavproxy_handover.core.events import MissionLoaded
 from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.zones import ZoneFinder
-from mavproxy_handover.narrator import Narrator
-from mavproxy_handover.restart import Memory
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.package_transfer import PackageReceiver
@@ -32,6 +29,8 @@ _RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
 _LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
 _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
 _ON_BOARD_RETRY_S = 10.0
+#: name of the conversation
+_LOAD: Final = "load"
 
 
 class MissionLoader:
@@ -103,28 +102,13 @@ class MissionLoader:
 
 
 class MissionWriter:
-    """Takes packages from the stations and from on board to the autopilot. `handle` gives an event to the arbiter."""
+    """Takes packages from the stations and from on board to the autopilot."""
 
-    def __init__(
-        self,
-        loader: MissionLoader,
-        copter: Copter,
-        conversations: Conversations,
-        narrator: Narrator,
-        memory: Memory,
-        arbiter: Arbiter,
-        handle: Callable[[Event, float], None],
-        on_board: MissionPackage | None = None,
-    ) -> None:
-        """`on_board`: a mission package that need not come from the parent."""
+    def __init__(self, loader: MissionLoader, copter: Copter, conversations: Conversations, ties: Ties) -> None:
         self._loader = loader
         self._copter = copter
         self._conversations = conversations
-        self._narrator = narrator
-        self._memory = memory
-        self._arbiter = arbiter
-        self._handle = handle
-        self._on_board = on_board
+        self._ties = ties
         self._on_board_at = 0.0
 
     def on_message(self, port: StationPort, message: Any, welcome: bool, now: float) -> None:
@@ -132,16 +116,13 @@ class MissionWriter:
         answers, package = self._loader.on_message(message.get_type(), message, port.target, welcome)
         for answer in answers:
             port.send(answer)
-        if package is None:
-            return
-        text = f"mission {package.name!r} from {port.name}"
-        self._narrator.journal.write("package_received", text, station=port.name)
-        self._load(package, port, now)
+        if package is not None:
+            self._ties.narrator.package_received(package.name, port.name)
+            self._load(package, port, now)
 
-    def load_on_board(self, ready: bool, now: float) -> None:
-        """The package on board, once the autopilot is `ready` for it; again after a while if that failed."""
-        package = self._on_board
-        if package is None or not ready or self._arbiter.mission_digest or "load" in self._conversations:
+    def load_on_board(self, package: MissionPackage, now: float) -> None:
+        """The package on board, now that the autopilot is ready for it; again after a while if that failed."""
+        if self._ties.arbiter.mission_digest or _LOAD in self._conversations:
             return
         if now >= self._on_board_at:
             self._on_board_at = now + _ON_BOARD_RETRY_S
@@ -149,24 +130,22 @@ class MissionWriter:
 
     def _load(self, package: MissionPackage, port: StationPort | None, now: float) -> None:
         """Write a package to the autopilot and read it back; `port`: who sent it, None for the one on board."""
-        if self._arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
-            self._handle(MissionLoaded(b"", ()), now)
+        ties, loader = self._ties, self._loader
+        if ties.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
+            ties.handle(MissionLoaded(b"", ()), now)
         source = "on board" if port is None else port.name
 
         def done(talk: Conversation, now: float) -> None:
             if port is not None:
-                answer = self._loader.concluded(package, talk.failure, port.target)
-                port.send(answer)
+                port.send(loader.concluded(package, talk.failure, port.target))
             elif talk.failure is None:
-                self._loader.adopt(package)
+                loader.adopt(package)
             if talk.failure is not None:
-                self._narrator.journal.write("mission_failed", talk.failure, station=source)
-                self._narrator.tell(f"mission not loaded: {talk.failure}")
+                ties.narrator.mission_failed(talk.failure, source)
                 return
-            self._narrator.journal.write("mission_written", "mission and rally points written, read back, equal")
-            self._memory.keep(package)
-            loader = self._loader
-            self._handle(MissionLoaded(package.digest, loader.commanders, loader.out_of_coverage), now)
+            ties.narrator.mission_written()
+            ties.keep(package)
+            ties.handle(MissionLoaded(package.digest, loader.commanders, loader.out_of_coverage), now)
 
-        conversation = self._copter.load(package.route.upload_items(), package.route.rally)
-        self._conversations.begin("load", conversation, done, now)
+        asking = self._copter.load(package.route.upload_items(), package.route.rally)
+        self._conversations.begin(_LOAD, asking, done, now)

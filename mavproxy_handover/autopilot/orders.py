@@ -2,88 +2,110 @@
 
 """What the companion itself has the autopilot fly: START for a station that waits for the answer, and the way home.
 
-The way home comes first: it ends a START that is under way, and the station that asked is told so.
+START is here from the station's command to its last answer: who asked, what a repetition gets, what came of it. Whether
+the aircraft may take off is the arbiter's to say. The way home comes first: it ends a START that is under way, and the
+station that asked is told so.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.copter import Copter
-from mavproxy_handover.core import events
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.events import StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction
-from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire.conversation import Conversation, Conversations
+from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import MISSION_START
 
-__all__ = ["FlightOrders"]
+__all__ = ["Orders"]
 
-_START = mavlink.MAV_CMD_MISSION_START
-_Answer = Callable[[int, str], None]
+#: names of the conversations
+_START: Final = "start"
+_HOME: Final = "home"
 
 
-class FlightOrders:
-    """`handle` gives an event to the arbiter: the end of a START is one."""
+@dataclass(frozen=True, slots=True)
+class _Asker:
+    """Who asked for START: the station, and system and component there."""
 
-    def __init__(
-        self,
-        copter: Copter,
-        conversations: Conversations,
-        voice: Voice,
-        narrator: Narrator,
-        handle: Callable[[events.Event, float], None],
-    ) -> None:
+    port: StationPort
+    sender: tuple[int, int]
+
+
+class Orders:
+    """Carries out START and the way home, one of each at a time."""
+
+    def __init__(self, copter: Copter, conversations: Conversations, ties: Ties) -> None:
         self._copter = copter
         self._conversations = conversations
-        self._voice = voice
-        self._narrator = narrator
-        self._handle = handle
-        #: answers the station whose START is under way: result, and why
-        self._answer: _Answer = lambda _result, _why: None
+        self._ties = ties
+        self._asker: _Asker | None = None
 
-    def start(self, port: StationPort, asker: tuple[int, int], now: float) -> None:
-        """Arm and fly the mission; `asker` (system, component) of the station is told what comes of it."""
-        answer = self._answer = self._answers(port, asker)
-        answer(mavlink.MAV_RESULT_IN_PROGRESS, "")
+    @property
+    def starting(self) -> bool:
+        """A START is under way."""
+        return _START in self._conversations
+
+    # ---- START ----------------------------------------------------------------------------------------------------
+
+    def start_asked(self, port: StationPort, frame: Frame, what: str, now: float) -> None:
+        """The commander's START, on the ground; `what`: the frame in words."""
+        asker = _Asker(port, (frame.sysid, frame.compid))
+        if self.starting:  # asked again: it is on its way
+            mine = asker == self._asker
+            result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+            self._ties.voice.acknowledge(port, asker.sender, MISSION_START, result)
+            return
+        self._ties.narrator.start_asked(port.name, what)
+        self._asker = asker
+        self._ties.handle(StartRequested(port.sysid), now)
+
+    def start(self, now: float) -> None:
+        """Arm and fly the mission; who asked is told what comes of it."""
+        asker = self._asker
+        assert asker is not None  # the arbiter has asked for this because somebody did
+        self._answer(asker, mavlink.MAV_RESULT_IN_PROGRESS)
 
         def done(talk: Conversation, now: float) -> None:
             text = talk.failure or ""
-            self._handle(events.StartFinished(talk.failure is None, text), now)
+            self._ties.handle(StartFinished(talk.failure is None, text), now)
             result = mavlink.MAV_RESULT_ACCEPTED if talk.failure is None else mavlink.MAV_RESULT_FAILED
-            answer(result, f"START failed: {text}" if text else "")
+            self._answer(asker, result, f"START failed: {text}" if text else "")
 
-        self._narrator.journal.write("start_sequence", "GUIDED, arm, AUTO", station=port.name)
-        self._conversations.begin("start", self._copter.start(), done, now)
+        self._ties.narrator.start_begun(asker.port.name)
+        self._conversations.begin(_START, self._copter.start(), done, now)
 
-    def refuse_start(self, port: StationPort, asker: tuple[int, int], needs: tuple[str, ...]) -> None:
+    def refuse_start(self, needs: tuple[str, ...]) -> None:
         """START cannot be: what it still needs."""
-        text = "START refused: " + ", ".join(needs)
-        self._answers(port, asker)(mavlink.MAV_RESULT_TEMPORARILY_REJECTED, text)
+        if self._asker is not None:
+            text = "START refused: " + ", ".join(needs)
+            self._answer(self._asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, text)
 
     def give_start_up(self, why: str, now: float) -> None:
         """End a START that is under way, if one is."""
-        if self._conversations.drop("start"):
-            self._handle(events.StartFinished(False, why), now)
-            self._answer(mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
+        if self._conversations.drop(_START) and self._asker is not None:
+            asker = self._asker
+            self._ties.handle(StartFinished(False, why), now)
+            self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
+
+    def _answer(self, asker: _Asker, result: int, why: str = "") -> None:
+        self._ties.voice.acknowledge(asker.port, asker.sender, MISSION_START, result)
+        if why:
+            self._ties.voice.say(asker.port, why)
+
+    # ---- the way home ---------------------------------------------------------------------------------------------
 
     def bring_home(self, action: FlightAction, now: float) -> None:
         """Have the autopilot fly home, or land."""
         self.give_start_up("the aircraft is brought home", now)
 
-        def done(talk: Conversation, now: float) -> None:
-            text = talk.failure or f"the autopilot flies {talk.result}"
-            self._narrator.journal.write("fly", text, action=action.name.lower(), obeyed=talk.failure is None)
-            self._narrator.tell(text[:1].upper() + text[1:] + ".")
+        def done(talk: Conversation, _now: float) -> None:
+            self._ties.narrator.flown(action, talk.result, talk.failure)
 
-        self._conversations.begin("home", self._copter.bring_home(action), done, now)
-
-    def _answers(self, port: StationPort, asker: tuple[int, int]) -> _Answer:
-        def answer(result: int, why: str) -> None:
-            self._voice.acknowledge(port, asker, _START, result)
-            if why:
-                self._voice.say(port, why)
-
-        return answer
+        self._conversations.begin(_HOME, self._copter.bring_home(action), done, now)

@@ -269,10 +269,10 @@ class Preflight:
     """Reads once the autopilot is up and on the ground; a START meanwhile does not stop it. Again every half minute
     while something does not fit, and after a reboot.
 
-    `report` is told each finding that is new, and once (with no parameter) that all is well."""
+    `report` is told each finding that is new (text, parameter to change, False), and once that all is well (True)."""
 
     def __init__(
-        self, sysid: int, limits: Limits, conversations: Conversations, report: Callable[[Finding, bool], None]
+        self, sysid: int, limits: Limits, conversations: Conversations, report: Callable[[str, str, bool], None]
     ) -> None:
         self._sysid = sysid
         self._limits = limits
@@ -317,6 +317,6 @@ class Preflight:
             self._due_at = now + _AGAIN_S
         for finding in findings:
             if finding not in (before or ()):
-                self._report(finding, False)
+                self._report(finding.text, finding.parameter, False)
         if not findings and before != ():
-            self._report(Finding("", "guard, parameters and firmware fit"), True)
+            self._report("guard, parameters and firmware fit", "", True)

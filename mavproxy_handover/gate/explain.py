@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final
 
-from mavproxy_handover.gate.judge import Action, outcome
+from mavproxy_handover.gate.judge import Fate, outcome
 from mavproxy_handover.gate.policy.access import ANY, Access
 from mavproxy_handover.gate.policy.tables import POLICY
 
@@ -43,12 +43,12 @@ _KINDS: Final = {
 
 
 def _words(access: Access, commands: bool, armed: bool) -> str:
-    action, reason = outcome(access, commands, armed)
-    if action is Action.FORWARD:
+    fate, reason = outcome(access, commands, armed)
+    if fate is Fate.FORWARD:
         return "passes"
-    if action is Action.CONSUME:
+    if fate is Fate.CONSUME:
         return "noticed by the companion" if access is Access.LIVENESS else "answered by the companion"
-    word = "refused" if action is Action.REFUSE else "dropped"
+    word = "refused" if fate is Fate.REFUSE else "dropped"
     return word if access in (Access.MAINTENANCE, Access.NEVER) else f"{word}: {reason.value}"
 
 

@@ -39,7 +39,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.judge import Action, Verdict
+from mavproxy_handover.gate.judge import Fate, Verdict
 from mavproxy_handover.gate.policy.files import is_parameter_file, is_upload
 from mavproxy_handover.gate.policy.parts import MISSION_TYPES
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
@@ -156,7 +156,7 @@ class FlushTracker:
 
     def saw(self, frame: Frame, verdict: Verdict, station_sysid: int) -> None:
         """A frame of a station; only what was forwarded to the autopilot can have opened or ended anything there."""
-        if verdict.action is not Action.FORWARD:
+        if verdict.fate is not Fate.FORWARD:
             return
         handler = self._handlers.get(frame.msgid)
         if handler is None:

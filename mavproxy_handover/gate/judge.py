@@ -34,10 +34,10 @@ from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Access, Row, classi
 from mavproxy_handover.wire.frames import Frame, target, target_places
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START
 
-__all__ = ["Action", "GateReason", "StationIdentity", "Verdict", "judge", "outcome"]
+__all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "judge", "outcome"]
 
 
-class Action(Enum):
+class Fate(Enum):
     """What becomes of a frame."""
 
     FORWARD = "forward"  #: to the autopilot, byte for byte
@@ -97,7 +97,7 @@ class Verdict(NamedTuple):
     `what` names the frame for people: "COMMAND_LONG/MAV_CMD_NAV_LAND".
     """
 
-    action: Action
+    fate: Fate
     access: Access | None
     reason: GateReason
     what: str
@@ -106,33 +106,33 @@ class Verdict(NamedTuple):
 #: Outcome by class for the commander, for the commander of an armed vehicle where that differs, and for any
 #: other station. Rule 4 as data.
 _FOR_COMMANDER = {
-    Access.READ: (Action.FORWARD, GateReason.ALLOWED),
-    Access.LIVENESS: (Action.FORWARD, GateReason.ALLOWED),
-    Access.COMMAND: (Action.FORWARD, GateReason.ALLOWED),
-    Access.SAFEGUARD: (Action.FORWARD, GateReason.ALLOWED),
-    Access.STREAM: (Action.FORWARD, GateReason.ALLOWED),
-    Access.ANSWERED: (Action.FORWARD, GateReason.ALLOWED),
-    Access.TRANSFER: (Action.CONSUME, GateReason.COMPANION),
-    Access.CONTROL: (Action.CONSUME, GateReason.COMPANION),
-    Access.MAINTENANCE: (Action.REFUSE, GateReason.MAINTENANCE_ONLY),
-    Access.NEVER: (Action.DROP, GateReason.NEVER),
+    Access.READ: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.LIVENESS: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.COMMAND: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.SAFEGUARD: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.STREAM: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.ANSWERED: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.TRANSFER: (Fate.CONSUME, GateReason.COMPANION),
+    Access.CONTROL: (Fate.CONSUME, GateReason.COMPANION),
+    Access.MAINTENANCE: (Fate.REFUSE, GateReason.MAINTENANCE_ONLY),
+    Access.NEVER: (Fate.DROP, GateReason.NEVER),
 }
-_FOR_COMMANDER_ARMED = {**_FOR_COMMANDER, Access.SAFEGUARD: (Action.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
+_FOR_COMMANDER_ARMED = {**_FOR_COMMANDER, Access.SAFEGUARD: (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
 _FOR_OTHERS = {
-    Access.READ: (Action.FORWARD, GateReason.ALLOWED),
-    Access.LIVENESS: (Action.CONSUME, GateReason.LIVENESS_NOT_COMMANDER),
-    Access.COMMAND: (Action.REFUSE, GateReason.NOT_IN_CONTROL),
-    Access.SAFEGUARD: (Action.REFUSE, GateReason.NOT_IN_CONTROL),
-    Access.STREAM: (Action.DROP, GateReason.NOT_IN_CONTROL),
-    Access.ANSWERED: (Action.CONSUME, GateReason.OBSERVER_RATES),
-    Access.TRANSFER: (Action.CONSUME, GateReason.COMPANION),
-    Access.CONTROL: (Action.CONSUME, GateReason.COMPANION),
-    Access.MAINTENANCE: (Action.REFUSE, GateReason.MAINTENANCE_ONLY),
-    Access.NEVER: (Action.DROP, GateReason.NEVER),
+    Access.READ: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.LIVENESS: (Fate.CONSUME, GateReason.LIVENESS_NOT_COMMANDER),
+    Access.COMMAND: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
+    Access.SAFEGUARD: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
+    Access.STREAM: (Fate.DROP, GateReason.NOT_IN_CONTROL),
+    Access.ANSWERED: (Fate.CONSUME, GateReason.OBSERVER_RATES),
+    Access.TRANSFER: (Fate.CONSUME, GateReason.COMPANION),
+    Access.CONTROL: (Fate.CONSUME, GateReason.COMPANION),
+    Access.MAINTENANCE: (Fate.REFUSE, GateReason.MAINTENANCE_ONLY),
+    Access.NEVER: (Fate.DROP, GateReason.NEVER),
 }
 
 
-def outcome(access: Access, commands: bool, armed: bool) -> tuple[Action, GateReason]:
+def outcome(access: Access, commands: bool, armed: bool) -> tuple[Fate, GateReason]:
     """What becomes of a class (rule 4), before rules 5 and 6."""
     if not commands:
         return _FOR_OTHERS[access]
@@ -155,8 +155,8 @@ def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_s
         ):
             return commander if station.sysid == view.commander else others
     row = classify(frame)
-    action, reason = _decide(frame, row, station, view, vehicle_sysid)
-    return Verdict(action, row.access, reason, row.what)
+    fate, reason = _decide(frame, row, station, view, vehicle_sysid)
+    return Verdict(fate, row.access, reason, row.what)
 
 
 #: Length of the payload, where target system and component are in it, verdict on others' frames and the commander's.
@@ -167,7 +167,7 @@ def _usual(msgid: int, row: Row) -> _Usual:
     assert row.access is not None
     # armed or not is the same here, see below
     found = (outcome(row.access, commands, armed=True) for commands in (False, True))
-    others, commander = (Verdict(action, row.access, reason, row.what) for action, reason in found)
+    others, commander = (Verdict(fate, row.access, reason, row.what) for fate, reason in found)
     return (*target_places(msgid), others, commander)
 
 
@@ -187,27 +187,27 @@ _USUAL: Final = _usual_by_id()
 
 def _decide(
     frame: Frame, row: Row, station: StationIdentity, view: AuthorityView, vehicle_sysid: int
-) -> tuple[Action, GateReason]:
+) -> tuple[Fate, GateReason]:
     if frame.sysid == vehicle_sysid:
-        return Action.DROP, GateReason.SPOOFED_VEHICLE
+        return Fate.DROP, GateReason.SPOOFED_VEHICLE
     if frame.sysid not in station.sysids:
-        return Action.DROP, GateReason.SPOOFED_STATION
+        return Fate.DROP, GateReason.SPOOFED_STATION
     if not frame.known or (row.access is None and row.part is None):
-        return Action.DROP, GateReason.UNKNOWN_MESSAGE
+        return Fate.DROP, GateReason.UNKNOWN_MESSAGE
     aim = target(frame)
     if aim is not None and aim[0] not in (0, vehicle_sysid):
-        return Action.DROP, GateReason.OTHER_TARGET
+        return Fate.DROP, GateReason.OTHER_TARGET
     if row.access is None:
-        return Action.REFUSE, GateReason.UNKNOWN_COMMAND
+        return Fate.REFUSE, GateReason.UNKNOWN_COMMAND
 
     commands = station.sysid == view.commander
     if row.access is Access.LIVENESS and frame.sysid != station.sysid:
         commands = False
-    action, reason = outcome(row.access, commands, view.armed)
-    if action is not Action.FORWARD:
-        return action, reason
+    fate, reason = outcome(row.access, commands, view.armed)
+    if fate is not Fate.FORWARD:
+        return fate, reason
     if row.access is Access.COMMAND and row.part == MISSION_START and view.phase is Phase.ON_LOAD:
-        return Action.CONSUME, GateReason.COMPANION
+        return Fate.CONSUME, GateReason.COMPANION
     if aim is not None and aim[1] == COMPANION_COMPID:
-        return Action.DROP if row.access is Access.STREAM else Action.REFUSE, GateReason.COMPANION_TARGET
-    return action, reason
+        return Fate.DROP if row.access is Access.STREAM else Fate.REFUSE, GateReason.COMPANION_TARGET
+    return fate, reason

@@ -27,7 +27,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.flush import FlushTracker
-from mavproxy_handover.gate.judge import Action, GateReason, Verdict
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import Frame
 
@@ -43,9 +43,9 @@ SENDERS: Final = 4
 
 _FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
 _COUNTED: Final = {
-    (Action.FORWARD, Access.READ),
-    (Action.CONSUME, Access.TRANSFER),
-    (Action.CONSUME, Access.CONTROL),
+    (Fate.FORWARD, Access.READ),
+    (Fate.CONSUME, Access.TRANSFER),
+    (Fate.CONSUME, Access.CONTROL),
 }
 
 
@@ -57,7 +57,7 @@ class Questions:
         self._per_second = per_second
         self._burst = burst
         #: by station and by what becomes of it: what it may still send, and when that was counted
-        self._left: dict[tuple[int, Action], tuple[float, float]] = {}
+        self._left: dict[tuple[int, Fate], tuple[float, float]] = {}
         self._commander_at = -math.inf  #: its last request of file transfer
         #: by station: who has asked the autopilot
         self._senders: dict[int, set[tuple[int, int]]] = {}
@@ -69,13 +69,13 @@ class Questions:
 
     def limit(self, frame: Frame, verdict: Verdict, station_sysid: int, commander: int | None, now: float) -> Verdict:
         """The verdict that stands: `verdict`, or that the station has to wait."""
-        if station_sysid == commander or (verdict.action, verdict.access) not in _COUNTED:
+        if station_sysid == commander or (verdict.fate, verdict.access) not in _COUNTED:
             return verdict
-        known = verdict.action is not Action.FORWARD or self._knows(station_sysid, (frame.sysid, frame.compid))
-        if not known or not self._affords(station_sysid, verdict.action, now):
-            return verdict._replace(action=Action.DROP, reason=GateReason.TOO_MANY)
+        known = verdict.fate is not Fate.FORWARD or self._knows(station_sysid, (frame.sysid, frame.compid))
+        if not known or not self._affords(station_sysid, verdict.fate, now):
+            return verdict._replace(fate=Fate.DROP, reason=GateReason.TOO_MANY)
         if frame.msgid == _FTP and commander is not None and self._commander_needs_files(commander, now):
-            return verdict._replace(action=Action.REFUSE, reason=GateReason.FILE_BUSY)
+            return verdict._replace(fate=Fate.REFUSE, reason=GateReason.FILE_BUSY)
         return verdict
 
     def _commander_needs_files(self, commander: int, now: float) -> bool:
@@ -87,8 +87,8 @@ class Questions:
             senders.add(sender)
         return sender in senders
 
-    def _affords(self, station_sysid: int, action: Action, now: float) -> bool:
-        key = station_sysid, action
+    def _affords(self, station_sysid: int, fate: Fate, now: float) -> bool:
+        key = station_sysid, fate
         left, counted_at = self._left.get(key, (self._burst, now))
         left = min(self._burst, left + max(0.0, now - counted_at) * self._per_second)
         affords = left >= 1.0

@@ -26,7 +26,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.judge import Action, GateReason, Verdict
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_NAK, NOT_IN_CONTROL
 
@@ -182,7 +182,7 @@ def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink) -> list[bytes]
     `own` packs them: its `srcSystem` is the vehicle's system id; its sequence number goes up by one for each, and
     its `srcComponent` is the same afterwards as before. Signed if `own` signs.
     """
-    if verdict.action is not Action.REFUSE or not frame.known or frame.msgid in _SILENT_IDS:
+    if verdict.fate is not Fate.REFUSE or not frame.known or frame.msgid in _SILENT_IDS:
         return []
     build = _BUILDERS.get(frame.msgid)
     # Programs ask every component for its parameters or version: no operator wants to read of each.

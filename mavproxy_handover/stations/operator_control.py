@@ -18,9 +18,9 @@ from typing import Any
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import ControlRequested, Event, NotifyOwner
+from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
-from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.wire.conversation import command_long
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import OPERATOR_CONTROL
@@ -56,9 +56,9 @@ def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> An
 class OperatorControl:
     """Who asked last, and whom they are asking. `handle` gives a request to the arbiter, which decides."""
 
-    def __init__(self, voice: Voice, journal: Journal, handle: Callable[[Event, float], None]) -> None:
+    def __init__(self, voice: Voice, narrator: Narrator, handle: Callable[[Event, float], None]) -> None:
         self._voice = voice
-        self._journal = journal
+        self._narrator = narrator
         self._handle = handle
         #: system, component that asked last, and the component that was asked
         self._asker = (0, 0, 0)
@@ -72,11 +72,12 @@ class OperatorControl:
             if self._question == (port.sysid, handover_id):
                 self._acknowledged = self._question
             return
-        port.component = port.component or frame.compid
+        if not port.component:
+            port.spoke(frame.compid)
         request = read_request(message, port.sysid)
         self._asker = (frame.sysid, frame.compid, message.target_component)
         if isinstance(request, str):
-            self._journal.write("control", f"request of {port.name} not understood: {request}", station=port.name)
+            self._narrator.request_not_understood(port.name, request)
             self.answer(port, mavlink.MAV_RESULT_DENIED, request)
             return
         self._handle(request, now)
@@ -96,4 +97,4 @@ class OperatorControl:
         again, self._question = question == self._question, question
         port.send(notification(port.target, action.requester, action.timeout_s), everywhere=True)
         if not again:
-            self._journal.write("notified", f"{port.name} is asked: may {name} have control?", station=port.name)
+            self._narrator.owner_asked(port.name, name)

@@ -5,15 +5,15 @@
 from __future__ import annotations
 
 import secrets
-import time
 from collections import Counter, deque
 from math import inf
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
-from mavproxy_handover.gate.judge import GateReason, StationIdentity
+from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_device
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
@@ -34,9 +34,15 @@ class StationPort:
     """One station: its identity, its links, its counters."""
 
     def __init__(
-        self, config: StationLinks, links: tuple[Device, ...], vehicle_sysid: int, keys: StationKeys | None = None
+        self,
+        config: StationLinks,
+        links: tuple[Device, ...],
+        vehicle_sysid: int,
+        keys: StationKeys | None,
+        clocks: Clocks,
     ) -> None:
         """`keys`: what the station signs with, and is answered in; None: nothing is signed or asked for."""
+        self._clocks = clocks
         self.sysid = config.station.sysid
         self.name = config.station.name
         self.identity = StationIdentity(config.station.sysid, config.sysids)
@@ -46,8 +52,8 @@ class StationPort:
         #: the station's last heartbeat, and when it came (monotonic s)
         self.heartbeat = b""
         self.heartbeat_at = -inf
-        #: what became of frames and why, for `handover stations`
-        self.verdicts: Counter[GateReason | SignatureVerdict] = Counter()
+        #: signatures that did not hold, by what was wrong with them
+        self.bad_signatures: Counter[SignatureVerdict] = Counter()
         #: the station's key and what was heard under it; None where there is no key
         self.peer = None if keys is None else SignedPeer(keys.current, keys.previous)
         #: frames whose signature did not hold, with the verdict, newest last
@@ -62,6 +68,15 @@ class StationPort:
         """System and component to address."""
         return self.sysid, self.component
 
+    def spoke(self, component: int) -> None:
+        """The station's own messages come from this component."""
+        self.component = component
+
+    def heard(self, heartbeat: Frame, now: float) -> None:
+        """A heartbeat of the station itself."""
+        self.spoke(heartbeat.compid)
+        self.heartbeat, self.heartbeat_at = heartbeat.raw, now
+
     def read(self, link: Device, now: float, once: bool = False) -> list[Frame]:
         """Frames that arrived on `link`: no copies of what came by another link, no answers to probes.
 
@@ -75,7 +90,7 @@ class StationPort:
         for frame in bundle.read(link, now, once):
             if frame.sysid in sysids:
                 if peer is not None:
-                    verdict = peer.check(frame, time.time(), now)
+                    verdict = peer.check(frame, self._clocks.utc(), now)
                     if verdict is not SignatureVerdict.OK:
                         self._reject(link, frame, verdict, now)
                         continue
@@ -87,14 +102,14 @@ class StationPort:
     def _reject(self, link: Device, frame: Frame, verdict: SignatureVerdict, now: float) -> None:
         """The frame is not proven to be the station's."""
         self._bundle.bad_signature(link, now)
-        self.verdicts[verdict] += 1
+        self.bad_signatures[verdict] += 1
         self.rejected.append((frame, verdict))
 
     def _sealed(self, data: bytes) -> bytes | None:
         """As the station gets it: signed with its key. None: it cannot be signed (MAVLink 1)."""
         if self.peer is None:
             return data
-        return self.peer.sign(data, 0, time.time(), time.monotonic())
+        return self.peer.sign(data, 0, self._clocks.utc(), self._clocks.monotonic())
 
     def send(self, message: Any, *, everywhere: bool = False) -> None:
         """Send a message of the companion's own: on the best link, or on every one."""
@@ -152,7 +167,7 @@ class StationPort:
         return self._sealed(data) or data
 
 
-def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int) -> dict[int, StationPort]:
+def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int, clocks: Clocks) -> dict[int, StationPort]:
     """Open every link of every station, or none. Raises LinkError, KeysError (two with the same key, for one)."""
     keys = {config.station.name: load_station_keys(config.key) for config in configs if config.key is not None}
     check_distinct(keys)
@@ -165,7 +180,7 @@ def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int) -> dict[in
                 links.append(open_device(device))
                 opened.append(links[-1])
             name = config.station.name
-            ports[config.station.sysid] = StationPort(config, tuple(links), vehicle_sysid, keys.get(name))
+            ports[config.station.sysid] = StationPort(config, tuple(links), vehicle_sysid, keys.get(name), clocks)
     except LinkError:
         for link in opened:
             link.close()

@@ -26,30 +26,27 @@ class Voice:
     """Packs and sends messages of vehicle `sysid`; `write_autopilot` takes whole frames."""
 
     def __init__(self, sysid: int, write_autopilot: Callable[[bytes], None], ports: Mapping[int, StationPort]) -> None:
-        self.own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=COMPANION_COMPID)
+        self._own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=COMPANION_COMPID)
         self._as_autopilot = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT_COMPID)
         self._write_autopilot = write_autopilot
-        self._ports = ports
+        #: every station by system id
+        self.ports = ports
 
     def to_autopilot(self, message: Any) -> None:
         """Send a message to the autopilot."""
-        self._write_autopilot(codec.pack(message, self.own))
+        self._write_autopilot(codec.pack(message, self._own))
 
     def to_stations(self, message: Any) -> None:
         """Send a message to every station, on its best link."""
-        for port in self._ports.values():
+        for port in self.ports.values():
             port.send(message)
-
-    def answer(self, port: StationPort, message: Any) -> None:
-        """Send a station what it asked the autopilot for."""
-        port.write(codec.pack(message, self._as_autopilot))
 
     def acknowledge(
         self, port: StationPort, asker: tuple[int, int], command: int, result: int, component: int = AUTOPILOT_COMPID
     ) -> None:
         """COMMAND_ACK to `asker` (system, component), in the name of the `component` that was asked."""
         ack = mavlink.MAVLink_command_ack_message(command, result, 0, 0, *asker)
-        port.write(codec.pack(ack, self._as_autopilot if component == AUTOPILOT_COMPID else self.own))
+        port.write(codec.pack(ack, self._as_autopilot if component == AUTOPILOT_COMPID else self._own))
 
     def say(self, port: StationPort, text: str) -> None:
         """A warning for the station's operator, in as many STATUSTEXT as it takes."""

@@ -29,7 +29,7 @@ from mavproxy_handover.core.messages import (
 from mavproxy_handover.core.model import Consent, Outcome, Reason
 from mavproxy_handover.core.never import assert_never
 
-__all__ = ["AircraftState", "decode", "decode_bytes", "encode", "name_of", "pack"]
+__all__ = ["AircraftState", "decode", "decode_bytes", "encode", "name_of", "pack", "values_of"]
 
 _RELAY = mavlink.HANDOVER_FLAGS_RELAY
 _RELAYED = mavlink.HANDOVER_FLAGS_RELAYED
@@ -55,6 +55,17 @@ class AircraftState:
 def name_of(message: Message) -> str:
     """The MAVLink name of a message, for journals and consoles."""
     return _NAMES[type(message)]
+
+
+def values_of(message: TransferMessage) -> dict[str, Any]:
+    """What a journal says of a message of a transfer; None is left out there."""
+    return {
+        "name": name_of(message),
+        "handover_id": message.key.handover_id,
+        "epoch": message.key.epoch,
+        "relayed": getattr(message, "relayed", False) or None,
+        "consent": message.consent.name.lower() if isinstance(message, (OnHandover, OkHandover)) else None,
+    }
 
 
 _NAMES: dict[type, str] = {

@@ -4,7 +4,7 @@
 
 A *plan* is a string of bytes, and every string of bytes is a plan: instructions to send garbage, frames with any
 contents and a right CRC, damaged frames, to cut the stream, to change who commands, to let the vehicle speak. The
-gate is all of it: splitter, judge, refusals, downlink, rates, flush. What must hold:
+gate is the one that ships, `gate.Gate`, behind the splitter of a link. What must hold:
 
 * nothing raises;
 * what is forwarded is a frame that was sent, byte for byte, by a system id that may speak on that link;
@@ -16,18 +16,19 @@ gate is all of it: splitter, judge, refusals, downlink, rates, flush. What must 
 
 from __future__ import annotations
 
+import math
+import struct
 from collections.abc import Iterator
+from dataclasses import replace
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
-from mavproxy_handover.gate.downlink import FOR_EVERYBODY, DownlinkPolicy
-from mavproxy_handover.gate.flush import FlushTracker
-from mavproxy_handover.gate.judge import Action, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.downlink import ANSWERS, COMMAND_ANSWERS, FOR_EVERYBODY
+from mavproxy_handover.gate.judge import Fate, StationIdentity, Verdict
 from mavproxy_handover.gate.observers import WISHES
-from mavproxy_handover.gate.policy.tables import Access
-from mavproxy_handover.gate.refusals import refusal
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, FrameSplitter, field_offset, parse_one, target
+from tests.gate.door import Door
 from tests.gate.frames import ftp_request
 from tests.gate.ledger import (
     CONTROL_COMMANDS,
@@ -62,7 +63,7 @@ __all__ = [
     "GARBAGE",
     "SWITCH",
     "VEHICLE_SAYS",
-    "Gate",
+    "Fuzzed",
     "check_forwarded",
     "instruction",
     "run",
@@ -102,18 +103,21 @@ _OBSERVED = {*FOR_EVERYBODY, *WISHES}
 _SAFEGUARDS = ("HNDO_", "SCR_", "FS_", "SYSID_", "MAV_", "ARMING_", "FENCE_", "BRD_", "RC_")
 
 
-class Gate:
-    """The whole gate with three stations, as a companion has it, and its invariants."""
+class Fuzzed:
+    """The gate that ships (`tests/gate/door.py`), a splitter for each station, and the invariants."""
 
     def __init__(self) -> None:
-        self.view = VIEWS[3]
-        self.now = 0.0
         self.forwarded = 0
         self.sent: dict[int, bytes] = {station.sysid: b"" for station in STATIONS}
+        #: ids that a station may hear because it asked
+        self.asked: dict[int, set[int]] = {station.sysid: set() for station in STATIONS}
         self.splitters = {station.sysid: FrameSplitter() for station in STATIONS}
-        self.downlink = DownlinkPolicy(STATIONS)
-        self.flusher = FlushTracker(VEHICLE)
-        self.own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=191)
+        self.door = Door()
+        self.door.change(VIEWS[3])
+
+    @property
+    def view(self) -> AuthorityView:
+        return self.door.gate.view
 
     def feed(self, station: StationIdentity, data: bytes) -> None:
         """Bytes arrive on a station's link."""
@@ -124,48 +128,55 @@ class Gate:
             self.receive(station, frame)
 
     def receive(self, station: StationIdentity, frame: Frame) -> None:
-        self.now += 0.01
-        verdict = judge(frame, station, self.view, VEHICLE)
-        self.downlink.rates.heard(station.sysid, self.now)
-        self.flusher.saw(frame, verdict, station.sysid)
-        answers = refusal(frame, verdict, self.own)
-        if verdict.action is Action.FORWARD:
+        came = self.door.up(station, frame)
+        assert came.passed == ([frame.raw] if came.verdict.fate is Fate.FORWARD else [])
+        if came.passed:
             self.forwarded += 1
             check_forwarded(frame, station, self.view)
-            self.downlink.asked(frame, station.sysid, self.now)
-        elif verdict.action is Action.CONSUME and verdict.access is Access.ANSWERED:
-            answers += [m.pack(self.own) for m in self.downlink.rates.asked(frame, station.sysid, self.now)]
-        check_answers(answers, verdict)
+            self.asked[station.sysid] |= may_answer(frame)
+        check_answers(came.answers, came.verdict)
+        assert not self.door.faults, self.door.faults
 
     def hear(self, frame: Frame) -> None:
         """The vehicle says something."""
-        self.now += 0.01
-        self.flusher.heard(frame)
-        for station in STATIONS:
-            wanted = bool(self.downlink.receivers(frame, [station.sysid], self.view, self.now))
-            aim = target(frame)
-            addressed = aim is not None and aim[0] in station.sysids
-            if wanted and station.sysid not in (self.view.commander, self.view.partner) and not addressed:
-                name = mavlink.mavlink_map[frame.msgid].msgname
-                asked = self.downlink._windows.get(station.sysid, {})
-                assert name in _OBSERVED or frame.msgid in asked, name
+        aim = target(frame)
+        name = mavlink.mavlink_map[frame.msgid].msgname
+        for sysid in self.door.down(frame):
+            addressed = aim is not None and aim[0] in self.door.ports[sysid].identity.sysids
+            if sysid not in (self.view.commander, self.view.partner) and not addressed:
+                assert name in _OBSERVED or frame.msgid in self.asked[sysid], name
 
     def switch(self, view: AuthorityView) -> None:
         """Somebody else commands, or another phase begins."""
-        before, self.view = self.view, view
-        closings = []
-        if before.commander is not None and before.commander != view.commander:
-            closings += self.flusher.flush(before.commander)
-        if view.armed and not before.armed:
-            closings += self.flusher.parameters()
-        for closing in closings:
-            for raw in closing.frames:
-                frame = parse_one(raw)
-                assert frame is not None
-                assert target(frame) is None or target(frame)[0] == VEHICLE  # type: ignore[index]
+        before = len(self.door.passed)
+        closings = self.door.change(view)
+        assert self.door.passed[before:] == [raw for _station, closing in closings for raw in closing.frames]
+        for raw in self.door.passed[before:]:
+            frame = parse_one(raw)
+            assert frame is not None
+            assert target(frame) is None or target(frame)[0] == VEHICLE  # type: ignore[index]
+        # who does not command has nothing open: if it had commanded until now, nothing would have to be closed
         for station in STATIONS:
             if station.sysid != view.commander:
-                assert self.flusher.flush(station.sysid) == []
+                self.door.change(replace(view, commander=station.sysid, armed=True))
+                assert self.door.change(replace(view, commander=None, armed=True)) == []
+        self.door.change(view)
+
+
+def may_answer(frame: Frame) -> set[int]:
+    """Ids of the messages that may answer a question."""
+    name = mavlink.mavlink_map[frame.msgid].msgname
+    if name not in ("COMMAND_LONG", "COMMAND_INT"):
+        return {_IDS[answer] for answer in ANSWERS[name].names if answer in _IDS} if name in ANSWERS else set()
+    found = {_IDS["COMMAND_ACK"]}
+    command = int.from_bytes(part(frame, "command", 2), "little")
+    if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+        (wish,) = struct.unpack("<f", part(frame, "param1", 4))
+        found |= {int(wish)} if math.isfinite(wish) else set()
+    elif command in mavlink.enums["MAV_CMD"]:
+        answers = COMMAND_ANSWERS.get(mavlink.enums["MAV_CMD"][command].name.removeprefix("MAV_CMD_"))
+        found |= {_IDS[answer] for answer in answers.names if answer in _IDS} if answers is not None else set()
+    return found
 
 
 def check_forwarded(frame: Frame, station: StationIdentity, view: AuthorityView) -> None:
@@ -182,7 +193,7 @@ def check_forwarded(frame: Frame, station: StationIdentity, view: AuthorityView)
     parameter = part(frame, "param_id", 16).split(b"\0")[0].decode("latin-1")
     kind = kind_of_frame(name, values, ftp, parameter)
     if kind is not None:
-        assert expected(kind, station, frame.sysid, None, view)[0] is Action.FORWARD, (name, values)
+        assert expected(kind, station, frame.sysid, None, view)[0] is Fate.FORWARD, (name, values)
     if not commands:
         assert kind == PASS or (kind is None and name == "FILE_TRANSFER_PROTOCOL" and ftp[3] in PASS_OPCODES), name
     if view.armed:
@@ -195,7 +206,7 @@ def check_forwarded(frame: Frame, station: StationIdentity, view: AuthorityView)
 
 def check_answers(answers: list[bytes], verdict: Verdict) -> None:
     """What goes back is whole frames in the vehicle's name, and nothing at all for what is dropped."""
-    assert not answers or verdict.action in (Action.REFUSE, Action.CONSUME)
+    assert not answers or verdict.fate in (Fate.REFUSE, Fate.CONSUME)
     for raw in answers:
         frame = parse_one(bytes(raw))
         assert frame is not None
@@ -281,10 +292,10 @@ def seeds() -> Iterator[bytes]:
         yield instruction(VEHICLE_SAYS, message, payload) + bytes([CUT, 9])
 
 
-def run(plan: bytes) -> Gate:
+def run(plan: bytes) -> Fuzzed:
     """Carry a plan out; AssertionError or any other exception is a fault of the gate."""
     reader = _Reader(plan)
-    gate, station, pending = Gate(), A, b""
+    gate, station, pending = Fuzzed(), A, b""
     for instruction in _instructions(reader):
         if instruction == GARBAGE:
             pending += reader.take(reader.byte())

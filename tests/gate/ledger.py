@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
-from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity
 from mavproxy_handover.gate.policy.access import Access
 from tests.gate.frames import ftp_request
 
@@ -212,12 +212,12 @@ PASS, TOLD, SAFEGUARD, SILENT, RATE, START = "pass", "told", "safeguard", "silen
 HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
 MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
 
-_ALLOWED = (Action.FORWARD, GateReason.ALLOWED)
-_NOT_IN_CONTROL = (Action.REFUSE, GateReason.NOT_IN_CONTROL)
-_CONSUMED = (Action.CONSUME, GateReason.COMPANION)
-_NO_RADIO = (Action.REFUSE, GateReason.MAINTENANCE_ONLY)
-_NEVER = (Action.DROP, GateReason.NEVER)
-_UNKNOWN = (Action.REFUSE, GateReason.UNKNOWN_COMMAND)
+_ALLOWED = (Fate.FORWARD, GateReason.ALLOWED)
+_NOT_IN_CONTROL = (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
+_CONSUMED = (Fate.CONSUME, GateReason.COMPANION)
+_NO_RADIO = (Fate.REFUSE, GateReason.MAINTENANCE_ONLY)
+_NEVER = (Fate.DROP, GateReason.NEVER)
+_UNKNOWN = (Fate.REFUSE, GateReason.UNKNOWN_COMMAND)
 
 #: kind -> (what the commander's becomes, what anyone else's becomes), on the ground
 OUTCOMES = {
@@ -225,9 +225,9 @@ OUTCOMES = {
     TOLD: (_ALLOWED, _NOT_IN_CONTROL),
     START: (_ALLOWED, _NOT_IN_CONTROL),
     SAFEGUARD: (_ALLOWED, _NOT_IN_CONTROL),
-    SILENT: (_ALLOWED, (Action.DROP, GateReason.NOT_IN_CONTROL)),
-    RATE: (_ALLOWED, (Action.CONSUME, GateReason.OBSERVER_RATES)),
-    LIVENESS: (_ALLOWED, (Action.CONSUME, GateReason.LIVENESS_NOT_COMMANDER)),
+    SILENT: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
+    RATE: (_ALLOWED, (Fate.CONSUME, GateReason.OBSERVER_RATES)),
+    LIVENESS: (_ALLOWED, (Fate.CONSUME, GateReason.LIVENESS_NOT_COMMANDER)),
     HANDOVER: (_CONSUMED, _CONSUMED),
     CONTROL: (_CONSUMED, _CONSUMED),
     MAINTENANCE: (_NO_RADIO, _NO_RADIO),
@@ -235,7 +235,7 @@ OUTCOMES = {
     UNKNOWN: (_UNKNOWN, _UNKNOWN),
 }
 #: ... and the commander's of an armed vehicle, where that differs
-ARMED = {SAFEGUARD: (Action.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
+ARMED = {SAFEGUARD: (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
 
 #: kind -> the class that the verdict names; the companion goes by it
 ACCESS = {
@@ -402,15 +402,15 @@ SENDERS = [
 
 def expected(
     kind: str, station: StationIdentity, sysid: int, wrong: GateReason | None, view: AuthorityView
-) -> tuple[Action, GateReason]:
+) -> tuple[Fate, GateReason]:
     """What becomes of a frame that is aimed at the vehicle's autopilot."""
     if wrong is not None:
-        return Action.DROP, wrong
+        return Fate.DROP, wrong
     commands = view.commander is not None and view.commander == station.sysid
     if kind == LIVENESS and sysid in (TRACKER_OF_A, TRACKER_OF_B):
         commands = False
     if not commands:
         return OUTCOMES[kind][1]
     if kind == START and view.phase is Phase.ON_LOAD:
-        return Action.CONSUME, GateReason.COMPANION
+        return Fate.CONSUME, GateReason.COMPANION
     return ARMED.get(kind, OUTCOMES[kind][0]) if view.armed else OUTCOMES[kind][0]

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.downlink import ANSWERS, COMMAND_ANSWERS, FOR_EVERYBODY, DownlinkPolicy
-from mavproxy_handover.gate.judge import Action, StationIdentity, judge
+from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, FTP_RULES, MESSAGE_RULES, Access
 from mavproxy_handover.wire.frames import Frame
 
@@ -81,7 +81,7 @@ def test_an_observer_hears_what_it_asked_the_companion_for_until_it_commands(
 ) -> None:
     wish = make("COMMAND_LONG", sysid=GCSB, command=511, param1=30.0, param2=1e6)
     verdict = judge(wish, STATIONS[1], MISSION, 1)
-    assert (verdict.action, verdict.access) == (Action.CONSUME, Access.ANSWERED)
+    assert (verdict.fate, verdict.access) == (Fate.CONSUME, Access.ANSWERED)
     policy.rates.asked(wish, GCSB, 0.0)
     attitude = say("ATTITUDE")
     assert [hearers(policy, attitude, MISSION, t) for t in (0.0, 0.5, 1.0)] == [[GCSA, GCSB], [GCSA], [GCSA, GCSB]]
@@ -300,7 +300,7 @@ def test_answers_are_messages_of_the_dialect() -> None:
 
 def test_an_observer_gets_the_answer_to_what_the_gate_let_it_ask(policy: DownlinkPolicy, say: Make, make: Make) -> None:
     question = make("MISSION_REQUEST_LIST", sysid=GCSB)
-    assert judge(question, STATIONS[1], MISSION, 1).action is Action.FORWARD
+    assert judge(question, STATIONS[1], MISSION, 1).fate is Fate.FORWARD
     policy.asked(question, GCSB, 0.0)
     assert hearers(policy, say("MISSION_COUNT", target_system=GCSB, target_component=190), MISSION) == [GCSB]
     assert hearers(policy, say("MISSION_COUNT"), MISSION) == [GCSA, GCSB]

@@ -15,7 +15,7 @@ import pytest
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
-from mavproxy_handover.gate.judge import Action, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.judge import Fate, StationIdentity, Verdict, judge
 from mavproxy_handover.wire.frames import Frame, FrameSplitter, parse_one
 
 STATION, OTHER, VEHICLE = 251, 252, 1
@@ -83,8 +83,8 @@ def replay(flight: list[Frame], view: AuthorityView) -> list[Verdict]:
     return [judge(frame, StationIdentity(STATION), view, VEHICLE) for frame in flight]
 
 
-def counted(verdicts: list[Verdict], action: Action) -> dict[str, int]:
-    return dict(Counter(verdict.what for verdict in verdicts if verdict.action is action))
+def counted(verdicts: list[Verdict], action: Fate) -> dict[str, int]:
+    return dict(Counter(verdict.what for verdict in verdicts if verdict.fate is action))
 
 
 @pytest.mark.parametrize("view", OBSERVER_VIEWS)
@@ -92,7 +92,7 @@ def test_a_commanders_whole_flight_replayed_as_an_observer_changes_nothing(
     flight: list[Frame], view: AuthorityView
 ) -> None:
     verdicts = replay(flight, view)
-    assert counted(verdicts, Action.FORWARD) == HARMLESS
+    assert counted(verdicts, Fate.FORWARD) == HARMLESS
     tracker = FlushTracker(VEHICLE)
     for frame, verdict in zip(flight, verdicts, strict=True):
         tracker.saw(frame, verdict, STATION)
@@ -102,14 +102,14 @@ def test_a_commanders_whole_flight_replayed_as_an_observer_changes_nothing(
 @pytest.mark.parametrize("armed", [False, True])
 def test_the_commander_itself_is_not_hindered(flight: list[Frame], armed: bool) -> None:
     verdicts = replay(flight, view(STATION, None, Phase.ON_MISSION, armed))
-    refused = {**counted(verdicts, Action.REFUSE), **counted(verdicts, Action.DROP)}
+    refused = {**counted(verdicts, Fate.REFUSE), **counted(verdicts, Fate.DROP)}
     assert refused == {**FORBIDDEN, **(LOCKED_WHILE_ARMED if armed else {})}
-    assert sum(counted(verdicts, Action.FORWARD).values()) == FRAMES - sum(refused.values())
+    assert sum(counted(verdicts, Fate.FORWARD).values()) == FRAMES - sum(refused.values())
 
 
 def test_the_flight_from_another_stations_link_is_no_ones(flight: list[Frame]) -> None:
     for frame in flight:
-        assert judge(frame, StationIdentity(OTHER), OBSERVER_VIEWS[0], VEHICLE).action is Action.DROP
+        assert judge(frame, StationIdentity(OTHER), OBSERVER_VIEWS[0], VEHICLE).fate is Fate.DROP
 
 
 @pytest.mark.parametrize("cut", [1, 7, 64, 280, 4096])

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import Closing, FlushTracker
-from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.frames import ftp_request
 
@@ -35,7 +35,7 @@ def send(tracker: FlushTracker, *frames: Frame) -> None:
     """The commander sends frames, and the gate lets them through."""
     for frame in frames:
         verdict = judge(frame, A, COMMANDED_BY_A, VEHICLE)
-        assert verdict.action is Action.FORWARD
+        assert verdict.fate is Fate.FORWARD
         tracker.saw(frame, verdict, GCSA)
 
 
@@ -351,8 +351,8 @@ def test_stations_are_told_apart(tracker: FlushTracker, make: Make) -> None:
     assert len(tracker.flush(GCSA)) == 1
 
 
-@pytest.mark.parametrize("action", [action for action in Action if action is not Action.FORWARD])
-def test_what_did_not_reach_the_autopilot_opened_nothing(tracker: FlushTracker, make: Make, action: Action) -> None:
+@pytest.mark.parametrize("action", [action for action in Fate if action is not Fate.FORWARD])
+def test_what_did_not_reach_the_autopilot_opened_nothing(tracker: FlushTracker, make: Make, action: Fate) -> None:
     verdict = Verdict(action, None, GateReason.NOT_IN_CONTROL, "")
     for name in ("MISSION_COUNT", "RC_CHANNELS_OVERRIDE", "SET_ATTITUDE_TARGET", "LOG_REQUEST_LIST"):
         tracker.saw(make(name, sysid=GCSB), verdict, GCSB)
@@ -383,7 +383,7 @@ def test_an_entry_that_is_used_again_is_not_the_oldest(tracker: FlushTracker, ma
     assert components == [3, 4, 5, 6, 7, 8, 1, 9]
 
 
-FORWARDED = Verdict(Action.FORWARD, None, GateReason.ALLOWED, "")
+FORWARDED = Verdict(Fate.FORWARD, None, GateReason.ALLOWED, "")
 
 
 @given(st.sampled_from(sorted(mavlink.mavlink_map)), st.binary(min_size=0, max_size=255), st.integers(0, 255))

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
-from mavproxy_handover.gate.judge import Action, StationIdentity, judge
+from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
 from mavproxy_handover.wire.frames import FrameSplitter, parse_one
 from sitl.vehicles import VehicleSpec, find_arducopter, launch
 from tests.gate.frames import ftp_request
@@ -70,7 +70,7 @@ class Companion:
             frame = parse_one(bytes(raw))
             assert frame is not None
             verdict = judge(frame, A, COMMANDED_BY_A, VEHICLE)
-            assert verdict.action is Action.FORWARD
+            assert verdict.fate is Fate.FORWARD
             self.tracker.saw(frame, verdict, GCSA)
         self.socket.sendall(raw)
 

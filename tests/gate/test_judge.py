@@ -14,11 +14,12 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate import judge as gate_judge
-from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Row
 from mavproxy_handover.wire.frames import Frame, FrameSplitter, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, Verifier, sign, timestamp_of
+from tests.gate.door import Door
 from tests.gate.frames import ftp_request
 from tests.gate.ledger import (
     ACCESS,
@@ -46,9 +47,13 @@ def check(
     if version == 1 and not case.version1:
         return 0
     frame = make(case.name, sysid=sysid, version=version, **dict(case.fields))
+    door = Door(step_s=30.0)  # nobody has to wait: neither for others' questions nor for the commander's files
     for view in VIEWS:
-        verdict = judge(frame, station, view, VEHICLE)
-        assert (verdict.action, verdict.reason) == expected(case.kind, station, sysid, wrong, view), (
+        door.change(view)
+        verdict, passed, answers = door.up(station, frame)
+        assert passed == ([frame.raw] if verdict.fate is Fate.FORWARD else []), case
+        assert not answers or verdict.fate is Fate.REFUSE or verdict.access is Access.ANSWERED, case
+        assert (verdict.fate, verdict.reason) == expected(case.kind, station, sysid, wrong, view), (
             f"{case} from {sysid} behind {station.sysid}, version {version}, {view}: {verdict}"
         )
         assert verdict.access is ACCESS[case.kind], case
@@ -119,7 +124,7 @@ def test_where_a_station_has_a_key_no_frame_reaches_the_judge_without_its_signat
     for case, frame in zip(cases, judged, strict=False):  # a signature changes nothing for the judge
         for view in VIEWS:
             verdict_of_judge = judge(frame, A, view, VEHICLE)
-            outcome_of_judge = verdict_of_judge.action, verdict_of_judge.reason
+            outcome_of_judge = verdict_of_judge.fate, verdict_of_judge.reason
             assert outcome_of_judge == expected(case.kind, A, GCSA, None, view), case
 
 
@@ -148,14 +153,14 @@ def test_the_vehicle_s_id_is_nobody_s_whatever_a_station_is_said_to_speak_for(
 ) -> None:
     greedy = StationIdentity(GCSA, frozenset((VEHICLE,)))
     verdict = outcome(make(name, sysid=VEHICLE), greedy)
-    assert (verdict.action, verdict.reason) == (Action.DROP, GateReason.SPOOFED_VEHICLE)
+    assert (verdict.fate, verdict.reason) == (Fate.DROP, GateReason.SPOOFED_VEHICLE)
 
 
 def test_a_frame_with_less_payload_than_its_message_has_is_judged_all_the_same(make: Callable[..., Frame]) -> None:
     frame = make("RC_CHANNELS_OVERRIDE", sysid=GCSA)
     for length in range(len(frame.payload)):
         verdict = outcome(frame._replace(payload=frame.payload[:length]), A)
-        assert (verdict.action, verdict.reason) == (Action.FORWARD, GateReason.ALLOWED)
+        assert (verdict.fate, verdict.reason) == (Fate.FORWARD, GateReason.ALLOWED)
 
 
 def test_a_stop_from_a_station_that_does_not_command_is_refused(make: Callable[..., Frame]) -> None:
@@ -165,21 +170,21 @@ def test_a_stop_from_a_station_that_does_not_command_is_refused(make: Callable[.
         (21, "MAV_CMD_NAV_LAND"),
     ):
         verdict = outcome(make("COMMAND_LONG", sysid=GCSB, command=command), B)
-        assert (verdict.action, verdict.reason) == (Action.REFUSE, GateReason.NOT_IN_CONTROL)
+        assert (verdict.fate, verdict.reason) == (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
         assert verdict.what == f"COMMAND_LONG/{what}"
 
 
 COMMANDED_BY_A_ARMED = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD, armed=True)
 
-LOCKED = (Action.REFUSE, GateReason.LOCKED_WHILE_ARMED)
-ALLOWED = (Action.FORWARD, GateReason.ALLOWED)
-NOT_IN_CONTROL = (Action.REFUSE, GateReason.NOT_IN_CONTROL)
+LOCKED = (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED)
+ALLOWED = (Fate.FORWARD, GateReason.ALLOWED)
+NOT_IN_CONTROL = (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
 
 
-def both_ways(frame: Frame, station: StationIdentity) -> list[tuple[Action, GateReason]]:
+def both_ways(frame: Frame, station: StationIdentity) -> list[tuple[Fate, GateReason]]:
     """The outcome on the ground, and while armed."""
     verdicts = [outcome(frame, station, view) for view in (COMMANDED_BY_A, COMMANDED_BY_A_ARMED)]
-    return [(verdict.action, verdict.reason) for verdict in verdicts]
+    return [(verdict.fate, verdict.reason) for verdict in verdicts]
 
 
 @pytest.mark.parametrize("name", ["FS_GCS_ENABLE", "SCR_ENABLE", "HNDO_ENABLE", "MAV_GCS_SYSID", "SYSID_MYGCS"])
@@ -208,7 +213,7 @@ def test_other_parameters_are_the_commanders_in_flight_too(make: Callable[..., F
     ],
 )
 def test_a_parameters_name_is_read_as_the_autopilot_reads_it(
-    make: Callable[..., Frame], param_id: bytes, outcomes: list[tuple[Action, GateReason]], what: str
+    make: Callable[..., Frame], param_id: bytes, outcomes: list[tuple[Fate, GateReason]], what: str
 ) -> None:
     frame = make("PARAM_SET", param_id=param_id)
     assert both_ways(frame, A) == outcomes
@@ -230,7 +235,7 @@ def test_missions_may_be_uploaded_as_files_in_flight(make: Callable[..., Frame])
 
 
 def test_no_station_writes_scripts_or_reads_the_memory_with_the_signing_key(make: Callable[..., Frame]) -> None:
-    maintenance = (Action.REFUSE, GateReason.MAINTENANCE_ONLY)
+    maintenance = (Fate.REFUSE, GateReason.MAINTENANCE_ONLY)
     for opcode, path, what in (
         (6, b"APM/scripts/x.lua", "FILE_TRANSFER_PROTOCOL/CreateFile (scripts)"),
         (8, b"scripts/handover_guard.lua", "FILE_TRANSFER_PROTOCOL/RemoveFile (scripts)"),
@@ -256,7 +261,7 @@ def test_what_is_addressed_to_everybody_is_addressed_to_us(make: Callable[..., F
         frame = make(name, sysid=GCSB, command=400, target_system=0, target_component=0)
         assert outcome(frame, B).reason is GateReason.NOT_IN_CONTROL
     frame = make("COMMAND_LONG", command=400, target_system=0, target_component=0)
-    assert outcome(frame, A).action is Action.FORWARD
+    assert outcome(frame, A).fate is Fate.FORWARD
 
 
 @pytest.mark.parametrize("other", [2, GCSB, 255])
@@ -275,25 +280,25 @@ def test_what_is_addressed_to_another_system_is_dropped_whoever_sends_it(
     ):
         for sysid, station in ((GCSA, A), (GCSB, B)):
             verdict = outcome(make(name, sysid=sysid, target_system=other, **fields), station)
-            assert (verdict.action, verdict.reason) == (Action.DROP, GateReason.OTHER_TARGET), name
+            assert (verdict.fate, verdict.reason) == (Fate.DROP, GateReason.OTHER_TARGET), name
     assert outcome(make("MANUAL_CONTROL", target=other), A).reason is GateReason.OTHER_TARGET
 
 
 def test_other_components_of_the_vehicle_are_the_commanders_too(make: Callable[..., Frame]) -> None:
     for component in (0, 1, 100, 154):
         frame = make("COMMAND_LONG", command=1000, target_component=component)
-        assert outcome(frame, A).action is Action.FORWARD
+        assert outcome(frame, A).fate is Fate.FORWARD
         frame = make("COMMAND_LONG", sysid=GCSB, command=1000, target_component=component)
         assert outcome(frame, B).reason is GateReason.NOT_IN_CONTROL
 
 
 def test_the_companions_component_takes_only_what_the_companion_consumes(make: Callable[..., Frame]) -> None:
-    def at_companion(name: str, sysid: int = GCSA, **fields: object) -> tuple[Action, GateReason]:
+    def at_companion(name: str, sysid: int = GCSA, **fields: object) -> tuple[Fate, GateReason]:
         frame = make(name, sysid=sysid, target_component=191, **fields)
         verdict = outcome(frame, A if sysid == GCSA else B)
-        return verdict.action, verdict.reason
+        return verdict.fate, verdict.reason
 
-    refused = (Action.REFUSE, GateReason.COMPANION_TARGET)
+    refused = (Fate.REFUSE, GateReason.COMPANION_TARGET)
     assert at_companion("COMMAND_LONG", command=400) == refused
     assert at_companion("COMMAND_LONG", command=300) == refused
     assert at_companion("COMMAND_LONG", command=512) == refused
@@ -301,12 +306,12 @@ def test_the_companions_component_takes_only_what_the_companion_consumes(make: C
     assert at_companion("PARAM_REQUEST_LIST", sysid=GCSB) == refused
     assert at_companion("PARAM_SET") == refused
     assert at_companion("FILE_TRANSFER_PROTOCOL") == refused
-    assert at_companion("RC_CHANNELS_OVERRIDE") == (Action.DROP, GateReason.COMPANION_TARGET)
-    assert at_companion("COMMAND_LONG", command=400, sysid=GCSB) == (Action.REFUSE, GateReason.NOT_IN_CONTROL)
-    assert at_companion("COMMAND_LONG", command=32100, sysid=GCSB) == (Action.CONSUME, GateReason.COMPANION)
-    assert at_companion("COMMAND_ACK", command=32100) == (Action.CONSUME, GateReason.COMPANION)
-    assert at_companion("CONNECT", sysid=GCSB) == (Action.CONSUME, GateReason.COMPANION)
-    assert at_companion("TUNNEL", payload_type=47117) == (Action.DROP, GateReason.NEVER)
+    assert at_companion("RC_CHANNELS_OVERRIDE") == (Fate.DROP, GateReason.COMPANION_TARGET)
+    assert at_companion("COMMAND_LONG", command=400, sysid=GCSB) == (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
+    assert at_companion("COMMAND_LONG", command=32100, sysid=GCSB) == (Fate.CONSUME, GateReason.COMPANION)
+    assert at_companion("COMMAND_ACK", command=32100) == (Fate.CONSUME, GateReason.COMPANION)
+    assert at_companion("CONNECT", sysid=GCSB) == (Fate.CONSUME, GateReason.COMPANION)
+    assert at_companion("TUNNEL", payload_type=47117) == (Fate.DROP, GateReason.NEVER)
 
 
 def test_start_on_the_ground_is_the_companions_by_either_command_form_and_target(
@@ -316,14 +321,14 @@ def test_start_on_the_ground_is_the_companions_by_either_command_form_and_target
     for name in ("COMMAND_LONG", "COMMAND_INT"):
         for component in (0, 1, 191):
             frame = make(name, command=300, target_component=component)
-            assert outcome(frame, A, on_load).action is Action.CONSUME
+            assert outcome(frame, A, on_load).fate is Fate.CONSUME
 
 
 def test_a_frame_that_could_not_be_checked_is_dropped(make: Callable[..., Frame]) -> None:
     for msgid in (0, 76, 47199, 0xFFFFFF):
         frame = Frame(b"", 2, msgid, GCSA, 190, 0, False, b"", False)
         verdict = outcome(frame, A)
-        assert (verdict.action, verdict.reason) == (Action.DROP, GateReason.UNKNOWN_MESSAGE)
+        assert (verdict.fate, verdict.reason) == (Fate.DROP, GateReason.UNKNOWN_MESSAGE)
 
 
 def test_even_a_frame_without_its_payload_has_a_verdict() -> None:
@@ -335,7 +340,7 @@ def test_even_a_frame_without_its_payload_has_a_verdict() -> None:
 
 def test_a_message_outside_the_policy_is_dropped_even_if_it_was_checked() -> None:
     verdict = outcome(Frame(b"", 2, 47131, GCSA, 190, 0, False, bytes(10), True), A)
-    assert (verdict.action, verdict.reason) == (Action.DROP, GateReason.UNKNOWN_MESSAGE)
+    assert (verdict.fate, verdict.reason) == (Fate.DROP, GateReason.UNKNOWN_MESSAGE)
     assert (verdict.access, verdict.what) == (None, "message 47131")
 
 
@@ -359,7 +364,7 @@ def test_whatever_a_frame_holds_there_is_a_verdict(
     msgid: int, sysid: int, payload: bytes, known: bool, view: AuthorityView
 ) -> None:
     verdict = judge(Frame(payload, 2, msgid, sysid, 0, 0, False, payload, known), A, view, VEHICLE)
-    if verdict.action is Action.FORWARD:
+    if verdict.fate is Fate.FORWARD:
         assert known
         assert sysid in (GCSA, TRACKER_OF_A)
 
@@ -367,4 +372,4 @@ def test_whatever_a_frame_holds_there_is_a_verdict(
 @given(st.binary(max_size=600))
 def test_bytes_that_are_no_frames_reach_nobody(data: bytes) -> None:
     for frame in FrameSplitter().feed(data):
-        assert outcome(frame, C).action is not Action.FORWARD or frame.sysid == GCSC
+        assert outcome(frame, C).fate is not Fate.FORWARD or frame.sysid == GCSC

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
-from mavproxy_handover.gate.judge import Action, GateReason, Verdict, judge
+from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, judge
 from mavproxy_handover.gate.questions import Questions
 from mavproxy_handover.gate.refusals import refusal
 from mavproxy_handover.wire.frames import Frame
@@ -20,9 +20,9 @@ from tests.gate.ledger import GCSA, GCSB, GCSC, TRACKER_OF_B, VEHICLE, A, B
 
 Make = Callable[..., Frame]
 COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
-ALLOWED = (Action.FORWARD, GateReason.ALLOWED)
-TOO_MANY = (Action.DROP, GateReason.TOO_MANY)
-FILE_BUSY = (Action.REFUSE, GateReason.FILE_BUSY)
+ALLOWED = (Fate.FORWARD, GateReason.ALLOWED)
+TOO_MANY = (Fate.DROP, GateReason.TOO_MANY)
+FILE_BUSY = (Fate.REFUSE, GateReason.FILE_BUSY)
 CREATE, TERMINATE, READ, OPEN = 6, 1, 5, 4
 
 
@@ -38,14 +38,14 @@ class Desk:
         station = A if frame.sysid == GCSA else B
         verdict = judge(frame, station, view, VEHICLE)
         verdict = self.questions.limit(frame, verdict, station.sysid, commander, now)
-        if station.sysid == commander and verdict.action is Action.FORWARD:
+        if station.sysid == commander and verdict.fate is Fate.FORWARD:
             self.questions.commander_sent(frame, now)
         self.flusher.saw(frame, verdict, station.sysid)
         return verdict
 
-    def outcome(self, frame: Frame, now: float, commander: int | None = GCSA) -> tuple[Action, GateReason]:
+    def outcome(self, frame: Frame, now: float, commander: int | None = GCSA) -> tuple[Fate, GateReason]:
         verdict = self.ask(frame, now, commander)
-        return verdict.action, verdict.reason
+        return verdict.fate, verdict.reason
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_what_is_refused_or_dropped_anyway_is_not_counted(desk: Desk, make: Make
 def test_who_asks_too_much_of_the_autopilot_can_still_take_part_in_a_transfer(desk: Desk, make: Make) -> None:
     for _ in range(100):
         desk.ask(make("PING", sysid=GCSB), 0.0)
-    assert desk.outcome(make("ON_HANDOVER", sysid=GCSB), 0.0) == (Action.CONSUME, GateReason.COMPANION)
+    assert desk.outcome(make("ON_HANDOVER", sysid=GCSB), 0.0) == (Fate.CONSUME, GateReason.COMPANION)
 
 
 def test_one_stations_questions_are_not_anothers(desk: Desk, make: Make) -> None:
@@ -104,7 +104,7 @@ def test_so_many_senders_of_one_station_reach_the_autopilot(desk: Desk, make: Ma
     outcomes = [desk.outcome(frame, float(number)) for number, frame in enumerate(frames)]
     assert outcomes == [ALLOWED] * 4 + [TOO_MANY] * 194
     assert desk.outcome(frames[3], 1000.0) == ALLOWED
-    assert desk.ask(make("CONNECT", sysid=GCSB, compid=99), 1000.0).action is Action.CONSUME
+    assert desk.ask(make("CONNECT", sysid=GCSB, compid=99), 1000.0).fate is Fate.CONSUME
 
 
 def test_a_clock_that_stands_still_or_goes_back_gives_nothing(desk: Desk, make: Make) -> None:
@@ -144,7 +144,7 @@ def test_a_reader_does_not_keep_the_commander_out(desk: Desk, make: Make) -> Non
 
 
 def test_what_a_commander_is_refused_does_not_keep_others_out(desk: Desk, make: Make) -> None:
-    assert desk.outcome(ftp(make, CREATE, GCSA, b"scripts/x.lua"), 0.0)[0] is Action.REFUSE
+    assert desk.outcome(ftp(make, CREATE, GCSA, b"scripts/x.lua"), 0.0)[0] is Fate.REFUSE
     desk.ask(make("PING", sysid=GCSA), 0.0)
     assert desk.outcome(ftp(make, READ, GCSB), 0.1) == ALLOWED
 

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate import refusals
-from mavproxy_handover.gate.judge import Action, GateReason, StationIdentity, judge
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, judge
 from mavproxy_handover.gate.refusals import SILENT, RefusalLimiter, refusal
 from mavproxy_handover.wire.frames import Frame, parse_one
 from tests.gate.frames import ftp_request
@@ -36,7 +36,7 @@ def answers_to(
 ) -> list[Any]:
     """What the station reads when the gate has refused `frame`."""
     verdict = judge(frame, station, view, VEHICLE)
-    assert verdict.action is Action.REFUSE
+    assert verdict.fate is Fate.REFUSE
     return [mavlink.MAVLink(None).decode(bytearray(packed)) for packed in refusal(frame, verdict, own)]
 
 
@@ -214,7 +214,7 @@ def test_every_refusal_of_the_dialect_has_an_answer_or_is_silent_on_purpose(make
         frame = make(cls.msgname, sysid=252)
         verdict = judge(frame, OBSERVER, VIEW, VEHICLE)
         packed = refusal(frame, verdict, own)
-        silent = verdict.action is not Action.REFUSE or cls.msgname in SILENT
+        silent = verdict.fate is not Fate.REFUSE or cls.msgname in SILENT
         assert (packed == []) == silent, cls.msgname
         for raw in packed:
             parsed = parse_one(raw)

@@ -19,6 +19,7 @@ from gcs_module import commands as station_commands
 from gcs_module import module as station_module
 from gcs_module import signing as station_signing
 from gcs_module.signing import LinkSigning
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.store.keys import key_of, write_key
 from mavproxy_handover.wire.signing import SignatureVerdict, sign, timestamp_of
 from tests.module.conftest import Clock
@@ -50,7 +51,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> BothClocks:
 
 @pytest.fixture
 def signing(clock: BothClocks) -> LinkSigning:
-    return LinkSigning(KEY, clock.time, clock.monotonic)
+    return LinkSigning(KEY, Clocks(clock.time, clock.monotonic))
 
 
 def heartbeat() -> Any:
@@ -257,7 +258,7 @@ class TestReload:
         master = Master()
         stamps, ids = [], set()
         for _ in range(4):
-            signing = LinkSigning(KEY, clock.time, clock.monotonic)
+            signing = LinkSigning(KEY, Clocks(clock.time, clock.monotonic))
             signing.sign([master])
             for raw in sent_by(master, 300):
                 stamps.append(stamp(raw))
@@ -271,11 +272,11 @@ class TestReload:
         master = Master()
         old, new = of_vehicle(KEY, STAMP), of_vehicle(KEY, STAMP + 1)
         ours = of_vehicle(KEY, STAMP, connect_message())
-        before = LinkSigning(KEY, clock.time, clock.monotonic)
+        before = LinkSigning(KEY, Clocks(clock.time, clock.monotonic))
         before.sign([master])
         assert taken(master, old)
         before.release()
-        after = LinkSigning(KEY, clock.time, clock.monotonic)
+        after = LinkSigning(KEY, Clocks(clock.time, clock.monotonic))
         after.sign([master])
         frame = station_signing.parse_one(ours)
         assert frame is not None
@@ -285,11 +286,11 @@ class TestReload:
 
     def test_a_new_key_starts_afresh(self, clock: BothClocks) -> None:
         master = Master()
-        before = LinkSigning(KEY, clock.time, clock.monotonic)
+        before = LinkSigning(KEY, Clocks(clock.time, clock.monotonic))
         before.sign([master])
         assert taken(master, of_vehicle(KEY, STAMP + 50 * SECOND))
         before.release()
-        after = LinkSigning(OTHER_KEY, clock.time, clock.monotonic)
+        after = LinkSigning(OTHER_KEY, Clocks(clock.time, clock.monotonic))
         after.sign([master])
         assert taken(master, of_vehicle(OTHER_KEY, STAMP))
 

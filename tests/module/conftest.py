@@ -30,13 +30,18 @@ STEP_S = 0.05
 class Clock:
     """Stands in for the module `time` where a module of ours asks for the time."""
 
+    strftime = staticmethod(time.strftime)
+
     def __init__(self) -> None:
         self.now = 1000.0
+        #: the time of day is this much later; signatures have to be of today
+        self.utc_offset_s = time.time() - self.now
 
     def monotonic(self) -> float:
         return self.now
 
-    strftime = staticmethod(time.strftime)
+    def time(self) -> float:
+        return self.now + self.utc_offset_s
 
 
 class Bench:

@@ -18,6 +18,7 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.link import LOG_S, AutopilotLink
+from mavproxy_handover.clocks import Clocks
 from tests.module.conftest import Bench
 
 FRAME = bytes(range(40))
@@ -77,7 +78,9 @@ def line() -> Iterator[Line]:
 
 def link_to(*masters: Any, log: Log | None = None) -> AutopilotLink:
     state = SimpleNamespace(mav_master=list(masters), logqueue=log)
-    return AutopilotLink(state, lambda: state.mav_master[-1] if state.mav_master else None, None)
+    return AutopilotLink(
+        state, lambda: state.mav_master[-1] if state.mav_master else None, None, Clocks(time.time, time.monotonic)
+    )
 
 
 def test_a_serial_line_gets_the_frame_without_a_detour(line: Line) -> None:

@@ -14,7 +14,9 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.wire.conversation import Ask, Asking
 from tests.module.conftest import Bench
 from tests.module.vehicle import RTL as RTL_MODE
 
@@ -42,36 +44,25 @@ HEALTHY: dict[str, Callable[[Bench, pytest.MonkeyPatch], None]] = {
     "reading a link": lambda b, patch: patch.setattr(b.companion.ports[252], "read", broken),
     "reading every link": lambda b, patch: [patch.setattr(port, "read", broken) for port in b.companion.ports.values()],
     "the descriptor of a link": lambda b, patch: patch.setattr(b.companion.ports[252].links[0], "fileno", broken),
-    "judging a frame": lambda b, patch: patch.setattr(b.companion, "_on_frame", broken),
+    "judging a frame": lambda b, patch: patch.setattr(b.companion.gate, "up", broken),
     "sending to a station": lambda b, patch: patch.setattr(b.companion.ports[251], "write", broken),
     "the console": lambda b, patch: patch.setattr(b.mpstate.console, "writeln", broken),
     "asking what MAVProxy waits for": lambda b, patch: patch.setattr("mavproxy_handover.module.waited_for", broken),
     "measuring links": lambda b, patch: patch.setattr(b.companion.ports[252], "tick", broken),
     "the side doors": lambda b, patch: patch.setattr(b.module, "_close_side_doors", broken),
-    "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.aircraft, "take", broken),
-    "the downlink": lambda b, patch: patch.setattr(b.companion._downlink, "receivers", broken),
-    "the telemetry": lambda b, patch: patch.setattr(b.companion.aircraft, "telemetry", broken),
+    "the state of the aircraft": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "take", broken),
+    "the downlink": lambda b, patch: patch.setattr(b.companion.gate, "down", broken),
+    "the telemetry": lambda b, patch: patch.setattr(b.companion.autopilot.aircraft, "telemetry", broken),
     "the zone finder": lambda b, patch: patch.setattr(b.companion.autopilot, "zone_facts", broken),
-    "a conversation": lambda b, patch: patch.setattr(
-        b.companion._conversations, "_running", {"load": (BrokenTalk(), broken)}
+    "a conversation": lambda b, patch: b.companion.autopilot.conversations.begin(
+        "load", broken_asking(), broken, b.clock.now
     ),
 }
 
 
-class BrokenTalk:
-    """A conversation with a bug in it."""
-
-    finished = False
-    failure: str | None = None
-
-    def tick(self, now: float) -> None:
-        broken()
-
-    def on_message(self, message: Any, now: float) -> None:
-        broken()
-
-    def break_off(self, why: str) -> None:
-        self.finished, self.failure = True, why
+def broken_asking() -> Asking:
+    """A conversation with a bug in it, which shows with the next message."""
+    yield Ask("anything", (), broken)
 
 
 @pytest.mark.parametrize("part", list(HEALTHY))
@@ -88,11 +79,11 @@ def test_a_broken_part_does_not_stop_the_leases(flight: Bench, part: str, monkey
 
 def test_a_conversation_that_breaks_is_over_and_is_told(flight: Bench) -> None:
     ends: list[str | None] = []
-    running = flight.companion._conversations._running
-    running["load"] = (BrokenTalk(), lambda ended, now: ends.append(ended.failure))
+    conversations = flight.companion.autopilot.conversations
+    conversations.begin("load", broken_asking(), lambda ended, now: ends.append(ended.failure), flight.clock.now)
     flight.run(1.0)
     assert ends == ["internal fault: a bug"]
-    assert "load" not in running
+    assert "load" not in conversations
     assert flight.companion.faults == {"conversation load": 1}
 
 
@@ -238,11 +229,12 @@ def test_the_way_home_is_commanded_although_more_than_the_arbiter_breaks(
     with monkeypatch.context() as patch:
         patch.setattr(companion.arbiter, "handle", broken)
         if part == "flush":
-            patch.setattr(companion._flusher, "flush", broken)
+            patch.setattr(FlushTracker, "flush", broken)
         elif part == "console":
             patch.setattr(airborne.mpstate.console, "writeln", broken)
         else:
-            patch.setattr(companion._orders, "give_start_up", once_broken(companion._orders.give_start_up))
+            orders = companion.autopilot.orders
+            patch.setattr(orders, "give_start_up", once_broken(orders.give_start_up))
         airborne.run(1.0)
     assert airborne.companion.failed
     assert airborne.companion.faults[part] == 1

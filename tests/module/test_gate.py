@@ -95,7 +95,7 @@ def test_a_frame_from_b_that_claims_to_be_somebody_else_is_dropped(flight: Bench
     flight.mpstate.loop()
     written = b"".join(flight.mpstate.mav_master[0].written)
     assert RTL.to_bytes(2, "little") not in written
-    assert flight.companion.ports[252].verdicts[reason] == 2
+    assert flight.companion.gate.counts[252][reason] == 2
 
 
 def test_garbage_from_a_station_costs_nothing(flight: Bench) -> None:

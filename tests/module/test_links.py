@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import select
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import module as gcs_module
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.core.model import Station
 from mavproxy_handover.link.devices import LinkError, open_device
@@ -27,6 +29,7 @@ from tests.module.test_station_module import StationBench
 from tests.module.vehicle import frames
 
 HERE = "127.0.0.1"
+SYSTEM = Clocks(time.time, time.monotonic)
 TIMESYNC = mavlink.MAVLINK_MSG_ID_TIMESYNC
 
 
@@ -76,7 +79,7 @@ def ends() -> Iterator[list[End]]:
 @pytest.fixture
 def port(ends: list[End]) -> Iterator[StationPort]:
     links = tuple(f"udpout:{HERE}:{end.port}" for end in ends)
-    ports = open_ports((StationLinks(Station(251, "A"), links, frozenset({251, 241})),), 1)
+    ports = open_ports((StationLinks(Station(251, "A"), links, frozenset({251, 241})),), 1, SYSTEM)
     yield ports[251]
     ports[251].close()
 
@@ -109,7 +112,7 @@ def test_all_links_are_opened_or_none(ends: list[End]) -> None:
         StationLinks(Station(252, "B"), (f"udpin:{HERE}:{ends[0].port}",), frozenset({252})),
     )
     with pytest.raises(LinkError):
-        open_ports(configs, 1)
+        open_ports(configs, 1, SYSTEM)
     open_device(f"udpin:{HERE}:{free.port}").close()
 
 
@@ -157,7 +160,7 @@ def test_probes_are_numbered_for_each_link_and_come_from_no_other_component(port
 def test_frames_in_other_names_are_passed_on_for_the_gate_and_do_nothing_for_the_link(ends: list[End]) -> None:
     free = End()
     free.socket.close()
-    ports = open_ports((StationLinks(Station(251, "A"), (f"udpin:{HERE}:{free.port}",), frozenset({251})),), 1)
+    ports = open_ports((StationLinks(Station(251, "A"), (f"udpin:{HERE}:{free.port}",), frozenset({251})),), 1, SYSTEM)
     port = ports[251]
     ends[0].vehicle = ends[1].vehicle = (HERE, free.port)
     ends[0].send(beat(), sysid=252)

@@ -199,9 +199,9 @@ class TestTheModule:
         bench, far = busy
         self.talk(bench)
         steps: list[str] = []
-        check, write = bench.companion.autopilot.check_zones, bench.companion._write_autopilot
+        check, up = bench.companion.autopilot.check_zones, bench.companion.gate.up
         monkeypatch.setattr(bench.companion.autopilot, "check_zones", lambda now: (steps.append("zones"), check(now)))
-        monkeypatch.setattr(bench.companion, "_write_autopilot", lambda raw: (steps.append("frame"), write(raw)))
+        monkeypatch.setattr(bench.companion.gate, "up", lambda *frame: (steps.append("frame"), up(*frame))[1])
         bench.module._idle_at = bench.clock.now + 0.03
         self.position(bench)
         assert steps == []

@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.stations.operator_control import OperatorControl
 from tests.module.conftest import MISSIONS, Bench
 from tests.module.test_handover import IN_A, IN_B, IN_BOTH
 from tests.module.vehicle import AUTO, Station
@@ -467,7 +468,7 @@ def test_a_fault_while_answering_costs_that_answer(ground: Bench, monkeypatch: p
         raise RuntimeError("a bug")
 
     with monkeypatch.context() as patch:
-        patch.setattr(ground.companion._control, "answer", broken)
+        patch.setattr(OperatorControl, "answer", broken)
         request(ground.b)
         ground.run(0.5)
     assert ground.companion.faults == {"action ControlAnswer": 1}

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,11 +12,10 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.link import AutopilotLink
+from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.core import events
 from mavproxy_handover.gate.judge import GateReason
-from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import SignedPeer
-from tests.gate.frames import ftp_request
 from tests.module.conftest import Bench
 from tests.module.proxy import Master
 from tests.module.vehicle import Station
@@ -89,44 +89,26 @@ def test_a_fresh_position_counts_before_it_is_judged_whether_positions_are_fresh
 
 def test_a_frame_is_on_its_way_before_anything_is_written_down(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.connect()
-    steps: list[str] = []
-    companion = bench.companion
-    for name, owner, method in (
-        ("autopilot", companion, "_write_autopilot"),
-        ("question", companion._downlink, "asked"),
-        ("open", companion._flusher, "saw"),
-        ("journal", companion.journal, "note"),
-    ):
-        before = getattr(owner, method)
+    command = speed(7)
+    on_its_way: list[bool] = []
+    note = bench.companion.journal.note
 
-        def noted(*arguments: Any, _name: str = name, _before: Any = before, **values: Any) -> Any:
-            steps.append(_name)
-            return _before(*arguments, **values)
+    def noted(event: str, *arguments: Any, **values: Any) -> None:
+        if event == "accepted":
+            written = b"".join(bench.mpstate.mav_master[0].written)
+            on_its_way.append(bytes(command.get_msgbuf()[10:-2]) in written)
+        note(event, *arguments, **values)
 
-        monkeypatch.setattr(owner, method, noted)
-    port = companion.ports[251]
-    raw = speed(7).pack(mavlink.MAVLink(None, srcSystem=251, srcComponent=190))
-    frame = parse_one(bytes(raw))
-    assert frame is not None
-    companion._on_frame(port, frame, bench.clock.now)
-    assert steps == ["autopilot", "question", "open", "journal"]
-
-
-def test_what_an_observer_says_keeps_its_wishes_alive_and_a_commander_has_none(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench.connect()
-    heard: list[int] = []
-    monkeypatch.setattr(bench.companion._downlink.rates, "heard", lambda station, now: heard.append(station))
-    bench.run(2.5)
-    assert set(heard) == {252}
+    monkeypatch.setattr(bench.companion.journal, "note", noted)
+    served(bench, bench.a, command)
+    assert on_its_way == [True]
 
 
 def test_with_a_key_of_the_autopilot_what_cannot_be_signed_goes_there_as_it_is() -> None:
     """MAVLink 1 has no signatures; whether the autopilot takes it is the autopilot's business."""
     master = Master()
     state = SimpleNamespace(mav_master=[master], logqueue=None)
-    link = AutopilotLink(state, lambda: master, SignedPeer(bytes(range(32))))
+    link = AutopilotLink(state, lambda: master, SignedPeer(bytes(range(32))), Clocks(time.time, time.monotonic))
     old = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, 251, 190), True))
     assert old[0] == 0xFE
     new = bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 0, 3).pack(mavlink.MAVLink(None, 251, 190)))
@@ -141,10 +123,6 @@ def test_with_a_key_of_the_autopilot_what_cannot_be_signed_goes_there_as_it_is()
 
 def sticks() -> mavlink.MAVLink_message:
     return mavlink.MAVLink_rc_channels_override_message(1, 1, *[1500] * 8)
-
-
-def listing() -> mavlink.MAVLink_message:
-    return mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, ftp_request(3, b"/"))
 
 
 def served(bench: Bench, station: Station, *messages: mavlink.MAVLink_message) -> None:
@@ -164,13 +142,13 @@ def overrides(bench: Bench) -> list[int]:
 
 def test_what_the_commander_streams_goes_out_at_once_and_is_counted_with_the_next_tick(bench: Bench) -> None:
     bench.connect()
-    verdicts = bench.companion.ports[251].verdicts
-    before = verdicts[GateReason.ALLOWED]
+    counts = bench.companion.gate.counts[251]
+    before = counts[GateReason.ALLOWED]
     served(bench, bench.a, sticks(), sticks())
     assert overrides(bench) == [1500, 1500]
-    assert verdicts[GateReason.ALLOWED] == before
+    assert counts[GateReason.ALLOWED] == before
     bench.companion.tick(bench.clock.now)
-    assert verdicts[GateReason.ALLOWED] == before + 2
+    assert counts[GateReason.ALLOWED] == before + 2
 
 
 @pytest.mark.parametrize("end", ["commander silent", "fault inside"])
@@ -183,51 +161,3 @@ def test_sticks_are_released_though_they_had_not_been_noted_yet(bench: Bench, en
         bench.companion.handle(events.Tick(), bench.clock.now + 30.0)
     assert bench.companion.view.commander is None
     assert overrides(bench) == [1500, 0]
-
-
-def test_another_station_finds_noted_what_the_commander_sent_before_it(bench: Bench) -> None:
-    bench.connect()
-    served(bench, bench.a, listing())
-    served(bench, bench.b, listing())
-    assert bench.companion.ports[252].verdicts[GateReason.FILE_BUSY] == 1
-
-
-def test_what_another_station_asks_is_noted_at_once(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The answer may come before the next tick."""
-    bench.connect()
-    asked: list[int] = []
-    monkeypatch.setattr(bench.companion._downlink, "asked", lambda frame, station, now: asked.append(station))
-    request = mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1)
-    served(bench, bench.b, request)
-    served(bench, bench.a, request)
-    assert asked == [252]
-
-
-def test_a_frame_that_cannot_be_noted_costs_no_other_frame(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench.connect()
-    saw = bench.companion._flusher.saw
-    seen = 0
-
-    def breaks_once(*arguments: Any) -> None:
-        nonlocal seen
-        seen += 1
-        if seen == 1:
-            raise RuntimeError("planted")
-        saw(*arguments)
-
-    monkeypatch.setattr(bench.companion._flusher, "saw", breaks_once)
-    served(bench, bench.a, sticks(), sticks())
-    bench.companion.handle(events.Tick(), bench.clock.now + 30.0)
-    assert bench.companion.faults == {"frame that passed": 1}
-    assert overrides(bench) == [1500, 1500, 0]
-
-
-def test_so_many_frames_wait_to_be_noted_at_most(bench: Bench) -> None:
-    bench.connect()
-    port = bench.companion.ports[251]
-    frame = parse_one(bytes(sticks().pack(mavlink.MAVLink(None, srcSystem=251, srcComponent=190))))
-    assert frame is not None
-    for _ in range(10):
-        bench.companion.on_station(port, [frame] * 100, bench.clock.now)
-    assert len(bench.companion._passed) < 512
-    assert port.verdicts[GateReason.ALLOWED] >= 512

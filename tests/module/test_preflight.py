@@ -261,13 +261,13 @@ def test_nothing_is_asked_while_armed(flown: Bench) -> None:
     flown.autopilot.armed = True
     flown.run(30.0)
     assert flown.autopilot.asked == []  # type: ignore[attr-defined]
-    assert flown.companion.preflight.findings is None
+    assert flown.companion.autopilot.findings is None
 
 
 def test_a_reading_that_a_start_overtakes_is_finished(flown: Bench) -> None:
     flown.autopilot.parameters["FS_GCS_ENABLE"] = 0.0  # type: ignore[attr-defined]
     flown.connect()
-    flown.until(lambda: "preflight" in flown.companion._conversations)
+    flown.until(lambda: "preflight" in flown.companion.autopilot.conversations)
     flown.autopilot.armed = True
     flown.run(3.0)
     assert len(said(flown)) == 1

@@ -293,16 +293,16 @@ class TestInATransfer:
     def until_message(flight: Bench, direction: str, name: str) -> None:
         """Stop the world when this message has been sent or taken in, and what it has led to at once is done."""
         companion = flight.companion
-        original = companion._narrator.message
+        original = companion.narrator.message
 
         seen = []
 
-        def watching(way: str, port: Any, message: Any, attempt: int | None = None) -> None:
-            original(way, port, message, attempt)
+        def watching(way: str, station: str, message: Any, attempt: int | None = None) -> None:
+            original(way, station, message, attempt)
             if (way, codec.name_of(message)) == (direction, name):
                 seen.append(name)
 
-        companion._narrator.message = watching
+        companion.narrator.message = watching
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: seen)
         assert companion.view.commander == 251, "too late: it has committed in the same round"

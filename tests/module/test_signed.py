@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.stations import port
 from mavproxy_handover.store.keys import key_of, key_path, rotate_key, write_key
 from mavproxy_handover.wire.frames import FrameSplitter, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
@@ -51,10 +50,7 @@ def sign_with(station: Station, key: bytes | None) -> None:
 
 
 @pytest.fixture
-def signed(clock: Clock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SignedBench]:
-    started = time.time() - clock.now
-    clock.time = lambda: started + clock.now  # type: ignore[attr-defined]
-    monkeypatch.setattr(port, "time", clock)
+def signed(clock: Clock, tmp_path: Path) -> Iterator[SignedBench]:
     bench = SignedBench(tmp_path, clock)
     yield bench
     bench.close()
@@ -194,7 +190,7 @@ def test_each_station_hears_its_own_key(signed: SignedBench, monkeypatch: pytest
         peer = SignedPeer(key)
         found = [frame for data in heard[sysid] for frame in FrameSplitter().feed(data)]
         assert len(found) > 20
-        verdicts = {peer.check(frame, signed.clock.time(), signed.clock.now) for frame in found}  # type: ignore[attr-defined]
+        verdicts = {peer.check(frame, signed.clock.time(), signed.clock.now) for frame in found}
         assert verdicts == {SignatureVerdict.OK}
 
 

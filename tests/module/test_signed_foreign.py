@@ -14,11 +14,12 @@ def test_it_is_no_bad_signature(signed: SignedBench) -> None:  # noqa: F811
     signed.connect()
     port = signed.companion.ports[251]
     sign_with(signed.a, None)
-    before = port.verdicts.copy()
+    counts = signed.companion.gate.counts[251]
+    before = counts.copy()
     signed.a.alive = False
     signed.a.own.srcSystem = 77
     signed.a.send(mavlink.MAVLink_param_request_read_message(1, 1, b"", 1))
     signed.run(0.2)
-    told = port.verdicts - before
+    told = counts - before
     assert list(told) == [GateReason.SPOOFED_STATION]
     assert port.quality(port.links[0], signed.clock.now).bad_signatures == 0

@@ -16,7 +16,7 @@ import shapely
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, Phase
-from mavproxy_handover.gate.judge import Action, StationIdentity, judge
+from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
 from mavproxy_handover.wire.frames import parse_one
 from sitl.bench import zones
 from sitl.bench.autopilot import FakeAutopilot
@@ -163,7 +163,7 @@ def test_the_gate_passes_every_frame_of_the_mix_from_the_commander() -> None:
     for number in range(20):
         frame = parse_one(bytes(uplink_message(number).pack(own)))
         assert frame is not None
-        assert judge(frame, StationIdentity(251), view, 1).action is Action.FORWARD, number
+        assert judge(frame, StationIdentity(251), view, 1).action is Fate.FORWARD, number
 
 
 def test_no_two_frames_of_thousands_have_the_same_key() -> None:

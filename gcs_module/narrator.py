@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What people get to read of a flight at a station: every sentence of its journal, and the lines that go with them."""
+
+from __future__ import annotations
+
+from gcs_module.core import Notice, StationCore
+from gcs_module.view import View
+from mavproxy_handover.core.messages import Connect, ConnectAck, Message
+from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.wire import codec
+
+__all__ = ["StationNarrator"]
+
+
+class StationNarrator:
+    """Tells the flight as one station sees it."""
+
+    def __init__(self, journal: Journal, core: StationCore, view: View) -> None:
+        self._journal = journal
+        self._core = core
+        self._view = view
+
+    def loaded(self, version: str, configuration: str) -> None:
+        """The module is loaded."""
+        self._journal.write("loaded", f"handover_gcs {version}, configuration {configuration}", version=version)
+
+    def unloaded(self) -> None:
+        """The module is unloaded; nothing comes after this."""
+        self._journal.write("unloaded")
+        self._journal.close()
+
+    def fault(self, where: str, text: str) -> None:
+        """Something broke."""
+        self._journal.write("fault", f"{where}: {text}")
+
+    def notice(self, notice: Notice) -> None:
+        """What the station's rules have to say."""
+        self._journal.write(notice.event, notice.text, role=self._core.role.value, epoch=self._core.epoch)
+        self._view.line(notice.text, urgent=notice.urgent)
+
+    def message(self, direction: str, message: Message, who: str, via: str | None = None) -> None:
+        """A message of a transfer, "in" or "out"; none of others. `via`: None is the vehicle's link."""
+        if not isinstance(message, (Connect, ConnectAck)):
+            self._journal.write("message", direction=direction, station=who, via=via, **codec.values_of(message))
+
+    def telemetry(self, lat_deg: float, lon_deg: float, zone: str) -> None:
+        """Where the vehicle says that the aircraft is."""
+        self._journal.write("telemetry", lat_deg=lat_deg, lon_deg=lon_deg, zone=zone)
+
+    def link_chosen(self, address: str) -> None:
+        """Another link carries what goes to the vehicle."""
+        text = f"link to the vehicle is {address} now"
+        self._journal.write("link", text, link=address, change="switched")
+        self._view.line(f"{text[:1].upper()}{text[1:]}.")
+
+    def package(self, event: str, text: str, who: str) -> None:
+        """A mission package was offered, received or sent."""
+        self._journal.write(event, text, station=who)
+        self._view.line(f"{who}: {text}")
+
+    def command_sent(self, word: str) -> None:
+        """The operator's command is on its way."""
+        self._journal.write("command", f"{word} sent", what=word)
+
+    def command_ended(self, word: str, outcome: str, text: str) -> None:
+        """It was answered, or not."""
+        self._journal.write("command", text, what=word, result=outcome)
+        self._view.line(text, urgent=True)

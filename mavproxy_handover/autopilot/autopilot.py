@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The front of this wing: the autopilot, as the rest of the companion knows it.
+
+What it says is taken in here: the state of the aircraft, and events for the arbiter made of it. What the companion
+wants of it goes through here: leases, orders, missions, the checks before flight. The parts that do all this are built
+here and known nowhere else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.copter import COPTER_MODES, Copter
+from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter
+from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.preflight import Finding, Preflight
+from mavproxy_handover.autopilot.streams import Streams
+from mavproxy_handover.autopilot.telemetry import Telemetry
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.core.events import AutopilotState, GuardSeen, PositionSeen
+from mavproxy_handover.core.model import AuthorityView, Phase, ZoneFact
+from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.store.keys import load_key
+from mavproxy_handover.wire.conversation import Conversations
+from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY, GUARD_STATUS_TUNNEL
+from mavproxy_handover.wire.lease import GuardStatus, unpack_guard_status
+from mavproxy_handover.wire.status import LeaseSequence
+
+__all__ = ["Autopilot"]
+
+#: the autopilot is asked for 20 positions a second; they come unevenly, so less than 50 ms is no reason to skip one
+_ZONE_CHECK_S: Final = 0.03
+#: a position that has waited for longer, because the main loop stood still, does not count: another is on its way
+_OLD_S: Final = 0.2
+
+
+class Autopilot:
+    """The autopilot of the vehicle of `config`. Times are monotonic seconds."""
+
+    def __init__(self, config: VehicleConfig, ties: Ties, nonce: int) -> None:
+        """`nonce`: of this run's leases, never 0. Raises KeysError, MissionError: what the configuration names."""
+        self.aircraft = Aircraft()
+        #: what the guard said last of itself
+        self.guard_status: GuardStatus | None = None
+        #: a position came that no zone was compared to yet
+        self.position_waits = False
+        self._sysid = config.sysid
+        self._ties = ties
+        self._on_board = None if config.mission is None else mission_package.load(config.mission)
+        self._lease = LeaseSequence(nonce, None if config.guard_key is None else load_key(config.guard_key))
+        #: those with the autopilot that are going on
+        talks = self.conversations = Conversations(ties.voice.to_autopilot, ties.fault)
+        copter = Copter(config.sysid, lambda: self.aircraft.status_text)
+        self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight)
+        self._streams = Streams(copter, ties.voice.to_autopilot)
+        self.orders = Orders(copter, talks, ties)
+        self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
+        self._loader = MissionLoader(config)
+        self._missions = MissionWriter(self._loader, copter, talks, ties)
+        self._heed: dict[str, Callable[[Any, float], None]] = {
+            "HEARTBEAT": self._on_state,
+            "EXTENDED_SYS_STATE": self._on_state,
+            "GLOBAL_POSITION_INT": self._on_position,
+            "TUNNEL": self._on_tunnel,
+            "STATUSTEXT": lambda m, _now: self._preflight.text(m.text),
+            "MISSION_ITEM_REACHED": self._on_reached,
+        }
+        self._second_manager_told = False
+        self._zones_at = 0.0
+
+    # ---- what others may look at ----------------------------------------------------------------------------------
+
+    @property
+    def grounded(self) -> bool:
+        """On the ground to stay: waiting for START, disarmed as far as is known, and no START is under way."""
+        view = self._ties.arbiter.view
+        return view.phase is Phase.ON_LOAD and not view.armed and not self.orders.starting
+
+    @property
+    def findings(self) -> tuple[Finding, ...] | None:
+        """What does not fit, of guard, parameters and firmware; None before they were read."""
+        return self._preflight.findings
+
+    def zone_facts(self) -> tuple[ZoneFact, ...]:
+        """Facts about every zone at the last position; none before there are mission and position."""
+        finder, where = self._loader.finder, self.aircraft.where
+        if finder is None or where is None:
+            return ()
+        lat_deg, lon_deg, alt_m = where
+        return finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m)
+
+    # ---- what it says ---------------------------------------------------------------------------------------------
+
+    def take(self, message: Any, now: float) -> None:
+        """A message of the autopilot itself."""
+        aircraft, narrator = self.aircraft, self._ties.narrator
+        waypoint, mode = aircraft.waypoint, aircraft.custom_mode
+        aircraft.take(message, now)
+        if self.conversations and _for_companion(message, self._sysid):
+            self.conversations.on_message(message, now)
+        if aircraft.custom_mode != mode:
+            narrator.mode(COPTER_MODES.get(aircraft.custom_mode, f"mode {aircraft.custom_mode}"))
+        if aircraft.waypoint != waypoint:
+            narrator.waypoint(aircraft.waypoint)
+        heed = self._heed.get(message.get_type())
+        if heed is not None:
+            heed(message, now)
+
+    def second_manager(self, frame: Frame) -> None:
+        """CONTROL_STATUS of somebody else on board: people have to know, the stations do not hear it (`gate`)."""
+        manager = bool(frame.payload[0] & mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER)
+        if manager and not self._second_manager_told:
+            self._second_manager_told = True
+            self._ties.narrator.second_manager(frame.compid)
+
+    def check_zones(self, now: float) -> None:
+        """Tell the arbiter where the last position is with respect to every zone."""
+        self.position_waits = False
+        if now - self.aircraft.position_at > _OLD_S:
+            return
+        self._streams.position_seen()
+        self._ties.handle(PositionSeen(self.zone_facts()), now)
+
+    def _on_state(self, _message: Any, now: float) -> None:
+        aircraft = self.aircraft
+        if aircraft.heartbeat_at > -math.inf:  # before that nothing is known of arming: in flight it would read as no
+            self._ties.handle(AutopilotState(aircraft.armed, aircraft.flying), now)
+
+    def _on_position(self, _message: Any, now: float) -> None:
+        # the second: that message held no position
+        if now - self._zones_at >= _ZONE_CHECK_S and self.aircraft.position_at == now:
+            self._zones_at, self.position_waits = now, True
+
+    def _on_tunnel(self, message: Any, now: float) -> None:
+        if message.payload_type != GUARD_STATUS_TUNNEL:
+            return
+        status = unpack_guard_status(bytes(message.payload)[: message.payload_length])
+        if status is None:
+            return
+        self.guard_status = status
+        self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce), now)
+
+    def _on_reached(self, message: Any, _now: float) -> None:
+        self._ties.narrator.reached(message.seq, delivery=message.seq == self._loader.delivery)
+
+    # ---- what is wanted of it -------------------------------------------------------------------------------------
+
+    def send_lease(self, view: AuthorityView) -> None:
+        """Tell the guard who has authority."""
+        self._ties.voice.to_autopilot(self._lease.next(view, self._sysid))
+
+    def adopt(self, package: MissionPackage) -> None:
+        """The autopilot holds this mission since the run before."""
+        self._loader.adopt(package)
+
+    def on_package(self, port: StationPort, message: Any, commands: bool, now: float) -> None:
+        """A message of a mission package. Only the commander's is taken, on the ground."""
+        self._missions.on_message(port, message, commands and self.grounded, now)
+
+    def renew_streams(self) -> None:
+        """Whoever had set the rates of telemetry commands no more."""
+        self._streams.renew()
+
+    def tick(self, now: float) -> None:
+        """Time has passed; to be called often."""
+        self.conversations.tick(now)
+
+    def each_second(self, view: AuthorityView, now: float) -> None:
+        """Telemetry, streams that are missing, the mission on board, the checks before flight; `view`: in force."""
+        grounded, aircraft = self.grounded, self.aircraft
+        self._telemetry.each_second(view, now)
+        self._streams.each_second(aircraft, now)
+        if self._on_board is not None and grounded and aircraft.position is not None:
+            self._missions.load_on_board(self._on_board, now)
+        firmware = None if self.guard_status is None else self.guard_status.firmware
+        self._preflight.each_second(aircraft.heartbeat_at, grounded, self._ties.arbiter.guard(now), firmware, now)
+
+
+def _for_companion(message: Any, sysid: int) -> bool:
+    """Whether a message is for the companion, among others at least."""
+    system, component = getattr(message, "target_system", EVERYBODY), getattr(message, "target_component", EVERYBODY)
+    return system in (EVERYBODY, sysid) and component in (EVERYBODY, COMPANION_COMPID)

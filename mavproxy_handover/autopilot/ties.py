@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What ties this wing to the rest of the companion: whom it tells what it sees, and by whose voice it speaks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.core.arbiter import Arbiter
+from mavproxy_handover.core.events import Event
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.stations.voice import Voice
+
+__all__ = ["Ties"]
+
+
+@dataclass(frozen=True, slots=True)
+class Ties:
+    """Handed to the wing's front, and by it to those of its parts that need them."""
+
+    #: to look at; what it is told goes through `handle`
+    arbiter: Arbiter
+    #: gives an event to the arbiter and carries out what it asks for
+    handle: Callable[[Event, float], None]
+    #: is told what broke, and where
+    fault: Callable[[str, str], None]
+    #: keeps the mission package that the autopilot holds
+    keep: Callable[[MissionPackage], None]
+    narrator: Narrator
+    voice: Voice
+    clocks: Clocks

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The door between stations and autopilot: all frames of stations go through here, up and down.
+
+Up (`up`): a frame of a station is judged (`judge`), and may have to wait (`questions`). Then it goes to the autopilot
+byte for byte, or is answered, or is the companion's own business; the verdict says which. Down (`down`): a frame of the
+vehicle goes to the stations that hear it (`downlink`). `change`: authority, and with it what passes, is another from
+now on.
+
+Rules that live here
+--------------------
+1. One view. What is judged by is swapped whole (`change`), and nowhere else.
+2. Nothing delays a frame that may pass: what it means for the gate (what it asks, what it leaves open at the autopilot)
+   is noted behind it. What may come often, a commander's streams and questions, is noted with the next tick (`note`):
+   several together cost much less than each by itself. But it is noted before another station's frames and before a
+   change, and what opens something that an answer of the autopilot may close is noted at once.
+3. Every refusal is answered in its protocol's own way, but not in a storm (`refusals`). What an observer wants to hear
+   is the companion's to give (`observers`): the autopilot is not asked for more.
+4. What a former commander left open at the autopilot is closed in its own name (`flush`), before anything else is sent
+   for the new one; then the successor's last heartbeat is passed on if it is fresh: the autopilot watches this station
+   from now on. At arming, parameter files that are being written are thrown away: nobody may set those in flight.
+5. The stations hear one manager, the companion: CONTROL_STATUS of anybody else on board goes no further.
+
+What breaks in the noting of a frame costs that frame's note and is told; whatever else raises is the caller's.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Final, Protocol
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.gate.downlink import DownlinkPolicy
+from mavproxy_handover.gate.flush import Closing, FlushTracker
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
+from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.questions import Questions
+from mavproxy_handover.gate.refusals import RefusalLimiter, refusal
+from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
+
+__all__ = ["UNNOTED", "Gate", "Port"]
+
+_HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+_CONTROL_STATUS: Final[int] = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
+#: of the commander's frames, what may come often (rule 2)
+_FREQUENT: Final = frozenset((Access.READ, Access.STREAM))
+#: frames that wait to be noted, at most
+UNNOTED: Final = 512
+#: a heartbeat this old still says that its station lives
+_HEARTBEAT_FRESH_S: Final = 2.0
+#: answers to wishes for rates, of one station
+_RATE_ANSWERS_PER_S: Final = 20
+
+
+class Port(Protocol):
+    """A station as far as the gate needs it."""
+
+    @property
+    def sysid(self) -> int:
+        """The station's system id."""
+
+    @property
+    def identity(self) -> StationIdentity:
+        """Who may speak on its links."""
+
+    @property
+    def heartbeat(self) -> bytes:
+        """Its last heartbeat, a whole frame; empty before there was one."""
+
+    @property
+    def heartbeat_at(self) -> float:
+        """When that came (monotonic s)."""
+
+    def write(self, data: bytes) -> None:
+        """Send it a whole frame."""
+
+
+class Gate:
+    """The gate of one vehicle. Times are monotonic seconds; not safe for threads."""
+
+    def __init__(
+        self,
+        vehicle: int,
+        ports: Mapping[int, Port],
+        limits: ObserverLimits,
+        to_autopilot: Callable[[bytes], None],
+        fault: Callable[[str, str], None],
+    ) -> None:
+        """`vehicle`: its system id; `ports`: every known station by system id; `to_autopilot` takes whole frames;
+        `fault` is told what broke, and where."""
+        self.view = AuthorityView(armed=True)
+        #: what became of every station's frames and why
+        self.counts: dict[int, Counter[GateReason]] = {station: Counter() for station in ports}
+        self._vehicle = vehicle
+        self._ports = ports
+        self._to_autopilot = to_autopilot
+        self._fault = fault
+        self._flusher = FlushTracker(vehicle)
+        self._questions = Questions(self._flusher)
+        self._rates = ObserverRates(limits)
+        self._downlink = DownlinkPolicy((port.identity for port in ports.values()), self._rates)
+        self._refusals = RefusalLimiter()
+        self._rate_answers = RefusalLimiter(_RATE_ANSWERS_PER_S)
+        self._own = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=COMPANION_COMPID)
+        self._as_autopilot = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=AUTOPILOT_COMPID)
+        #: frames that went to the autopilot and are not noted yet (rule 2)
+        self._passed: list[tuple[Port, Frame, Verdict, float]] = []
+
+    @property
+    def unnoted(self) -> int:
+        """Frames that wait to be noted."""
+        return len(self._passed)
+
+    # ---- up -------------------------------------------------------------------------------------------------------
+
+    def sign_of_life(self, port: Port, frame: Frame) -> bool:
+        """Whether a frame is the station's own heartbeat. The caller hears of it before it is judged: a commander that
+        was lost may command again by it."""
+        return frame.msgid == _HEARTBEAT and frame.sysid == port.sysid != self._vehicle and frame.known
+
+    def up(self, port: Port, frame: Frame, now: float) -> Verdict:
+        """A frame that came from a station: what becomes of it.
+
+        It is passed on or answered here. What is left to the caller is what the companion itself has to do about it
+        (CONSUME), and to tell people.
+        """
+        verdict = judge(frame, port.identity, self.view, self._vehicle)
+        commands = port.sysid == self.view.commander
+        if not commands:
+            self.note()
+            verdict = self._questions.limit(frame, verdict, port.sysid, self.view.commander, now)
+            self._rates.heard(port.sysid, now)
+        if verdict.fate is Fate.FORWARD:
+            self._to_autopilot(frame.raw)
+            self._passed.append((port, frame, verdict, now))
+            if not commands or verdict.access not in _FREQUENT or len(self._passed) >= UNNOTED:
+                self.note()
+            return verdict
+        self.counts[port.sysid][verdict.reason] += 1
+        if verdict.fate is Fate.REFUSE:
+            self._refuse(port, frame, verdict, now)
+        elif verdict.access is Access.ANSWERED and verdict.fate is Fate.CONSUME:
+            self._grant_rates(port, frame, now)
+        return verdict
+
+    def note(self) -> None:
+        """Note what the frames mean that went to the autopilot (rule 2); to be called with every tick."""
+        if self._passed:
+            self._note(self.view.commander)
+
+    def _note(self, commander: int | None) -> None:
+        passed, self._passed = self._passed, []
+        for port, frame, verdict, at in passed:
+            try:
+                self.counts[port.sysid][verdict.reason] += 1
+                if port.sysid == commander:
+                    self._questions.commander_sent(frame, at)
+                self._downlink.asked(frame, port.sysid, at)
+                self._flusher.saw(frame, verdict, port.sysid)
+            except Exception:
+                self._fault("frame that passed", traceback.format_exc(limit=-3))
+
+    def _refuse(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
+        if self._refusals.allow(port.sysid, frame.msgid, now):
+            for answer in refusal(frame, verdict, self._own):
+                port.write(answer)
+
+    def _grant_rates(self, port: Port, frame: Frame, now: float) -> None:
+        answers = self._rates.asked(frame, port.sysid, now)
+        if answers and self._rate_answers.allow(port.sysid, "rates", now):
+            for answer in answers:
+                port.write(codec.pack(answer, self._as_autopilot))
+
+    # ---- down -----------------------------------------------------------------------------------------------------
+
+    def down(self, frame: Frame, now: float) -> None:
+        """A frame that came from the vehicle: it goes to the stations that hear it."""
+        if frame.sysid == self._vehicle and frame.known:
+            if frame.msgid == _CONTROL_STATUS:
+                return
+            if frame.compid == AUTOPILOT_COMPID:
+                self._flusher.heard(frame)
+        raw = frame.raw
+        for station in self._downlink.receivers(frame, self._ports, self.view, now):
+            self._ports[station].write(raw)
+
+    # ---- authority ------------------------------------------------------------------------------------------------
+
+    def change(self, view: AuthorityView, now: float) -> list[tuple[int, Closing]]:
+        """This view is in force: what follows from it at the autopilot is sent (rule 4).
+
+        Returns what was closed, and whose it was, for the journal.
+        """
+        before, self.view = self.view, view
+        if self._passed:
+            self._note(before.commander)
+        closed: list[tuple[int, Closing]] = []
+        if view.commander != before.commander:
+            if before.commander is not None:
+                closed += self._close(before.commander, self._flusher.flush(before.commander))
+            successor = self._ports.get(view.commander or 0)
+            if successor is not None and now - successor.heartbeat_at < _HEARTBEAT_FRESH_S:
+                self._to_autopilot(successor.heartbeat)
+        if view.armed and not before.armed and view.commander is not None:
+            closed += self._close(view.commander, self._flusher.parameters())
+        return closed
+
+    def _close(self, station: int, closings: list[Closing]) -> list[tuple[int, Closing]]:
+        for closing in closings:
+            for raw in closing.frames:
+                self._to_autopilot(raw)
+        return [(station, closing) for closing in closings]

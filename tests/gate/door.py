@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The gate that ships, with three stations that keep what they hear and an autopilot that keeps what passes.
+
+Everything that drives the whole gate drives it through this: nothing of it is put together again anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import inf
+from typing import NamedTuple
+
+from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.gate.flush import Closing
+from mavproxy_handover.gate.gate import Gate
+from mavproxy_handover.gate.judge import StationIdentity, Verdict
+from mavproxy_handover.gate.observers import ObserverLimits
+from mavproxy_handover.wire.frames import Frame
+from tests.gate.ledger import VEHICLE, A, B, C
+
+__all__ = ["Came", "Door", "Port"]
+
+
+class Port:
+    """A station's end."""
+
+    def __init__(self, identity: StationIdentity) -> None:
+        self.identity = identity
+        self.sysid = identity.sysid
+        self.heartbeat = b""
+        self.heartbeat_at = -inf
+        self.heard: list[bytes] = []
+
+    def write(self, data: bytes) -> None:
+        self.heard.append(data)
+
+
+class Came(NamedTuple):
+    """What came of a frame of a station: the verdict, what went to the autopilot, what the station got back."""
+
+    verdict: Verdict
+    passed: list[bytes]
+    answers: list[bytes]
+
+
+class Door:
+    """Stations A, B and C at one gate. `now` moves by `step_s` with everything that happens."""
+
+    def __init__(
+        self,
+        step_s: float = 0.05,
+        stations: Sequence[StationIdentity] = (A, B, C),
+        to_autopilot: Callable[[bytes], None] | None = None,
+    ) -> None:
+        """`to_autopilot` takes what passes instead of `passed`."""
+        self.ports = {station.sysid: Port(station) for station in stations}
+        self.passed: list[bytes] = []
+        self.faults: list[str] = []
+        self.now = 1000.0
+        self._step_s = step_s
+        pass_on = to_autopilot or self.passed.append
+        self.gate = Gate(
+            VEHICLE, self.ports, ObserverLimits(), pass_on, lambda where, text: self.faults.append(f"{where}: {text}")
+        )
+
+    def up(self, station: StationIdentity, frame: Frame) -> Came:
+        """A frame arrives from a station."""
+        self.now += self._step_s
+        port, before = self.ports[station.sysid], len(self.passed)
+        heard = len(port.heard)
+        verdict = self.gate.up(port, frame, self.now)
+        return Came(verdict, self.passed[before:], port.heard[heard:])
+
+    def down(self, frame: Frame) -> set[int]:
+        """The vehicle says something; the stations that hear it, each of them once and unchanged."""
+        self.now += self._step_s
+        before = {sysid: len(port.heard) for sysid, port in self.ports.items()}
+        self.gate.down(frame, self.now)
+        heard = {sysid: port.heard[before[sysid] :] for sysid, port in self.ports.items()}
+        assert all(frames in ([], [frame.raw]) for frames in heard.values())
+        return {sysid for sysid, frames in heard.items() if frames}
+
+    def change(self, view: AuthorityView) -> list[tuple[int, Closing]]:
+        """Another view is in force."""
+        self.now += self._step_s
+        return self.gate.change(view, self.now)
