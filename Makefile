@@ -9,7 +9,7 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak
+.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak picture
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
@@ -21,6 +21,7 @@ help:
 	@echo "make mutants plant faults in gate and core, see the tests find them"
 	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up"
+	@echo "make picture draw docs/architecture.svg from the imports"
 	@echo "make format  format the Python files"
 	@echo "make clean   remove everything that make made"
 
@@ -74,6 +75,9 @@ scenarios: $(VENV)/installed
 
 soak: $(VENV)/installed
 	$(BIN)/python -m tests.sitl.soak_guard $(ARGS)
+
+picture: $(VENV)/installed
+	$(BIN)/python -m tests.structure.picture
 
 format: $(VENV)/installed
 	$(BIN)/ruff format .

@@ -17,7 +17,7 @@ Rules that live here
   epoch, and only while it commands; what the vehicle passes on it takes at its word.
 * Consent is automatic, or the operator's: then the answer is "waiting" until there is one.
 
-Events and actions are in `events`. Steps and messages: DESIGN.md section 5; names and console lines follow the thesis,
+Events and actions are in `events`. Steps and messages: docs/architecture.md; names and console lines follow the thesis,
 section 4.5.
 """
 
@@ -27,6 +27,21 @@ from dataclasses import dataclass
 from enum import Enum, IntEnum
 from math import inf
 
+from gcs_module.events import (
+    Action,
+    Answer,
+    AuthorityHeard,
+    Event,
+    FromPeer,
+    FromVehicle,
+    MissionHeld,
+    Notice,
+    PeerHeard,
+    ToPeer,
+    ToVehicle,
+    VehicleHeard,
+    Wish,
+)
 from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
@@ -42,22 +57,6 @@ from mavproxy_handover.core.messages import (
 )
 from mavproxy_handover.core.model import PROTOCOL_VERSION, Consent, Outcome, Phase, Reason, Station
 from mavproxy_handover.core.never import assert_never
-
-from .events import (
-    Action,
-    Answer,
-    AuthorityHeard,
-    Event,
-    FromPeer,
-    FromVehicle,
-    MissionHeld,
-    Notice,
-    PeerHeard,
-    ToPeer,
-    ToVehicle,
-    VehicleHeard,
-    Wish,
-)
 
 __all__ = [
     "Action",

@@ -27,7 +27,7 @@ SHIPPED = Path(pymavlink.__file__).parent / "dialects" / "v20"
 WIRE = Path(mavproxy_handover.__file__).parent / "wire"
 OURS = range(47100, 47132)
 
-#: DESIGN.md section 4.1, ids written out: they are the protocol
+#: ids written out: they are the protocol (docs/architecture.md, "A transfer")
 MESSAGES = {
     47100: "CONNECT",
     47101: "CONNECT_ACK",

@@ -104,7 +104,7 @@ class Copter:
         yield Ask(f"mode {name} to show", (), _heartbeat(lambda m: m.custom_mode == mode), timeout_s=3.0, tries=1)
 
     def start(self) -> Asking:
-        """Arm in GUIDED, then fly the mission in AUTO (DESIGN.md section 5)."""
+        """Arm in GUIDED, then fly the mission in AUTO: what START means."""
         yield from self._mode(GUIDED)
         yield from self._do("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED

@@ -4,5 +4,5 @@
 
 Every measurement runs its baseline in the same run, on the same machine, in turns (A B B A), and the result is the
 ratio of the two: a busy machine slows both sides. The parts are `uplink`, `downlink`, `zones` and `transfers`;
-DESIGN.md section 11 has the numbers to hold.
+docs/architecture.md has the numbers to hold.
 """

@@ -28,7 +28,7 @@ from sitl.script.weather import Weather
 
 __all__ = ["LOSSY", "SLOW", "Condition", "LanePlan", "fly_lanes", "fly_loopback", "fly_with_bad_links"]
 
-#: DESIGN.md section 11, in milliseconds
+#: "Numbers that are held to" in docs/architecture.md, in milliseconds
 LOOPBACK_MEDIAN_MS, LOOPBACK_LATE_MS = 10.0, 50.0
 ONE_WAY_TRIPS, SLACK_MS = 6, 50.0
 #: after take-off, until every station has answered CONNECT with the mission that it holds

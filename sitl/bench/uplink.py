@@ -28,7 +28,7 @@ from sitl.bench.traffic import frame_key, uplink_message
 
 __all__ = ["CpuStudy", "DelayStudy", "Plan", "Sender"]
 
-#: DESIGN.md section 11 and the target of the gate
+#: "Numbers that are held to" in docs/architecture.md, and the target of the gate
 CPU_RATIO, DELAY_RATIO = 0.5, 1.0
 #: A B, B A
 PAIRS_A_START = 2

@@ -2,8 +2,8 @@
 
 """What must hold, checked at every step of an exploration.
 
-The books are kept apart from the rules: they know what was said and heard, and judge by DESIGN.md section 5 what the
-rules make of it. Nothing is asked of an arbiter but its view, the gate's word on who commands.
+The books are kept apart from the rules: they know what was said and heard, and judge by what docs/architecture.md says
+of a transfer what the rules make of it. Nothing is asked of an arbiter but its view, the gate's word on who commands.
 
 1. Every change of the view is announced, and nobody is told of an epoch before the gate is.
 2. The commander changes for one of these causes only. To nobody: it was not heard for the heartbeat limit, or released

@@ -32,7 +32,7 @@ from mavproxy_handover.wire.frames import parse_one
 KEY = TransferKey(251, 252, 513, 67305985)
 DIGEST = bytes(range(1, 33))
 
-#: name on the wire -> id, and the message. Ids as in DESIGN.md section 4.1, written out.
+#: name on the wire -> id, and the message. Ids written out (docs/architecture.md, "A transfer").
 MESSAGES: dict[str, tuple[int, Message]] = {
     "CONNECT": (47100, Connect(251, 1, 0xDEADBEEF, 7, 252, "drone-1", DIGEST)),
     "CONNECT_ACK": (47101, ConnectAck(252, 1, 1, 7, None, "GCSB", b"", accepted=False)),

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Who imports whom, read from the sources, and the floors that `docs/architecture.md` gives to the parts.
+
+A part is a folder of `mavproxy_handover/`, a file at its top, or another package. Imports count wherever they stand: at
+the top of a file, in a function, behind TYPE_CHECKING. What is loaded by a name in a string (`handover sim`) does not.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+__all__ = ["DOCUMENT", "ROOT", "Part", "edges", "files", "floors", "imported", "part_of", "simulation_part_of"]
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENT = ROOT / "docs" / "architecture.md"
+PACKAGES = ("mavproxy_handover", "gcs_module", "sitl")
+#: data, and the shims that MAVProxy loads
+DATA = "mavproxy_handover.deploy"
+_ROW = re.compile(r"\| (\d+) \| `([\w/.]+)` \| (.+) \|")
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One row of the table of floors."""
+
+    floor: int
+    name: str  #: as written there: `gate/`, `module.py`, `sitl/`
+    says: str
+
+
+@cache
+def floors(table: str = "floors") -> tuple[Part, ...]:
+    """A table of floors, from the top down: the house's, or that of its "simulation"."""
+    behind = DOCUMENT.read_text(encoding="utf-8").partition(f"<!-- {table}:begin -->")[2]
+    rows = (_ROW.fullmatch(line) for line in behind.partition(f"<!-- {table}:end -->")[0].splitlines())
+    return tuple(Part(int(row[1]), row[2], row[3]) for row in rows if row is not None)
+
+
+@cache
+def files() -> Mapping[str, Path]:
+    """Every module by its dotted name."""
+    found = {}
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+            if not name.startswith(DATA):
+                found[name] = path
+    return found
+
+
+def part_of(module: str) -> str:
+    """The part of the house that a module belongs to, as the table writes it."""
+    package, *rest = module.split(".")
+    if package != "mavproxy_handover" or not rest:
+        return f"{package}/"
+    return _named(ROOT / package, rest[0])
+
+
+def simulation_part_of(module: str) -> str | None:
+    """The same within the simulation; None for what is no part of it, and for the package itself."""
+    package, *rest = module.split(".")
+    return f"sitl/{_named(ROOT / package, rest[0])}" if package == "sitl" and rest else None
+
+
+def _named(package: Path, name: str) -> str:
+    return f"{name}/" if (package / name).is_dir() else f"{name}.py"
+
+
+def imported(source: str, modules: Mapping[str, object]) -> set[str]:
+    """The modules of `modules` that this source imports."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            if node.level:
+                raise ValueError(f"a relative import of {node.module}: write the whole name")
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found.add(whole if whole in modules else node.module)
+    return found & set(modules)
+
+
+@cache
+def edges() -> Mapping[str, frozenset[str]]:
+    """Every module, and the modules that it imports."""
+    return {
+        name: frozenset(imported(path.read_text(encoding="utf-8"), files()) - {name}) for name, path in files().items()
+    }
