@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from itertools import chain
 from pathlib import Path
 
 from setuptools import setup
@@ -20,7 +21,7 @@ from setuptools.errors import SetupError
 
 HERE = Path(__file__).resolve().parent
 WIRE = HERE / "mavproxy_handover" / "wire"
-SHIMS = HERE / "mavproxy_handover" / "deploy" / "mavproxy_modules"
+SHIMS = tuple(HERE / package / "deploy" / "mavproxy_modules" for package in ("mavproxy_handover", "gcs_module"))
 DATA_FOLDERS = ("missions", "ardupilot_lua")
 
 
@@ -54,7 +55,7 @@ class BuildWithDialect(build_py):
         super().run()
         build = Path(self.build_lib)
         make_dialect(build / "pymavlink" / "dialects" / "v20" / "handover.py")
-        for shim in SHIMS.glob("mavproxy_*.py"):
+        for shim in chain.from_iterable(folder.glob("mavproxy_*.py") for folder in SHIMS):
             target = build / "MAVProxy" / "modules" / shim.name
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(shim, target)

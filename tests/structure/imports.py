@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = ROOT / "docs" / "architecture.md"
 PACKAGES = ("mavproxy_handover", "gcs_module", "sitl")
 #: data, and the shims that MAVProxy loads
-DATA = "mavproxy_handover.deploy"
+DATA = ("mavproxy_handover.deploy", "gcs_module.deploy")
 _ROW = re.compile(r"\| (\d+) \| `([\w/.]+)` \| (.+) \|")
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The house is as `docs/architecture.md` says: imports run downwards only, none in a circle, and the picture is true."""
+"""The house is as `docs/architecture.md` says: imports run downwards, none in a circle, and the picture is true."""
 
 from __future__ import annotations
 
