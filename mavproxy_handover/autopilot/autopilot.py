@@ -25,7 +25,7 @@ from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.events import AutopilotState, GuardSeen, PositionSeen
-from mavproxy_handover.core.model import AuthorityView, Phase, ZoneFact
+from mavproxy_handover.core.model import AuthorityView, ZoneFact
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.stations.port import StationPort
@@ -79,12 +79,6 @@ class Autopilot:
         self._zones_at = 0.0
 
     # ---- what others may look at ----------------------------------------------------------------------------------
-
-    @property
-    def grounded(self) -> bool:
-        """On the ground to stay: waiting for START, disarmed as far as is known, and no START is under way."""
-        view = self._ties.arbiter.view
-        return view.phase is Phase.ON_LOAD and not view.armed and not self.orders.starting
 
     @property
     def findings(self) -> tuple[Finding, ...] | None:
@@ -165,7 +159,7 @@ class Autopilot:
 
     def on_package(self, port: StationPort, message: Any, commands: bool, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
-        self._missions.on_message(port, message, commands and self.grounded, now)
+        self._missions.on_message(port, message, commands and self._ties.arbiter.grounded(now), now)
 
     def renew_streams(self) -> None:
         """Whoever had set the rates of telemetry commands no more."""
@@ -177,13 +171,14 @@ class Autopilot:
 
     def each_second(self, view: AuthorityView, now: float) -> None:
         """Telemetry, streams that are missing, the mission on board, the checks before flight; `view`: in force."""
-        grounded, aircraft = self.grounded, self.aircraft
+        arbiter, aircraft = self._ties.arbiter, self.aircraft
+        grounded = arbiter.grounded(now)
         self._telemetry.each_second(view, now)
         self._streams.each_second(aircraft, now)
         if self._on_board is not None and grounded and aircraft.position is not None:
             self._missions.load_on_board(self._on_board, now)
         firmware = None if self.guard_status is None else self.guard_status.firmware
-        self._preflight.each_second(aircraft.heartbeat_at, grounded, self._ties.arbiter.guard(now), firmware, now)
+        self._preflight.each_second(aircraft.heartbeat_at, grounded, arbiter.guard(now), firmware, now)
 
 
 def _for_companion(message: Any, sysid: int) -> bool:

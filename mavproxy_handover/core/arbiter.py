@@ -144,6 +144,10 @@ class Arbiter:
         """What the guard last said of itself; SILENT when that is too long ago."""
         return self._flight.guard(now)
 
+    def grounded(self, now: float) -> bool:
+        """On the ground to stay: disarmed, the autopilot has said so just now, and no START is under way."""
+        return self._authority.grounded(now)
+
     def zone(self) -> int:
         """Station in whose zone the aircraft is, the commander's first; 0 = none."""
         inside = self._candidates.zones.inside(self._authority.owner)

@@ -101,9 +101,14 @@ class Authority:
         """The owner of the run before may still come back."""
         return self.recover_until is not None
 
+    @property
+    def waiting_for_start(self) -> bool:
+        """On the ground, as far as is known: not armed, and no START is under way."""
+        return self.phase is Phase.ON_LOAD and not self._flight.armed and not self.starting
+
     def grounded(self, now: float) -> bool:
-        """On the ground to stay: disarmed, the autopilot has said so just now, and no START is under way."""
-        return self._flight.disarmed(now) and self.phase is Phase.ON_LOAD and not self.starting
+        """On the ground to stay: the same, and the autopilot has said so just now."""
+        return self.waiting_for_start and self._flight.disarmed(now)
 
     # ---- how it changes -------------------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.events import Action, BeginStart, Record, StartFinished, StartRefused
 from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.model import Phase, Reason
+from mavproxy_handover.core.model import Reason
 from mavproxy_handover.core.phases import PhaseCause
 
 __all__ = ["Start", "StartFacts", "start_needs"]
@@ -73,7 +73,7 @@ class Start:
             StartFacts(
                 station=authority.name(station),
                 commands=authority.view.commander == station,
-                on_ground=authority.phase is Phase.ON_LOAD and not flight.armed and not authority.starting,
+                on_ground=authority.waiting_for_start,
                 mission_loaded=bool(self._candidates.mission.digest),
                 in_transfer=authority.transfer is not None,
                 autopilot_alive=flight.autopilot_alive(now),
