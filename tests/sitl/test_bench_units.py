@@ -163,7 +163,7 @@ def test_the_gate_passes_every_frame_of_the_mix_from_the_commander() -> None:
     for number in range(20):
         frame = parse_one(bytes(uplink_message(number).pack(own)))
         assert frame is not None
-        assert judge(frame, StationIdentity(251), view, 1).action is Fate.FORWARD, number
+        assert judge(frame, StationIdentity(251), view, 1).fate is Fate.FORWARD, number
 
 
 def test_no_two_frames_of_thousands_have_the_same_key() -> None:
