@@ -13,8 +13,9 @@ Rules that live here
   CONNECT_HANDOVER with DRONE_CONNECTED, likewise. With no ground link to the commander it asks the vehicle to pass
   its word on.
 * As commander it answers ON_HANDOVER with OK_HANDOVER, and DRONE_CONNECTED with DISCONNECT_HANDOVER, but that only
-  for a transfer it has consented to. Over the ground link it hears this from the partner itself, in the present
-  epoch, and only while it commands; what the vehicle passes on it takes at its word.
+  for a transfer it has consented to. What the vehicle passes on it takes at its word. Over the ground link it hears this
+  from the partner itself, while it commands, and only of a transfer that the vehicle has announced (AUTHORITY_STATUS, or
+  what it passed on): a peer's word speeds up what the vehicle does, and opens or replaces no question.
 * Consent is automatic, or the operator's: then the answer is "waiting" until there is one.
 
 Events and actions are in `events`. Steps and messages: docs/architecture.md; names and console lines follow the thesis,
@@ -125,7 +126,9 @@ class StationCore:
         self._part: _Part | None = None
         #: station that shall command by the operator's word -> until when
         self._wishes: dict[int, float] = {}
+        #: the newest transfer that the vehicle has spoken of itself, and the one that it says is under way
         self._latest: TransferKey | None = None
+        self._announced: TransferKey | None = None
         self.digest = b""
         self.vehicle_digest = b""
         self.epoch = 0
@@ -255,6 +258,9 @@ class StationCore:
             phase = event.phase.name.replace("_", " ").lower()
             actions.append(Notice("phase", f"{self._vehicle_name} is {phase}."))
         self.partner = event.partner
+        self._announced = None
+        if event.commander is not None and event.partner is not None:
+            self._announced = TransferKey(event.commander, event.partner, event.handover_id, event.epoch)
         self._believe(event.commander, event.epoch, actions, over=not event.recovering)
 
     def _on_result(self, message: HandoverResult, actions: list[Action]) -> None:
@@ -343,6 +349,8 @@ class StationCore:
         if not isinstance(message, (OnHandover, DroneConnected)) or message.key.to_station != peer:
             return
         if self.role is not Role.COMMANDER or message.key.epoch != self.epoch:
+            return
+        if message.key not in (self._announced, self._latest):
             return
         self._as_commander(message, now, actions, of_vehicle=False)
 

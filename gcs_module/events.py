@@ -58,12 +58,13 @@ class VehicleHeard:
 
 @dataclass(frozen=True, slots=True)
 class AuthorityHeard:
-    """AUTHORITY_STATUS."""
+    """AUTHORITY_STATUS. `handover_id`: of the transfer under way if there is a partner, else of the last one."""
 
     phase: Phase
     commander: int | None
     partner: int | None
     epoch: int
+    handover_id: int = 0
     #: nobody commands yet, and one may, in this very epoch
     recovering: bool = False
 

@@ -202,9 +202,8 @@ class HandoverGcsModule(mp_module.MPModule):
         elif kind == "AUTHORITY_STATUS":
             phase = Phase(message.phase) if message.phase in list(Phase) else Phase.EMERGENCY
             recovering = message.lease == LeaseState.RECOVERING
-            self._handle(
-                AuthorityHeard(phase, message.commander or None, message.partner or None, message.epoch, recovering)
-            )
+            who = message.commander or None, message.partner or None
+            self._handle(AuthorityHeard(phase, *who, message.epoch, message.handover_id, recovering))
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)
         else:

@@ -182,7 +182,7 @@ class Network:
 
     def _status(self) -> None:
         view = self.arbiter.view
-        self._to_all(gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch))
+        self._to_all(gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id))
 
     def _facts(self) -> tuple[ZoneFact, ...]:
         facts = []

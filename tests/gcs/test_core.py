@@ -64,6 +64,13 @@ def partner(*, asks: bool = False, ground: bool = True) -> StationCore:
     return core
 
 
+def announced(core: StationCore, key: TransferKey = KEY) -> StationCore:
+    """The vehicle has said that this transfer is under way."""
+    status = AuthorityHeard(Phase.ON_HANDOVER, key.from_station, key.to_station, key.epoch, key.handover_id)
+    core.handle(status, NOW)
+    return core
+
+
 def from_vehicle(core: StationCore, message: Message, now: float = NOW) -> list[Action]:
     return core.handle(FromVehicle(message), now)
 
@@ -304,7 +311,7 @@ class TestCommander:
 
     @pytest.mark.parametrize("relayed", [False, True])
     def test_consent_and_release(self, relayed: bool) -> None:
-        core = station(A)
+        core = announced(station(A))
 
         def hear(message: Message) -> list[Action]:
             return core.handle(FromVehicle(message) if relayed else FromPeer(B, message), NOW)
@@ -317,7 +324,7 @@ class TestCommander:
         assert notices(actions) == ["GCSB has the drone: Disconnect."]
 
     def test_doubled_over_both_ways_it_is_answered_again_and_read_once(self) -> None:
-        core = station(A)
+        core = announced(station(A))
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY))]
         core.handle(FromPeer(B, DroneConnected(KEY)), NOW)
@@ -328,36 +335,65 @@ class TestCommander:
     def test_no_release_without_consent(self, relayed: bool) -> None:
         message = DroneConnected(KEY)
         event = FromVehicle(message) if relayed else FromPeer(B, message)
-        assert station(A).handle(event, NOW) == []
-        waiting = station(A, asks=True)
+        assert announced(station(A)).handle(event, NOW) == []
+        waiting = announced(station(A, asks=True))
         waiting.handle(FromPeer(B, OnHandover(KEY)), NOW)
         assert waiting.handle(event, NOW) == []
-        denied = station(A, asks=True)
+        denied = announced(station(A, asks=True))
         denied.handle(FromPeer(B, OnHandover(KEY)), NOW)
         denied.handle(Answer(False), NOW)
         assert denied.handle(event, NOW) == []
 
     def test_consent_to_one_transfer_is_no_consent_to_another(self) -> None:
-        core = station(A)
+        core = announced(station(A))
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         for key in (TransferKey(A, B, 8, 3), TransferKey(A, C, 7, 3), TransferKey(A, B, 7, 4)):
             assert from_vehicle(core, DroneConnected(key)) == []
 
     def test_consent_as_partner_is_no_consent_as_commander(self) -> None:
-        core = station(A)
+        core = announced(station(A))
         key = TransferKey(A, A, 7, 3)
         from_vehicle(core, HandoverRequest(key))
         assert from_vehicle(core, DroneConnected(key)) == []
 
     def test_not_its_transfer(self) -> None:
-        core = station(A)
+        core = announced(station(A))
         for key in (TransferKey(B, C, 7, 3), TransferKey(C, B, 7, 3), TransferKey(A, B, 7, 2)):
             assert from_vehicle(core, OnHandover(key)) == []
             assert core.handle(FromPeer(key.to_station, OnHandover(key)), NOW) == []
 
 
 class TestGroundLink:
-    """A peer speaks for itself, in the present epoch, and only to the station that commands."""
+    """A peer speaks for itself, in the present epoch, only to the station that commands, and of what the vehicle itself
+    has announced."""
+
+    FORGED = TransferKey(A, B, 8, 3)
+
+    @pytest.mark.parametrize("asks", [False, True])
+    def test_of_a_transfer_that_the_vehicle_has_not_announced(self, asks: bool) -> None:
+        core = station(A, asks=asks)
+        for word in (OnHandover(KEY), DroneConnected(KEY)):
+            assert core.handle(FromPeer(B, word), NOW) == []
+        assert core.question is None
+
+    def test_it_replaces_no_question(self) -> None:
+        """The operator's yes would be for another transfer than the one that was asked about."""
+        core = announced(station(A, asks=True))
+        from_vehicle(core, OnHandover(KEY, relayed=True))
+        assert core.handle(FromPeer(B, OnHandover(self.FORGED)), NOW) == []
+        assert core.question == KEY
+        assert words(core.handle(Answer(True), NOW)) == [ToVehicle(OkHandover(KEY))]
+        assert core.handle(FromPeer(B, DroneConnected(self.FORGED)), NOW) == []
+
+    def test_what_the_vehicle_has_passed_on_is_announced_by_that(self) -> None:
+        core = station(A)
+        from_vehicle(core, OnHandover(KEY, relayed=True))
+        assert words(core.handle(FromPeer(B, DroneConnected(KEY)), NOW)) == [ToVehicle(DisconnectHandover(KEY))]
+
+    def test_an_announcement_ends_with_its_transfer(self) -> None:
+        core = announced(station(A))
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW)
+        assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
 
     def test_for_another_station(self) -> None:
         core = station(A)
@@ -411,8 +447,9 @@ class TestLate:
         ]
 
     def test_partners_word(self) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        assert core.question == KEY
         later = TransferKey(A, C, 8, 3)
         from_vehicle(core, OnHandover(later, relayed=True))
         core.handle(Answer(True), NOW)
@@ -469,7 +506,7 @@ class TestOperator:
         assert words(actions) == [ToVehicle(OnHandover(KEY, Consent.WAITING))]
 
     def test_commander_waits(self) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         actions = core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         assert words(actions) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
         assert notices(actions) == [
@@ -478,7 +515,7 @@ class TestOperator:
         assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
 
     def test_commander_says_yes(self) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         assert core.handle(Answer(True), NOW) == [
             Notice("consent", "Handover Authorized."),
@@ -487,7 +524,7 @@ class TestOperator:
         assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY))]
 
     def test_commander_says_no(self) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         refusal = ToVehicle(OkHandover(KEY, Consent.DENIED, Reason.OPERATOR))
         assert core.handle(Answer(False), NOW) == [Notice("consent", "Handover Denied."), refusal]
@@ -495,7 +532,7 @@ class TestOperator:
 
     @pytest.mark.parametrize("yes", [False, True])
     def test_an_answer_to_nothing(self, yes: bool) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         assert core.handle(Answer(yes), NOW) == [Notice("question", "There is no question to answer.")]
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         core.handle(Answer(True), NOW)
@@ -515,13 +552,13 @@ class TestWish:
         assert core.question is None
 
     def test_as_commander(self) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         core.handle(Wish(B), NOW)
         assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW)) == [ToVehicle(OkHandover(KEY))]
         assert from_vehicle(core, DroneConnected(KEY))[0] == ToVehicle(DisconnectHandover(KEY))
 
     def test_is_of_one_station(self) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         core.handle(Wish(C), NOW)
         assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW)) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
 
@@ -535,19 +572,19 @@ class TestWish:
 
     @pytest.mark.parametrize(("after_s", "consent"), [(59.9, Consent.GRANTED), (60.0, Consent.WAITING)])
     def test_stands_for_a_minute(self, after_s: float, consent: Consent) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         core.handle(Wish(B), NOW)
         (word,) = words(core.handle(FromPeer(B, OnHandover(KEY)), NOW + after_s))
         assert word == ToVehicle(OkHandover(KEY, consent))
 
     def test_asked_for_again_it_stands_anew(self) -> None:
-        core = station(A, asks=True)
+        core = announced(station(A, asks=True))
         core.handle(Wish(B), NOW)
         core.handle(Wish(B), NOW + 50.0)
         assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW + 100.0)) == [ToVehicle(OkHandover(KEY))]
 
     def test_changes_nothing_by_itself(self) -> None:
-        core = station(A)
+        core = announced(station(A))
         assert core.handle(Wish(A), NOW) == []
         assert core.handle(Wish(77), NOW) == []
         assert (core.role, core.question) == (Role.COMMANDER, None)
@@ -581,7 +618,7 @@ class TestRestarted:
     def test_it_takes_no_peers_word_before_it_knows_that_it_commands(self) -> None:
         core = self.fresh(A)
         assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
-        core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3), NOW)
+        core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7), NOW)
         assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) != []
 
 

@@ -64,7 +64,7 @@ events: st.SearchStrategy[Event] = st.one_of(
     st.builds(FromPeer, sysids, messages),
     st.builds(PeerHeard, sysids),
     st.just(VehicleHeard()),
-    st.builds(AuthorityHeard, st.sampled_from(Phase), commanders, commanders, epochs),
+    st.builds(AuthorityHeard, st.sampled_from(Phase), commanders, commanders, epochs, st.sampled_from([0, 1, 2])),
     st.builds(MissionHeld, digests),
     st.builds(Answer, st.booleans()),
 )

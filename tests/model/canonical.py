@@ -446,6 +446,7 @@ class Packer:
             _part=_Object(part),
             _wishes=_Times(),
             _latest=value,
+            _announced=value,
             digest=plain,
             vehicle_digest=plain,
             _stage=plain,

@@ -248,7 +248,7 @@ class _Flight:
             return
         view = self.arbiter.view
         recovering = view.lease is LeaseState.RECOVERING
-        heard = gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, recovering)
+        heard = gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id, recovering)
         for sysid in (A, B):
             self._at(self.now + DELAY_S, lambda sysid=sysid: self._hear(sysid, heard))  # type: ignore[misc]
 

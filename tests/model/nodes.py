@@ -229,7 +229,7 @@ class Vehicles:
     def status(view: AuthorityView) -> gcs.AuthorityHeard:
         """AUTHORITY_STATUS as a station hears it."""
         recovering = view.lease is LeaseState.RECOVERING
-        return gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, recovering)
+        return gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id, recovering)
 
     def _tell(self, actions: list[Action]) -> None:
         assert self.story is not None

@@ -205,7 +205,7 @@ class World(RuleBasedStateMachine):
     def _status(self) -> None:
         view = self.arbiter.view
         recovering = view.lease is LeaseState.RECOVERING
-        heard = gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, recovering)
+        heard = gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id, recovering)
         for sysid in STATIONS:
             self._to_station(sysid, heard)
             if sysid in self.standard:

@@ -207,7 +207,7 @@ class TestInFlight:
             for m in flight.a.received:
                 if m.get_type() == "AUTHORITY_STATUS":
                     recovering = m.lease == RECOVERING
-                    core.handle(AuthorityHeard(Phase(m.phase), m.commander or None, None, m.epoch, recovering), 0.0)
+                    core.handle(AuthorityHeard(Phase(m.phase), m.commander or None, None, m.epoch, recovering=recovering), 0.0)
                 elif m.get_type() in ("CONNECT", "HANDOVER_RESULT"):
                     decoded = codec.decode(m)
                     assert decoded is not None
