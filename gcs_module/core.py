@@ -13,9 +13,10 @@ Rules that live here
   CONNECT_HANDOVER with DRONE_CONNECTED, likewise. With no ground link to the commander it asks the vehicle to pass
   its word on.
 * As commander it answers ON_HANDOVER with OK_HANDOVER, and DRONE_CONNECTED with DISCONNECT_HANDOVER, but that only
-  for a transfer it has consented to. What the vehicle passes on it takes at its word. Over the ground link it hears this
-  from the partner itself, while it commands, and only of a transfer that the vehicle has announced (AUTHORITY_STATUS, or
-  what it passed on): a peer's word speeds up what the vehicle does, and opens or replaces no question.
+  for a transfer it has consented to. What the vehicle passes on it takes at its word. Over the ground link it hears
+  this from the partner itself, while it commands, and only of a transfer that the vehicle has announced
+  (AUTHORITY_STATUS, or what it passed on): a peer's word speeds up what the vehicle does, and opens or replaces no
+  question.
 * Consent is automatic, or the operator's: then the answer is "waiting" until there is one.
 
 Events and actions are in `events`. Steps and messages: docs/architecture.md; names and console lines follow the thesis,

@@ -117,7 +117,16 @@ class Companion:
             self.autopilot.adopt(package)
 
     def _ties(self, clocks: Clocks) -> Ties:
-        return Ties(self.arbiter, self.handle, self.fault, self._restart.keep, self.narrator, self._voice, clocks)
+        return Ties(
+            arbiter=self.arbiter,
+            handle=self.handle,
+            fault=self.fault,
+            commands=lambda station: self.view.commander == station,
+            keep=self._restart.keep,
+            narrator=self.narrator,
+            voice=self._voice,
+            clocks=clocks,
+        )
 
     @property
     def view(self) -> AuthorityView:
@@ -193,7 +202,7 @@ class Companion:
         port.spoke(frame.compid)
         kind = message.get_type()
         if kind.startswith("MISSION_"):
-            self.autopilot.on_package(port, message, self.view.commander == port.sysid, now)
+            self.autopilot.on_package(port, message, now)
             return
         decoded = codec.decode(message)
         if decoded is None or getattr(message, "vehicle", 0) != self.config.sysid:
@@ -234,7 +243,7 @@ class Companion:
     def tick(self, now: float) -> None:
         """To be called often (the module: 20 times a second). What fails in here stops nothing else in here."""
         self.gate.note()
-        self.autopilot.tick(now)
+        self._attempt("autopilot", self.autopilot.tick, now)
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)
         self._schedule.run(now)

@@ -154,12 +154,12 @@ class Autopilot:
         self._ties.voice.to_autopilot(self._lease.next(view, self._sysid))
 
     def adopt(self, package: MissionPackage) -> None:
-        """The autopilot holds this mission since the run before."""
-        self._loader.adopt(package)
+        """The autopilot holds this mission since the run before; who commands along its route is known from there."""
+        self._loader.adopt(package, package.zone_finder())
 
-    def on_package(self, port: StationPort, message: Any, commands: bool, now: float) -> None:
+    def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
-        self._missions.on_message(port, message, commands and self._ties.arbiter.grounded(now), now)
+        self._missions.on_message(port, message, now)
 
     def renew_streams(self) -> None:
         """Whoever had set the rates of telemetry commands no more."""
@@ -168,6 +168,7 @@ class Autopilot:
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self.conversations.tick(now)
+        self._missions.tick(now)
 
     def each_second(self, view: AuthorityView, now: float) -> None:
         """Telemetry, streams that are missing, the mission on board, the checks before flight; `view`: in force."""

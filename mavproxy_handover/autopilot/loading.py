@@ -2,11 +2,14 @@
 
 """From the first chunk of a mission package to a loaded mission: what is taken in, what is refused and why.
 
-`MissionLoader` knows what a package says, `MissionWriter` gets it into the autopilot and reads it back.
+`MissionLoader` knows what a package says, `MissionWriter` gets it into the autopilot and reads it back. To read a
+package and to walk its route takes as long as its sender likes, so both are done beside the main loop, and the walk
+once only: the commanders that it finds are kept with the state of authority.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -22,8 +25,9 @@ from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.package_transfer import PackageReceiver
+from mavproxy_handover.worker import Worker
 
-__all__ = ["MissionLoader", "MissionWriter"]
+__all__ = ["MissionLoader", "MissionWriter", "Prepared", "prepare"]
 
 _RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
 _LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
@@ -31,6 +35,24 @@ _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
 _ON_BOARD_RETRY_S = 10.0
 #: name of the conversation
 _LOAD: Final = "load"
+#: where a package came from that no station sent
+_ON_BOARD: Final = "on board"
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A package that was read, and what takes time to find out about it."""
+
+    package: MissionPackage
+    #: facts about its zones
+    finder: ZoneFinder
+    #: commanders in the order in which its route needs them
+    commanders: tuple[int, ...]
+
+
+def prepare(package: MissionPackage) -> Prepared:
+    """Walk the route through the zones. Takes as long as the package makes it: not for the main loop."""
+    return Prepared(package, package.zone_finder(), tuple(package.walk().commanders))
 
 
 class MissionLoader:
@@ -40,18 +62,15 @@ class MissionLoader:
         self._config = config
         self._receiver = PackageReceiver()
         self.package: MissionPackage | None = None
-        #: facts about the zones of the loaded mission
         self.finder: ZoneFinder | None = None
         self.delivery: int | None = None
-        #: commanders in the order in which the route needs them
-        self.commanders: tuple[int, ...] = ()
         #: the mission's own policy, None if it has none
         self.out_of_coverage: FlightAction | None = None
 
     def on_message(
         self, kind: str, message: Any, target: tuple[int, int], welcome: bool
-    ) -> tuple[list[Any], MissionPackage | None]:
-        """Take in one message of a package; returns answers, and the package once it is whole and fit to be loaded.
+    ) -> tuple[list[Any], tuple[bytes, bytes] | None]:
+        """Take in one message of a package; returns answers, and (digest, data) once it is whole, to be read.
 
         `welcome`: the sender may load a mission now (it commands, the aircraft is on the ground and disarmed).
         """
@@ -63,18 +82,11 @@ class MissionLoader:
             return self._receiver.on_offer(message, target), None
         if kind != "MISSION_CHUNK" or not welcome:
             return [], None
-        answers, whole = self._receiver.on_chunk(message, target)
-        if whole is None:
-            return answers, None
-        digest, data = whole
-        try:
-            package = from_bytes(data)
-            self._check(package, digest)
-        except MissionError as error:
-            return [*answers, self._receiver.conclude(digest, _REFUSED, str(error), target)], None
-        return [*answers, self._receiver.conclude(digest, _RECEIVED, "", target)], package
+        return self._receiver.on_chunk(message, target)
 
-    def _check(self, package: MissionPackage, digest: bytes) -> None:
+    def read(self, data: bytes, digest: bytes) -> Prepared:
+        """What a whole package says. Raises MissionError. Takes as long as the package makes it."""
+        package = from_bytes(data)
         if package.digest != digest:
             raise MissionError("the contents do not have the digest that was promised")
         known = {entry.station.name: entry.station.sysid for entry in self._config.stations}
@@ -83,69 +95,111 @@ class MissionLoader:
                 raise MissionError(f"station {station.name} ({station.sysid}) is not one of this vehicle's")
         if package.parent.sysid != self._config.parent:
             raise MissionError(f"parent {package.parent.name} is not this vehicle's")
+        return prepare(package)
 
-    def concluded(self, package: MissionPackage, failure: str | None, target: tuple[int, int]) -> Any:
-        """The autopilot holds the package's mission, or `failure` says why not. Returns the answer to the sender."""
-        if failure is not None:
-            return self._receiver.conclude(package.digest, _REFUSED, failure, target)
-        self.adopt(package)
-        return self._receiver.conclude(package.digest, _LOADED, "", target)
+    def received(self, digest: bytes, target: tuple[int, int]) -> Any:
+        """The answer to the sender of a package that is whole and fit to be loaded."""
+        return self._receiver.conclude(digest, _RECEIVED, "", target)
 
-    def adopt(self, package: MissionPackage) -> None:
+    def refused(self, digest: bytes, why: str, target: tuple[int, int]) -> Any:
+        """The answer to the sender of one that is not, or that the autopilot did not take."""
+        return self._receiver.conclude(digest, _REFUSED, why, target)
+
+    def loaded(self, prepared: Prepared, target: tuple[int, int]) -> Any:
+        """The answer to the sender: the autopilot holds the package's mission."""
+        self.adopt(prepared.package, prepared.finder)
+        return self._receiver.conclude(prepared.package.digest, _LOADED, "", target)
+
+    def adopt(self, package: MissionPackage, finder: ZoneFinder) -> None:
         """This is the mission that the autopilot holds."""
         self.package = package
-        self.finder = package.zone_finder()
+        self.finder = finder
         self.delivery = package.delivery_waypoint
-        self.commanders = tuple(package.walk().commanders)
         word = package.policies.get("on_out_of_coverage")
         self.out_of_coverage = None if word is None else FlightAction[word.upper()]
 
 
 class MissionWriter:
-    """Takes packages from the stations and from on board to the autopilot."""
+    """Takes packages from the stations and from on board to the autopilot. What takes time is the `worker`'s."""
 
     def __init__(self, loader: MissionLoader, copter: Copter, conversations: Conversations, ties: Ties) -> None:
         self._loader = loader
         self._copter = copter
         self._conversations = conversations
         self._ties = ties
+        self._worker = Worker()
         self._on_board_at = 0.0
 
-    def on_message(self, port: StationPort, message: Any, welcome: bool, now: float) -> None:
-        """A message of a package; `welcome`: its sender may load a mission now."""
-        answers, package = self._loader.on_message(message.get_type(), message, port.target, welcome)
+    def on_message(self, port: StationPort, message: Any, now: float) -> None:
+        """A message of a package."""
+        answers, whole = self._loader.on_message(message.get_type(), message, port.target, self._welcome(port, now))
         for answer in answers:
             port.send(answer)
-        if package is not None:
-            self._ties.narrator.package_received(package.name, port.name)
-            self._load(package, port, now)
+        if whole is None:
+            return
+        digest, data = whole
+        target = port.target
+
+        def read(result: Prepared | Exception, now: float) -> None:
+            if not isinstance(result, Prepared):
+                port.send(self._loader.refused(digest, self._why(result), target))
+            elif not self._welcome(port, now):  # it took a while to read
+                port.send(self._loader.refused(digest, "too late: it commands no more, or START was given", target))
+            else:
+                port.send(self._loader.received(digest, target))
+                self._ties.narrator.package_received(result.package.name, port.name)
+                self._load(result, port, now)
+
+        if not self._worker.submit(lambda: self._loader.read(data, digest), read):
+            port.send(self._loader.refused(digest, "another package is being read: share it again", target))
 
     def load_on_board(self, package: MissionPackage, now: float) -> None:
         """The package on board, now that the autopilot is ready for it; again after a while if that failed."""
-        if self._ties.arbiter.mission_digest or _LOAD in self._conversations:
+        if self._ties.arbiter.mission_digest or _LOAD in self._conversations or now < self._on_board_at:
             return
-        if now >= self._on_board_at:
-            self._on_board_at = now + _ON_BOARD_RETRY_S
-            self._load(package, None, now)
+        self._on_board_at = now + _ON_BOARD_RETRY_S
 
-    def _load(self, package: MissionPackage, port: StationPort | None, now: float) -> None:
+        def prepared(result: Prepared | Exception, now: float) -> None:
+            if isinstance(result, Prepared):
+                self._load(result, None, now)
+            else:
+                self._ties.narrator.mission_failed(self._why(result), _ON_BOARD)
+
+        self._worker.submit(lambda: prepare(package), prepared)
+
+    def tick(self, now: float) -> None:
+        """Time has passed; to be called often."""
+        self._worker.tick(now)
+
+    def _welcome(self, port: StationPort, now: float) -> bool:
+        return self._ties.commands(port.sysid) and self._ties.arbiter.grounded(now)
+
+    def _why(self, error: Exception) -> str:
+        if isinstance(error, MissionError):
+            return str(error)
+        self._ties.fault("mission package", f"{type(error).__name__}: {error}")
+        return "internal fault"
+
+    def _load(self, prepared: Prepared, port: StationPort | None, now: float) -> None:
         """Write a package to the autopilot and read it back; `port`: who sent it, None for the one on board."""
-        ties, loader = self._ties, self._loader
+        ties, loader, package = self._ties, self._loader, prepared.package
         if ties.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
             ties.handle(MissionLoaded(b"", ()), now)
-        source = "on board" if port is None else port.name
+        source = _ON_BOARD if port is None else port.name
 
         def done(talk: Conversation, now: float) -> None:
-            if port is not None:
-                port.send(loader.concluded(package, talk.failure, port.target))
-            elif talk.failure is None:
-                loader.adopt(package)
             if talk.failure is not None:
+                if port is not None:
+                    port.send(loader.refused(package.digest, talk.failure, port.target))
                 ties.narrator.mission_failed(talk.failure, source)
                 return
+            if port is not None:
+                port.send(loader.loaded(prepared, port.target))
+            else:
+                loader.adopt(package, prepared.finder)
             ties.narrator.mission_written()
             ties.keep(package)
-            ties.handle(MissionLoaded(package.digest, loader.commanders, loader.out_of_coverage), now)
+            ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
         asking = self._copter.load(package.route.upload_items(), package.route.rally)
         self._conversations.begin(_LOAD, asking, done, now)

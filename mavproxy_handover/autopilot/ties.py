@@ -27,6 +27,8 @@ class Ties:
     handle: Callable[[Event, float], None]
     #: is told what broke, and where
     fault: Callable[[str, str], None]
+    #: whether a station commands, by the view that is in force
+    commands: Callable[[int], bool]
     #: keeps the mission package that the autopilot holds
     keep: Callable[[MissionPackage], None]
     narrator: Narrator

@@ -43,6 +43,12 @@ DETECTORS = ("circles", "polygons", "waypoints")
 
 MAX_PACKED_BYTES = 64 * 1024
 MAX_PLAIN_BYTES = 1024 * 1024
+#: mission.toml is looked at before it is parsed, because a parser's time may grow with the square of a key's parts
+MAX_TOML_BYTES = 64 * 1024
+MAX_TOML_LINE = 4000
+MAX_TOML_DOTS = 100
+#: what a number may not have in any file: older Pythons take the square of its digits to read it
+_ENDLESS_NUMBER = re.compile(r"[0-9]{400}")
 #: names that are a file in the package's own folder on every system
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,50}(\.[A-Za-z0-9]{1,12}){1,2}")
 _STATION_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,15}")
@@ -153,6 +159,8 @@ def from_bytes(data: bytes) -> MissionPackage:
         raise where.error("not compressed data") from None
     if len(plain) > MAX_PLAIN_BYTES:
         raise where.error(f"more than {MAX_PLAIN_BYTES} bytes when unpacked")
+    if _ENDLESS_NUMBER.search(plain.decode("latin-1")):
+        raise where.error("a number of hundreds of digits")
     if not unpacker.eof or unpacker.unused_data:
         raise where.error("cut short, or something follows it")
     try:
@@ -201,6 +209,13 @@ def _read_file(folder: Path, name: str) -> str:
 
 def _toml(text: str) -> Mapping[str, object]:
     where = Where(MISSION_FILE)
+    if len(text) > MAX_TOML_BYTES:
+        raise where.error(f"{len(text)} characters (allowed: at most {MAX_TOML_BYTES})")
+    for number, line in enumerate(text.splitlines(), 1):
+        if len(line) > MAX_TOML_LINE:
+            raise where.error(f"line {number}: {len(line)} characters (allowed: at most {MAX_TOML_LINE})")
+        if line.count(".") > MAX_TOML_DOTS:
+            raise where.error(f"line {number}: {line.count('.')} dots (allowed: at most {MAX_TOML_DOTS})")
     try:
         table: Mapping[str, object] = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

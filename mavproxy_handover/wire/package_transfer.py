@@ -117,10 +117,16 @@ def _said(done: tuple[bytes, int, str]) -> tuple[bytes, int, int, str]:
 
 
 class PackageReceiver:
-    """Receives one package at a time; a new offer replaces an unfinished one."""
+    """Receives one package at a time; a new offer replaces an unfinished one.
+
+    What is whole is for the caller to read, which may take a while: until `conclude` its sender is told that there is
+    nothing more to send.
+    """
 
     def __init__(self) -> None:
         self._incoming: _Incoming | None = None
+        #: whole, and nothing is said of it yet
+        self._whole: _Incoming | None = None
         self._done: tuple[bytes, int, str] | None = None
 
     def on_offer(self, offer: Any, target: tuple[int, int]) -> list[Any]:
@@ -132,6 +138,9 @@ class PackageReceiver:
         if not 0 < offer.size <= MAX_PACKAGE_BYTES:
             text = f"package of {offer.size} bytes, allowed are {MAX_PACKAGE_BYTES}"
             return [self._ack(target, digest, 0, _REFUSED, text)]
+        whole = self._whole
+        if whole is not None and whole.digest == digest and whole.size == offer.size:
+            return [self._ack(target, digest, whole.size, _RECEIVING)]
         incoming = self._incoming
         if incoming is None or incoming.digest != digest or incoming.size != offer.size:
             incoming = self._incoming = _Incoming(digest, offer.name, offer.size, bytearray(), 0)
@@ -162,7 +171,7 @@ class PackageReceiver:
             return [], None
         incoming.data += piece[have - chunk.offset :]
         if len(incoming.data) >= incoming.size:
-            self._incoming = None
+            self._incoming, self._whole = None, incoming
             return [], (incoming.digest, bytes(incoming.data[: incoming.size]))
         if len(incoming.data) >= incoming.answer_at:
             return [self._next(incoming, target)], None
@@ -174,6 +183,7 @@ class PackageReceiver:
 
     def conclude(self, digest: bytes, result: int, text: str, target: tuple[int, int]) -> Any:
         """Remember what became of a whole package, and return the message that says so."""
+        self._whole = None
         self._done = (digest, result, text)
         return self._ack(target, digest, 0, result, text)
 

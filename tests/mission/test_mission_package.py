@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mavproxy_handover.mission import MissionError, MissionPackage, StationEntry, from_bytes, load
+from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MAX_PACKED_BYTES
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
@@ -268,7 +269,7 @@ def test_refuses_a_delivery_beyond_the_route(small):
 
 def test_refuses_a_package_that_could_not_be_sent(small):
     noise = "".join(hashlib.sha256(bytes([n % 256, n // 256])).hexdigest() for n in range(3000))
-    small.toml += f"# {noise}\n"
+    small.zones["note"] = noise
     assert refusal(small) == f"{small.folder}: larger than 65536 bytes when packed: it could not be sent"
 
 
@@ -438,6 +439,34 @@ def only_mission_errors(data: bytes) -> None:
         text = "accepted"
     assert "\n" not in text
     assert len(text) < 2000
+
+
+def spoiled_toml(more):
+    return packed({**DELIVERY, "mission.toml": DELIVERY["mission.toml"] + more})
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ("a." * 1900 + "a = 1\n", "line 22: 1900 dots (allowed: at most 100)"),
+        ("a." * 100_000 + "a = 1\n", "characters (allowed: at most 65536)"),
+        ("x = 1" + " " * 5000 + "\n", "line 22: 5005 characters (allowed: at most 4000)"),
+        ("[" + "a." * 101 + "a]\n", "line 22: 101 dots (allowed: at most 100)"),
+        ("x = " + "9" * 400 + "\n", "a number of hundreds of digits"),
+    ],
+)
+def test_what_would_cost_a_parser_its_time_is_refused_before_it_is_parsed(more, why, monkeypatch):
+    """A key of many dots is 147 bytes on the wire and 25 s of a processor."""
+    data = spoiled_toml(more)
+    monkeypatch.setattr(mission_package.tomllib, "loads", lambda _text: pytest.fail("it was parsed"))
+    with pytest.raises(MissionError) as raised:
+        from_bytes(data)
+    assert why in str(raised.value)
+
+
+def test_a_mission_toml_with_as_many_dots_as_are_allowed_is_parsed():
+    with pytest.raises(MissionError, match="unknown key 'a'"):
+        from_bytes(spoiled_toml("a." * 99 + "a = 1\n"))
 
 
 @settings(deadline=None)

@@ -56,6 +56,8 @@ class Bench:
         self.config = folder / "handover.toml"
         self.configure()
         self.module: Any = None
+        #: done once in every round, besides
+        self.each_round: Callable[[], None] = lambda: None
 
     def configure(self, guard: bool = True, more: str = "") -> None:
         """Write the configuration; `more` goes into [vehicle]."""
@@ -91,6 +93,7 @@ class Bench:
 
     def loop(self) -> None:
         """One round of MAVProxy's main loop, and what the others make of it."""
+        self.each_round()
         self.mpstate.loop()
         written: list[bytes] = []
         for master in self.mpstate.mav_master:
@@ -162,6 +165,12 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     monkeypatch.setattr(vehicle_module, "time", clock)
     monkeypatch.setattr(vehicle_commands, "time", clock)
     return clock
+
+
+@pytest.fixture(autouse=True)
+def no_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What runs beside the main loop is done at once: it is not the bench's clock that it takes its time by."""
+    monkeypatch.setattr("mavproxy_handover.worker.in_thread", lambda run: run())
 
 
 @pytest.fixture(autouse=True)

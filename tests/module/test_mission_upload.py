@@ -4,15 +4,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.package_transfer import PackageSender
 from tests.module.conftest import MISSIONS, Bench
+from tests.module.test_faults import leases_in
 
 LOADED, REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED, mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
 START = mavlink.MAV_CMD_MISSION_START
@@ -199,3 +202,90 @@ def test_answers_that_the_autopilot_gives_to_others_do_not_disturb_the_upload(
     bench.autopilot._take = take  # type: ignore[method-assign]
     assert bench.share(delivery).result == LOADED
     assert sender.result is None
+
+
+# ---- what takes time is done beside the main loop -----------------------------------------------------------------
+
+
+class Slow:
+    """Jobs that end when the test says so."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.jobs: list[Callable[[], None]] = []
+        monkeypatch.setattr("mavproxy_handover.worker.in_thread", self.jobs.append)
+
+    def end(self) -> None:
+        self.jobs.pop()()
+
+
+def send(bench: Bench, package: MissionPackage) -> PackageSender:
+    """A package goes to the vehicle in the bench's own time; what comes of it is for the test to see."""
+    sender = PackageSender(package.to_bytes(), package.digest, package.name, (1, 191), until_loaded=True)
+    seen = len(bench.a.received)
+
+    def step() -> None:
+        nonlocal seen
+        for message in sender.tick(bench.clock.now):
+            bench.a.send(message)
+        while seen < len(bench.a.received):
+            message = bench.a.received[seen]
+            seen += 1
+            if message.get_type() == "MISSION_PACKAGE_ACK":
+                for answer in sender.on_ack(message, bench.clock.now):
+                    bench.a.send(answer)
+
+    bench.each_round = step
+    return sender
+
+
+def test_leases_go_on_while_a_package_is_read_and_its_route_walked(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A zone like a comb took 3.8 s; the guard flies home after three."""
+    slow = Slow(monkeypatch)
+    bench.connect()
+    sender = send(bench, delivery)
+    bench.until(lambda: slow.jobs)
+    assert 24 <= leases_in(bench, 5.0) <= 26
+    assert bench.companion.arbiter.mission_digest == b""
+    assert not sender.finished
+    slow.end()
+    bench.until(lambda: sender.finished)
+    assert sender.result == LOADED
+    assert bench.companion.arbiter.mission_digest == delivery.digest
+
+
+def test_a_package_that_is_read_when_its_sender_commands_no_more_is_not_loaded(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = Slow(monkeypatch)
+    bench.connect()
+    sender = send(bench, delivery)
+    bench.until(lambda: slow.jobs)
+    bench.companion.fail_closed("planted", bench.clock.now)
+    slow.end()
+    bench.until(lambda: sender.finished)
+    assert (sender.result, sender.text) == (REFUSED, "too late: it commands no more, or START was given"[:50])
+    assert bench.autopilot.items.get(0, []) == []
+
+
+def test_a_second_package_is_not_taken_while_one_is_being_read(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = Slow(monkeypatch)
+    bench.connect()
+    send(bench, delivery)
+    bench.until(lambda: slow.jobs)
+    other = send(bench, mission_package.load(MISSIONS / "linear"))
+    bench.until(lambda: other.finished)
+    assert (other.result, other.text) == (REFUSED, "another package is being read: share it again"[:50])
+
+
+def test_a_fault_while_a_package_is_read_is_an_internal_fault_and_refuses_it(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(MissionPackage, "walk", lambda _self: 1 / 0)
+    bench.connect()
+    sender = bench.share(delivery)
+    assert (sender.result, sender.text) == (REFUSED, "internal fault")
+    assert bench.companion.faults == {"mission package": 1}

@@ -103,6 +103,17 @@ class TestInFlight:
         assert flight.mpstate.console.said("Restarted in flight, epoch 2: waiting for GCSA.")
         assert flight.mpstate.console.said("GCSA commands on after the restart, epoch 2.")
 
+    def test_the_route_is_not_walked_again_and_is_known_all_the_same(
+        self, flight: Bench, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """A zone like a comb takes seconds, and the guard gives a restart three."""
+        monkeypatch.setattr(MissionPackage, "walk", lambda _self: pytest.fail("it was walked"))
+        restart(flight)
+        flight.run(2.0)
+        assert leases(flight) == [(RECOVERING, 0, 2), (HELD, 251, 2)]
+        assert flight.companion.arbiter.snapshot().route == (251, 252, 251, 252, 251)
+        assert flight.companion.autopilot.zone_facts() != ()
+
     def test_the_lease_is_there_with_the_first_round_and_authority_within_two_seconds(self, flight: Bench) -> None:
         restart(flight)
         flight.run(0.05)
@@ -207,7 +218,9 @@ class TestInFlight:
             for m in flight.a.received:
                 if m.get_type() == "AUTHORITY_STATUS":
                     recovering = m.lease == RECOVERING
-                    core.handle(AuthorityHeard(Phase(m.phase), m.commander or None, None, m.epoch, recovering=recovering), 0.0)
+                    core.handle(
+                        AuthorityHeard(Phase(m.phase), m.commander or None, None, m.epoch, recovering=recovering), 0.0
+                    )
                 elif m.get_type() in ("CONNECT", "HANDOVER_RESULT"):
                     decoded = codec.decode(m)
                     assert decoded is not None

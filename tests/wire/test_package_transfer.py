@@ -325,3 +325,45 @@ def test_the_sender_names_the_package_in_its_offer() -> None:
     assert (offer.size, bytes(offer.mission_digest)) == (10, bytes(range(32)))
     assert offer.name == "a name that is longer than the f"
     assert (offer.target_system, offer.target_component) == TO
+
+
+def test_while_a_whole_package_is_being_read_its_sender_has_nothing_more_to_send() -> None:
+    """To read it may take seconds; without a word the sender would offer it anew, and send it all again."""
+    data, digest = content(1000)
+    sender, receiver = PackageSender(data, digest, "m", TO, until_loaded=True), PackageReceiver()
+    whole = None
+    pending = sender.tick(0.0)
+    while whole is None:
+        messages, pending = pending, []
+        for message in messages:
+            if message.get_type() == "MISSION_PACKAGE":
+                answers = receiver.on_offer(message, BACK)
+            else:
+                answers, whole = receiver.on_chunk(message, BACK)
+            for answer in answers:
+                pending += sender.on_ack(answer, 0.0)
+    assert whole == (digest, data)
+    for number in range(1, 9):
+        (offer,) = sender.tick(float(number))
+        (answer,) = receiver.on_offer(offer, BACK)
+        assert (answer.result, answer.next_offset) == (RECEIVING, len(data))
+        assert sender.on_ack(answer, float(number)) == []
+    assert not sender.finished
+    sender.on_ack(receiver.conclude(digest, LOADED, "", BACK), 9.0)
+    assert sender.finished
+
+
+def test_a_package_of_another_size_is_another_one_though_its_digest_is_promised_to_be_the_same() -> None:
+    data, digest = content(100)
+    receiver = PackageReceiver()
+    (offer,) = PackageSender(data, digest, "m", TO).tick(0.0)
+    receiver.on_offer(offer, BACK)
+    sender = PackageSender(data, digest, "m", TO)
+    sender.tick(0.0)
+    (chunk,) = sender.on_ack(
+        mavlink.MAVLink_mission_package_ack_message(*BACK, package_id(digest), 0, RECEIVING, b""), 0.0
+    )
+    assert receiver.on_chunk(chunk, BACK)[1] == (digest, data)
+    (larger,) = PackageSender(data * 2, digest, "m", TO).tick(0.0)
+    (answer,) = receiver.on_offer(larger, BACK)
+    assert answer.next_offset == 0

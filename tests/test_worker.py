@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Jobs beside the main loop: one at a time, and what came of each is handed over where it belongs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from mavproxy_handover.worker import Worker
+
+
+class Held:
+    """Runs jobs when the test says so."""
+
+    def __init__(self) -> None:
+        self.jobs: list[Callable[[], None]] = []
+        self.came: list[tuple[Any, float]] = []
+        self.worker = Worker(self.jobs.append)
+
+    def submit(self, job: Callable[[], Any]) -> bool:
+        return self.worker.submit(job, lambda result, now: self.came.append((result, now)))
+
+
+def test_what_came_of_a_job_is_handed_over_by_the_next_tick() -> None:
+    held = Held()
+    assert held.submit(lambda: 42)
+    held.worker.tick(1.0)
+    assert (held.came, held.worker.busy) == ([], True)
+    held.jobs.pop()()
+    assert held.came == [], "not in the thread that worked"
+    held.worker.tick(2.0)
+    assert (held.came, held.worker.busy) == ([(42, 2.0)], False)
+    held.worker.tick(3.0)
+    assert len(held.came) == 1
+
+
+def test_a_second_job_is_not_taken_until_the_first_is_handed_over() -> None:
+    held = Held()
+    assert held.submit(lambda: 1)
+    assert not held.submit(lambda: 2)
+    held.jobs.pop()()
+    assert not held.submit(lambda: 3)
+    held.worker.tick(1.0)
+    assert held.submit(lambda: 4)
+    held.jobs.pop()()
+    held.worker.tick(2.0)
+    assert [result for result, _now in held.came] == [1, 4]
+
+
+def test_a_job_that_breaks_is_handed_over_as_what_broke_it() -> None:
+    held = Held()
+    held.submit(lambda: {}["nothing"])
+    held.jobs.pop()()
+    held.worker.tick(1.0)
+    ((error, _now),) = held.came
+    assert isinstance(error, KeyError)
+    assert held.submit(lambda: 1), "and the next one is taken"
+
+
+def test_it_works_in_a_thread_of_its_own_that_keeps_nobody_from_ending() -> None:
+    seen: list[threading.Thread] = []
+    done = threading.Event()
+
+    def job() -> None:
+        seen.append(threading.current_thread())
+        done.set()
+
+    worker = Worker()
+    worker.submit(job, lambda _result, _now: None)
+    assert done.wait(10.0)
+    assert seen[0] is not threading.main_thread()
+    assert seen[0].daemon
+
+
+def test_what_the_receiver_raises_does_not_stop_the_worker() -> None:
+    held = Held()
+
+    def broken(_result: Any, _now: float) -> None:
+        raise RuntimeError("planted")
+
+    held.worker.submit(lambda: 1, broken)
+    held.jobs.pop()()
+    try:
+        held.worker.tick(1.0)
+    except RuntimeError:
+        pass
+    assert not held.worker.busy
