@@ -34,6 +34,7 @@ class Host(Protocol):
     view: View
     narrator: StationNarrator
     faults: Counter[str]
+    disarmed: bool
 
     def operator(self, event: Event) -> None:
         """An operator's word to the core."""
@@ -70,10 +71,16 @@ class StationCommands:
             "deny": ("answer the question of a handover: no", lambda: module.operator(Answer(False))),
         }
 
+        #: those that take a name: of what, text, what is done
+        self._named: dict[str, tuple[str, Callable[[str], None]]] = {
+            "give": ("STATION: hand the aircraft to it now", self._give),
+            "take": ("MISSION: make a mission that another station has offered this station's own", self._take),
+        }
+
     def completions(self) -> list[str]:
         """For MAVProxy's tab completion."""
         peers = "|".join(peer.station.name for peer in self._module.config.peers)
-        return ["<" + "|".join(self._table) + ">", f"give <{peers}>", "set (HANDOVERSETTING)"]
+        return ["<" + "|".join(self._table) + ">", f"give <{peers}>", "take", "set (HANDOVERSETTING)"]
 
     def run(self, args: list[str]) -> None:
         """Run one command line; anything unknown shows the usage."""
@@ -83,16 +90,17 @@ class StationCommands:
         if len(args) == 1 and args[0] in self._table:
             self._table[args[0]][1]()
             return
-        if len(args) == 2 and args[0] == "give":
-            self._give(args[1])
+        if len(args) == 2 and args[0] in self._named:
+            self._named[args[0]][1](args[1])
             return
         show = self._module.view.show
         if args and args[0] != "help":
             show(f"handover: unknown command {' '.join(args)!r}")
-        show("usage: handover <" + "|".join(self._table) + "|give|set>")
+        show("usage: handover <" + "|".join([*self._table, *self._named, "set"]) + ">")
         for name, (text, _run) in self._table.items():
             show(f"  {name:9} {text}")
-        show("  give      STATION: hand the aircraft to it now")
+        for name, (text, _named) in self._named.items():
+            show(f"  {name:9} {text}")
         show(
             "  set       NAME VALUE: "
             + ", ".join(f"{name} = {self.settings.get(name)}" for name in self.settings.list())
@@ -167,6 +175,9 @@ class StationCommands:
             module.desk.offer(peer.station.sysid, 0, now)
         module.view.line(f"Sharing mission {module.desk.held.name!r}.")
 
+    def _take(self, name: str) -> None:
+        self._module.view.line(self._module.desk.inbox.take(name, self._module.disarmed))
+
     def _status(self) -> None:
         module, core, now = self._module, self._module.core, time.monotonic()
         show = module.view.show
@@ -179,6 +190,8 @@ class StationCommands:
             "the vehicle has the same" if core.digest and core.digest == core.vehicle_digest else "the vehicle has not"
         )
         show(f"mission   {'none' if held is None else f'{held.name!r} {held.digest.hex()[:8]}, {same}'}")
+        for offer in module.desk.inbox.waiting:
+            show(f"offered   {offer.name!r} {offer.digest.hex()[:8]}: 'handover take {offer.name}'")
         for peer in module.config.peers:
             alive = "up" if core.peer_alive(peer.station.sysid, now) else "down"
             show(f"ground    {peer.station.name}: {alive}")

@@ -57,7 +57,7 @@ from mavproxy_handover.link.timesync import probe_answer
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
-from mavproxy_handover.wire.ids import COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["HandoverGcsModule", "init"]
@@ -79,6 +79,8 @@ class HandoverGcsModule(mp_module.MPModule):
         )
         self.config = config
         self.faults: Counter[str] = Counter()
+        #: the autopilot has said that it is
+        self.disarmed = False
         stations = tuple(peer.station for peer in config.peers)
         self.core = StationCore(
             config.station, f"vehicle {config.vehicle}", stations, operator_consents=config.operator_consents
@@ -171,6 +173,8 @@ class HandoverGcsModule(mp_module.MPModule):
         elif frame.compid == PROBE_COMPID:
             self._answer_probe(frame)
         elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_ACK, mavlink.MAVLINK_MSG_ID_HEARTBEAT):
+            if frame.compid == AUTOPILOT_COMPID and frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                self.disarmed = not m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
             self.commands.on_message(m, time.monotonic())
 
     def _proven(self, frame: Frame) -> bool:
@@ -197,7 +201,7 @@ class HandoverGcsModule(mp_module.MPModule):
         if message is None:
             return
         kind = message.get_type()
-        if kind.startswith("MISSION_"):
+        if kind == "MISSION_PACKAGE_ACK":  # a vehicle sends no packages
             self._on_package(frame, message)
         elif kind == "AUTHORITY_STATUS":
             phase = Phase(message.phase) if message.phase in list(Phase) else Phase.EMERGENCY
@@ -211,6 +215,7 @@ class HandoverGcsModule(mp_module.MPModule):
             if decoded is not None and message.target_system in (0, self.config.station.sysid):
                 self.narrator.message("in", decoded, "vehicle")
                 self._handle(FromVehicle(decoded))
+                self._hold()
 
     def _on_telemetry(self, message: Any) -> None:
         self.view.last_telemetry = message
@@ -228,9 +233,16 @@ class HandoverGcsModule(mp_module.MPModule):
         for answer in answers:
             self._put(frame.sysid, answer)
         if line:
-            self._tell_of(frame.sysid, "package_received" if line.startswith("Mission '") else "package_sent", line)
-        if self.desk.held is not None and self.desk.held.digest != self.core.digest:
-            self._handle(MissionHeld(self.desk.held.digest))
+            self._tell_of(frame.sysid, "package_sent", line)
+
+    def _hold(self) -> None:
+        """An offer of another station counts once the vehicle announces it; the core is told what is held."""
+        line = self.desk.inbox.announced(self.core.vehicle_digest, self.disarmed)
+        if line:
+            self._tell_of(self.config.vehicle, "package_taken", line)
+        held = self.desk.held
+        if held is not None and held.digest != self.core.digest:
+            self._handle(MissionHeld(held.digest))
 
     def _read_ground(self) -> None:
         for frame in self._ground.read():
@@ -284,6 +296,7 @@ class HandoverGcsModule(mp_module.MPModule):
         messages, lines = self.desk.tick(now, lambda receiver: self._alive(receiver, now))
         for receiver, line in lines:
             self._tell_of(receiver, "package_offer", line)
+        self._hold()
         for receiver, message in messages:
             self._put(receiver, message)
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The station's mission package: the one it holds, those it sends, the one it receives from another station.
+"""The station's mission package on its way to vehicle and stations. What comes from other stations is the `inbox`'s.
 
 An offer has an end: who has not answered for NO_ANSWER_S is offered nothing more, and the operator is told. If that was
 because it was not there, it is offered the package again once it is heard; if it is there and does not answer, only the
@@ -15,9 +15,9 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.mission.package import MissionPackage, from_bytes
-from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender, package_id
+from gcs_module.inbox import Inbox
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.wire.package_transfer import PackageSender, package_id
 
 __all__ = ["NO_ANSWER_S", "PackageDesk"]
 
@@ -43,27 +43,30 @@ class _Offer:
 
 
 class PackageDesk:
-    """Sends the held package to any number of receivers at once, by system id; receives one at a time."""
+    """Sends the package that the inbox holds to any number of receivers at once, by system id."""
 
-    def __init__(self, held: MissionPackage | None) -> None:
-        self.held = held
+    def __init__(self, own: MissionPackage | None) -> None:
+        """`own`: the package of the station's own folder."""
+        self.inbox = Inbox(own)
         self._offers: dict[int, _Offer] = {}
-        self._receiver = PackageReceiver()
+
+    @property
+    def held(self) -> MissionPackage | None:
+        """The package that counts."""
+        return self.inbox.held
 
     def offer(self, receiver: int, component: int, now: float, *, until_loaded: bool = False) -> None:
         """Begin to send the held package to `receiver`. There must be one.
 
         `until_loaded`: the receiver is the vehicle, which has the last word when the autopilot holds the mission.
         """
-        assert self.held is not None
-        target = (receiver, component)
-        sender = _sender(self.held, target, until_loaded)
-        self._offers[receiver] = _Offer(self.held, target, until_loaded, sender, now)
+        held, target = self.held, (receiver, component)
+        assert held is not None
+        self._offers[receiver] = _Offer(held, target, until_loaded, _sender(held, target, until_loaded), now)
 
     def tick(self, now: float, alive: Callable[[int], bool]) -> tuple[list[tuple[int, Any]], list[tuple[int, str]]]:
         """(receiver, message) to send now, and (receiver, line for the operator). `alive`: whether one is heard."""
-        messages: list[tuple[int, Any]] = []
-        lines: list[tuple[int, str]] = []
+        messages, lines = self.inbox.tick(now)
         for receiver, offer in list(self._offers.items()):
             line = self._look(receiver, offer, now, alive(receiver))
             if line:
@@ -85,9 +88,7 @@ class PackageDesk:
         came_back, offer.alive = alive and not offer.alive, alive
         if not came_back:
             return ""
-        if (
-            self.held is None or offer.package.digest != self.held.digest
-        ):  # another one has come from another station since
+        if self.held is None or offer.package.digest != self.held.digest:  # another one has been taken since
             del self._offers[receiver]
             return ""
         offer.sender = _sender(offer.package, offer.target, offer.until_loaded)
@@ -96,28 +97,9 @@ class PackageDesk:
 
     def on_message(self, sender: int, component: int, message: Any, now: float) -> tuple[list[Any], str]:
         """Take in a package message of system `sender`; returns answers to it, and a line for the operator or ""."""
-        kind = message.get_type()
-        if kind == "MISSION_PACKAGE_ACK":
+        if message.get_type() == "MISSION_PACKAGE_ACK":
             return self._on_ack(sender, message, now)
-        target = (sender, component)
-        if kind == "MISSION_PACKAGE":
-            return self._receiver.on_offer(message, target), ""
-        answers, whole = self._receiver.on_chunk(message, target)
-        if whole is None:
-            return answers, ""
-        digest, data = whole
-        try:
-            package = from_bytes(data)
-            if package.digest != digest:
-                raise MissionError("the contents do not have the digest that was promised")
-        except MissionError as error:
-            return [
-                *answers,
-                self._receiver.conclude(digest, _REFUSED, str(error), target),
-            ], f"Mission refused: {error}"
-        self.held = package
-        line = f"Mission {package.name!r} received, {digest.hex()[:8]}."
-        return [*answers, self._receiver.conclude(digest, _RECEIVED, "", target)], line
+        return self.inbox.on_message(sender, component, message), ""
 
     def _on_ack(self, sender: int, ack: Any, now: float) -> tuple[list[Any], str]:
         offer = self._offers.get(sender)

@@ -154,7 +154,7 @@ def test_a_mission_that_another_has_replaced_is_not_offered_any_more(
 ) -> None:
     run = Run(delivery)
     run.run(20.0)
-    run.desk.held = linear
+    run.desk.inbox.held = linear
     run.alive.add(PEER)
     assert run.run(60.0) == 0
     assert run.lines == [NOT_HEARD]

@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
+from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender
@@ -126,8 +127,12 @@ def station(monkeypatch: pytest.MonkeyPatch, clock: Clock, tmp_path: Path) -> It
     assert bench.mpstate.escaped == []
 
 
-def connect_message(nonce: int = 7, epoch: int = 1, commander: int = 251) -> Any:
-    return mavlink.MAVLink_connect_message(251, 190, 1, 251, 1, nonce, epoch, commander, b"drone-1", [0] * 32)
+def connect_message(nonce: int = 7, epoch: int = 1, commander: int = 251, digest: bytes = bytes(32)) -> Any:
+    return mavlink.MAVLink_connect_message(251, 190, 1, 251, 1, nonce, epoch, commander, b"drone-1", list(digest))
+
+
+def heartbeat(armed: bool) -> Any:
+    return mavlink.MAVLink_heartbeat_message(2, 3, 128 if armed else 0, 0, 4, 3)
 
 
 def key(handover_id: int = 3, epoch: int = 1) -> tuple[int, ...]:
@@ -329,9 +334,9 @@ def test_drone_connected_over_the_ground_link_releases_the_vehicle(station: Stat
 def test_no_word_shows_the_usage(station: StationBench, words: str) -> None:
     station.load()
     lines = station.mpstate.type(f"handover{words}")
-    assert lines[0] == "usage: handover <status|share|start|stop|continue|request|release|accept|deny|give|set>"
+    assert lines[0] == "usage: handover <status|share|start|stop|continue|request|release|accept|deny|give|take|set>"
     assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
-    assert len(lines) == 12
+    assert len(lines) == 13
 
 
 @pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
@@ -348,6 +353,7 @@ def test_completion_offers_words_and_settings(station: StationBench) -> None:
     assert station.mpstate.completions["handover"] == [
         "<status|share|start|stop|continue|request|release|accept|deny>",
         "give <GCSB>",
+        "take",
         "set (HANDOVERSETTING)",
     ]
     assert station.mpstate.completion_functions["(HANDOVERSETTING)"]("") == ["telemetry", "request_timeout"]
@@ -523,19 +529,90 @@ def test_a_package_under_a_false_digest_is_refused(station: StationBench, delive
     assert station.mpstate.type("handover share")[-1].endswith("set mission in [station].")
 
 
-def test_a_package_of_another_station_is_taken_in_and_shown_to_the_vehicle(
+def offered(station: StationBench, package: MissionPackage) -> PackageSender:
+    """GCSB has sent this package over the ground link."""
+    sender = PackageSender(package.to_bytes(), package.digest, package.name, (251, 0))
+    exchange(station, sender)
+    return sender
+
+
+def shown(station: StationBench, announced: bytes = bytes(32)) -> bytes:
+    """The digest that the station answers with when the vehicle announces its own."""
+    station.sent()
+    station.hear(connect_message(digest=announced))
+    station.hear(connect_message(digest=announced))
+    return bytes([m for m in station.sent() if m.get_type() == "CONNECT_ACK"][-1].mission_digest)
+
+
+def test_a_package_of_another_station_counts_once_the_vehicle_announces_it(
     station: StationBench, delivery: MissionPackage
 ) -> None:
+    station.configure(mission=None)
+    station.load()
+    assert offered(station, delivery).result == mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
+    assert station.mpstate.console.said(
+        "GCSB: Mission 'delivery' offered, d4707aec: it counts once the vehicle has it, or after 'handover take "
+        "delivery'."
+    )
+    assert shown(station) == bytes(32)
+    assert station.mpstate.type("handover share")[-1].endswith("set mission in [station].")
+    assert shown(station, delivery.digest) == delivery.digest
+    assert station.mpstate.console.said("vehicle: Mission 'delivery', d4707aec, is the vehicle's: taken.")
 
+
+def test_whoever_sends_a_package_the_one_of_the_own_folder_stays(
+    station: StationBench, delivery: MissionPackage
+) -> None:
+    """Eight datagrams made the parent write a stranger's route to the autopilot."""
+    station.load()
+    stranger = mission_package.load(MISSIONS / "linear")
+    sender = offered(station, stranger)
+    assert (sender.result, sender.text) == (
+        mavlink.HANDOVER_PACKAGE_RESULT_REFUSED,
+        "this station has a mission of its own",
+    )
+    station.hear(heartbeat(armed=False), autopilot=True)
+    assert shown(station, stranger.digest) == delivery.digest
+    assert station.mpstate.type("handover take linear")[-1].endswith(
+        "No mission 'linear' is offered; offered are: none."
+    )
+    assert station.mpstate.type("handover share")[-1].endswith("Sharing mission 'delivery'.")
+
+
+def test_in_flight_nothing_replaces_what_is_held(station: StationBench, delivery: MissionPackage) -> None:
+    """A partner whose package was swapped could not be partner any more."""
+    station.configure(mission=None)
+    station.load()
+    offered(station, delivery)
+    assert shown(station, delivery.digest) == delivery.digest
+    other = mission_package.load(MISSIONS / "linear")
+    offered(station, other)
+    station.hear(heartbeat(armed=True), autopilot=True)
+    assert shown(station, other.digest) == delivery.digest
+    line = station.mpstate.type("handover take linear")[-1]
+    assert line.endswith("Not while the vehicle is armed, or not known to be disarmed.")
+    station.hear(heartbeat(armed=False), autopilot=True)
+    assert shown(station, other.digest) == other.digest
+
+
+def test_the_operator_may_take_an_offer_by_name(station: StationBench, delivery: MissionPackage) -> None:
+    station.configure(mission=None)
+    station.load()
+    offered(station, delivery)
+    assert "offered   'delivery' d4707aec: 'handover take delivery'" in station.mpstate.type("handover status")
+    assert station.mpstate.type("handover take delivery")[-1].endswith("Mission 'delivery', d4707aec, taken.")
+    assert shown(station) == delivery.digest
+    assert station.mpstate.type("handover share")[-1].endswith("Sharing mission 'delivery'.")
+
+
+def test_packages_that_claim_to_come_from_the_vehicle_are_none(station: StationBench, delivery: MissionPackage) -> None:
     station.configure(mission=None)
     station.load()
     sender = PackageSender(delivery.to_bytes(), delivery.digest, delivery.name, (251, 0))
-    exchange(station, sender)
-    assert sender.result == mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
-    assert station.mpstate.console.said("GCSB: Mission 'delivery' received, d4707aec.")
-    station.hear(connect_message())
-    (answer,) = [m for m in station.sent() if m.get_type() == "CONNECT_ACK"]
-    assert bytes(answer.mission_digest) == delivery.digest
+    for message in sender.tick(0.0):
+        station.hear(message)
+    station.run(0.2)
+    assert [m for m in station.sent() if m.get_type() == "MISSION_PACKAGE_ACK"] == []
 
 
 # ---- faults -------------------------------------------------------------------------------------------------------
