@@ -2,34 +2,63 @@
 
 """The ground link: how stations reach each other without the vehicle. One port that listens, one device for each peer.
 
-What comes in is as good as the network it comes over: nothing is signed here. The rules of `core` take from a peer only
-what can make a handover succeed that the vehicle has asked for.
+All stations sign with one key, the ground link's own; what is unsigned, signed otherwise or heard before is dropped
+and counted. What was heard before stays old over a restart (`store/replay.py`). Even so the rules of `core` take from a
+peer only what can make a handover succeed that the vehicle has asked for: the key says that a station spoke, the
+vehicle's link says what is true.
 """
 
 from __future__ import annotations
 
-from mavproxy_handover.config.files import StationConfig
+from collections import Counter
+
+from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.link.devices import Device, LinkError, open_device
+from mavproxy_handover.store.keys import load_station_keys
+from mavproxy_handover.store.replay import ReplayStore
 from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
 __all__ = ["GroundLink"]
 
+#: components of all stations together; only who has the key can be one
+_STREAMS = 64
+
 
 class GroundLink:
-    """Opens everything or nothing. Raises LinkError."""
+    """Opens everything or nothing. Raises LinkError, KeysError."""
 
-    def __init__(self, config: StationConfig) -> None:
+    def __init__(self, config: StationConfig, clocks: Clocks) -> None:
         self.devices: list[Device] = []
+        #: frames that were dropped, by what was wrong with their signature
+        self.refused: Counter[str] = Counter()
+        #: what is to be said of the replay state, "" if it is as it should be
+        self.note = ""
+        self._clocks = clocks
         self._listening: Device | None = None
         self._peers: dict[int, Device] = {}
+        self._signing: SignedPeer | None = None
+        self._replay: ReplayStore | None = None
+        if config.ground_key is not None:
+            keys = load_station_keys(config.ground_key)
+            self._signing = SignedPeer(keys.current, keys.previous, max_streams=_STREAMS)
+            self._replay = ReplayStore(config.journal.parent / f"{config.station.name}.ground-replay.json")
+            self.note = self._replay.load(clocks.utc())
+            self._replay.attach("ground", self._signing)
         try:
             if config.ground is not None:
                 self._listening = self._opened(config.ground)
             for peer in config.peers:
                 self._peers[peer.station.sysid] = self._opened(peer.link)
         except LinkError:
-            self.close()
+            self._close_devices()
             raise
+
+    @property
+    def signed(self) -> bool:
+        """Whether the link has a key."""
+        return self._signing is not None
 
     @property
     def listening(self) -> int | None:
@@ -42,17 +71,42 @@ class GroundLink:
         return tuple(self._peers)
 
     def read(self) -> list[Frame]:
-        """What has arrived, from whomever."""
-        return [] if self._listening is None else self._listening.read()
+        """What has arrived from stations that have the key; without a key, from whomever."""
+        frames = [] if self._listening is None else self._listening.read()
+        return [frame for frame in frames if self._proven(frame)]
+
+    def _proven(self, frame: Frame) -> bool:
+        if self._signing is None:
+            return True
+        verdict = self._signing.check(frame, self._clocks.utc(), self._clocks.monotonic())
+        if verdict is not SignatureVerdict.OK:
+            self.refused[verdict.value] += 1
+        return verdict is SignatureVerdict.OK
 
     def write(self, peer: int, data: bytes) -> None:
         """Send a frame to a peer; to nobody if there is none of that id."""
         device = self._peers.get(peer)
-        if device is not None:
-            device.write(data)
+        if device is None:
+            return
+        if self._signing is not None:
+            signed = self._signing.sign(data, 0, self._clocks.utc(), self._clocks.monotonic())
+            if signed is None:
+                return
+            data = signed
+        device.write(data)
+
+    def tick(self, now: float) -> None:
+        """Keep what must outlive a restart; to be called often, and it returns at once."""
+        if self._replay is not None:
+            self._replay.tick(now)
 
     def close(self) -> None:
         """Close everything."""
+        self._close_devices()
+        if self._replay is not None:
+            self._replay.close()
+
+    def _close_devices(self) -> None:
         for device in self.devices:
             device.close()
 

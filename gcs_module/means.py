@@ -32,7 +32,7 @@ class Means:
         """Open what the configuration names. Raises MissionError, KeysError, LinkError, OSError."""
         held = None if config.mission is None else mission_package.load(config.mission)
         signing = None if config.key is None else LinkSigning(load_key(config.key), clocks)
-        ground = GroundLink(config)
+        ground = GroundLink(config, clocks)
         try:
             return cls(held, signing, ground, Journal(config.journal, config.station.name))
         except OSError:

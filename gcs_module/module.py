@@ -107,6 +107,10 @@ class HandoverGcsModule(mp_module.MPModule):
         self.view.show(
             f"handover_gcs {VERSION}: {config.station.name}, vehicle {config.vehicle}, configuration {config.path}"
         )
+        if ground.peers and not ground.signed:
+            self.narrator.ground_open()
+        elif ground.note:
+            self.narrator.replay_state(ground.note)
         self._kept_source_system = self.settings.source_system
         if self.settings.source_system != config.station.sysid:
             self.view.line(f"source_system is {self.settings.source_system}: set to {config.station.sysid}.")
@@ -245,7 +249,10 @@ class HandoverGcsModule(mp_module.MPModule):
             self._handle(MissionHeld(held.digest))
 
     def _read_ground(self) -> None:
-        for frame in self._ground.read():
+        frames = self._ground.read()
+        for what, count in self._ground.refused.items():
+            self.faults[f"ground frame: {what}"] = count
+        for frame in frames:
             if frame.sysid not in self._ground.peers:
                 self.faults["ground frame of a stranger"] += 1
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
@@ -270,6 +277,7 @@ class HandoverGcsModule(mp_module.MPModule):
     def _idle(self) -> None:
         now = time.monotonic()
         self._guarded("ground link", self._read_ground)
+        self._guarded("replay state", partial(self._ground.tick, now))
         self._guarded("choice of link", lambda: self._choose_link(now))
         self._guarded("command", lambda: self.commands.tick(now))
         self._guarded("mission package", lambda: self._send_package(now))

@@ -25,6 +25,16 @@ class StationNarrator:
         """The module is loaded."""
         self._journal.write("loaded", f"handover_gcs {version}, configuration {configuration}", version=version)
 
+    def ground_open(self) -> None:
+        """The ground link has no key."""
+        self._journal.write("unsigned_allowed", "frames of the ground link are taken unsigned")
+        self._view.line("WARNING: the ground link has no key: whoever reaches it can speak as another station.")
+
+    def replay_state(self, text: str) -> None:
+        """What is remarkable about the replay state that was found."""
+        self._journal.write("replay_state", text)
+        self._view.line(text)
+
     def unloaded(self) -> None:
         """The module is unloaded; nothing comes after this."""
         self._journal.write("unloaded")

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from mavproxy_handover.cli.keys import GROUND
 from mavproxy_handover.resources import DEPLOY, shipped
 from mavproxy_handover.store.keys import key_of, key_path, make_passphrase, write_key
 
@@ -61,7 +62,7 @@ def _write_demo(sample: Path, target: Path) -> None:
     shutil.copytree(sample, target)
     shutil.copytree(shipped("missions") / "delivery", target / "delivery")
     (target / "keys").mkdir(mode=0o700)
-    for name in ("GCSA", "GCSB"):
+    for name in ("GCSA", "GCSB", GROUND):
         write_key(key_path(target / "keys", name), key_of(make_passphrase()))
     (target / "scripts").mkdir()
     shutil.copy(guard / "handover_guard.lua", target / "scripts")

@@ -29,7 +29,10 @@ from mavproxy_handover.store.keys import (
 )
 from mavproxy_handover.wire.signing import fingerprint
 
-__all__ = ["main"]
+__all__ = ["GROUND", "GUARD", "main"]
+
+#: keys that are no station's: of the ground link, and of the leases to the guard
+GROUND, GUARD = "ground", "guard"
 
 _TYPING = """\
 Type the passphrase into the program of the station; it is shown this once and stored nowhere:
@@ -108,8 +111,21 @@ def _make(arguments: argparse.Namespace) -> int:
         write_key(path, key)
         _show(name, path, key, passphrase)
     if not arguments.passphrase_stdin:
+        _make_ground(folder, names)
         print("\n" + _TYPING.format(word="make", name=names[0] if len(names) == 1 else "NAME"))
     return 0
+
+
+def _make_ground(folder: Path, names: list[str]) -> None:
+    """The key of the ground link, one for all stations, is made with the first of them."""
+    path = key_path(folder, GROUND)
+    if path.exists() or not set(names) - {GROUND, GUARD}:
+        return
+    passphrase = make_passphrase()
+    key = key_of(passphrase)
+    write_key(path, key)
+    _show(GROUND, path, key, passphrase)
+    print("  one for all stations: it signs what they tell each other over the ground link")
 
 
 def _rotate(arguments: argparse.Namespace) -> int:

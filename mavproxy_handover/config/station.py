@@ -36,6 +36,8 @@ class StationConfig:
     mission: Path | None
     journal: Path
     ground: str | None
+    #: file of the key that all stations of the ground link sign with; None: the link is open, which was asked for
+    ground_key: Path | None = None
     peers: tuple[PeerConfig, ...] = field(default=())
     #: file of the key that this station signs with; None: it signs nothing
     key: Path | None = None
@@ -55,12 +57,19 @@ def load_station(path: Path) -> StationConfig:
     mission = table.path("mission")
     if vehicle == station.sysid:
         raise table.error("vehicle", f"{vehicle} is the station's own sysid")
-    ground = None
+    ground, ground_key = None, None
     if "ground" in data:
-        ground_table = Table(data["ground"], "ground", path, ("listen",))
+        ground_table = Table(data["ground"], "ground", path, ("listen", "key", "allow_unsigned"))
         ground = ground_table.link("listen", ground_table.get("listen", str, required=True))
         if not ground.startswith("udpin:"):
             raise ground_table.error("listen", f"{ground!r} must be udpin:HOST:PORT")
+        ground_key = ground_table.path("key")
+        if ground_key is None and not ground_table.get("allow_unsigned", bool, False):
+            raise ground_table.error(
+                "key",
+                "is missing: anybody could speak as another station; 'handover keys make ground' makes one, the same "
+                "for all; allow_unsigned = true does without",
+            )
     peers = tuple(_peer(entry) for entry in list_of_tables(data, "peer", path, _PEER_KEYS))
     if peers and ground is None:
         raise ConfigError(f"{path}: [ground] is missing; [[peer]] needs a place to listen")
@@ -76,6 +85,7 @@ def load_station(path: Path) -> StationConfig:
         mission=None if mission is None else mission.resolve(),
         journal=path.parent / table.get("journal", str, f"{station.name}.jsonl"),
         ground=ground,
+        ground_key=ground_key,
         peers=peers,
         key=table.path("key"),
     )

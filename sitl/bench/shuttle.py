@@ -14,6 +14,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+from mavproxy_handover.cli.keys import GROUND
 from mavproxy_handover.resources import shipped
 from sitl.bench.autopilot import FakeAutopilot
 from sitl.bench.rig import key_file, toml
@@ -99,6 +100,7 @@ def write_files(
     names = {A: "GCSA", B: "GCSB"}
     wires = Wires(folder)
     keys = {sysid: {"key": str(key_file(folder / "keys", name))} if signing else {} for sysid, name in names.items()}
+    ground_key = key_file(folder / "keys", GROUND) if signing else None
     vehicle: dict[str, Any] = {
         "vehicle": {
             "name": "drone-1",
@@ -124,7 +126,8 @@ def write_files(
         if sysid == A:
             station["mission"] = str(shipped("missions") / "delivery")
         peer = {"name": names[other], "sysid": other, "link": f"udpout:127.0.0.1:{ground_to[other]}"}
-        ground = {"listen": f"udpin:127.0.0.1:{ground_listen[sysid]}"}
+        ground: dict[str, Any] = {"listen": f"udpin:127.0.0.1:{ground_listen[sysid]}"}
+        ground |= {"key": str(ground_key)} if ground_key is not None else {"allow_unsigned": True}
         _put(wires.stations[sysid], {"station": station, "ground": ground, "peer": [peer]})
     return wires
 

@@ -20,6 +20,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.cli.keys import GROUND
 from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
@@ -245,17 +246,17 @@ def _station(
             continue
         port = between.ground(f"ground-{station.name}-{other.name}", ground[other.name])
         peers.append({"name": other.name, "sysid": other.sysid, "link": f"udpout:{LOOPBACK}:{port}"})
-    listen = {"listen": f"udpin:{LOOPBACK}:{ground[station.name]}"}
+    listen: dict[str, Any] = {"listen": f"udpin:{LOOPBACK}:{ground[station.name]}"}
+    listen |= {"key": str(keys[GROUND])} if GROUND in keys else {"allow_unsigned": True}
     return {"station": own, "ground": listen, "peer": peers}
 
 
 def _make_keys(folder: Path, package: MissionPackage) -> dict[str, Path]:
-    """A new key for each station."""
+    """A new key for each station, and one for the ground link."""
     folder.mkdir(parents=True, exist_ok=True)
-    paths = {}
-    for station in package.stations:
-        paths[station.name] = key_path(folder, station.name)
-        write_key(paths[station.name], secrets.token_bytes(32))
+    paths = {name: key_path(folder, name) for name in (*(station.name for station in package.stations), GROUND)}
+    for path in paths.values():
+        write_key(path, secrets.token_bytes(32))
     return paths
 
 

@@ -39,13 +39,35 @@ def test_make_writes_a_key_for_each_station_and_shows_the_passphrases_that_make_
     assert main(["make", "GCSA", "GCSB"]) == 0
     out = capsys.readouterr().out
     shown = re.findall(r"^  passphrase  (\S+)$", out, re.MULTILINE)
-    assert [key_of(passphrase) for passphrase in shown] == [load_key(keys / "GCSA.key"), load_key(keys / "GCSB.key")]
+    names = ["GCSA.key", "GCSB.key", "ground.key"]
+    assert [key_of(passphrase) for passphrase in shown] == [load_key(keys / name) for name in names]
     assert f"GCSA: keys/GCSA.key written, fingerprint {fingerprint(load_key(keys / 'GCSA.key'))}\n" in out
     assert "signing key PASSPHRASE" in out
     assert load_key(keys / "GCSA.key").hex() not in out
     assert stat.S_IMODE(keys.stat().st_mode) == 0o700
     assert stat.S_IMODE((keys / "GCSA.key").stat().st_mode) == 0o600
-    assert contents(keys) == ["GCSA.key", "GCSB.key"]
+    assert contents(keys) == names
+
+
+def test_the_key_of_the_ground_link_is_made_with_the_first_station_and_stays(keys: Path) -> None:
+    """It is one for all stations; a second one would part them."""
+    assert main(["make", "guard"]) == 0
+    assert contents(keys) == ["guard.key"], "the guard has no ground link"
+    assert main(["make", "GCSA"]) == 0
+    first = load_key(keys / "ground.key")
+    assert main(["make", "GCSB"]) == 0
+    assert load_key(keys / "ground.key") == first
+    assert main(["make", "ground"]) == 2
+
+
+def test_at_the_station_where_the_passphrase_is_typed_no_other_key_is_made_up(
+    keys: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("GCSA", "ground"):
+        typed(monkeypatch, f"the-passphrase-of-{name}\n")
+        assert main(["make", name, "--passphrase-stdin"]) == 0
+    assert contents(keys) == ["GCSA.key", "ground.key"]
+    assert load_key(keys / "ground.key") == key_of("the-passphrase-of-ground")
 
 
 def test_make_never_replaces_a_key_and_makes_all_or_none(keys: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -59,7 +81,7 @@ def test_make_never_replaces_a_key_and_makes_all_or_none(keys: Path, capsys: pyt
         "handover keys: keys/GCSB.key: exists already; 'handover keys rotate' replaces a key. Nothing was made\n"
     )
     assert load_key(keys / "GCSB.key") == before
-    assert contents(keys) == ["GCSB.key"]
+    assert contents(keys) == ["GCSB.key", "ground.key"]
 
 
 def test_a_passphrase_can_be_typed_at_the_other_end(
@@ -110,7 +132,7 @@ def test_no_two_stations_get_the_same_key(
     assert main(["make", "GCSB"]) == 0
     typed(monkeypatch, PASSPHRASE)
     assert main(["rotate", "GCSB", "--passphrase-stdin"]) == 2
-    assert contents(keys) == ["GCSA.key", "GCSB.key"]
+    assert contents(keys) == ["GCSA.key", "GCSB.key", "ground.key"]
 
 
 def test_rotate_keeps_the_old_key_says_what_to_do_and_retire_ends_it(
@@ -160,14 +182,15 @@ def test_list_names_keys_by_fingerprint_and_shows_rotations(keys: Path, capsys: 
         rf"GCSB {{17}}{second}  \d{{4}}-\d\d-\d\d \d\d:\d\d UTC  rotation under way, old key {fingerprint(old)}",
         lines[1],
     )
-    assert len(lines) == 2
+    assert lines[2].startswith("ground ")
+    assert len(lines) == 3
 
 
 def test_check_says_that_all_is_well(keys: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["make", "GCSA"]) == 0
     capsys.readouterr()
     assert main(["check"]) == 0
-    assert capsys.readouterr() == ("keys: 1 key, all good\n", "")
+    assert capsys.readouterr() == ("keys: 2 keys, all good\n", "")
 
 
 @pytest.mark.parametrize("word", ["check", "list"])

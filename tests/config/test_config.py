@@ -81,6 +81,7 @@ journal = "/var/log/GCSA.jsonl"
 
 [ground]
 listen = "udpin:127.0.0.1:15551"
+key = "keys/ground.key"
 
 [[peer]]
 name = "GCSB"
@@ -435,13 +436,24 @@ STATION_MISTAKES: dict[str, tuple[str, str, str]] = {
         "",
         "[ground] listen: is missing; it must be a text",
     ),
+    "ground without a key": (
+        'key = "keys/ground.key"\n',
+        "",
+        "[ground] key: is missing: anybody could speak as another station; 'handover keys make ground' makes one, the "
+        "same for all; allow_unsigned = true does without",
+    ),
+    "ground open by half a word": (
+        'key = "keys/ground.key"\n',
+        'allow_unsigned = "yes"\n',
+        "[ground] allow_unsigned: 'yes' must be true or false",
+    ),
     "peer listens": (
         "udpout:127.0.0.1:15552",
         "udpin:127.0.0.1:15552",
         "[peer 1] link: 'udpin:127.0.0.1:15552' must be udpout:HOST:PORT",
     ),
     "peer without ground": (
-        '[ground]\nlisten = "udpin:127.0.0.1:15551"\n',
+        '[ground]\nlisten = "udpin:127.0.0.1:15551"\nkey = "keys/ground.key"\n',
         "",
         "[ground] is missing; [[peer]] needs a place to listen",
     ),

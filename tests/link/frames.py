@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import select
+import socket
 import time
 from collections.abc import Callable
 from typing import Any
@@ -117,3 +118,10 @@ def read_frames(device: Device, count: int, timeout_s: float = 10.0) -> list[Fra
         select.select([fileno] if fileno >= 0 else [], [], [], 0.005)
         frames += device.read()
     return frames
+
+
+def free_udp_port() -> int:
+    """A port of 127.0.0.1 that nobody has now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])

@@ -76,6 +76,7 @@ class StationBench:
             journal = "GCSA.jsonl"
             [ground]
             listen = "udpin:127.0.0.1:{self.listens}"
+            allow_unsigned = true
             [[peer]]
             name = "GCSB"
             sysid = 252
