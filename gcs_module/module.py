@@ -243,7 +243,7 @@ class HandoverGcsModule(mp_module.MPModule):
         """An offer of another station counts once the vehicle announces it; the core is told what is held."""
         line = self.desk.inbox.announced(self.core.vehicle_digest, self.disarmed)
         if line:
-            self._tell_of(self.config.vehicle, "package_taken", line)
+            self._tell_of(self.config.vehicle, "package_received", line)
         held = self.desk.held
         if held is not None and held.digest != self.core.digest:
             self._handle(MissionHeld(held.digest))
