@@ -8,6 +8,14 @@
     name = "GCSB"
     listen = 14560             # the vehicle's companion sends here ...
     target = 14551             # ... and the station listens here
+    [[ground]]
+    name = "GCSB"
+    sysid = 252
+    target = 14561             # the station's ground link listens here
+    [package]                  # of another mission, in the form in which stations send it
+    file = "stranger.bin"
+    digest = "5f0c..."
+    name = "stranger"
 
 It passes on what both say, unchanged, so that nobody notices it; what it sends itself reaches the vehicle from the
 station's own address. So what is refused is refused for what it says and how it is signed, not for where it comes from.
@@ -17,6 +25,8 @@ When the ports are open it takes orders, a line each, on standard input:
     flood LINK SYSID RATE SECONDS  RATE datagrams a second, by turns a valid frame, a broken one and noise
     record LINK                    keep what the station sends from here on
     replay LINK                    send that again, as it was
+    forge STATION SYSID            to a station's ground link, as its neighbour SYSID: a heartbeat, its words in
+                                   transfers that nobody has announced, and the whole package
 
 It ends when its input does. Nothing of the vehicle's code is in it but the dialect.
 """
@@ -32,7 +42,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -48,7 +58,7 @@ try:
 except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib
 
-__all__ = ["Rogue", "main", "repertoire"]
+__all__ = ["Rogue", "main", "neighbours_words", "repertoire"]
 
 _AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
 _COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -56,6 +66,10 @@ _LEASE_TYPE = 47116
 _RTL = 6
 _RECORDED = 20_000
 _REPLAY_PER_S = 500.0
+_CHUNK_BYTES = 200
+#: transfers that may come, each as (handover id, epoch)
+_GUESSED = [(number, epoch) for epoch in (1, 2) for number in range(1, 6)]
+_FORGED_PER_S = 200.0
 #: so that the receiver's journal of refusals, one of a kind a second, is not passed over
 _AT_ONCE = 64
 
@@ -86,6 +100,44 @@ def repertoire(vehicle: int) -> list[Any]:
         _transfer("ok_handover", vehicle, key),
         mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3),
     ]
+
+
+def neighbours_words(vehicle: int, station: int, neighbour: int) -> list[Any]:
+    """What `neighbour` would say to `station` as its partner, in transfers that have not begun."""
+    head = (station, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+    words: list[Any] = [
+        mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
+    ]
+    for handover_id, epoch in _GUESSED:
+        key = (vehicle, station, neighbour, handover_id, epoch)
+        words.append(mavlink.MAVLink_on_handover_message(*head, *key, mavlink.HANDOVER_CONSENT_GRANTED, 0, 0))
+        words.append(mavlink.MAVLink_drone_connected_message(*head, *key, 0))
+    return words
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignPackage:
+    """A mission package as stations send it."""
+
+    data: bytes
+    digest: bytes
+    name: str
+
+    def messages(self, station: int) -> list[Any]:
+        """All of it, without waiting to be asked."""
+        head = (station, mavlink.MAV_COMP_ID_MISSIONPLANNER)
+        number = int.from_bytes(self.digest[:4], "little")
+        offer = mavlink.MAVLink_mission_package_message(*head, len(self.data), list(self.digest), self.name.encode())
+        pieces = ((at, self.data[at : at + _CHUNK_BYTES]) for at in range(0, len(self.data), _CHUNK_BYTES))
+        return [
+            offer,
+            *(
+                mavlink.MAVLink_mission_chunk_message(
+                    *head, number, at, len(piece), list(piece.ljust(_CHUNK_BYTES, b"\0"))
+                )
+                for at, piece in pieces
+            ),
+        ]
 
 
 def _transfer(name: str, vehicle: int, key: dict[str, int]) -> Any:
@@ -132,6 +184,20 @@ class _Tap:
             _send(self.near, data, self._vehicle)
 
 
+class Ground:
+    """A station's ground link, from outside."""
+
+    def __init__(self, name: str, sysid: int, target: int) -> None:
+        self.name = name
+        self.sysid = sysid
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._target = (LOOPBACK, target)
+
+    def inject(self, data: bytes) -> None:
+        """To the station."""
+        _send(self._socket, data, self._target)
+
+
 def _send(sock: socket.socket, data: bytes, address: tuple[str, int]) -> None:
     try:
         sock.sendto(data, address)
@@ -143,7 +209,7 @@ def _send(sock: socket.socket, data: bytes, address: tuple[str, int]) -> None:
 class _Stream:
     """Datagrams that go out at a rate, and what is journalled when all are out."""
 
-    tap: _Tap
+    tap: _Tap | Ground
     what: str
     datagrams: Sequence[bytes]
     total: int
@@ -163,9 +229,18 @@ class _Stream:
 class Rogue:
     """Passes on, and attacks when it is told to. Times are monotonic seconds."""
 
-    def __init__(self, vehicle: int, taps: Sequence[_Tap], journal: TextIO) -> None:
+    def __init__(
+        self,
+        vehicle: int,
+        taps: Sequence[_Tap],
+        journal: TextIO,
+        grounds: Mapping[str, Ground] | None = None,
+        package: ForeignPackage | None = None,
+    ) -> None:
         self._vehicle = vehicle
         self._taps = {tap.name: tap for tap in taps}
+        self._grounds = grounds or {}
+        self._package = package
         self._journal = journal
         self._streams: list[_Stream] = []
         self.sockets = {sock: tap for tap in taps for sock in (tap.near, tap.far)}
@@ -187,9 +262,11 @@ class Rogue:
         word, *rest = line.split() or [""]
         tap = self._taps.get(rest[0] if rest else "")
         try:
-            if tap is None:
+            if word == "forge" and rest and rest[0] in self._grounds:
+                self._forge(rest[0], int(rest[1]), now)
+            elif tap is None:
                 raise ValueError(f"no such link: {line!r}")
-            if word == "attack":
+            elif word == "attack":
                 self._attack(tap, int(rest[1]))
             elif word == "flood":
                 self._flood(tap, int(rest[1]), float(rest[2]), float(rest[3]), now)
@@ -205,6 +282,16 @@ class Rogue:
         except (ValueError, IndexError) as error:
             self.note("fault", str(error))
 
+    def _forge(self, station: str, neighbour: int, now: float) -> None:
+        ground = self._grounds[station]
+        messages = neighbours_words(self._vehicle, ground.sysid, neighbour)
+        if self._package is not None:
+            messages += self._package.messages(ground.sysid)
+        frames = _packed(messages, neighbour)
+        text = f"{len(frames)} datagrams as {neighbour}"
+        self.note("forge_begun", text, station=station, sysid=neighbour, datagrams=len(frames))
+        self._streams.append(_Stream(ground, "forge", frames, len(frames), _FORGED_PER_S, now))
+
     def _attack(self, tap: _Tap, sysid: int) -> None:
         frames = self._frames(sysid)
         for frame in frames:
@@ -212,12 +299,7 @@ class Rogue:
         self.note("attack", f"{len(frames)} frames as {sysid}", station=tap.name, sysid=sysid, frames=len(frames))
 
     def _frames(self, sysid: int) -> list[bytes]:
-        sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
-        frames = []
-        for message in repertoire(self._vehicle):
-            frames.append(message.pack(sender))
-            sender.seq = (sender.seq + 1) % 256
-        return frames
+        return _packed(repertoire(self._vehicle), sysid)
 
     def _flood(self, tap: _Tap, sysid: int, rate: float, seconds: float, now: float) -> None:
         luck = random.Random(1)
@@ -242,6 +324,15 @@ class Rogue:
                 self.note(f"{stream.what}_ended", text, station=stream.tap.name, datagrams=stream.sent)
 
 
+def _packed(messages: Sequence[Any], sysid: int) -> list[bytes]:
+    sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
+    frames = []
+    for message in messages:
+        frames.append(message.pack(sender))
+        sender.seq = (sender.seq + 1) % 256
+    return frames
+
+
 def _stamped(vehicle: int, sysid: int, number: int) -> bytes:
     """A valid frame under a sequence number of its own: a command, a question, a word of a transfer that is none."""
     sender: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=mavlink.MAV_COMP_ID_MISSIONPLANNER)
@@ -263,14 +354,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     config = tomllib.loads(arguments.config.read_text(encoding="utf-8"))
     taps = [_Tap(link["name"], link["listen"], link["target"]) for link in config["link"]]
+    grounds = {link["name"]: Ground(link["name"], link["sysid"], link["target"]) for link in config.get("ground", ())}
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         raise SystemExit(0)
 
     signal.signal(signal.SIGTERM, stop)
     with Path(config["journal"]).open("a", encoding="utf-8", buffering=1) as journal:
-        _serve(Rogue(config["vehicle"], taps, journal))
+        _serve(Rogue(config["vehicle"], taps, journal, grounds, _foreign(config.get("package"))))
     return 0
+
+
+def _foreign(table: Mapping[str, str] | None) -> ForeignPackage | None:
+    if table is None:
+        return None
+    return ForeignPackage(Path(table["file"]).read_bytes(), bytes.fromhex(table["digest"]), table["name"])
 
 
 def _serve(rogue: Rogue) -> None:

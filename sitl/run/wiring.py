@@ -22,9 +22,11 @@ from typing import Any
 
 from mavproxy_handover.cli.keys import GROUND
 from mavproxy_handover.cli.launch import companion_argv, station_argv
+from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
 from sitl.run.ports import LOOPBACK, PortPicker
+from sitl.script.places import mission_folder
 from sitl.script.scenario import Scenario
 from sitl.script.weather import Weather
 
@@ -128,8 +130,10 @@ class _Between:
         listen: int = self.proxies[-1]["listen"]
         return listen
 
-    def programs(self, folder: Path) -> tuple[Program, ...]:
-        """Proxy and rogue with their configuration files. Raises OSError."""
+    def programs(self, folder: Path, grounds: list[dict[str, Any]]) -> tuple[Program, ...]:
+        """Proxy and rogue with their configuration files. `grounds`: what the rogue knows of the stations' ground
+        links. Raises OSError.
+        """
         programs = []
         if self.proxies:
             assert self._scenario.impair is not None
@@ -142,7 +146,8 @@ class _Between:
         if self.taps:
             home = folder / ROGUE
             journal = home / f"{ROGUE}.jsonl"
-            config = _write(home / f"{ROGUE}.toml", {"link": self.taps}, {"journal": str(journal), "vehicle": SYSID})
+            tables = {"link": self.taps, "ground": grounds, "package": _foreign_package(home, self._scenario.mission)}
+            config = _write(home / f"{ROGUE}.toml", tables, {"journal": str(journal), "vehicle": SYSID})
             argv = (sys.executable, "-m", "sitl.run.rogue", "--config", str(config))
             programs.append(Program(ROGUE, argv, home, journal))
         return tuple(programs)
@@ -153,6 +158,7 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
     ports = PortPicker()
     between = _Between(ports, scenario)
     ground = {station.name: ports.udp() for station in package.stations}
+    grounds = [{"name": entry.name, "sysid": entry.sysid, "target": ground[entry.name]} for entry in package.stations]
     keys = _make_keys(folder / "keys", package) if scenario.signed else {}
     guard_key, card = _guard_keys(folder, scenario)
     entries, stations = [], []
@@ -186,7 +192,7 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         folder,
         _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(package, mission, scenario, entries, guard_key)),
         tuple(stations),
-        between.programs(folder),
+        between.programs(folder, grounds),
         tuple(proxy["name"] for proxy in between.proxies),
         card,
     )
@@ -258,6 +264,15 @@ def _make_keys(folder: Path, package: MissionPackage) -> dict[str, Path]:
     for path in paths.values():
         write_key(path, secrets.token_bytes(32))
     return paths
+
+
+def _foreign_package(home: Path, flown: str) -> dict[str, str]:
+    """A mission that is not the one that is flown, for the rogue to send. Raises OSError, MissionError."""
+    package = packages.load(mission_folder("linear" if flown != "linear" else "delivery"))
+    home.mkdir(parents=True, exist_ok=True)
+    file = home / "stranger.bin"
+    file.write_bytes(package.to_bytes())
+    return {"file": str(file), "digest": package.digest.hex(), "name": package.name}
 
 
 def _guard_keys(folder: Path, scenario: Scenario) -> tuple[Path | None, tuple[Path, ...]]:

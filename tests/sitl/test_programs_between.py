@@ -16,10 +16,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.mission import package as packages
+from mavproxy_handover.wire.package_transfer import PackageReceiver
 from sitl.run.ports import LOOPBACK, PortPicker
 from sitl.run.processes import Child, Processes
 from sitl.run.proxy import give_orders
 from sitl.run.rogue import repertoire
+from sitl.script.places import mission_folder
 from sitl.script.steps import StepFailed
 
 pytestmark = pytest.mark.process
@@ -145,8 +148,8 @@ def test_a_station_with_a_key_signs_and_believes_no_unsigned_word(processes: Pro
     assert [entry["owner"] for entry in lines_of(tmp_path / "GCSA.jsonl", "control")] == [251]
 
 
-def begin_rogue(processes: Processes, folder: Path) -> tuple[Child, Companion, socket.socket]:
-    """The rogue between a companion and a station."""
+def begin_rogue(processes: Processes, folder: Path, more: str = "") -> tuple[Child, Companion, socket.socket]:
+    """The rogue between a companion and a station; `more`: tables of its configuration."""
     ports = PortPicker()
     listen, target = ports.udp(), ports.udp()
     station = udp()
@@ -154,7 +157,7 @@ def begin_rogue(processes: Processes, folder: Path) -> tuple[Child, Companion, s
     config = folder / "rogue.toml"
     journal = folder / "rogue.jsonl"
     link = f'[[link]]\nname = "GCSB"\nlisten = {listen}\ntarget = {target}\n'
-    config.write_text(f'journal = "{journal}"\nvehicle = 1\n{link}', encoding="utf-8")
+    config.write_text(f'journal = "{journal}"\nvehicle = 1\n{link}{more}', encoding="utf-8")
     child = processes.start("rogue", [sys.executable, "-m", "sitl.run.rogue", "--config", str(config)], folder)
     lines_of(journal, "loaded")
     return child, Companion(listen), station
@@ -189,6 +192,33 @@ def test_the_rogue_sends_every_kind_of_message_once_under_the_name_it_is_told(
         heard += companion.mav.parse_buffer(companion.socket.recv(1000)) or []
     assert [message.get_msgId() for message in heard] == kinds
     assert {message.get_srcSystem() for message in heard} == {77}
+
+
+def test_the_rogue_forges_a_neighbours_words_and_a_whole_package(processes: Processes, tmp_path: Path) -> None:
+    package = packages.load(mission_folder("linear"))
+    (tmp_path / "stranger.bin").write_bytes(package.to_bytes())
+    station = udp()
+    station.bind((LOOPBACK, 0))
+    more = (
+        f'[[ground]]\nname = "GCSB"\nsysid = 252\ntarget = {station.getsockname()[1]}\n'
+        f'[package]\nfile = "{tmp_path / "stranger.bin"}"\ndigest = "{package.digest.hex()}"\nname = "linear"\n'
+    )
+    child, _companion, _station = begin_rogue(processes, tmp_path, more)
+    child.type("forge GCSB 251")
+    ended = lines_of(tmp_path / "rogue.jsonl", "forge_ended")[0]["datagrams"]
+    parser: Any = mavlink.MAVLink(None)
+    heard = [m for _ in range(ended) for m in parser.parse_buffer(station.recv(1000)) or []]
+    assert {(m.get_srcSystem(), getattr(m, "target_system", 252)) for m in heard} == {(251, 252)}
+    words = [(m.get_type(), m.from_station, m.to_station) for m in heard if hasattr(m, "handover_id")]
+    assert set(words) == {("ON_HANDOVER", 252, 251), ("DRONE_CONNECTED", 252, 251)}
+    receiver, whole = PackageReceiver(), None
+    for message in heard:
+        if message.get_type() == "MISSION_PACKAGE":
+            receiver.on_offer(message, (251, 190))
+        elif message.get_type() == "MISSION_CHUNK":
+            whole = receiver.on_chunk(message, (251, 190))[1] or whole
+    assert whole is not None
+    assert packages.from_bytes(whole[1]).digest == package.digest
 
 
 _FLOOD = ("COMMAND_LONG", "PARAM_REQUEST_READ", "DISCONNECT_HANDOVER")
