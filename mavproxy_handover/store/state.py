@@ -15,7 +15,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from mavproxy_handover.core.model import FlightAction, Phase
 from mavproxy_handover.core.snapshot import Snapshot
@@ -26,6 +28,8 @@ from mavproxy_handover.store.durable import sync_folder
 __all__ = ["StateError", "StateStore", "recall"]
 
 _FORMAT = 1
+_MAX_SYSID = 255
+_DIGEST_BYTES = 32
 
 
 class StateError(Exception):
@@ -78,18 +82,7 @@ class StateStore:
                 raise ValueError("its checksum does not fit")
             if body["format"] != _FORMAT or body["vehicle"] != self._vehicle:
                 raise ValueError("it is of another vehicle or version")
-            owner, policy = body["owner"], body["out_of_coverage"]
-            return Snapshot(
-                owner=None if owner is None else int(owner),
-                epoch=int(body["epoch"]),
-                handover_id=int(body["handover_id"]),
-                phase=Phase(body["phase"]),
-                route_at=int(body["route_at"]),
-                digest=bytes.fromhex(body["digest"]),
-                route=tuple(int(station) for station in body["route"]),
-                takeover_allowed=bool(body["takeover_allowed"]),
-                out_of_coverage=None if policy is None else FlightAction(policy),
-            )
+            return _snapshot(body)
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise StateError(f"{self._path}: not to be trusted: {error}") from None
 
@@ -115,6 +108,37 @@ def recall(store: StateStore | None) -> tuple[Snapshot | None, str]:
         return store.load(), ""
     except StateError as error:
         return None, str(error)
+
+
+def _snapshot(body: Mapping[str, Any]) -> Snapshot:
+    """Raises ValueError, KeyError, TypeError. Nothing is converted: what is not what was written is none of ours."""
+    route = body["route"]
+    if not isinstance(route, list):
+        raise ValueError(f"route: {route!r} must be a list")
+    digest = bytes.fromhex(body["digest"])
+    if len(digest) not in (0, _DIGEST_BYTES):
+        raise ValueError(f"digest: {len(digest)} bytes, must be {_DIGEST_BYTES}, or none")
+    takeover_allowed = body["takeover_allowed"]
+    if not isinstance(takeover_allowed, bool):
+        raise ValueError(f"takeover_allowed: {takeover_allowed!r} must be true or false")
+    owner, policy = body["owner"], body["out_of_coverage"]
+    return Snapshot(
+        owner=None if owner is None else _whole("owner", owner, 1, _MAX_SYSID),
+        epoch=_whole("epoch", body["epoch"], 0, 0xFFFFFFFF),
+        handover_id=_whole("handover_id", body["handover_id"], 0, 0xFFFF),
+        phase=Phase(_whole("phase", body["phase"], 0, max(Phase))),
+        route_at=_whole("route_at", body["route_at"], 0, len(route)),
+        digest=digest,
+        route=tuple(_whole("route", station, 1, _MAX_SYSID) for station in route),
+        takeover_allowed=takeover_allowed,
+        out_of_coverage=None if policy is None else FlightAction(_whole("out_of_coverage", policy, 0, 0xFF)),
+    )
+
+
+def _whole(key: str, value: object, least: int, most: int) -> int:
+    if type(value) is not int or not least <= value <= most:
+        raise ValueError(f"{key}: {value!r} must be a whole number from {least} to {most}")
+    return value
 
 
 def _checksum(body: object) -> str:
