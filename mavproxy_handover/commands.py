@@ -70,6 +70,9 @@ class VehicleCommands:
             self._show("preflight guard, parameters and firmware fit")
         for finding in findings or ():
             self._show(f"preflight WARNING: {finding.text}")
+        if companion.gate.in_our_name:
+            senders = ", ".join(f"{s}/{c} {count}" for (s, c), count in companion.gate.in_our_name.most_common(8))
+            self._show(f"aboard    frames in the companion's name from the vehicle's side, by sender: {senders}")
         if companion.faults:
             faults = ", ".join(f"{where} {count}" for where, count in companion.faults.items())
             self._show(f"faults    {faults} (see {companion.journal.path})")

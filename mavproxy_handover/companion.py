@@ -224,7 +224,8 @@ class Companion:
                 self.autopilot.take(message, now)
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.second_manager(frame)
-        self.gate.down(frame, now)
+        if not self.gate.down(frame, now):
+            self.narrator.in_our_name((frame.sysid, frame.compid), classify(frame).what)
 
     @property
     def position_waits(self) -> bool:

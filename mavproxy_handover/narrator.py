@@ -26,6 +26,8 @@ __all__ = ["Narrator"]
 
 _DISPLAY_MODE = {phase: phase.name.replace("_", "") for phase in Phase}
 _CLOCK_STEP_S = 1.0
+#: who speaks in the companion's name is told of so many
+_MOST_SENDERS = 8
 
 
 class Narrator:
@@ -46,6 +48,8 @@ class Narrator:
         self._phase = phase
         #: by station, message and reason: when it was journalled last, and how many were left out since
         self._refusals: dict[tuple[int, int, Enum], tuple[float, int]] = {}
+        #: who on the vehicle's side spoke in the companion's name: system, component
+        self._in_our_name: set[tuple[int, int]] = set()
         self._clock_offset_s: float | None = None
 
     def tell(self, text: str) -> None:
@@ -224,6 +228,17 @@ class Narrator:
         """Somebody else on board claims to manage operator control."""
         text = f"component {component} claims to be the system manager too: switch its operator control off"
         self._journal.write("second_manager", text)
+        self._tell_sentence(text)
+
+    def in_our_name(self, sender: tuple[int, int], what: str) -> None:
+        """Somebody on the vehicle's side speaks as the companion: told once of each system and component, and of so
+        many of them at most."""
+        if sender in self._in_our_name or len(self._in_our_name) >= _MOST_SENDERS:
+            return
+        self._in_our_name.add(sender)
+        system, component = sender
+        text = f"{what} of {system}/{component} on the vehicle's side is in the companion's name: kept aboard"
+        self._journal.write("in_our_name", text, system=system, component=component, what=what)
         self._tell_sentence(text)
 
     def preflight(self, text: str, parameter: str, fits: bool) -> None:

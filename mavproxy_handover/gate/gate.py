@@ -20,6 +20,9 @@ Rules that live here
    for the new one; then the successor's last heartbeat is passed on if it is fresh: the autopilot watches this station
    from now on. At arming, parameter files that are being written are thrown away: nobody may set those in flight.
 5. The stations hear one manager, the companion: CONTROL_STATUS of anybody else on board goes no further.
+6. The stations hear one companion: what comes from the vehicle's side in its name (its component, that of its link
+   probes) or in its language (the messages of `handover.xml`, whoever says them) stays aboard and is counted. It would
+   be sealed with the stations' keys, and they would believe it. The companion's own words do not come this way.
 
 What breaks in the noting of a frame costs that frame's note and is told; whatever else raises is the caller's.
 """
@@ -43,12 +46,14 @@ from mavproxy_handover.gate.questions import Questions
 from mavproxy_handover.gate.refusals import RefusalLimiter, refusal
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
 
 __all__ = ["UNNOTED", "Gate", "Port"]
 
 _HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _CONTROL_STATUS: Final[int] = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
+#: components of the vehicle that only the companion speaks as (rule 6)
+_OURS: Final = frozenset((COMPANION_COMPID, PROBE_COMPID))
 #: of the commander's frames, what may come often (rule 2)
 _FREQUENT: Final = frozenset((Access.READ, Access.STREAM))
 #: frames that wait to be noted, at most
@@ -98,6 +103,8 @@ class Gate:
         self.view = AuthorityView(armed=True)
         #: what became of every station's frames and why
         self.counts: dict[int, Counter[GateReason]] = {station: Counter() for station in ports}
+        #: frames of the vehicle's side in the companion's name or language, by system and component (rule 6)
+        self.in_our_name: Counter[tuple[int, int]] = Counter()
         self._vehicle = vehicle
         self._ports = ports
         self._to_autopilot = to_autopilot
@@ -180,16 +187,23 @@ class Gate:
 
     # ---- down -----------------------------------------------------------------------------------------------------
 
-    def down(self, frame: Frame, now: float) -> None:
-        """A frame that came from the vehicle: it goes to the stations that hear it."""
+    def down(self, frame: Frame, now: float) -> bool:
+        """A frame that came from the vehicle's side: it goes to the stations that hear it.
+
+        False: it speaks in the companion's name (rule 6); to tell people is left to the caller.
+        """
+        if frame.msgid in OUR_MESSAGES or (frame.compid in _OURS and frame.sysid == self._vehicle):
+            self.in_our_name[frame.sysid, frame.compid] += 1
+            return False
         if frame.sysid == self._vehicle and frame.known:
             if frame.msgid == _CONTROL_STATUS:
-                return
+                return True
             if frame.compid == AUTOPILOT_COMPID:
                 self._flusher.heard(frame)
         raw = frame.raw
         for station in self._downlink.receivers(frame, self._ports, self.view, now):
             self._ports[station].write(raw)
+        return True
 
     # ---- authority ------------------------------------------------------------------------------------------------
 

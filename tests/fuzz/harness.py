@@ -141,7 +141,10 @@ class Fuzzed:
         """The vehicle says something."""
         aim = target(frame)
         name = mavlink.mavlink_map[frame.msgid].msgname
-        for sysid in self.door.down(frame):
+        heard = self.door.down(frame)
+        if (frame.sysid == VEHICLE and frame.compid in (191, 240)) or 47100 <= frame.msgid <= 47131:
+            assert heard == set(), name
+        for sysid in heard:
             addressed = aim is not None and aim[0] in self.door.ports[sysid].identity.sysids
             if sysid not in (self.view.commander, self.view.partner) and not addressed:
                 assert name in _OBSERVED or frame.msgid in self.asked[sysid], name

@@ -18,7 +18,7 @@ from mavproxy_handover.gate.judge import Fate, GateReason
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL
 from tests.gate.door import Door
-from tests.gate.frames import ftp_request
+from tests.gate.frames import IDS, ftp_request
 from tests.gate.ledger import GCSA, GCSB, GCSC, TRACKER_OF_A, VEHICLE, A, B, C
 
 Make = Callable[..., Frame]
@@ -338,6 +338,50 @@ def test_of_operator_control_the_stations_hear_the_companion_alone(door: Door, m
 def test_what_guard_and_companion_tell_each_other_stays_aboard(door: Door, make: Make) -> None:
     assert door.down(make("TUNNEL", sysid=VEHICLE, compid=1, payload_type=GUARD_STATUS_TUNNEL)) == set()
     assert door.down(make("HEARTBEAT", sysid=VEHICLE, compid=1)) == {GCSA, GCSB, GCSC}
+
+
+#: what a station would believe if the companion had said it
+BELIEVED = ["HEARTBEAT", "STATUSTEXT", "COMMAND_ACK", "TIMESYNC", "CONTROL_STATUS", "MISSION_ACK"]
+OURS = sorted(cls.msgname for msgid, cls in mavlink.mavlink_map.items() if 47100 <= msgid <= 47131)
+
+
+@pytest.mark.parametrize("name", [*BELIEVED, *OURS])
+@pytest.mark.parametrize("component", [191, 240])
+def test_what_comes_from_the_vehicles_side_in_the_companions_name_stays_aboard(
+    door: Door, make: Make, component: int, name: str
+) -> None:
+    frame = make(name, sysid=VEHICLE, compid=component)
+    assert door.down(frame) == set()
+    assert door.down(frame._replace(known=False, msgid=60000)) == set(), "nor what nobody can read"
+    assert door.gate.in_our_name == {(VEHICLE, component): 2}
+    assert door.passed == []
+
+
+@pytest.mark.parametrize("sender", [(VEHICLE, 1), (VEHICLE, 42), (9, 191), (GCSB, 190), (0, 0)])
+@pytest.mark.parametrize("name", OURS)
+def test_nobody_on_the_vehicles_side_speaks_the_companions_language(
+    door: Door, make: Make, name: str, sender: tuple[int, int]
+) -> None:
+    aimed = {"target_system": GCSA} if "target_system" in mavlink.mavlink_map[IDS[name]].fieldnames else {}
+    assert door.down(make(name, sysid=sender[0], compid=sender[1], **aimed)) == set()
+    assert door.gate.in_our_name == {sender: 1}
+
+
+@pytest.mark.parametrize("msgid", [47099, 47100, 47131, 47132])
+def test_that_goes_for_every_id_that_is_ours_whether_it_has_a_message_or_not(
+    door: Door, make: Make, msgid: int
+) -> None:
+    door.down(make("HEARTBEAT", sysid=VEHICLE, compid=1)._replace(known=False, msgid=msgid))
+    assert len(door.gate.in_our_name) == (1 if 47100 <= msgid <= 47131 else 0)
+    assert bool(door.ports[GCSA].heard) is not bool(door.gate.in_our_name), "the commander hears the rest"
+
+
+@pytest.mark.parametrize("sender", [(VEHICLE, 1), (VEHICLE, 154), (VEHICLE, 192), (9, 191), (9, 240)])
+def test_other_components_and_other_vehicles_are_heard_as_before(
+    door: Door, make: Make, sender: tuple[int, int]
+) -> None:
+    assert door.down(make("HEARTBEAT", sysid=sender[0], compid=sender[1])) == {GCSA, GCSB, GCSC}
+    assert door.gate.in_our_name == {}
 
 
 def test_no_frame_comes_out_of_the_door_changed(door: Door) -> None:

@@ -75,6 +75,13 @@ def test_status_tells_of_a_journal_that_loses_entries(bench: Bench) -> None:
     assert bench.mpstate.type("handover status")[-1] == "journal   3 entries lost: is the disk full?"
 
 
+def test_status_tells_who_speaks_in_the_companions_name(bench: Bench) -> None:
+    bench.load()
+    bench.companion.gate.in_our_name.update({(1, 191): 3, (1, 42): 7})
+    line = "aboard    frames in the companion's name from the vehicle's side, by sender: 1/42 7, 1/191 3"
+    assert bench.mpstate.type("handover status")[-1] == line
+
+
 def test_stations_tells_link_liveness_and_verdicts(bench: Bench) -> None:
     bench.connect()
     bench.b.alive = False

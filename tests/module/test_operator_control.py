@@ -261,6 +261,13 @@ class TestSecondManager:
         assert ground.companion.faults == {}
         assert {m.get_srcComponent() for m in ground.b.got("CONTROL_STATUS")} == {191}
 
+    def test_in_the_companions_own_name_it_stays_aboard_too(self, ground: Bench) -> None:
+        ground.b.received.clear()
+        self.say(ground, MANAGER, 191)
+        ground.run(1.5)
+        assert {m.gcs_main for m in ground.b.got("CONTROL_STATUS")} == {251}
+        assert len(ground.journal("in_our_name")) == 1
+
     def test_of_another_vehicle_is_none_of_ours(self, ground: Bench) -> None:
         own = mavlink.MAVLink(None, srcSystem=9, srcComponent=1)
         ground.mpstate.deliver(_Raw(mavlink.MAVLink_control_status_message(MANAGER, 252, [0] * 10).pack(own)))
