@@ -100,7 +100,10 @@ INTERESTING_IDS = [_IDS[name] for name in INTERESTING]
 ALL_IDS = sorted(mavlink.mavlink_map)
 
 _OBSERVED = {*FOR_EVERYBODY, *WISHES}
-_SAFEGUARDS = ("HNDO_", "SCR_", "FS_", "SYSID_", "MAV_", "ARMING_", "FENCE_", "BRD_", "RC_")
+_SAFEGUARDS = (
+    *("HNDO_", "SCR_", "FS_", "SYSID_", "MAV_", "ARMING_", "FENCE_", "BRD_", "RC_"),
+    *("RALLY_", "RTL_", "SRTL_", "LAND_", "Q_RTL_", "Q_LAND_"),
+)
 
 
 class Fuzzed:

@@ -196,9 +196,17 @@ def test_what_disables_guard_failsafe_or_authority_is_locked_while_armed(make: C
     assert outcome(make("PARAM_SET", param_id=param_id), A).what == f"PARAM_SET/{name}"
 
 
+@pytest.mark.parametrize(
+    "name", ["RALLY_TOTAL", "RALLY_LIMIT_KM", "RTL_ALT", "RTL_ALT_M", "RTL_CLIMB_MIN_M", "LAND_SPD_MS", "FENCE_TOTAL"]
+)
+def test_where_a_return_ends_is_settled_before_take_off(make: Callable[..., Frame], name: str) -> None:
+    for message in ("PARAM_SET", "PARAM_EXT_SET", "PARAM_MAP_RC"):
+        assert both_ways(make(message, param_id=name.encode()), A) == [ALLOWED, LOCKED]
+
+
 def test_other_parameters_are_the_commanders_in_flight_too(make: Callable[..., Frame]) -> None:
-    assert both_ways(make("PARAM_SET", param_id=b"RTL_ALT"), A) == [ALLOWED, ALLOWED]
-    assert both_ways(make("PARAM_SET", param_id=b"RTL_ALT", sysid=GCSB), B) == [NOT_IN_CONTROL, NOT_IN_CONTROL]
+    assert both_ways(make("PARAM_SET", param_id=b"WPNAV_SPEED"), A) == [ALLOWED, ALLOWED]
+    assert both_ways(make("PARAM_SET", param_id=b"WPNAV_SPEED", sysid=GCSB), B) == [NOT_IN_CONTROL, NOT_IN_CONTROL]
 
 
 @pytest.mark.parametrize(
@@ -206,7 +214,7 @@ def test_other_parameters_are_the_commanders_in_flight_too(make: Callable[..., F
     [
         (b"fs_options", [ALLOWED, LOCKED], "PARAM_SET/FS_OPTIONS"),
         (b"FS_OPTIONS\0rubbish", [ALLOWED, LOCKED], "PARAM_SET/FS_OPTIONS"),
-        (b"RTL_ALT\0FS_OPTION", [ALLOWED, ALLOWED], "PARAM_SET/RTL_ALT"),
+        (b"WP_SPD\0FS_OPTION", [ALLOWED, ALLOWED], "PARAM_SET/WP_SPD"),
         (b"BATT_FS_VOLTSRC1", [ALLOWED, LOCKED], "PARAM_SET/BATT_FS_VOLTSRC1"),
         (b"FS_\x1b[31m\xff", [ALLOWED, LOCKED], "PARAM_SET/FS_?[31M?"),
         (b"", [ALLOWED, ALLOWED], "PARAM_SET/"),

@@ -121,7 +121,7 @@ def test_few_programs_show_param_error_so_a_line_of_text_goes_with_it(make: Make
     assert read(b"RTL_ALT", OBSERVER) == ["PARAM_ERROR", "Handover: RTL_ALT: not in control"]
     assert read(b"FS_GCS_ENABLE", COMMANDER) == ["PARAM_ERROR", "Handover: FS_GCS_ENABLE: locked while armed"]
     assert read(b"BATT_FS_VOLTSRCX", COMMANDER) == ["PARAM_ERROR", "Handover: BATT_FS_VOLTSRCX: locked while armed"]
-    assert read(b"RTL_ALT", COMMANDER, 191) == ["PARAM_ERROR"]
+    assert read(b"WPNAV_SPEED", COMMANDER, 191) == ["PARAM_ERROR"]
 
 
 def test_what_is_locked_while_armed_is_denied(make: Make, own: mavlink.MAVLink) -> None:

@@ -7,8 +7,10 @@ commander who made it, and the next one flies with a failsafe that is not there.
 Parameters without a row are the commander's at any time. Rules:
 
 1. A parameter has a row if it can switch off the guard, a failsafe of the autopilot, the RC pilot, or the check
-   who commands, or can open another way into the autopilot.
-2. What shapes the flight stays the commander's even then: speeds, RTL_ALT over a new obstacle, rates of streams.
+   who commands, if it can open another way into the autopilot, or if it decides where a return ends.
+2. What shapes the flight that the commander orders stays the commander's even then: WPNAV_SPEED, MIS_OPTIONS, rates
+   of streams. What shapes the return does not, its height and speeds among it (RTL_ALT, LAND_SPEED): it is flown when
+   nobody commands any more, by the word of guard or failsafe, and has to be what was checked before take-off.
 3. `*` stands for any characters. Case does not matter, because it does not to ArduPilot.
 4. A message that sets parameters without naming them cannot be judged here: see `command_rules`, `files`.
 
@@ -37,6 +39,11 @@ PARAMETER_RULES: Final = (
     ),
     Rule(Access.SAFEGUARD, "the battery's failsafe, and what it measures by", names("BATT*")),
     Rule(Access.SAFEGUARD, "the fence; what the command DO_FENCE_ENABLE does is not saved, this is", names("FENCE_*")),
+    Rule(
+        Access.SAFEGUARD,
+        "where a return ends, and the way there: RALLY_TOTAL 0 sends it to another place, RTL_ALT_FINAL lets it hover",
+        names("RALLY_* RTL_* SRTL_* LAND_* Q_RTL_* Q_LAND_*"),
+    ),
     Rule(Access.SAFEGUARD, "the checks before arming, the guard's among them", names("ARMING_*")),
     Rule(
         Access.SAFEGUARD,
