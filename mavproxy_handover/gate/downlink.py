@@ -58,7 +58,7 @@ class Answers:
 
 
 #: Answers to messages. What a station asks for by address it gets by address, in MAVLink 2; these names cover the
-#: answers that carry none.
+#: answers that carry none. A name that the installed dialect lacks is passed over.
 ANSWERS: Final = {
     "PING": Answers(("PING",)),
     "TIMESYNC": Answers(("TIMESYNC",)),
@@ -73,6 +73,7 @@ ANSWERS: Final = {
     "FENCE_FETCH_POINT": Answers(("FENCE_POINT",)),
     "RALLY_FETCH_POINT": Answers(("RALLY_POINT",)),
     "AUTOPILOT_VERSION_REQUEST": Answers(("AUTOPILOT_VERSION",)),
+    "REQUEST_EVENT": Answers(("EVENT", "RESPONSE_EVENT_ERROR"), many=True),
     "OSD_PARAM_SHOW_CONFIG": Answers(("OSD_PARAM_SHOW_CONFIG_REPLY",)),
     "GOPRO_GET_REQUEST": Answers(("GOPRO_GET_RESPONSE",)),
     "TERRAIN_CHECK": Answers(("TERRAIN_REPORT",)),
@@ -81,6 +82,7 @@ ANSWERS: Final = {
 
 #: Answers to commands, besides COMMAND_ACK. Names without their MAV_CMD_.
 COMMAND_ANSWERS: Final = {
+    "REQUEST_PROTOCOL_VERSION": Answers(("PROTOCOL_VERSION",)),
     "REQUEST_AUTOPILOT_CAPABILITIES": Answers(("AUTOPILOT_VERSION",)),
     "REQUEST_CAMERA_INFORMATION": Answers(("CAMERA_INFORMATION",)),
     "REQUEST_CAMERA_SETTINGS": Answers(("CAMERA_SETTINGS",)),

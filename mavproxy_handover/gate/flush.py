@@ -18,7 +18,8 @@ component that began it. Rules, from ArduPilot's source:
    station next asks for a file. Parameter files are closed at arming too (`parameters`: nobody may set them then).
    What a request says is not what has happened: a file counts as open until the autopilot has acknowledged its end,
    or refused to open it. A second one that is refused, because one is open, does not hide the first.
-3. **Sticks** (RC_CHANNELS_OVERRIDE, MANUAL_CONTROL): released; the autopilot would wait for RC_OVERRIDE_TIME.
+3. **Sticks** (RC_CHANNELS_OVERRIDE, its second version, MANUAL_CONTROL): released; the autopilot would wait for
+   RC_OVERRIDE_TIME, as it does with channels of the second version beyond the 18th.
 4. **Guided stream** of velocity, acceleration or attitude: zero velocity. GUID_TIMEOUT (3 s) would stop it as well;
    until then the aircraft would go on as the former commander said last. A place to fly to is not a stream: the
    aircraft flies there and holds, as it does when no handover takes place, and the new commander decides. Outside
@@ -72,7 +73,11 @@ _PARTIAL: Final = mavlink.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST
 _ITEMS: Final = (mavlink.MAVLINK_MSG_ID_MISSION_ITEM, mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT)
 _ACK: Final = mavlink.MAVLINK_MSG_ID_MISSION_ACK
 _FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
-_STICKS: Final = (mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE, mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL)
+_STICKS: Final = tuple(
+    msgid
+    for msgid, cls in mavlink.mavlink_map.items()
+    if cls.msgname in ("RC_CHANNELS_OVERRIDE", "RC_CHANNELS_OVERRIDE_V2", "MANUAL_CONTROL")
+)
 _TARGETS: Final = (
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
     mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT,

@@ -69,7 +69,7 @@ def test_the_command_prints_every_row(capsys: pytest.CaptureFixture[str]) -> Non
 @pytest.mark.parametrize(
     ("asked", "names"),
     [
-        ("RC_CHANNELS_OVERRIDE", ["RC_CHANNELS_OVERRIDE"]),
+        ("RC_CHANNELS_OVERRIDE", ["RC_CHANNELS_OVERRIDE", "RC_CHANNELS_OVERRIDE_V2"]),
         ("mav_cmd_component_arm_disarm", ["COMPONENT_ARM_DISARM"]),
         ("*_RALLY_*", ["DO_RALLY_LAND", "NAV_RALLY_POINT"]),
         ("FS_GCS_ENABLE", ["FS_*"]),
@@ -107,7 +107,7 @@ def test_the_summary_has_a_line_for_every_class(capsys: pytest.CaptureFixture[st
         "what": "asks and changes nothing",
         "from the commander": "passes",
         "from any other station": "passes",
-        "how many": "19 messages, 13 commands, 7 file opcodes",
+        "how many": "20 messages, 13 commands, 7 file opcodes",
     }
 
 

@@ -16,7 +16,7 @@ from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
 from mavproxy_handover.wire.frames import Frame
-from tests.gate.frames import ftp_request
+from tests.gate.frames import IDS, ftp_request
 
 VEHICLE, GCSA, GCSB, TRACKER = 1, 251, 252, 241
 A = StationIdentity(GCSA, frozenset({TRACKER}))
@@ -259,7 +259,11 @@ def test_parameter_files_are_closed_at_arming_and_others_stay_open(tracker: Flus
 # ---- sticks, guided stream, log -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["RC_CHANNELS_OVERRIDE", "MANUAL_CONTROL"])
+#: the second version is newer than most dialects
+STICKS = [name for name in ("RC_CHANNELS_OVERRIDE", "RC_CHANNELS_OVERRIDE_V2", "MANUAL_CONTROL") if name in IDS]
+
+
+@pytest.mark.parametrize("name", STICKS)
 def test_sticks_are_released_on_all_channels(tracker: FlushTracker, make: Make, name: str) -> None:
     send(tracker, make(name, sysid=TRACKER, compid=3))
     ((what, [message]),) = read(tracker.flush(GCSA))

@@ -48,6 +48,11 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.READ,
+        "asks again for events that it has missed",
+        names("REQUEST_EVENT"),
+    ),
+    Rule(
+        Access.READ,
         "acknowledges log data that was sent to it",
         names("LOGGING_ACK"),
     ),
@@ -73,6 +78,16 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.COMMAND,
+        "ends a command that is being carried out, whoever gave it",
+        names("COMMAND_CANCEL"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "limits how fast the aircraft flies and turns until it changes its mode",
+        names("SET_VELOCITY_LIMITS"),
+    ),
+    Rule(
+        Access.COMMAND,
         "older ways to write fence, rally points, home, origin and compass offsets",
         names("""
             FENCE_POINT RALLY_POINT SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN
@@ -84,6 +99,7 @@ MESSAGE_RULES: Final = (
         "moves or configures the payload",
         names("""
             MOUNT_CONFIGURE DIGICAM_CONFIGURE DIGICAM_CONTROL GOPRO_SET_REQUEST LED_CONTROL PLAY_TUNE
+            PLAY_TUNE_V2
         """),
     ),
     Rule(
@@ -107,7 +123,7 @@ MESSAGE_RULES: Final = (
     Rule(
         Access.STREAM,
         "sticks",
-        names("RC_CHANNELS_OVERRIDE MANUAL_CONTROL MANUAL_SETPOINT"),
+        names("RC_CHANNELS_OVERRIDE RC_CHANNELS_OVERRIDE_V2 MANUAL_CONTROL MANUAL_SETPOINT"),
     ),
     Rule(
         Access.STREAM,
@@ -178,7 +194,12 @@ MESSAGE_RULES: Final = (
     Rule(
         Access.MAINTENANCE,
         "starts a stream of log blocks, a firmware update or another radio network",
-        names("REMOTE_LOG_BLOCK_STATUS CUBEPILOT_FIRMWARE_UPDATE_START WIFI_CONFIG_AP"),
+        names("REMOTE_LOG_BLOCK_STATUS CUBEPILOT_FIRMWARE_UPDATE_START WIFI_CONFIG_AP CELLULAR_CONFIG"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "writes the memory of the motors' speed controllers",
+        names("ESC_EEPROM"),
     ),
     Rule(
         Access.NEVER,
@@ -196,7 +217,7 @@ MESSAGE_RULES: Final = (
             VISION_POSITION_DELTA VICON_POSITION_ESTIMATE ODOMETRY ATT_POS_MOCAP OPTICAL_FLOW OPTICAL_FLOW_RAD
             GLOBAL_POSITION_SENSOR LANDING_TARGET DISTANCE_SENSOR RANGEFINDER OBSTACLE_DISTANCE
             OBSTACLE_DISTANCE_3D TRAJECTORY_REPRESENTATION_WAYPOINTS TRAJECTORY_REPRESENTATION_BEZIER
-            WHEEL_DISTANCE WATER_DEPTH
+            WHEEL_DISTANCE WATER_DEPTH RANGING_BEACON TARGET_ABSOLUTE TARGET_RELATIVE
         """),
     ),
     Rule(
@@ -211,14 +232,19 @@ MESSAGE_RULES: Final = (
         Access.NEVER,
         "feeds battery, engine, air data or the clock; a false one starts or hides a failsafe",
         names("""
-            BATTERY_STATUS SMART_BATTERY_INFO EFI_STATUS GENERATOR_STATUS LOWEHEISER_GOV_EFI SYSTEM_TIME
-            AIRSPEED WIND_COV HYGROMETER_SENSOR
+            BATTERY_STATUS BATTERY_STATUS_V2 BATTERY_INFO SMART_BATTERY_INFO FUEL_STATUS EFI_STATUS
+            GENERATOR_STATUS LOWEHEISER_GOV_EFI SYSTEM_TIME AIRSPEED WIND_COV HYGROMETER_SENSOR
         """),
     ),
     Rule(
         Access.NEVER,
         "the modem's: it throttles the autopilot's streams",
         names("RADIO_STATUS RADIO"),
+    ),
+    Rule(
+        Access.NEVER,
+        "the radio receiver's: whoever sends it is the pilot, to the autopilot and to the guard",
+        names("RADIO_RC_CHANNELS"),
     ),
     Rule(
         Access.NEVER,
@@ -241,7 +267,8 @@ MESSAGE_RULES: Final = (
             VIDEO_STREAM_INFORMATION VIDEO_STREAM_STATUS HERELINK_VIDEO_STREAM_INFORMATION HERELINK_TELEM
             CUBEPILOT_RAW_RC CUBEPILOT_FIRMWARE_UPDATE_RESP AIRLINK_AUTH AIRLINK_AUTH_RESPONSE
             OPEN_DRONE_ID_ARM_STATUS ONBOARD_COMPUTER_STATUS WINCH_STATUS BUTTON_CHANGE UAVCAN_NODE_STATUS
-            UAVCAN_NODE_INFO
+            UAVCAN_NODE_INFO LINK_NODE_STATUS CELLULAR_STATUS COMPONENT_INFORMATION COMPONENT_INFORMATION_BASIC
+            COMPONENT_METADATA SUPPORTED_TUNES ILLUMINATOR_STATUS ESC_INFO ESC_STATUS
         """),
     ),
     Rule(
@@ -266,7 +293,10 @@ MESSAGE_RULES: Final = (
             DEVICE_OP_WRITE_REPLY SECURE_COMMAND_REPLY ADAP_TUNING AOA_SSA ESC_TELEMETRY_1_TO_4
             ESC_TELEMETRY_5_TO_8 ESC_TELEMETRY_9_TO_12 OSD_PARAM_CONFIG_REPLY OSD_PARAM_SHOW_CONFIG_REPLY
             MCU_STATUS ESC_TELEMETRY_13_TO_16 ESC_TELEMETRY_17_TO_20 ESC_TELEMETRY_21_TO_24
-            ESC_TELEMETRY_25_TO_28 ESC_TELEMETRY_29_TO_32
+            ESC_TELEMETRY_25_TO_28 ESC_TELEMETRY_29_TO_32 PROTOCOL_VERSION MISSION_CHECKSUM AVAILABLE_MODES
+            AVAILABLE_MODES_MONITOR CURRENT_MODE GNSS_INTEGRITY ESTIMATOR_SENSOR_FUSION_STATUS VELOCITY_LIMITS
+            FIGURE_EIGHT_EXECUTION_STATUS TIME_ESTIMATE_TO_TARGET GROUP_START GROUP_END EVENT
+            CURRENT_EVENT_SEQUENCE RESPONSE_EVENT_ERROR
         """),
     ),
 )

@@ -5,6 +5,10 @@
 The policy itself is data, in `tables.py` and what that collects. Here its names meet the numbers of the installed
 dialect, once, at import; a frame then costs one or two dictionary look-ups, a parameter one match of its name, a
 file one look at its path. Nothing is decided here.
+
+A name that the installed dialect lacks has a row and no number. A message of it is dropped as unknown, whatever its row
+says and whoever sends it: without the definition neither its CRC nor its target can be checked. A command of it is
+refused as unknown. That is the safe side; what a commander may use of it comes with a newer pymavlink.
 """
 
 from __future__ import annotations

@@ -4,8 +4,9 @@
 parameters and files that matter have a row, by name, with the reason.
 
 What has no row is refused, so a message or command that a newer dialect brings stays outside until somebody
-gives it one; a name that an older pymavlink lacks is passed over. `tests/gate/test_policy.py` holds both ends:
-nothing missing, nothing stale. `handover policy` prints it all.
+gives it one. Names that MAVLink has already, and the installed pymavlink has not, have their rows too, so that an
+update of pymavlink changes nothing by itself; until then `rows` passes over them. `tests/gate/test_policy.py` holds
+both ends: nothing missing, nothing stale. `handover policy` prints it all.
 
 What a class means is said at `Access`; who gets what is decided in `judge.py`. Decisions behind the rows:
 
