@@ -3,18 +3,25 @@
 """The command `handover`: one table of subcommands, each imported only when it is used.
 
 Exit codes everywhere: 0 all is well, 1 the answer is no (a check found errors, an expectation did not hold), 2 wrong
-usage or bad input, with one line that says what and where.
+usage or bad input, with one line that says what and where. When nobody reads the output any more (`handover policy |
+head`), every subcommand ends without a word, with what a shell says of a program that such a pipe has ended: 141.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, TextIO, cast
 
 from mavproxy_handover.version import VERSION
 
 __all__ = ["main"]
+
+#: 128 and the number of SIGPIPE
+_NOBODY_READS: Final = 141
 
 #: word -> (module, function, what it does)
 _COMMANDS = {
@@ -43,9 +50,59 @@ def _usage() -> str:
     return "\n".join(lines)
 
 
+class _NobodyReads(SystemExit):
+    """Out of any place that prints. No OSError: nothing on the way shall take it for trouble of its own."""
+
+
+class _Output:
+    """Standard output, or error output, that ends the program when its reader has gone."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """As of the stream."""
+        with self._read():
+            return self._stream.write(text)
+
+    def flush(self) -> None:
+        """As of the stream."""
+        with self._read():
+            self._stream.flush()
+
+    @contextlib.contextmanager
+    def _read(self) -> Iterator[None]:
+        try:
+            yield
+        except BrokenPipeError:
+            # what still waits in it goes nowhere: the interpreter would complain about it at its end
+            with contextlib.suppress(OSError, ValueError):  # it may be no file
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, self._stream.fileno())
+                os.close(nowhere)
+            raise _NobodyReads(_NOBODY_READS) from None
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code."""
-    words = list(sys.argv[1:] if argv is None else argv)
+    streams = sys.stdout, sys.stderr
+    wrapped = [None if stream is None else _Output(stream) for stream in streams]  # None: closed by whoever started us
+    sys.stdout, sys.stderr = cast("list[TextIO]", wrapped)
+    try:
+        code = _run(list(sys.argv[1:] if argv is None else argv))
+        for output in filter(None, wrapped):
+            output.flush()
+    except _NobodyReads:
+        return _NOBODY_READS
+    finally:
+        sys.stdout, sys.stderr = streams
+    return code
+
+
+def _run(words: list[str]) -> int:
     if not words or words[0] in ("-h", "--help", "help"):
         print(_usage())
         return 0 if words else 2
