@@ -17,6 +17,7 @@ import pytest
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles import LaunchError, RunningVehicle, VehicleSpec, find_arducopter, launch
+from sitl.vehicles.builtin.__main__ import parse
 from sitl.vehicles.builtin.framing import FrameSplitter, decode
 from sitl.vehicles.builtin.params import ParameterTable
 from sitl.vehicles.process import BASE_PARAMETERS
@@ -182,11 +183,33 @@ def test_the_environment_names_the_arducopter(tmp_path: Path, monkeypatch: pytes
     assert find_arducopter() == program.resolve()
 
 
+SYDNEY = "-33.85000000,151.21000000,0.00000000,0.00000000"
+
+
+@pytest.mark.parametrize("home", [["--home", SYDNEY], [f"--home={SYDNEY}"]])
+def test_a_place_south_of_the_equator_is_no_option(home: list[str]) -> None:
+    assert parse([*home, "--serial1", "tcp:0"]).home == (-33.85, 151.21, 0.0, 0.0)
+    assert parse(["--serial1", "tcp:0", *home, "--verbose"]).verbose
+
+
+def test_it_flies_south_of_the_equator(tmp_path: Path) -> None:
+    running = launch("builtin", VehicleSpec(home=(-33.85, -70.21, 0.0, 0.0), speedup=SPEEDUP), tmp_path)
+    try:
+        client = Client(running.companion_master)
+        client.wait("EKF_STATUS_REPORT", flags=831)
+        position = client.wait("GLOBAL_POSITION_INT")
+        client.close()
+    finally:
+        running.stop()
+    assert (position.lat, position.lon) == (-338500000, -702100000)
+
+
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
         (["--home", "52,5,0,0"], "give at least one of --serial0 to --serial2"),
         (["--home", "152,5,0,0", "--serial1", "tcp:0"], "'152,5,0,0' is not LAT,LON,ALT,HEADING"),
+        (["--serial1", "tcp:0", "--home"], "argument --home: expected one argument"),
         (["--home", "52,5,0,0", "--serial1", "udp:0"], "'udp:0' is not tcp:PORT"),
         (["--home", "52,5,0,0", "--serial1", "tcp:0", "--speedup", "0"], "speed-up 0 is not between 0.1 and 100"),
     ],

@@ -140,8 +140,19 @@ def _speedup(text: str) -> float:
     return value
 
 
+def _joined(arguments: list[str]) -> list[str]:
+    """`--home X` as `--home=X`: argparse takes a place south of the equator for an option, ArduPilot's program not."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] == "--home":
+            joined[-1] = f"--home={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
 def parse(arguments: list[str]) -> argparse.Namespace:
-    """The command line; options as ArduPilot's SITL program names them."""
+    """The command line; options as ArduPilot's SITL program names them, values in both of its spellings."""
     parser = argparse.ArgumentParser(
         prog="python -m sitl.vehicles.builtin",
         description="A small copter model that speaks what ArduCopter speaks here, and runs its Lua scripts.",
@@ -158,7 +169,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--sysid", type=int, default=1, choices=range(1, 256), metavar="ID")
     parser.add_argument("--scripts", type=Path, metavar="DIR", help="run the Lua scripts in this directory")
     parser.add_argument("--verbose", action="store_true", help="print the log records of the scripts too")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(_joined(arguments))
     if all(getattr(options, f"serial{serial}") is None for serial in _SERIALS):
         parser.error("give at least one of --serial0 to --serial2")
     return options
