@@ -26,7 +26,7 @@ from typing import Protocol
 import shapely
 from shapely.geometry import MultiPolygon, Polygon
 
-from mavproxy_handover.mission.geodesy import degree_lengths_m, distance_m, offset, wrap_longitude_deg
+from mavproxy_handover.mission.geodesy import beside_deg, degree_lengths_m, distance_m, offset, wrap_longitude_deg
 
 __all__ = ["Border", "Circle", "CircleBorder", "Plane", "PolygonBorder", "plane_at"]
 
@@ -66,13 +66,14 @@ class Circle:
     radius_m: float
 
     def outline(self) -> Polygon:
-        """The circle as a polygon in (longitude, latitude), corners on the circle."""
+        """The circle as a polygon in (longitude, latitude), corners on the circle; across the 180th meridian the
+        longitudes go on beyond 180."""
         corners = []
         for n in range(CIRCLE_CORNERS):
             turn = 2.0 * math.pi * n / CIRCLE_CORNERS
             east, north = self.radius_m * math.sin(turn), self.radius_m * math.cos(turn)
             lat, lon = offset(self.lat_deg, self.lon_deg, east, north)
-            corners.append((lon, lat))
+            corners.append((beside_deg(lon, self.lon_deg), lat))
         return Polygon(corners)
 
 

@@ -17,7 +17,7 @@ import shapely
 from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 
 from mavproxy_handover.mission.errors import Where
-from mavproxy_handover.mission.geodesy import degree_lengths_m
+from mavproxy_handover.mission.geodesy import beside_deg, degree_lengths_m
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import legs_of
@@ -28,8 +28,9 @@ __all__ = ["covered_area"]
 def covered_area(where: Where, route: Route, waypoints: Collection[int], corridor_m: float) -> Polygon | MultiPolygon:
     """The area, in (longitude, latitude), of a station that covers the items `waypoints` of the route.
 
-    The width is measured by the scale at home: 5 km north or south of it, it is 0.1 % off. Raises MissionError for an
-    item that is not flown to.
+    Longitudes are counted to the side of the 180th meridian where home is, beyond 180 where they have to be. The width
+    is measured by the scale at home: 5 km north or south of it, it is 0.1 % off. Raises MissionError for an item that
+    is not flown to.
     """
     listed = set(waypoints)
     for seq in sorted(listed):
@@ -42,7 +43,7 @@ def covered_area(where: Where, route: Route, waypoints: Collection[int], corrido
     runs: list[list[tuple[float, float]]] = [[]]
     for seq, (lat, lon) in _flown_places(route).items():
         if seq in listed:
-            runs[-1].append((lon * per_lon, lat * per_lat))
+            runs[-1].append((beside_deg(lon, route.home.lon_deg) * per_lon, lat * per_lat))
         elif runs[-1]:
             runs.append([])
     lines = [LineString(run) if len(set(run)) > 1 else Point(run[0]) for run in runs if run]

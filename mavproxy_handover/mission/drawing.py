@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from mavproxy_handover.mission.geodesy import wrap_longitude_deg
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from shapely.geometry import Polygon
@@ -70,6 +72,7 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 def degrees(values: list[float], letters: str) -> list[str]:
-    """Labels with as many digits as the steps between them need."""
+    """Labels with as many digits as the steps between them need; longitudes may go on beyond 180."""
     digits = max(0, -math.floor(math.log10(values[1] - values[0]) + 1e-6)) if len(values) > 1 else 5
-    return [f"{abs(value):.{digits}f}\N{DEGREE SIGN} {letters[value < 0]}" for value in values]
+    shown = [wrap_longitude_deg(value) for value in values]
+    return [f"{abs(value):.{digits}f}\N{DEGREE SIGN} {letters[value < 0]}" for value in shown]

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import shapely
 from shapely.geometry import Polygon
 
-from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.geodesy import beside_deg, distance_m
 from mavproxy_handover.mission.plan import FenceCircle, FencePolygon
 
 __all__ = ["outside_fence"]
@@ -23,5 +23,6 @@ def outside_fence(fence: Iterable[FencePolygon | FenceCircle], lat_deg: float, l
 def _inside(part: FencePolygon | FenceCircle, lat: float, lon: float) -> bool:
     if isinstance(part, FenceCircle):
         return distance_m(lat, lon, part.lat_deg, part.lon_deg) < part.radius_m
-    outline = Polygon([(corner_lon, corner_lat) for corner_lat, corner_lon in part.corners])
-    return bool(shapely.contains_xy(outline, lon, lat))
+    first = part.corners[0][1]  # the fence may lie across the 180th meridian
+    outline = Polygon([(beside_deg(corner_lon, first), corner_lat) for corner_lat, corner_lon in part.corners])
+    return bool(shapely.contains_xy(outline, beside_deg(lon, first), lat))

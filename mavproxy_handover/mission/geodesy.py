@@ -15,7 +15,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["LocalPlane", "bearing_deg", "degree_lengths_m", "distance_m", "offset", "wrap_longitude_deg"]
+__all__ = [
+    "LocalPlane",
+    "bearing_deg",
+    "beside_deg",
+    "degree_lengths_m",
+    "distance_m",
+    "offset",
+    "wrap_longitude_deg",
+]
 
 _EQUATORIAL_RADIUS_M = 6378137.0
 _ECCENTRICITY_SQUARED = 6.694379990141317e-3
@@ -36,6 +44,12 @@ def wrap_longitude_deg(lon_deg: float) -> float:
     if -180.0 <= lon_deg < 180.0:
         return lon_deg
     return (lon_deg + 180.0) % 360.0 - 180.0
+
+
+def beside_deg(lon_deg: float, middle_deg: float) -> float:
+    """The same longitude, counted so that it is within half a turn of `middle_deg`: beyond 180 where it has to be."""
+    away = lon_deg - middle_deg
+    return lon_deg if abs(away) <= 180.0 else lon_deg - 360.0 * round(away / 360.0)
 
 
 def _mid_plane_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> tuple[float, float]:

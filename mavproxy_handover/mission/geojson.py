@@ -6,6 +6,8 @@ A FeatureCollection with one feature a station. Properties: `station` (its name 
 `min_alt_m`, `max_alt_m` (above home), `radius_m` (makes a Point a circle). Editors add properties of their own for
 colours; these are passed over, unless one looks like a misspelt property of ours: a limit that is not read is worse
 than a refusal.
+
+A zone across the 180th meridian is given as RFC 7946 wants it, a MultiPolygon that is cut in two there, or as a circle.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from shapely.validation import explain_validity
 
 from mavproxy_handover.mission.errors import Where, parse_json
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.mission.zones import Circle, Zone
+from mavproxy_handover.mission.zones import Circle, Zone, beside
 
 __all__ = ["read_zones"]
 
@@ -111,6 +113,7 @@ def _zone(
             [_polygon(where.at(f"polygon {number}"), part, home) for number, part in enumerate(parts, 1)]
         )
         _valid(where, area)
+        area = beside(area, home[1])
     if not isinstance(area, Circle) and sum(len(ring) for ring in _rings(area)) > MAX_CORNERS:
         raise where.error(f"too many corners (allowed: at most {MAX_CORNERS})")
     low, high = (
@@ -153,7 +156,7 @@ def _polygon(where: Where, value: object, home: tuple[float, float]) -> Polygon:
         if len(set(path)) < 3:
             raise inside.error(f"{len(set(path))} corners (allowed: 3 or more)")
         if max(lon for lon, _ in path) - min(lon for lon, _ in path) > 180.0:
-            raise inside.error("the polygon crosses the 180th meridian (allowed: zones on one side of it)")
+            raise inside.error("the polygon crosses the 180th meridian (allowed: a MultiPolygon cut there)")
         paths.append(path)
     polygon = Polygon(paths[0], paths[1:])
     _valid(where, polygon)

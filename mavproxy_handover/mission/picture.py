@@ -25,7 +25,7 @@ from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH, TA
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
 from mavproxy_handover.mission.walk import Sample, Walk
-from mavproxy_handover.mission.zones import Circle, Zone, overlap
+from mavproxy_handover.mission.zones import Circle, Zone, beside, overlap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -376,7 +376,7 @@ class MapSheet:
     def _parts(self, area: Polygon | MultiPolygon) -> list[Polygon]:
         per_lat, per_lon = degree_lengths_m(self._plane.lat_deg)
         origin, scale = [self._plane.lon_deg, self._plane.lat_deg], [per_lon, per_lat]
-        flat = shapely.transform(area, lambda corners: (corners - origin) * scale)
+        flat = shapely.transform(beside(area, self._plane.lon_deg), lambda corners: (corners - origin) * scale)
         return [part for part in shapely.get_parts(flat) if not part.is_empty]
 
 

@@ -6,6 +6,9 @@ A zone is a circle or one or more polygons (with holes), edges straight in longi
 for every station, many times a second: how far is the border, on which side of it is the aircraft, and when will it
 be crossed; `borders.py` holds the geometry of it.
 
+Longitudes are counted from -180 to 180, so an area that crosses the 180th meridian is in two parts, or else goes on
+beyond 180. Before two areas are laid over each other, both are brought to the same side (`beside`).
+
 Altitude limits are metres above home. They only decide between inside and outside: a margin inside is horizontal, for
 an aircraft that cruises just below the ceiling is not about to leave. Outside, the way back counts, upwards too.
 """
@@ -17,12 +20,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import shapely
+from shapely.affinity import translate
 from shapely.geometry import MultiPolygon, Polygon
 
 from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.borders import Border, Circle, CircleBorder, PolygonBorder, plane_at
+from mavproxy_handover.mission.geodesy import beside_deg
 
-__all__ = ["Circle", "Zone", "ZoneFinder", "overlap"]
+__all__ = ["Circle", "Zone", "ZoneFinder", "beside", "overlap"]
 
 #: slower than this a track says nothing about where the aircraft will be
 SLOWEST_TRACK_MPS = 0.5
@@ -46,7 +51,7 @@ class Zone:
     max_alt_m: float | None = None
 
     def outline(self) -> Polygon | MultiPolygon:
-        """The area in (longitude, latitude); a circle as a polygon of 128 corners."""
+        """The area in (longitude, latitude), perhaps beyond 180; a circle as a polygon of 128 corners."""
         return self.area.outline() if isinstance(self.area, Circle) else self.area
 
     def altitude_excess_m(self, alt_m: float | None) -> float:
@@ -58,13 +63,38 @@ class Zone:
         return max(0.0, below, above)
 
 
+def beside(area: Polygon | MultiPolygon, lon_deg: float) -> Polygon | MultiPolygon:
+    """The area with every part counted to the side of the 180th meridian where `lon_deg` is.
+
+    Parts that meet at the meridian, because it cut them in two, are one again.
+    """
+    if area.is_empty:
+        return area
+    parts = shapely.get_parts(area)
+    turns = [_turns(part, lon_deg) for part in parts]
+    if not any(turns):
+        return area
+    shifted = [translate(part, 360.0 * turn) for part, turn in zip(parts, turns, strict=True)]
+    joined = shifted[0] if len(shifted) == 1 else shapely.union_all(shifted)
+    assert isinstance(joined, Polygon | MultiPolygon)
+    return joined
+
+
+def _turns(part: Polygon, lon_deg: float) -> int:
+    """Whole turns by which the middle of `part` has to be moved to be beside `lon_deg`."""
+    west, _, east, _ = part.bounds
+    middle: float = (west + east) / 2.0
+    return round((beside_deg(middle, lon_deg) - middle) / 360.0)
+
+
 def overlap(first: Zone, second: Zone) -> Polygon | MultiPolygon:
-    """The handover region of two zones in (longitude, latitude); empty where they do not overlap."""
+    """The handover region of two zones in (longitude, latitude), perhaps beyond 180; empty if there is none."""
     lowest = max((z.min_alt_m for z in (first, second) if z.min_alt_m is not None), default=-math.inf)
     highest = min((z.max_alt_m for z in (first, second) if z.max_alt_m is not None), default=math.inf)
     if lowest >= highest:
         return Polygon()
-    common = first.outline().intersection(second.outline())
+    lon_deg = first.outline().bounds[0]
+    common = beside(first.outline(), lon_deg).intersection(beside(second.outline(), lon_deg))
     parts = [part for part in shapely.get_parts(common) if isinstance(part, Polygon)]
     return parts[0] if len(parts) == 1 else MultiPolygon(parts)
 

@@ -13,10 +13,11 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from shapely.geometry import MultiPolygon, Polygon
 from shapely.ops import unary_union
 
 from mavproxy_handover.mission.geodesy import LocalPlane
-from mavproxy_handover.mission.zones import overlap
+from mavproxy_handover.mission.zones import Zone, beside, overlap
 from sitl.report.evidence import NOBODY, Evidence
 from sitl.report.exchange import Exchange
 from sitl.report.labels import LabelPlacer
@@ -86,6 +87,9 @@ class _Map:
         self._ys.append(y)
         return x, y
 
+    def _outline(self, zone: Zone) -> Polygon | MultiPolygon:
+        return beside(zone.outline(), self._plane.lon_deg)
+
     def _rings(self, area: Any) -> list[list[tuple[float, float]]]:
         return [
             [self._xy(lat, lon) for lon, lat in part.exterior.coords]
@@ -97,10 +101,10 @@ class _Map:
         """Each zone in its station's colour, the handover regions hatched."""
         zones = self._evidence.package.zones
         for zone in zones:
-            others = [other.outline() for other in zones if other is not zone]
-            alone = self._rings(zone.outline().difference(unary_union(others)))
+            others = [self._outline(other) for other in zones if other is not zone]
+            alone = self._rings(self._outline(zone).difference(unary_union(others)))
             colour = self._colours.get(zone.station_name, NOBODY_COLOUR)
-            rings = self._rings(zone.outline())
+            rings = self._rings(self._outline(zone))
             for ring in rings:
                 xs, ys = zip(*ring, strict=True)
                 self._axes.fill(xs, ys, facecolor=colour, alpha=0.09, zorder=1)

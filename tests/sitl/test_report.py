@@ -12,7 +12,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from shapely.affinity import translate
+from shapely.geometry import MultiPolygon, Point, box, mapping, shape
 
+from mavproxy_handover.mission.geodesy import wrap_longitude_deg
 from sitl.report.page import main_report, write_report
 from sitl.report.record import RecordError, load_run
 from tests.sitl.synthetic import write_folder
@@ -172,3 +175,58 @@ def test_what_journals_say_is_text_and_not_markup(tmp_path: Path) -> None:
     text = write_report(load_run(folder)).read_text(encoding="utf-8")
     assert "<script" not in text
     assert "<script>alert(1)</script>" in unescape(re.sub(r"<[^>]*>", "", text))
+
+
+def _east(lon: float, by: float) -> float:
+    return wrap_longitude_deg(lon + by)
+
+
+def over_the_meridian(folder: Path, circles: bool) -> None:
+    """The flight of a folder, moved so that the 180th meridian runs through both zones and their overlap."""
+    by = 180.0 - 5.9275
+    plan_file, zones_file = folder / "mission" / "delivery.plan", folder / "mission" / "zones.geojson"
+    plan = json.loads(plan_file.read_text(encoding="utf-8"))
+    places = [(item["params"], 5) for item in plan["mission"]["items"]]
+    places += [(plan["mission"]["plannedHomePosition"], 1)]
+    places += [(point, 1) for point in plan["rallyPoints"]["points"]]
+    places += [(corner, 1) for polygon in plan["geoFence"]["polygons"] for corner in polygon["polygon"]]
+    for place, index in places:
+        place[index] = _east(place[index], by)
+    plan_file.write_text(json.dumps(plan), encoding="utf-8")
+    zones = json.loads(zones_file.read_text(encoding="utf-8"))
+    for feature in zones["features"]:
+        area = translate(shape(feature["geometry"]), by)
+        if circles:
+            feature["geometry"] = mapping(Point(_east(area.centroid.x - by, by), area.centroid.y))
+            feature["properties"]["radius_m"] = 400
+            continue
+        west, east = area.intersection(box(0, -90, 180, 90)), area.intersection(box(180, -90, 360, 90))
+        feature["geometry"] = mapping(MultiPolygon([west, translate(east, -360)]))
+    zones_file.write_text(json.dumps(zones), encoding="utf-8")
+    mission = folder / "mission" / "mission.toml"
+    if circles:
+        mission.write_text(
+            mission.read_text(encoding="utf-8").replace('"polygons"  ', '"circles"  ', 1), encoding="utf-8"
+        )
+    for journal in folder.rglob("*.jsonl"):
+        entries = [json.loads(line) for line in journal.read_text(encoding="utf-8").splitlines()]
+        for entry in entries:
+            if "lon_deg" in entry:
+                entry["lon_deg"] = _east(entry["lon_deg"], by)
+        journal.write_text("".join(json.dumps(entry) + "\n" for entry in entries), encoding="utf-8")
+
+
+@pytest.mark.parametrize("circles", [False, True])
+def test_a_flight_across_the_180th_meridian_has_its_report_and_pictures(
+    folder: Path, tmp_path: Path, circles: bool
+) -> None:
+    moved = write_folder(tmp_path / "run")
+    over_the_meridian(moved, circles)
+    assert main_report([str(moved)]) == 0
+    assert {path.name for path in moved.glob("*.png")} == {path.name for path in folder.glob("*.png")}
+    if circles:
+        return
+    usual, there = ((run / "map.png").read_bytes()[16:24] for run in (folder, moved))
+    width, height = (int.from_bytes(usual[at : at + 4], "big") for at in (0, 4))
+    assert abs(int.from_bytes(there[:4], "big") - width) < 0.02 * width
+    assert abs(int.from_bytes(there[4:], "big") - height) < 0.02 * height, "a map of the same shape"
