@@ -57,6 +57,8 @@ _CONTROL_STATUS: Final = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
 _CHECKED: Final = frozenset(() if getattr(mavlink, "MAVLINK_IGNORE_CRC", False) else mavlink.mavlink_map.values())
 #: what passes and changes something: it is in the journal
 _CHANGES: Final = frozenset((Access.COMMAND, Access.SAFEGUARD))
+#: what a system behind a station says in the station's name; the words of a transfer are the station's own
+_COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL))
 #: no time: the arbiter is to be asked
 _UNKNOWN: Final = -inf
 #: what changes the mission at the autopilot behind the companion's back
@@ -171,7 +173,7 @@ class Companion:
             case Fate.FORWARD:
                 self._accepted(port, verdict.what, now)
             case Fate.CONSUME:
-                if frame.sysid == port.sysid or verdict.access is Access.COMMAND:
+                if frame.sysid == port.sysid or verdict.access in _COMMANDS:
                     self._consume(port, frame, verdict, now)
             case Fate.REFUSE | Fate.DROP:
                 key, answered = (port.sysid, frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE

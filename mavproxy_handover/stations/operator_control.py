@@ -7,6 +7,10 @@ Read by the present layout, a request of then (p1 0, p2 1) is a release. A relea
 refused with a word about it: a misread one would take authority away in flight.
 
 The owner is asked by the same command, again and again until it acknowledges that it has heard.
+
+A system behind a station (a second program, a tracker: its `sysids`) speaks with the station's authority here as in
+every other command: its request is the station's, and it gets the answer. Its own system id means the station, which is
+what CONTROL_STATUS names. That the owner has heard a question, only the owner itself can say: it was the one asked.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from typing import Any
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import ControlRequested, Event, NotifyOwner
+from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
@@ -28,8 +33,8 @@ from mavproxy_handover.wire.ids import OPERATOR_CONTROL
 __all__ = ["OperatorControl", "notification", "read_request"]
 
 
-def read_request(message: Any, station: int) -> ControlRequested | str:
-    """The request in a COMMAND_LONG or COMMAND_INT of `station`, or why it cannot be one."""
+def read_request(message: Any, station: StationIdentity) -> ControlRequested | str:
+    """The request in a COMMAND_LONG or COMMAND_INT that came by a link of `station`, or why it cannot be one."""
     action, takeover, timeout_s, requester = message.param1, message.param2, message.param3, message.param4
     if not all(math.isfinite(value) for value in (action, takeover, timeout_s, requester)):
         return "parameters must be numbers"
@@ -39,12 +44,13 @@ def read_request(message: Any, station: int) -> ControlRequested | str:
         return "release with takeover: the request of an old ground station?"
     if requester != int(requester) or not 0 <= requester <= 255:
         return "system id must be 0 to 255"
+    for_another = action == 1 and requester and requester not in station.sysids
     return ControlRequested(
-        station=station,
+        station=station.sysid,
         request=action == 1,
         takeover=takeover == 1,
         timeout_s=timeout_s,
-        for_station=int(requester) if action == 1 and requester else station,
+        for_station=int(requester) if for_another else station.sysid,
     )
 
 
@@ -68,13 +74,14 @@ class OperatorControl:
 
     def take(self, port: StationPort, frame: Frame, message: Any, handover_id: int, now: float) -> None:
         """A request of a station, or the owner's word that it has heard of one; `handover_id`: of the transfer."""
+        itself = frame.sysid == port.sysid
         if message.get_type() == "COMMAND_ACK":
-            if self._question == (port.sysid, handover_id):
+            if itself and self._question == (port.sysid, handover_id):
                 self._acknowledged = self._question
             return
-        if not port.component:
+        if itself and not port.component:
             port.spoke(frame.compid)
-        request = read_request(message, port.sysid)
+        request = read_request(message, port.identity)
         self._asker = (frame.sysid, frame.compid, message.target_component)
         if isinstance(request, str):
             self._narrator.request_not_understood(port.name, request)

@@ -25,6 +25,7 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import AuthorityView, LeaseState, ZoneFact
+from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.stations.operator_control import read_request
 from mavproxy_handover.wire.status import control_status
 from tests.core.bench import (
@@ -618,7 +619,8 @@ class TestTraps:
         # 2024: p1 system id (0 from a ground station), p2 1 = request, p3 takeover, p4 time-out
         for takeover, timeout_s in ((0, 10), (1, 60), (0, 3)):
             old = mavlink.MAVLink_command_long_message(1, 191, 32100, 0, 0, 1, takeover, timeout_s, 0, 0, 0)
-            assert read_request(old, A) == "release with takeover: the request of an old ground station?"
+            why = "release with takeover: the request of an old ground station?"
+            assert read_request(old, StationIdentity(A)) == why
 
     @pytest.mark.parametrize("who", [B, C, D])
     @pytest.mark.parametrize("ground", [False, True])

@@ -128,14 +128,6 @@ class TestAnswer:
         assert answers(ground.b) == [DENIED, ACCEPTED]
         assert ground.b.texts() == "Control denied: only the commander can release"
 
-    def test_what_is_behind_a_station_may_not_ask(self, ground: Bench) -> None:
-        # an antenna tracker that shares GCSA's link
-        tracker = mavlink.MAVLink_command_long_message(1, 191, CONTROL, 0, 0, 0, 0, 241, 0, 0, 0)
-        ground.a.send(tracker, sysid=241)
-        ground.run(0.2)
-        assert ground.companion.view.commander == 251
-        assert answers(ground.a) == []
-
     def test_a_station_that_pretends_to_be_another_is_dropped(self, ground: Bench) -> None:
         ground.b.send(mavlink.MAVLink_command_long_message(1, 191, CONTROL, 0, 0, 0, 0, 251, 0, 0, 0), sysid=251)
         ground.run(0.2)
@@ -163,6 +155,64 @@ class TestAnswer:
         assert ground.companion.view == before
         assert ground.journal("control")[-1]["station"] == "GCSA"
         assert ground.companion.faults == {}
+
+
+class TestBehindAStation:
+    """A second program that shares GCSA's link, with a system id of its own: 241."""
+
+    def ask(self, bench: Bench, *parameters: float, component: int = 191) -> None:
+        values = (*parameters, *([0.0] * (7 - len(parameters))))
+        bench.a.send(mavlink.MAVLink_command_long_message(1, component, CONTROL, 0, *values), sysid=241)
+        bench.run(0.2)
+
+    def acks(self, bench: Bench) -> list[tuple[int, int, int]]:
+        found = [m for m in bench.a.got("COMMAND_ACK") if m.command == CONTROL]
+        return [(m.target_system, m.target_component, m.result) for m in found]
+
+    @pytest.mark.parametrize("named", [0, 241, 251])
+    def test_it_asks_for_its_station_and_gets_the_answer(self, ground: Bench, named: int) -> None:
+        self.ask(ground, 1, 1, 10, named)
+        assert self.acks(ground) == [(241, 190, ACCEPTED)]
+        assert ground.companion.view.takeover_allowed
+        assert control(ground.b) == (MANAGER | TAKEOVER, 251)
+        assert ground.journal("control")[-1]["station"] == "GCSA"
+
+    def test_it_releases_in_its_stations_name_as_it_may_disarm_in_it(self, ground: Bench) -> None:
+        self.ask(ground, 0, 0, 0, 241)
+        assert self.acks(ground) == [(241, 190, ACCEPTED)]
+        assert ground.companion.view.commander is None
+        self.ask(ground, 1, 0, 10, 241)
+        assert ground.companion.view.commander == 251
+
+    def test_what_makes_no_sense_is_denied_to_it(self, ground: Bench) -> None:
+        self.ask(ground, 0, 1, 0, 10)
+        assert self.acks(ground) == [(241, 190, DENIED)]
+        assert ground.companion.view.commander == 251
+
+    def test_nobody_asks_for_what_is_behind_another_station(self, ground: Bench) -> None:
+        ground.b.command(CONTROL, 1, 0, 10, 241, component=191)
+        ground.run(0.2)
+        assert answers(ground.b) == [DENIED]
+
+    def test_it_does_not_vouch_for_a_station_that_is_gone(self, ground: Bench) -> None:
+        release(ground.a)
+        ground.a.alive = False
+        ground.run(8.0)
+        self.ask(ground, 1, 0, 10, 241)
+        assert self.acks(ground)[-1][2] != ACCEPTED
+        assert ground.companion.view.commander is None
+
+    def test_its_link_to_the_other_station_lends_it_nothing(self, ground: Bench) -> None:
+        ground.b.send(mavlink.MAVLink_command_long_message(1, 191, CONTROL, 0, 1, 1, 10, 241, 0, 0, 0), sysid=241)
+        ground.run(0.2)
+        assert answers(ground.b) == answers(ground.a) == []
+        assert not ground.companion.view.takeover_allowed
+
+    def test_the_messages_of_a_transfer_are_the_stations_own(self, ground: Bench) -> None:
+        connected = len(ground.journal("message"))
+        ground.a.send(mavlink.MAVLink_disconnect_handover_message(1, 191, 1, 251, 252, 1, 1), sysid=241)
+        ground.run(0.2)
+        assert len(ground.journal("message")) == connected
 
 
 class TestStatus:
@@ -367,6 +417,21 @@ class TestStandard:
         standard.a.received.clear()
         standard.run(9.0)
         assert questions(standard.a) == [], "not asked again at once"
+
+    def test_what_is_behind_the_owner_cannot_say_that_the_owner_has_heard(self, standard: Bench) -> None:
+        standard.autopilot.position = IN_BOTH
+        standard.until(lambda: questions(standard.a))
+        standard.a.send(mavlink.MAVLink_command_ack_message(CONTROL, ACCEPTED, 0, 0, 1, 191), sysid=241)
+        standard.a.received.clear()
+        standard.run(3.0)
+        assert questions(standard.a), "it is asked on"
+
+    def test_but_it_can_consent_in_its_name(self, standard: Bench) -> None:
+        standard.autopilot.position = IN_BOTH
+        standard.until(lambda: questions(standard.a))
+        consent = mavlink.MAVLink_command_long_message(1, 191, CONTROL, 0, 1, 1, 10, 241, 0, 0, 0)
+        standard.a.send(consent, sysid=241)
+        standard.until(lambda: standard.companion.view.commander == 252)
 
     def test_its_silence_keeps_it_too(self, standard: Bench) -> None:
         standard.autopilot.position = IN_BOTH

@@ -13,10 +13,12 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import ControlRequested
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.stations.operator_control import notification, read_request
 from mavproxy_handover.wire.status import control_status
 
-A, B = 251, 252
+A, B, TRACKER = 251, 252, 241
+STATION = StationIdentity(A, frozenset({TRACKER}))
 OLD = "release with takeover: the request of an old ground station?"
 FLAGS = "action and takeover must be 0 or 1"
 
@@ -51,6 +53,8 @@ class TestRequest:
             # for another one: whether it may is not decided here
             ((1, 0, 30, B), ControlRequested(A, True, False, 30.0, B)),
             ((1, 0, 30, 255), ControlRequested(A, True, False, 30.0, 255)),
+            # a system behind the station is the station
+            ((1, 0, 30, TRACKER), ControlRequested(A, True, False, 30.0, A)),
             # the time is the arbiter's to limit
             ((1, 0, -3, A), ControlRequested(A, True, False, -3.0, A)),
             ((1, 0, 1e9, A), ControlRequested(A, True, False, 1e9, A)),
@@ -61,15 +65,15 @@ class TestRequest:
         ],
     )
     def test_of_2026(self, form: Any, parameters: tuple[float, ...], request_: ControlRequested) -> None:
-        assert read_request(form(*parameters), A) == request_
+        assert read_request(form(*parameters), STATION) == request_
 
     def test_what_the_standard_has_removed_is_not_read(self) -> None:
         # p5, p6 and p7 were an upper range and more, and were taken out in 2026
-        assert read_request(long(1, 0, 10, A, 255, 7, -1), A) == ControlRequested(A, True, False, 10.0, A)
+        assert read_request(long(1, 0, 10, A, 255, 7, -1), STATION) == ControlRequested(A, True, False, 10.0, A)
 
     @pytest.mark.parametrize("station", [1, A, B, 255])
     def test_the_sender_is_who_the_link_says(self, station: int) -> None:
-        request = read_request(long(1, 0, 10, A), station)
+        request = read_request(long(1, 0, 10, A), StationIdentity(station))
         assert isinstance(request, ControlRequested)
         assert (request.station, request.for_station) == (station, A)
 
@@ -81,19 +85,19 @@ class TestOldLayout:
     @pytest.mark.parametrize("takeover", [0, 1])
     @pytest.mark.parametrize("timeout_s", [0, 3, 10, 60])
     def test_a_request_is_not_read_as_a_release(self, form: Any, takeover: int, timeout_s: int) -> None:
-        assert read_request(form(0, 1, takeover, timeout_s), A) == OLD
+        assert read_request(form(0, 1, takeover, timeout_s), STATION) == OLD
 
     @pytest.mark.parametrize("sysid", [A, B, 255, 2])
     def test_a_request_that_names_its_sender_is_none_either(self, sysid: int) -> None:
-        assert read_request(long(sysid, 1, 0, 10), A) == FLAGS
-        assert read_request(long(sysid, 0, 0, 10), A) == FLAGS
+        assert read_request(long(sysid, 1, 0, 10), STATION) == FLAGS
+        assert read_request(long(sysid, 0, 0, 10), STATION) == FLAGS
 
     def test_a_release_of_then_reads_as_one_of_today(self) -> None:
-        assert read_request(long(0, 0, 0, 0), A) == ControlRequested(A, False, False, 0.0, A)
+        assert read_request(long(0, 0, 0, 0), STATION) == ControlRequested(A, False, False, 0.0, A)
 
     def test_a_release_of_then_with_takeover_gives_nothing_to_anybody(self) -> None:
         # p3 takeover is today's time-out
-        assert read_request(long(0, 0, 1, 10), A) == ControlRequested(A, False, False, 1.0, A)
+        assert read_request(long(0, 0, 1, 10), STATION) == ControlRequested(A, False, False, 1.0, A)
 
 
 class TestNonsense:
@@ -104,19 +108,19 @@ class TestNonsense:
     def test_no_numbers(self, position: int, value: float) -> None:
         parameters = [1.0, 0.0, 10.0, float(A)]
         parameters[position] = value
-        assert read_request(long(*parameters), A) == "parameters must be numbers"
+        assert read_request(long(*parameters), STATION) == "parameters must be numbers"
 
     @pytest.mark.parametrize("value", [-1.0, 0.5, 0.9999, 1.0001, 2.0, 3.4e38, -0.5])
     @pytest.mark.parametrize("position", [0, 1])
     def test_neither_yes_nor_no(self, position: int, value: float) -> None:
         parameters = [1.0, 0.0, 10.0, float(A)]
         parameters[position] = value
-        assert read_request(long(*parameters), A) == FLAGS
+        assert read_request(long(*parameters), STATION) == FLAGS
 
     @pytest.mark.parametrize("sysid", [-1.0, 0.5, 250.5, 256.0, 1000.0, 3.4e38, -3.4e38])
     def test_no_system_id(self, sysid: float) -> None:
-        assert read_request(long(1, 0, 10, sysid), A) == "system id must be 0 to 255"
-        assert read_request(long(0, 0, 10, sysid), A) == "system id must be 0 to 255"
+        assert read_request(long(1, 0, 10, sysid), STATION) == "system id must be 0 to 255"
+        assert read_request(long(0, 0, 10, sysid), STATION) == "system id must be 0 to 255"
 
     def test_every_bit_pattern_is_read_or_refused(self) -> None:
         patterns = [0x00000000, 0x80000000, 0x3F800000, 0x7F800000, 0xFF800000, 0x7FC00000, 0x00000001, 0x437B0000]
@@ -124,7 +128,7 @@ class TestNonsense:
         for first in values:
             for second in values:
                 for fourth in values:
-                    got = read_request(long(first, second, 10.0, fourth), A)
+                    got = read_request(long(first, second, 10.0, fourth), STATION)
                     assert isinstance(got, (ControlRequested, str))
                     if isinstance(got, ControlRequested):
                         assert first in (0, 1)
