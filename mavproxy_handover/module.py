@@ -213,6 +213,9 @@ class HandoverModule(mp_module.MPModule):
         self._idle_at = now + TICK_S
         self._guarded("autopilot link", self._to_autopilot.choose)
         self._guarded("links", partial(self._poll, now))
+        for port, link in self._links:
+            if link.unfinished:
+                self._serve(port, link)
         self._schedule.run(now)
         self.companion.tick(now)
         self._guarded("tlog", partial(self._to_autopilot.tick, now))

@@ -10,7 +10,9 @@ Rules that live here:
 2. One `read` does a bounded amount of work, so that one flooded link cannot keep the others waiting.
 3. `write` takes a whole frame or nothing of it. What cannot be sent now is refused, never kept for later: old
    telemetry is worth nothing, and the protocols above repeat what matters.
-4. What `fileno` names stays open until the next `read`; ask again after each, but for a device that is `settled`. It is
+4. While a frame that has begun waits for the rest of it (`unfinished`), somebody must `read` every `schedule.TICK_S`,
+   though nothing arrives: so a frame that never ends is given up in time (`wire.frames`, rule 5).
+5. What `fileno` names stays open until the next `read`; ask again after each, but for a device that is `settled`. It is
    -1 while there is nothing to wait for.
 """
 
@@ -159,6 +161,11 @@ class Device(ABC):
     def open(self) -> bool:
         """Whether a frame written now would leave this machine."""
 
+    @property
+    def unfinished(self) -> bool:
+        """Whether a frame has begun and not ended. See the module's rules."""
+        return False
+
     @abstractmethod
     def _shut(self) -> None:
         """Give everything back."""
@@ -172,11 +179,11 @@ class Device(ABC):
             self._closed = True
             self._shut()
 
-    def _split(self, splitter: FrameSplitter, data: bytes) -> list[Frame]:
-        """Feed a splitter and count what it found."""
+    def _split(self, splitter: FrameSplitter, data: bytes, now: float | None = None) -> list[Frame]:
+        """Feed a splitter and count what it found. `now`: see `FrameSplitter.feed`."""
         seen = splitter.counters
         bad_crc, unknown, garbage = seen.bad_crc, seen.unknown_id, seen.garbage_bytes
-        frames = splitter.feed(data)
+        frames = splitter.feed(data, now)
         counters = self.counters
         counters.bytes_in += len(data)
         counters.frames_in += len(frames)

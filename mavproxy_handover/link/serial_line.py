@@ -5,6 +5,9 @@
 pyserial opens and sets up the line; bytes are moved on its descriptor directly, because pyserial's own `write` spins
 for as long as the line takes nothing.
 
+A frame that has begun is waited for as long as the longest one takes at the line's rate, and half as long again: below
+16800 baud that is longer than `wire.frames.PATIENCE_S`.
+
 At construction a device that is not there is no fault: it may be plugged in later. No right to use it, another program
 on it, or a rate that it cannot do are faults.
 """
@@ -21,11 +24,12 @@ import serial
 
 from mavproxy_handover.link.base import Backoff, Clock, Device, OutBuffer, reason
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
-from mavproxy_handover.wire.frames import Frame, FrameSplitter
+from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, PATIENCE_S, Frame, FrameSplitter
 
 __all__ = ["SerialLine"]
 
 _READ_BYTES: Final = 4096
+_BITS_OF_BYTE: Final = 10
 _ABSENT: Final = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.EIO)
 
 
@@ -39,7 +43,8 @@ class SerialLine(Device):
         self._path, self._baud = spec.host, spec.port
         self._backoff = Backoff(most_s=5.0)
         self._port: serial.Serial | None = None
-        self._splitter = FrameSplitter()
+        self._patience_s = max(PATIENCE_S, 1.5 * MAX_FRAME_BYTES * _BITS_OF_BYTE / self._baud)
+        self._splitter = FrameSplitter(patience_s=self._patience_s)
         self._out = OutBuffer()
         self._hang_up = select.poll()
         fault = self._connect()
@@ -50,6 +55,10 @@ class SerialLine(Device):
     @property
     def open(self) -> bool:
         return self._port is not None
+
+    @property
+    def unfinished(self) -> bool:
+        return self._splitter.waiting > 0
 
     def fileno(self) -> int:
         return -1 if self._port is None else int(self._port.fileno())
@@ -68,12 +77,14 @@ class SerialLine(Device):
             self._push()
             data = os.read(self._port.fileno(), _READ_BYTES)
         except (BlockingIOError, InterruptedError):
-            return []
+            data = b""
         except OSError as error:
             self._failed(error)
             self._shut()
             return []
-        return self._split(self._splitter, data) if data else []
+        if not data and not self._splitter.waiting:
+            return []
+        return self._split(self._splitter, data, self._clock())
 
     def write(self, data: bytes) -> bool:
         if self._port is None:
@@ -104,7 +115,7 @@ class SerialLine(Device):
             return error
         self._backoff.succeeded()
         self._hang_up.register(self._port.fileno(), 0)  # hang-up and error are told without asking
-        self._splitter = FrameSplitter()
+        self._splitter = FrameSplitter(patience_s=self._patience_s)
         self.counters.connects += 1
         self.trouble = ""
         return None

@@ -125,6 +125,10 @@ class TcpOut(Device):
     def open(self) -> bool:
         return self._connection is not None
 
+    @property
+    def unfinished(self) -> bool:
+        return self._connection is not None and self._connection.splitter.waiting > 0
+
     def fileno(self) -> int:
         return -1 if self._connection is None else self._connection.socket.fileno()
 
@@ -143,10 +147,11 @@ class TcpOut(Device):
         except _Lost as loss:
             self._give_up(str(loss))
             return []
-        if not data:
+        if data:
+            self._backoff.succeeded()
+        elif not self._connection.splitter.waiting:
             return []
-        self._backoff.succeeded()
-        return self._split(self._connection.splitter, data)
+        return self._split(self._connection.splitter, data, self._clock())
 
     def write(self, data: bytes) -> bool:
         if self._connection is None or not self._connection.send(data):
@@ -237,6 +242,10 @@ class TcpIn(Device):
     def _served(self) -> _Connection | None:
         return self._proven or (self._clients[-1] if self._clients else None)
 
+    @property
+    def unfinished(self) -> bool:
+        return any(client.splitter.waiting for client in self._clients)
+
     def fileno(self) -> int:
         """The client's; while there is none, the listening socket's. Who connects meanwhile waits for the next read."""
         if self._served is not None:
@@ -262,8 +271,8 @@ class TcpIn(Device):
                 self.trouble = str(loss)
                 self._drop(client)
                 continue
-            if data:
-                found = self._split(client.splitter, data)
+            if data or client.splitter.waiting:
+                found = self._split(client.splitter, data, now)
                 for frame in found:
                     senders[id(frame)] = client
                 frames += found

@@ -69,7 +69,7 @@ class _Udp(Device):
         self._peer: Address | None = None
         #: nobody but the peer gets through to the socket
         self._peer_alone = False
-        self._splitter = FrameSplitter()
+        self._splitter = FrameSplitter()  #: of a peer whose datagrams are not made of whole frames
         try:
             # the resolver may ask the network, so this happens once, before anything flies
             self._address: Address = (socket.gethostbyname(spec.host), spec.port)
@@ -100,7 +100,15 @@ class _Udp(Device):
             self.counters.bytes_in += len(data)
             self.counters.frames_in += len(frames)
             return frames
-        return self._split(self._splitter, data)
+        return self._split(self._splitter, data, self._clock())
+
+    def _late_frames(self) -> list[Frame]:
+        """Nothing has arrived: frames of the peer behind one that never ended."""
+        return self._split(self._splitter, b"", self._clock()) if self._splitter.waiting else []
+
+    @property
+    def unfinished(self) -> bool:
+        return self._splitter.waiting > 0
 
     def fileno(self) -> int:
         return self._socket.fileno()
@@ -154,7 +162,7 @@ class UdpOut(_Udp):
                 data = self._socket.recv(_DATAGRAM_BYTES + 1)
             except OSError as error:
                 self._not_received(error)
-                return []
+                return self._late_frames()
             if len(data) > _DATAGRAM_BYTES:
                 self.counters.oversize += 1
                 data = b""
@@ -172,8 +180,8 @@ class UdpOut(_Udp):
             frames += self._peer_frames(data)
             looked_at += 1
             if once or looked_at == _PEER_DATAGRAMS:
-                break
-        return frames
+                return frames
+        return frames + self._late_frames()
 
 
 class UdpIn(_Udp):
@@ -217,6 +225,11 @@ class UdpIn(_Udp):
             frames += found
             if peers and (once or peers == _PEER_DATAGRAMS):
                 break
+        if self._peer is not None and not peers:
+            found = self._late_frames()
+            for frame in found:
+                senders[id(frame)] = self._peer
+            frames += found
         self._senders, self._last = senders, list(frames)
         return frames
 

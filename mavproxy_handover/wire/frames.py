@@ -14,7 +14,12 @@ So this module finds frames in a byte stream, checks them, and leaves them whole
 3. After garbage or a bad CRC the search goes on one byte behind the magic byte, so a damaged frame costs no
    frame but itself.
 4. Any cut of the stream gives the same frames. What is kept between two calls is no longer than one frame.
-5. Nothing that arrives raises.
+5. A frame that has begun is waited for no longer than PATIENCE_S: then its first byte is garbage, and the search goes
+   on in what came behind it. Else a stray magic byte with a length, or one damaged length byte, would hold back what
+   comes behind it until 280 bytes are there, which on a link that carries heartbeats takes longer than heartbeats may
+   stay away. A real frame comes faster: 280 bytes take 49 ms at 57600 baud. Its last byte counts when it is fed, so a
+   caller that was late to read loses nothing. Who gives no time (what arrives whole needs none) waits for ever.
+6. Nothing that arrives raises.
 
 Signatures are not checked here (that needs a link's key); `Frame.signed` says that one is there.
 """
@@ -24,13 +29,16 @@ from __future__ import annotations
 import re
 import struct
 from binascii import crc_hqx
+from bisect import bisect_right
 from dataclasses import dataclass
+from math import inf
 from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 __all__ = [
     "MAX_FRAME_BYTES",
+    "PATIENCE_S",
     "Frame",
     "FrameCounters",
     "FrameSplitter",
@@ -52,6 +60,10 @@ FLAG_SIGNED: Final = 0x01
 
 #: The longest frame there can be: MAVLink 2, full payload, signed.
 MAX_FRAME_BYTES: Final = HEADER_V2 + 255 + CRC_BYTES + SIGNATURE_BYTES
+
+#: How long a frame that has begun is waited for. Streams are looked at every 0.05 s while one waits
+#: (`schedule.TICK_S`), so noise makes nobody deaf for longer than 0.3 s.
+PATIENCE_S: Final = 0.25
 
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
 _STRUCT_ITEM: Final = re.compile(r"(\d*)([a-zA-Z])")
@@ -257,23 +269,29 @@ def parse_one(raw: bytes | bytearray, proven: bool = False) -> Frame | None:
 class FrameSplitter:
     """Finds the frames in one peer's byte stream. Use one splitter for each peer: streams do not mix.
 
-    `max_buffer` (bytes) limits what one `feed` looks at; what is over is dropped and counted.
+    `max_buffer` (bytes) limits what one `feed` looks at; what is over is dropped and counted. `patience_s`: see rule 5.
     """
 
-    def __init__(self, max_buffer: int = 65536) -> None:
+    def __init__(self, max_buffer: int = 65536, patience_s: float = PATIENCE_S) -> None:
         if max_buffer < MAX_FRAME_BYTES:
             raise ValueError(f"max_buffer = {max_buffer}: must be {MAX_FRAME_BYTES} or more, one whole frame")
         self.counters = FrameCounters()
         self._max_buffer = max_buffer
+        self._patience_s = patience_s
         self._rest = b""
+        #: when the bytes of the rest came: (place of the first of some, time), in order
+        self._arrived: list[tuple[int, float]] = []
 
     @property
     def waiting(self) -> int:
         """Bytes kept for the next `feed`."""
         return len(self._rest)
 
-    def feed(self, data: bytes) -> list[Frame]:
-        """Take the next bytes of the stream; return the frames that they complete, in order."""
+    def feed(self, data: bytes, now: float | None = None) -> list[Frame]:
+        """Take the next bytes of the stream; return the frames that they complete, in order.
+
+        `now` (seconds): while something is `waiting`, to be called without data as well. Give it always or never.
+        """
         counters = self.counters
         buffer = self._rest + data if self._rest else bytes(data)
         if len(buffer) > self._max_buffer:
@@ -302,13 +320,17 @@ class FrameSplitter:
                 continue
             length = _frame_length(buffer, start)
             if length == 0 or end - start < length:
+                if self._is_old(start, now):
+                    counters.garbage_bytes += 1
+                    position = start + 1
+                    continue
                 break
             definition = _DEFINITIONS.get(_message_id(buffer, start))
             if definition is None:
                 behind = start + length
-                if behind == end:
+                if behind == end and not self._is_old(start, now):
                     break
-                if buffer[behind] in (MAGIC_V1, MAGIC_V2):
+                if behind < end and buffer[behind] in (MAGIC_V1, MAGIC_V2):
                     counters.unknown_id += 1
                     position = behind
                 else:
@@ -325,5 +347,26 @@ class FrameSplitter:
             counters.frames += 1
             frames.append(_build(raw, definition))
             position = start + length
-        self._rest = buffer[position:]
+        self._keep(buffer, position, now)
         return frames
+
+    def _is_old(self, start: int, now: float | None) -> bool:
+        """Whether the byte at `start`, in what was kept and what came now, came longer ago than a frame takes."""
+        if now is None or start >= len(self._rest) or not self._arrived:
+            return False
+        _place, at = self._arrived[bisect_right(self._arrived, (start, inf)) - 1]
+        return now - at >= self._patience_s
+
+    def _keep(self, buffer: bytes, position: int, now: float | None) -> None:
+        """What lies from `position` on waits for the next bytes."""
+        if position == len(buffer):
+            self._rest = b""
+            self._arrived = []
+            return
+        if now is not None:
+            arrived = self._arrived
+            if len(buffer) > len(self._rest):
+                arrived = [*arrived, (len(self._rest), now)]
+            first = bisect_right(arrived, (position, inf)) - 1
+            self._arrived = [(max(0, place - position), at) for place, at in arrived[first:]]
+        self._rest = buffer[position:]

@@ -122,3 +122,27 @@ def test_a_closed_line_does_not_come_back(line: SerialLine, cable: Cable, clock:
     line.close()
     clock.now += 100.0
     assert (line.read(), line.open, line.fileno(), line.write(b"late")) == ([], False, -1, False)
+
+
+def test_noise_delays_the_frame_behind_it_by_no_more_than_a_moment(
+    line: SerialLine, cable: Cable, clock: Clock
+) -> None:
+    os.write(cable.far, b"\xfd\xff\x00" + heartbeat(1).raw)
+    read_until(line, lambda: line.counters.bytes_in > 3)
+    assert line.unfinished
+    clock.now += 0.24
+    assert line.read() == []
+    clock.now += 0.02
+    assert line.read() == [heartbeat(1)]
+    assert not line.unfinished
+
+
+def test_a_slow_line_has_the_time_that_a_long_frame_takes_on_it(cable: Cable, clock: Clock) -> None:
+    slow = open_device(f"serial:{cable.name}:2400", clock)
+    os.write(cable.far, b"\xfd\xff\x00" + heartbeat(1).raw)
+    read_until(slow, lambda: slow.counters.bytes_in > 3)
+    clock.now += 1.7  # 280 bytes take 1.17 s
+    assert slow.read() == []
+    clock.now += 0.1
+    assert slow.read() == [heartbeat(1)]
+    slow.close()

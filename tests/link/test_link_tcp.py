@@ -159,6 +159,22 @@ def test_a_station_that_reads_nothing_gets_whole_frames_or_none(closing: context
     assert splitter.counters.bad_crc == 0
 
 
+NOISE = b"\xfd\xff\x00"
+
+
+def test_noise_delays_the_frame_behind_it_by_no_more_than_a_moment(closing: contextlib.ExitStack, clock: Clock) -> None:
+    station = listener(closing)
+    device = connect_out(closing, clock, station.getsockname()[1])
+    accepted = closing.enter_context(station.accept()[0])
+    read_until(device, lambda: device.open)
+    accepted.sendall(NOISE + heartbeat(1).raw)
+    read_until(device, lambda: device.counters.bytes_in > 3)
+    assert device.unfinished
+    clock.now += 0.26
+    assert device.read() == [heartbeat(1)]
+    assert not device.unfinished
+
+
 def test_a_closed_link_does_not_come_back(closing: contextlib.ExitStack, clock: Clock) -> None:
     station = listener(closing)
     device = connect_out(closing, clock, station.getsockname()[1])
@@ -298,6 +314,22 @@ def test_a_port_in_use_is_one_line_that_names_the_link(closing: contextlib.ExitS
     port = listener(closing).getsockname()[1]
     with pytest.raises(LinkError, match=f"^link tcpin:{LOOPBACK}:{port} cannot be opened: Address already in use$"):
         open_device(f"tcpin:{LOOPBACK}:{port}")
+
+
+def test_noise_of_a_client_delays_its_frame_by_no_more_than_a_moment(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    device, port = listen_in(closing, clock)
+    station = client(closing, device, port)
+    station.sendall(NOISE + heartbeat(1).raw)
+    read_until(device, lambda: device.counters.bytes_in > 3)
+    assert device.unfinished
+    clock.now += 0.26
+    (frame,) = device.read()
+    device.accept_sender(frame)
+    assert (frame, device.unfinished) == (heartbeat(1), False)
+    assert device.write(b"telemetry")
+    assert station.recv(100) == b"telemetry"
 
 
 def test_a_flood_on_one_connection_is_read_in_bounded_pieces(closing: contextlib.ExitStack, clock: Clock) -> None:

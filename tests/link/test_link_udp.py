@@ -149,6 +149,41 @@ def test_a_frame_of_the_read_before_last_moves_nothing(listening: tuple[UdpIn, i
     assert not device.open
 
 
+def test_noise_in_cut_datagrams_delays_the_frame_behind_it_by_no_more_than_a_moment(
+    listening: tuple[UdpIn, int], peers: list[Peer], clock: Clock
+) -> None:
+    device, port = listening
+    peers[0].send(heartbeat(0).raw, port)
+    device.accept_sender(device.read()[0])
+    stream = b"\xfd\xff\x00" + heartbeat(1).raw
+    for data in (stream[:10], stream[10:]):
+        peers[0].send(data, port)
+    assert device.read() == []
+    assert device.unfinished
+    clock.now += 0.26
+    (frame,) = device.read()
+    assert (frame, device.unfinished) == (heartbeat(1), False)
+    clock.now += 10.0
+    device.accept_sender(frame)  # it is the peer's still
+    assert device.write(b"telemetry")
+    assert peers[0].received() == [b"telemetry"]
+
+
+@pytest.mark.parametrize("once", [False, True])
+def test_udpout_is_no_longer_deaf_than_that_either(peers: list[Peer], clock: Clock, once: bool) -> None:
+    station = peers[0]
+    device = open_device(f"udpout:{LOOPBACK}:{station.address[1]}", clock)
+    device.write(b"telemetry")
+    vehicle = station.socket.recvfrom(100)[1]
+    stream = b"\xfd\xff\x00" + heartbeat(1).raw
+    for data in (stream[:10], stream[10:]):
+        station.socket.sendto(data, vehicle)
+    assert [device.read(once), device.read(once), device.read(once)] == [[], [], []]
+    clock.now += 0.26
+    assert device.read(once) == [heartbeat(1)]
+    device.close()
+
+
 def test_frames_of_the_peer_may_be_cut_anywhere(listening: tuple[UdpIn, int], peers: list[Peer]) -> None:
     device, port = listening
     peers[0].send(heartbeat(0).raw, port)

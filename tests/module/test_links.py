@@ -315,3 +315,26 @@ def test_the_station_sends_by_the_link_that_lives(tmp_path: Path) -> None:
         assert station.mpstate.unload("handover_gcs")
     assert station.mpstate.escaped == []
     station.peer.socket.close()
+
+
+@pytest.mark.usefixtures("waited_for_far")
+def test_a_link_with_an_unfinished_frame_is_read_in_every_tick(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else noise makes it deaf until something arrives."""
+    device = bench.companion.ports[251].links[0]
+    bench.a.alive = bench.b.alive = False
+    bench.run(0.5)
+    reads: list[float] = []
+    read = device.read
+
+    def counted(once: bool = False) -> Any:
+        reads.append(bench.clock.now)
+        return read(once)
+
+    monkeypatch.setattr(device, "read", counted)
+    bench.run(2.0)
+    seldom = len(reads)
+    assert seldom <= 12
+    reads.clear()
+    monkeypatch.setattr(type(device), "unfinished", property(lambda self: self is device))
+    bench.run(2.0)
+    assert len(reads) >= 38

@@ -310,6 +310,108 @@ def test_garbage_never_raises_and_any_cut_of_it_gives_the_same(data: bytes, cuts
         assert parse_one(raw) is not None
 
 
+# ---- frames that begin and do not end -----------------------------------------------------------------------------
+
+DEAF_S = 0.3
+TICK_S = 0.05
+STREAM = st.lists(st.one_of(st.binary(max_size=20), st.sampled_from([b"\xfd", b"\xfe", b"\xfd\xff\x00"]))).map(b"".join)
+
+
+def heard(noise: bytes, beats_at: list[float], cuts: list[int]) -> dict[int, float]:
+    """When each heartbeat was found, by its place in `beats_at`, the times at which it came. The noise came at 0.
+
+    The splitter is asked in every tick as well, as by the companion.
+    """
+    splitter = FrameSplitter()
+    for piece in pieces(noise, cuts):
+        splitter.feed(piece, 0.0)
+    arrivals = [(at, raw_frame(0, bytes(9), seq=number)) for number, at in enumerate(beats_at)]
+    ticks = [(tick * TICK_S, b"") for tick in range(1, 400)]
+    found = {}
+    for at, data in sorted(arrivals + ticks):
+        for frame in splitter.feed(data, at):
+            if (frame.sysid, frame.msgid, frame.payload) == (251, 0, bytes(9)):
+                found[frame.seq] = at
+    assert splitter.waiting == 0
+    return found
+
+
+@pytest.mark.parametrize("noise", [b"\xfd\xff\x00", b"\xfe", b"\xfd", b"\xfe\xff", b"\xfd\xff\x00" * 90, b"\xfd" * 279])
+def test_noise_makes_nobody_deaf_for_longer_than_heartbeats_stay_away(noise: bytes) -> None:
+    beats_at = [0.01, 1.01, 2.01, 3.01]
+    found = heard(noise, beats_at, [])
+    assert set(found) == {0, 1, 2, 3}
+    assert found[0] <= DEAF_S
+    assert [found[number] for number in (1, 2, 3)] == [1.01, 2.01, 3.01]
+
+
+def test_a_damaged_length_costs_its_frame_and_delays_the_next_by_no_more_than_that() -> None:
+    damaged = bytearray(raw_frame(0, bytes(9), seq=99))
+    damaged[1] = 255
+    assert heard(bytes(damaged), [0.2, 0.28, 0.5, 1.5], []) == {
+        0: pytest.approx(0.25),
+        1: pytest.approx(0.28),
+        2: 0.5,
+        3: 1.5,
+    }
+
+
+@settings(max_examples=300)
+@given(STREAM, st.lists(st.integers(0, 5000)), st.floats(0.3, 1.0))
+def test_after_any_noise_the_next_frame_is_found(noise: bytes, cuts: list[int], pause_s: float) -> None:
+    """After a silence, and behind heartbeats that came with the noise."""
+    assert heard(noise, [pause_s], cuts) == {0: pause_s}
+    found = heard(noise, [0.02, pause_s, pause_s + 0.4], cuts)
+    assert (found[1], found[2]) == (pause_s, pause_s + 0.4)
+
+
+@settings(max_examples=300)
+@given(STREAM, st.lists(st.integers(0, 5000)))
+def test_in_time_any_cut_without_pauses_gives_what_it_gives_without_time(data: bytes, cuts: list[int]) -> None:
+    stream = data + SAMPLES[2] + data
+    splitter = FrameSplitter()
+    parts = pieces(stream, cuts)
+    frames = [frame.raw for n, piece in enumerate(parts) for frame in splitter.feed(piece, 0.2 * n / len(parts))]
+    expected, counters, waiting = in_pieces(stream, [])
+    assert (frames, splitter.counters, splitter.waiting) == (expected, counters, waiting)
+
+
+@pytest.mark.parametrize("sample", SAMPLES, ids=range(len(SAMPLES)))
+def test_a_frame_as_slow_as_a_line_of_57600_baud_is_whole(sample: bytes) -> None:
+    """However it is cut, with the noise of a moment before still there."""
+    byte_s = 10 / 57600
+    splitter = FrameSplitter()
+    splitter.feed(b"\xfd\xff\x00", 10.0 - 0.2)
+    stream = [(10.0 + n * byte_s, bytes([byte])) for n, byte in enumerate(sample)]
+    ticks = [(10.0 - 0.2 + n * TICK_S, b"") for n in range(1, 20)]
+    found = [frame.raw for at, data in sorted(stream + ticks) for frame in splitter.feed(data, at)]
+    assert found == [sample]
+
+
+def test_a_reader_that_was_late_loses_nothing() -> None:
+    """The rest of a frame waited in the system: it counts before the frame is given up."""
+    splitter = FrameSplitter()
+    raw = raw_frame(76, bytes(range(1, 34)))
+    assert splitter.feed(raw[:15], 1.0) == []
+    assert [frame.raw for frame in splitter.feed(raw[15:] + raw, 9.0)] == [raw, raw]
+
+
+def test_patience_is_as_long_as_it_is_said_to_be() -> None:
+    splitter = FrameSplitter(patience_s=2.0)
+    splitter.feed(b"\xfd\xff\x00", 0.0)
+    beat = raw_frame(0, bytes(9))
+    assert splitter.feed(beat, 1.0) == []
+    assert splitter.feed(b"", 1.99) == []
+    assert [frame.raw for frame in splitter.feed(b"", 2.0)] == [beat]
+
+
+def test_what_is_kept_of_the_times_is_no_more_than_what_is_kept() -> None:
+    splitter = FrameSplitter(patience_s=1e9)
+    for tick in range(10_000):
+        splitter.feed(b"\xfd" if tick % 40 == 0 else b"", tick * TICK_S)
+    assert len(splitter._arrived) <= splitter.waiting <= MAX_FRAME_BYTES
+
+
 @given(st.binary(max_size=300))
 def test_parse_one_never_raises(data: bytes) -> None:
     for candidate in (data, b"\xfd" + data, b"\xfe" + data):
