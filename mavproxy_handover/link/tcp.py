@@ -9,9 +9,18 @@ the system. Bytes of a lost connection are never sent on the next one.
 `tcp` connects, without waiting for it, and connects again when it is lost; attempts grow rarer.
 
 `tcpin` listens. It has one client; more may be connected, so that a station whose old connection is dead gets in, and
-a stranger's connection does not keep the station out. The client is whoever sent a frame that was last called genuine
-(`accept_sender`); one that was heard within PEER_HOLD_S is not replaced. As long as nobody proved genuine, the newest
-connection is written to, for programs that say nothing before they hear a vehicle. Others are closed after a while.
+strangers' connections do not keep the station out:
+
+* the client is whoever sent a frame that was last called genuine (`accept_sender`); one that was heard within
+  PEER_HOLD_S is not replaced, and nobody who proved genuine has to go for a stranger;
+* a newcomer is read before anybody has to go, which is seen to in the next `read`, when it is known who was genuine;
+* who has to go then is the oldest stranger of the address that has the most of them: who floods from one address keeps
+  nobody out who comes from another, and a station that shares it has some tenths of a second to say its first word;
+* of strangers so little is read at once that the client is not kept waiting, first of those who said least so far.
+
+As long as nobody proved genuine, the newest connection is written to (of an address that has the fewest), for programs
+that say nothing before they hear a vehicle. Others are closed after a while. There are never more connections than
+_STRANGERS + _TAKEN + _GENUINE.
 """
 
 from __future__ import annotations
@@ -21,6 +30,7 @@ import os
 import select
 import socket
 import time
+from collections import Counter
 from typing import Final
 
 from mavproxy_handover.link.base import PEER_HOLD_S, Backoff, Clock, Device, OutBuffer, reason
@@ -30,11 +40,19 @@ from mavproxy_handover.wire.frames import Frame, FrameSplitter
 __all__ = ["TcpIn", "TcpOut"]
 
 _READ_BYTES: Final = 8192
-_UNPROVEN_READ_BYTES: Final = 2048
+#: of a connection that has not proved genuine, and of all of these but newcomers together
+_STRANGER_READ_BYTES: Final = 512
+_STRANGERS_READ_BYTES: Final = 8192
 _SEND_BUFFER_BYTES: Final = 16384
 _CONNECT_TIMEOUT_S: Final = 5.0
 _UNACKNOWLEDGED_MS: Final = 5000
-_CLIENTS: Final = 4
+#: connections that wait for the next `read`; the system turns away what is more
+_BACKLOG: Final = 128
+#: connections taken in one `read`
+_TAKEN: Final = 32
+#: connections kept of those that have not proved genuine, and of those that have
+_STRANGERS: Final = 32
+_GENUINE: Final = 4
 _UNPROVEN_S: Final = 10.0
 
 
@@ -65,14 +83,21 @@ class _Lost(Exception):
 class _Connection:
     """One connected stream: splitter, unsent bytes. It is closed by its owner alone, in `read`: see `fileno`."""
 
-    def __init__(self, sock: socket.socket, since: float) -> None:
+    def __init__(self, sock: socket.socket, since: float, host: str) -> None:
         self.socket = sock
         self.since = since
+        self.host = host
+        self.bytes_in = 0
         self.splitter = FrameSplitter()
         self.heard_at: float | None = None  #: a genuine frame, last
         self.replaced = False  #: another connection has taken over; to be closed in the next `read`
         self._out = OutBuffer()
         self._lost = ""
+
+    @property
+    def waits(self) -> bool:
+        """Whether `receive` has something to do though nothing has arrived."""
+        return len(self._out) > 0 or self._lost != ""
 
     def send(self, data: bytes) -> bool:
         """Take a frame and send what can be sent now."""
@@ -101,6 +126,7 @@ class _Connection:
             raise _Lost(reason(error)) from None
         if not data:
             raise _Lost("closed by the other side")
+        self.bytes_in += len(data)
         return data
 
 
@@ -191,7 +217,7 @@ class TcpOut(Device):
             # on one machine an attempt can meet itself, and would then hold the port that the station wants
             self._give_up("nobody listens")
         else:
-            self._connection = _Connection(self._connecting, now)
+            self._connection = _Connection(self._connecting, now, self._address[0])
             self._connecting = None
             self.counters.connects += 1
             self.trouble = ""
@@ -219,6 +245,9 @@ class TcpIn(Device):
         super().__init__(spec.text, clock)
         self._clients: list[_Connection] = []  # oldest first
         self._proven: _Connection | None = None
+        #: who is written to while nobody has proved genuine
+        self._favoured: _Connection | None = None
+        self._arrivals = select.poll()
         self._senders: dict[int, _Connection] = {}
         self._last: list[Frame] = []
         self._listener: socket.socket | None = None
@@ -227,8 +256,9 @@ class TcpIn(Device):
             # a restarted companion must not wait for the system to forget its former connections
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._listener.bind((socket.gethostbyname(spec.host), spec.port))
-            self._listener.listen(_CLIENTS)
+            self._listener.listen(_BACKLOG)
             self._listener.setblocking(False)
+            self._arrivals.register(self._listener, select.POLLIN)
         except (OSError, UnicodeError) as error:
             if self._listener is not None:
                 self._listener.close()
@@ -240,15 +270,18 @@ class TcpIn(Device):
 
     @property
     def _served(self) -> _Connection | None:
-        return self._proven or (self._clients[-1] if self._clients else None)
+        return self._proven or self._favoured
 
     @property
     def unfinished(self) -> bool:
         return any(client.splitter.waiting for client in self._clients)
 
     def fileno(self) -> int:
-        """The client's; while there is none, the listening socket's. Who connects meanwhile waits for the next read."""
-        if self._served is not None:
+        """The client's; while there is none, the listening socket's, unless a single one has come that may be it.
+
+        Who connects meanwhile, and what strangers send, waits for the next read.
+        """
+        if self._served is not None and (self._proven is not None or len(self._clients) == 1):
             return self._served.socket.fileno()
         return -1 if self._listener is None else self._listener.fileno()
 
@@ -261,23 +294,47 @@ class TcpIn(Device):
         if self._closed:
             return []
         now = self._clock()
-        self._take_clients(now)
+        self._part(now)
+        arrived = {descriptor for descriptor, _what in self._arrivals.poll(0)}
+        newcomers = self._take_clients(now) if self._listener is not None and self._listener.fileno() in arrived else []
         frames: list[Frame] = []
         senders: dict[int, _Connection] = {}
-        for client in list(self._clients):
-            try:
-                data = client.receive(_READ_BYTES if client is self._served else _UNPROVEN_READ_BYTES)
-            except _Lost as loss:
-                self.trouble = str(loss)
-                self._drop(client)
-                continue
-            if data or client.splitter.waiting:
-                found = self._split(client.splitter, data, now)
-                for frame in found:
-                    senders[id(frame)] = client
-                frames += found
+        left = _STRANGERS_READ_BYTES
+        for client in self._in_turn(arrived):
+            stranger = client is not self._served and client.heard_at is None
+            if stranger and left <= 0:
+                break
+            count = self._receive(client, _STRANGER_READ_BYTES if stranger else _READ_BYTES, now, frames, senders)
+            left -= count if stranger else 0
+        for client in newcomers:
+            self._receive(client, _STRANGER_READ_BYTES, now, frames, senders)
+        if self._proven is None:
+            self._favour()
         self._senders, self._last = senders, list(frames)
         return frames
+
+    def _in_turn(self, arrived: set[int]) -> list[_Connection]:
+        """Those that were connected before and have something to do: who proved genuine, then who said least."""
+        some = [client for client in self._clients if client.socket.fileno() in arrived or client.waits]
+        some += [client for client in self._clients if client.splitter.waiting and client not in some]
+        return sorted(some, key=lambda client: (client is not self._served, client.heard_at is None, client.bytes_in))
+
+    def _receive(
+        self, client: _Connection, limit: int, now: float, frames: list[Frame], senders: dict[int, _Connection]
+    ) -> int:
+        """Read a client, and drop it if it is lost; how many bytes came."""
+        try:
+            data = client.receive(limit)
+        except _Lost as loss:
+            self.trouble = str(loss)
+            self._drop(client)
+            return 0
+        if data or client.splitter.waiting:
+            found = self._split(client.splitter, data, now)
+            for frame in found:
+                senders[id(frame)] = client
+            frames += found
+        return len(data)
 
     def write(self, data: bytes) -> bool:
         served = self._served
@@ -300,27 +357,52 @@ class TcpIn(Device):
         client.replaced = False
         self._proven = client
 
-    def _take_clients(self, now: float) -> None:
+    def _part(self, now: float) -> None:
+        """Part with those who are of no use, or too many."""
+        if not self._clients or self._clients == [self._proven]:  # nearly always so
+            return
         for client in list(self._clients):
             useless = self._proven is not None and client is not self._proven
             quiet_s = now - (client.since if client.heard_at is None else client.heard_at)
             if client.replaced or (useless and quiet_s > _UNPROVEN_S):
                 self._turn_away(client)
-        for _ in range(_CLIENTS):
+        strangers = [client for client in self._clients if client.heard_at is None]
+        crowd = Counter(client.host for client in strangers)
+        while len(strangers) > _STRANGERS:
+            host, count = crowd.most_common(1)[0]
+            crowd[host] = count - 1
+            oldest = next(client for client in strangers if client.host == host)
+            strangers.remove(oldest)
+            self._turn_away(oldest)
+        genuine = [(client.heard_at, client) for client in self._clients if client.heard_at is not None]
+        if len(genuine) > _GENUINE:
+            genuine.sort(key=lambda one: (one[1] is self._proven, one[0]))
+            for _heard_at, client in genuine[:-_GENUINE]:
+                self._turn_away(client)
+
+    def _take_clients(self, now: float) -> list[_Connection]:
+        """Take who has come; they are read before anybody has to go for them."""
+        taken: list[_Connection] = []
+        assert self._listener is not None
+        for _ in range(_TAKEN):
             try:
-                assert self._listener is not None
-                sock, _address = self._listener.accept()
+                sock, address = self._listener.accept()
             except (BlockingIOError, InterruptedError):
-                return
+                break
             except OSError as error:  # it was gone again, or no descriptor is left
                 self._failed(error)
-                return
+                break
             _tune(sock)
             self.counters.connects += 1
             self.trouble = ""
-            self._clients.append(_Connection(sock, now))
-            if len(self._clients) > _CLIENTS:
-                self._turn_away(next(client for client in self._clients if client is not self._proven))
+            taken.append(_Connection(sock, now, address[0]))
+            self._arrivals.register(sock, select.POLLIN)
+        self._clients += taken
+        return taken
+
+    def _favour(self) -> None:
+        crowd = Counter(client.host for client in self._clients)
+        self._favoured = min(reversed(self._clients), key=lambda client: crowd[client.host], default=None)
 
     def _turn_away(self, client: _Connection) -> None:
         self.counters.strangers += 1
@@ -328,9 +410,12 @@ class TcpIn(Device):
 
     def _drop(self, client: _Connection) -> None:
         self._clients.remove(client)
+        self._arrivals.unregister(client.socket)
         client.socket.close()
         if client is self._proven:
             self._proven = None
+        if client is self._favoured:
+            self._favoured = None
 
     def _shut(self) -> None:
         for client in list(self._clients):

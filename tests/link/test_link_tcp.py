@@ -13,8 +13,8 @@ import pytest
 from mavproxy_handover.link.base import Backoff
 from mavproxy_handover.link.devices import LinkError, open_device
 from mavproxy_handover.link.tcp import TcpIn, TcpOut
-from mavproxy_handover.wire.frames import FrameSplitter
-from tests.link.frames import Clock, command, heartbeat, read_frames, read_until
+from mavproxy_handover.wire.frames import Frame, FrameSplitter
+from tests.link.frames import STATION, Clock, command, heartbeat, read_frames, read_until
 
 LOOPBACK = "127.0.0.1"
 
@@ -263,20 +263,155 @@ def test_a_station_gets_in_past_its_own_dead_connection(closing: contextlib.Exit
     assert dead.recv(100) == b""
 
 
+def flood(
+    closing: contextlib.ExitStack, port: int, count: int, host: str = LOOPBACK, says: bytes = b""
+) -> list[socket.socket]:
+    """Connections from an address of their own, where the machine has one; whoever is full does not answer."""
+    made = []
+    for _ in range(count):
+        sock = closing.enter_context(socket.socket())
+        sock.bind((host, 0))
+        sock.settimeout(10)
+        sock.connect((LOOPBACK, port))
+        sock.sendall(says)
+        made.append(sock)
+    return made
+
+
+def hear(device: TcpIn, rounds: int = 1) -> list[Frame]:
+    """What is heard in some reads, by a caller to whom frames of the system STATION are genuine."""
+    found = []
+    for _ in range(rounds):
+        for frame in device.read():
+            if frame.sysid == STATION:
+                device.accept_sender(frame)
+                found.append(frame)
+    return found
+
+
+STRANGER = heartbeat(1, sysid=9).raw
+
+
 def test_strangers_connections_are_few_and_do_not_keep_the_station_out(
     closing: contextlib.ExitStack, clock: Clock
 ) -> None:
     device, port = listen_in(closing, clock)
-    strangers = [client(closing, device, port) for _ in range(10)]
-    assert device.counters.strangers == 6
+    strangers = flood(closing, port, 40)
+    read_until(device, lambda: device.counters.connects == 40)
+    device.read()
+    assert device.counters.strangers == 8
     assert strangers[0].recv(100) == b""
     station = client(closing, device, port)
     station.sendall(heartbeat(1).raw)
     device.accept_sender(read_frames(device, 1)[0])
-    for _ in range(10):
-        client(closing, device, port)
+    for _ in range(3):
+        flood(closing, port, 40)
+        read_until(device, lambda: device.read() == [] and device.counters.connects % 40 == 1)
     assert device.write(b"telemetry")
     assert station.recv(100) == b"telemetry"
+
+
+@pytest.mark.parametrize("says", [b"", STRANGER, b"\xfd" * 600], ids=["silent", "frames", "noise"])
+@pytest.mark.parametrize("moment", ["at once", "0.1 s later"])
+def test_a_station_that_connects_amid_a_flood_is_heard_with_its_first_frame(
+    closing: contextlib.ExitStack, clock: Clock, says: bytes, moment: str
+) -> None:
+    """100 connections a second, from its own address; a read each 0.02 s."""
+    device, port = listen_in(closing, clock)
+    for _ in range(30):
+        flood(closing, port, 2, says=says)
+        clock.now += 0.02
+        assert hear(device) == []
+    station = closing.enter_context(socket.create_connection((LOOPBACK, port), timeout=10))
+    for _ in range(0 if moment == "at once" else 5):
+        flood(closing, port, 2, says=says)
+        clock.now += 0.02
+        hear(device)
+    station.sendall(heartbeat(3).raw)
+    heard: list[Frame] = []
+    for _ in range(3):
+        flood(closing, port, 2, says=says)
+        clock.now += 0.02
+        heard += hear(device)
+    assert heard == [heartbeat(3)]
+    for step in range(100):  # and it stays
+        with contextlib.suppress(OSError):
+            flood(closing, port, 2, says=says)
+        clock.now += 0.02
+        if step % 50 == 0:
+            station.sendall(heartbeat(4).raw)
+        hear(device)
+        assert len(device.descriptors()) <= 1 + 32 + 32 + 4
+    assert device.write(b"telemetry")
+    assert station.recv(100) == b"telemetry"
+
+
+def test_who_floods_from_one_address_keeps_nobody_out_who_is_slow_from_another(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    device, port = listen_in(closing, clock)
+    (station,) = flood(closing, port, 1, host="127.0.0.2")
+    hear(device)
+    for _ in range(200):
+        flood(closing, port, 2)
+        clock.now += 0.02
+        hear(device)
+    assert device.counters.strangers >= 350
+    assert device.write(b"telemetry")  # to the one that may be a program that waits for the vehicle
+    assert station.recv(100) == b"telemetry"
+    station.sendall(heartbeat(1).raw)
+    assert hear(device, 3) == [heartbeat(1)]
+
+
+def test_a_station_comes_back_past_a_flood_and_its_own_dead_connection(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    device, port = listen_in(closing, clock)
+    dead = client(closing, device, port)
+    dead.sendall(heartbeat(1).raw)
+    device.accept_sender(read_frames(device, 1)[0])
+    clock.now += 1.6
+    alive = closing.enter_context(socket.create_connection((LOOPBACK, port), timeout=10))
+    flood(closing, port, 20)
+    alive.sendall(heartbeat(2).raw)
+    assert hear(device, 3) == [heartbeat(2)]
+    assert device.write(b"telemetry")
+    assert alive.recv(100) == b"telemetry"
+    assert dead.recv(100) == b""
+
+
+def test_who_proves_genuine_over_and_over_does_not_use_up_all_descriptors(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    """Without a key anybody may say that he is the station."""
+    device, port = listen_in(closing, clock)
+    for _ in range(30):
+        for sock in flood(closing, port, 4, says=heartbeat(1).raw):
+            closing.callback(sock.close)
+        clock.now += 0.02
+        hear(device)
+    hear(device)
+    assert len(device.descriptors()) <= 1 + 4
+
+
+def test_what_strangers_send_is_read_in_small_pieces_behind_the_stations(
+    closing: contextlib.ExitStack, clock: Clock
+) -> None:
+    device, port = listen_in(closing, clock)
+    station = client(closing, device, port)
+    station.sendall(heartbeat(1).raw)
+    device.accept_sender(read_frames(device, 1)[0])
+    flood(closing, port, 30, says=STRANGER * 1000)
+    read_until(device, lambda: device.counters.connects == 31)
+    station.sendall(heartbeat(2).raw * 10)
+    pieces = []
+    for _ in range(20):
+        before = device.counters.bytes_in
+        frames = device.read()
+        pieces.append(device.counters.bytes_in - before)
+        if frames and frames[0].sysid == STATION:
+            assert [frame.sysid for frame in frames[:10]] == [STATION] * 10
+    assert max(pieces) <= 8192 + 512 + 210
 
 
 def test_the_station_may_go_and_come_again(closing: contextlib.ExitStack, clock: Clock) -> None:
