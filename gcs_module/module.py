@@ -217,7 +217,7 @@ class HandoverGcsModule(mp_module.MPModule):
         else:
             decoded = codec.decode(message)
             if decoded is not None and message.target_system in (0, self.config.station.sysid):
-                self.narrator.message("in", decoded, "vehicle")
+                self.narrator.message("in", decoded, "vehicle", time.monotonic())
                 self._handle(FromVehicle(decoded))
                 self._hold()
 
@@ -269,7 +269,8 @@ class HandoverGcsModule(mp_module.MPModule):
             return
         decoded = codec.decode(message)
         if decoded is not None:
-            self.narrator.message("in", decoded, self.core.name(frame.sysid), via="ground")
+            name = self.core.name(frame.sysid)
+            self.narrator.message("in", decoded, name, time.monotonic(), via="ground")
             self._handle(FromPeer(frame.sysid, decoded))
 
     # ---- time -----------------------------------------------------------------------------------------------------
@@ -286,6 +287,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self._guarded("signing", self._sign_links)
             self._perform(self.core.tick(now))
             self._beat()
+            self.narrator.sum_up(now)
             self.view.status()
 
     def _choose_link(self, now: float) -> None:
@@ -349,7 +351,7 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def _send(self, receiver: int, message: Message, who: str, via: str | None = None) -> None:
         component = COMPANION_COMPID if receiver == self.config.vehicle else 0
-        self.narrator.message("out", message, who, via)
+        self.narrator.message("out", message, who, time.monotonic(), via)
         self._put(receiver, codec.encode(message, (receiver, component), self.config.vehicle))
 
     def _put(self, receiver: int, message: Any) -> None:

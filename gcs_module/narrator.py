@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What people get to read of a flight at a station: every sentence of its journal, and the lines that go with them."""
+"""What people get to read of a flight at a station: every sentence of its journal, and the lines that go with them.
+
+Messages of a transfer are sampled, sender by sender: on the ground link anybody can say them, and nobody may fill the
+journal (see `store/sampling.py`).
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,13 @@ from gcs_module.core import Notice, StationCore
 from gcs_module.view import View
 from mavproxy_handover.core.messages import Connect, ConnectAck, Message
 from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.store.sampling import Sampler
 from mavproxy_handover.wire import codec
 
 __all__ = ["StationNarrator"]
+
+#: far more messages than there are in the worst of handovers: at once, and the interval (s) from then on
+_SAID = (5000, 0.1)
 
 
 class StationNarrator:
@@ -20,6 +28,8 @@ class StationNarrator:
         self._journal = journal
         self._core = core
         self._view = view
+        #: by sender or receiver, and link
+        self._samplers: dict[tuple[str, str | None], Sampler] = {}
 
     def loaded(self, version: str, configuration: str) -> None:
         """The module is loaded."""
@@ -49,9 +59,18 @@ class StationNarrator:
         self._journal.write(notice.event, notice.text, role=self._core.role.value, epoch=self._core.epoch)
         self._view.line(notice.text, urgent=notice.urgent)
 
-    def message(self, direction: str, message: Message, who: str, via: str | None = None) -> None:
+    def sum_up(self, now: float) -> None:
+        """Tell what was left out, once a minute; to be called each second."""
+        for (who, via), sampler in self._samplers.items():
+            count = sampler.left_out(now)
+            if count:
+                self._journal.write("left_out", f"{count} more messages, {who}", station=who, via=via, count=count)
+
+    def message(self, direction: str, message: Message, who: str, now: float, via: str | None = None) -> None:
         """A message of a transfer, "in" or "out"; none of others. `via`: None is the vehicle's link."""
-        if not isinstance(message, (Connect, ConnectAck)):
+        if isinstance(message, (Connect, ConnectAck)):
+            return
+        if self._samplers.setdefault((who, via), Sampler(*_SAID)).take(now) is not None:
             self._journal.write("message", direction=direction, station=who, via=via, **codec.values_of(message))
 
     def telemetry(self, lat_deg: float, lon_deg: float, zone: str) -> None:

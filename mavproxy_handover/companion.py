@@ -142,8 +142,7 @@ class Companion:
         while port.rejected:
             frame, signature = port.rejected.popleft()
             what = classify(frame).what  # words for people, of somebody who is not known to be the station
-            key = (port.sysid, frame.msgid, signature)
-            self.narrator.refused(port.name, key, what, signature.value, False, now)
+            self.narrator.refused(port.name, (frame.msgid, signature), what, signature.value, False, False, now)
         # after a stall: nothing is judged by authority that has run out. Nearly always the first comparison is all
         if now >= self._due_at and self._arbiter_is_due(now):
             if self.position_waits:  # a position that came before counts before, too
@@ -176,8 +175,9 @@ class Companion:
                 if frame.sysid == port.sysid or verdict.access in _COMMANDS:
                     self._consume(port, frame, verdict, now)
             case Fate.REFUSE | Fate.DROP:
-                key, answered = (port.sysid, frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE
-                self.narrator.refused(port.name, key, verdict.what, verdict.reason.value, answered, now)
+                kind, answered = (frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE
+                proven = port.proves(frame)
+                self.narrator.refused(port.name, kind, verdict.what, verdict.reason.value, answered, proven, now)
             case _:
                 assert_never(verdict.fate)
 
@@ -208,10 +208,10 @@ class Companion:
             return
         decoded = codec.decode(message)
         if decoded is None or getattr(message, "vehicle", 0) != self.config.sysid:
-            self.narrator.senseless(kind, port.name)
+            self.narrator.senseless(kind, port.name, now)
             return
         if not isinstance(decoded, (Connect, ConnectAck)):
-            self.narrator.message("in", port.name, decoded)
+            self.narrator.message("in", port.name, decoded, now)
         self.handle(events.StationMessage(port.sysid, decoded), now)
 
     # ---- from the autopilot ---------------------------------------------------------------------------------------
@@ -277,6 +277,7 @@ class Companion:
         self._voice.to_stations(beat)
         self._voice.to_stations(status.control_status(self.view))
         self.narrator.clock(now)
+        self.narrator.sum_up(now)
         self._restart.save(self.arbiter.snapshot())
         self.autopilot.each_second(self.view, now)
 
@@ -325,11 +326,11 @@ class Companion:
     def _perform(self, action: events.Action, now: float) -> None:
         match action:
             case events.Send():
-                self._send(action)
+                self._send(action, now)
             case events.ViewChanged():
                 self._on_view(action, now)
             case events.Record():
-                self.narrator.record(action)
+                self.narrator.record(action, now)
             case events.Fly():
                 self.autopilot.orders.bring_home(action.action, now)
             case events.BeginStart():
@@ -344,10 +345,10 @@ class Companion:
             case _:
                 assert_never(action)
 
-    def _send(self, action: events.Send) -> None:
+    def _send(self, action: events.Send, now: float) -> None:
         port = self.ports[action.station]
         if not isinstance(action.message, (Connect, ConnectAck)):
-            self.narrator.message("out", port.name, action.message, action.attempt)
+            self.narrator.message("out", port.name, action.message, now, action.attempt)
         state = self.autopilot.aircraft.state()
         port.send(codec.encode(action.message, port.target, self.config.sysid, state), everywhere=True)
 

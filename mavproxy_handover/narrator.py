@@ -5,10 +5,15 @@
 Every sentence of the vehicle's journal is here, one method for each kind of entry, which gets names and values: so its
 words are the same wherever it comes from. Nothing is decided here, and nothing that arrived in a frame is more than
 words here.
+
+What a station's frames make us write is sampled (`store/sampling.py`), station by station, so that nobody fills the
+journal: least of all who is not proven to be the station. An hour of the worst that a station and a stranger in its
+name can do takes less than an eighth of what the journal holds.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from enum import Enum
@@ -20,6 +25,7 @@ from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Rea
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.store.sampling import Sampler
 from mavproxy_handover.wire import codec
 
 __all__ = ["Narrator"]
@@ -28,6 +34,12 @@ _DISPLAY_MODE = {phase: phase.name.replace("_", "") for phase in Phase}
 _CLOCK_STEP_S = 1.0
 #: who speaks in the companion's name is told of so many
 _MOST_SENDERS = 8
+#: refused frames: entries at once, and the interval (s) from then on. Of who may be anybody, and of the station
+_UNPROVEN, _PROVEN = (60, 2.0), (200, 0.5)
+#: transfer messages, and requests that came to nothing: far more than there are in the worst of handovers
+_SAID = (5000, 0.1)
+#: what the arbiter says of a station each time that it is asked
+_ANSWERS = ("control", "start_refused")
 
 
 class Narrator:
@@ -46,10 +58,10 @@ class Narrator:
         self._arbiter = arbiter
         self._show = show
         self._phase = phase
-        #: by station, message and reason: when it was journalled last, and how many were left out since
-        self._refusals: dict[tuple[int, int, Enum], tuple[float, int]] = {}
         #: who on the vehicle's side spoke in the companion's name: system, component
         self._in_our_name: set[tuple[int, int]] = set()
+        #: by station, and what the entries are of
+        self._samplers: dict[tuple[str, str], Sampler] = {}
         self._clock_offset_s: float | None = None
 
     def tell(self, text: str) -> None:
@@ -68,6 +80,7 @@ class Narrator:
 
     def unloaded(self) -> None:
         """The module is unloaded."""
+        self.sum_up(math.inf)
         self._journal.write("unloaded")
 
     def unsigned_allowed(self, names: str) -> None:
@@ -98,15 +111,33 @@ class Narrator:
             self._journal.write("clock_step", f"the clock was set by {step_s:+.1f} s", step_s=round(step_s, 3))
         self._clock_offset_s = offset_s
 
+    def sum_up(self, now: float) -> None:
+        """Tell what was left out, once a minute; to be called each second."""
+        for (station, what), sampler in self._samplers.items():
+            count = sampler.left_out(now)
+            if count:
+                text = f"{count} more entries of {station} left out: {what}"
+                self._journal.write("left_out", text, station=station, what=what, count=count)
+
+    def _sampler(self, station: str, what: str, bounds: tuple[int, float]) -> Sampler:
+        return self._samplers.setdefault((station, what), Sampler(*bounds))
+
+    def _heard_out(self, station: str, now: float) -> bool:
+        """Whether there is room for an entry of what a station says."""
+        return self._sampler(station, "what it said and was told", _SAID).take(now) is not None
+
     # ---- authority ------------------------------------------------------------------------------------------------
 
-    def record(self, action: Record) -> None:
+    def record(self, action: Record, now: float) -> None:
         """An entry that the arbiter asks for."""
+        station = self._name(action.station)
+        if action.event in _ANSWERS and station is not None and not self._heard_out(station, now):
+            return
         self._journal.write(
             action.event,
             action.text,
             reason=action.reason.name.lower() if action.reason is not Reason.NONE else None,
-            station=self._name(action.station),
+            station=station,
             duration_s=None if action.duration_s is None else round(action.duration_s, 4),
             handover_id=self._arbiter.view.handover_id if action.event.startswith(("transfer", "step")) else None,
             epoch=self._arbiter.view.epoch if action.event in ("transfer_committed", "authority") else None,
@@ -126,19 +157,24 @@ class Narrator:
             reason=reason.name.lower(),
         )
 
-    def message(self, direction: str, station: str, message: TransferMessage, attempt: int | None = None) -> None:
+    def message(
+        self, direction: str, station: str, message: TransferMessage, now: float, attempt: int | None = None
+    ) -> None:
         """A message of a transfer, `direction` "in" or "out"."""
-        self._journal.write(
-            "message", direction=direction, station=station, attempt=attempt, **codec.values_of(message)
-        )
+        if self._heard_out(station, now):
+            self._journal.write(
+                "message", direction=direction, station=station, attempt=attempt, **codec.values_of(message)
+            )
 
-    def senseless(self, kind: str, station: str) -> None:
+    def senseless(self, kind: str, station: str, now: float) -> None:
         """A message of a transfer that holds what none may hold, or is about another vehicle."""
-        self._journal.write("dropped", f"{kind} of {station} makes no sense", station=station)
+        if self._heard_out(station, now):
+            self._journal.write("dropped", f"{kind} of {station} makes no sense", station=station)
 
-    def request_not_understood(self, station: str, why: str) -> None:
+    def request_not_understood(self, station: str, why: str, now: float) -> None:
         """A request of operator control that cannot be one."""
-        self._journal.write("control", f"request of {station} not understood: {why}", station=station)
+        if self._heard_out(station, now):
+            self._journal.write("control", f"request of {station} not understood: {why}", station=station)
 
     def owner_asked(self, station: str, requester: str) -> None:
         """The commander is asked by the standard's command."""
@@ -165,14 +201,16 @@ class Narrator:
         self._journal.note("accepted", station=station, what=what)
 
     def refused(
-        self, station: str, key: tuple[int, int, Enum], what: str, reason: str, answered: bool, now: float
+        self, station: str, kind: tuple[int, Enum], what: str, reason: str, answered: bool, proven: bool, now: float
     ) -> None:
-        """One entry a second for each station, message and reason; the next one says how many were left out."""
-        since, kept_back = self._refusals.get(key, (-1.0, 0))
-        if now - since < 1.0:
-            self._refusals[key] = (since, kept_back + 1)
+        """A frame was refused. `kind`: message and reason; `proven`: it is certain that the station sent it."""
+        if proven:
+            sampler = self._sampler(station, "refused frames", _PROVEN)
+        else:
+            sampler = self._sampler(station, "refused frames that nobody proves to be its own", _UNPROVEN)
+        kept_back = sampler.take(now, kind)
+        if kept_back is None:
             return
-        self._refusals[key] = (now, 0)
         text = f"{what} of {station} refused: {reason}"
         also = kept_back or None
         self._journal.write("refused", text, station=station, what=what, reason=reason, answered=answered, also=also)
@@ -261,9 +299,10 @@ class Narrator:
         self._journal.write("mission_failed", why, station=source)
         self.tell(f"mission not loaded: {why}")
 
-    def start_asked(self, station: str, what: str) -> None:
+    def start_asked(self, station: str, what: str, now: float) -> None:
         """The commander's START, which the companion itself carries out."""
-        self._journal.write("accepted", station=station, what=what)
+        if self._heard_out(station, now):
+            self._journal.write("accepted", station=station, what=what)
 
     def start_begun(self, station: str) -> None:
         """START is under way."""

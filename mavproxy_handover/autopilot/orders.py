@@ -62,7 +62,7 @@ class Orders:
             result = mavlink.MAV_RESULT_IN_PROGRESS if mine else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
             self._ties.voice.acknowledge(port, asker.sender, MISSION_START, result)
             return
-        self._ties.narrator.start_asked(port.name, what)
+        self._ties.narrator.start_asked(port.name, what, now)
         self._asker = asker
         self._ties.handle(StartRequested(port.sysid), now)
 

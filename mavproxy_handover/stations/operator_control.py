@@ -84,7 +84,7 @@ class OperatorControl:
         request = read_request(message, port.identity)
         self._asker = (frame.sysid, frame.compid, message.target_component)
         if isinstance(request, str):
-            self._narrator.request_not_understood(port.name, request)
+            self._narrator.request_not_understood(port.name, request, now)
             self.answer(port, mavlink.MAV_RESULT_DENIED, request)
             return
         self._handle(request, now)

@@ -99,6 +99,10 @@ class StationPort:
             kept.append(frame)
         return kept
 
+    def proves(self, frame: Frame) -> bool:
+        """Whether a frame out of `read` is certainly the station's: it was signed with its key."""
+        return self.peer is not None and frame.sysid in self.identity.sysids
+
     def _reject(self, link: Device, frame: Frame, verdict: SignatureVerdict, now: float) -> None:
         """The frame is not proven to be the station's."""
         self._bundle.bad_signature(link, now)

@@ -310,8 +310,8 @@ class TestInATransfer:
 
         seen = []
 
-        def watching(way: str, station: str, message: Any, attempt: int | None = None) -> None:
-            original(way, station, message, attempt)
+        def watching(way: str, station: str, message: Any, *more: Any) -> None:
+            original(way, station, message, *more)
             if (way, codec.name_of(message)) == (direction, name):
                 seen.append(name)
 

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which of many like entries are written, so that nobody can fill the journal. Pure: time is an argument.
+
+A journal keeps the newest entries. So whoever can make us write without end can push out the entries that matter: 63 kB
+a second of frames that are refused took nine minutes for it. Hence what one source can make us write has two bounds:
+
+* of each kind one entry a second; the next one of the kind says how many were left out since;
+* of all kinds together `most` at once, and from then on one each `interval_s`. What is over is counted, and the count
+  is asked for once a minute (`left_out`). The kind alone would be no bound: who sends decides of what kinds.
+
+Memory is bounded too: `KINDS` kinds, the oldest of which gives way, and its count goes to the others'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from math import inf
+from typing import Final
+
+__all__ = ["KINDS", "SAME_S", "TOLD_S", "Sampler"]
+
+SAME_S: Final = 1.0
+TOLD_S: Final = 60.0
+KINDS: Final = 256
+
+
+class Sampler:
+    """Entries of one source. Times in seconds."""
+
+    def __init__(self, most: int, interval_s: float) -> None:
+        self._most = most
+        self._interval_s = interval_s
+        #: entries that may be written now, as of `_at`
+        self._room = float(most)
+        self._at = -inf
+        #: when one of a kind was written last, and how many were left out since; oldest first
+        self._kinds: dict[Hashable, tuple[float, int]] = {}
+        self._left_out = 0
+        self._told_at = -inf
+
+    def take(self, now: float, kind: Hashable = None) -> int | None:
+        """None: it is left out. Else how many of its kind were left out since the last one that was written.
+
+        `kind` None: there are no two alike.
+        """
+        since, kept_back = self._kinds.get(kind, (-inf, 0)) if kind is not None else (-inf, 0)
+        if now - since < SAME_S:
+            self._kinds[kind] = (since, kept_back + 1)
+            return None
+        if not self._fits(now):
+            self._left_out += 1
+            return None
+        if kind is not None:
+            self._kinds.pop(kind, None)
+            if len(self._kinds) >= KINDS:
+                self._forget(next(iter(self._kinds)))
+            self._kinds[kind] = (now, 0)
+        return kept_back
+
+    def left_out(self, now: float) -> int:
+        """How many were left out that no entry tells of: at most once a minute, and 0 in between."""
+        if now - self._told_at < TOLD_S:
+            return 0
+        for kind, (since, _kept_back) in list(self._kinds.items()):
+            if now - since < TOLD_S:
+                break
+            self._forget(kind)
+        count, self._left_out = self._left_out, 0
+        if count:
+            self._told_at = now
+        return count
+
+    def _fits(self, now: float) -> bool:
+        if now > self._at:
+            if self._at > -inf:
+                self._room = min(self._most, self._room + (now - self._at) / self._interval_s)
+            self._at = now
+        if self._room < 1.0:
+            return False
+        self._room -= 1.0
+        return True
+
+    def _forget(self, kind: Hashable) -> None:
+        self._left_out += self._kinds.pop(kind)[1]
