@@ -20,6 +20,7 @@ from typing import Any
 from MAVProxy.modules.lib import mp_module, mp_util
 from pymavlink.dialects.v20 import handover as mavlink
 
+from gcs_module.callers import Callers
 from gcs_module.commands import StationCommands
 from gcs_module.core import (
     Action,
@@ -92,6 +93,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._own = mavlink.MAVLink(None, srcSystem=config.station.sysid, srcComponent=self.settings.source_component)
         self._uplink = UplinkChoice()
         self._signing = means.signing
+        self._callers = Callers(config.vehicle, means.signing is not None, self._now, self._fault)
         self._each_second_at = 0.0
         self._telemetry_shown_at = 0.0
         self.commands = StationCommands(self)
@@ -115,7 +117,7 @@ class HandoverGcsModule(mp_module.MPModule):
         if self.settings.source_system != config.station.sysid:
             self.view.line(f"source_system is {self.settings.source_system}: set to {config.station.sysid}.")
             self.settings.source_system = config.station.sysid
-        self._sign_links()
+        self._see_to_links()
         if means.held is not None:
             self._handle(MissionHeld(means.held.digest))
 
@@ -137,6 +139,7 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def unload(self) -> None:
         """Give everything back: sockets, command, setting, signing."""
+        self._callers.release()
         if self._signing is not None:
             self._signing.release()
         self.mpstate.select_extra.pop(self._ground.listening, None)
@@ -155,6 +158,10 @@ class HandoverGcsModule(mp_module.MPModule):
     def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
         """Run `job`; if it breaks, count and journal that, and show `line`."""
         guarded(where, job, self._fault, partial(self.view.show, line) if line else None)
+
+    @staticmethod
+    def _now() -> float:
+        return time.monotonic()
 
     def _fault(self, where: str, text: str) -> None:
         self.faults[where] += 1
@@ -188,9 +195,11 @@ class HandoverGcsModule(mp_module.MPModule):
             self.faults[f"message of the vehicle: signature {verdict.value}"] += 1
         return verdict is SignatureVerdict.OK
 
-    def _sign_links(self) -> None:
+    def _see_to_links(self) -> None:
         """Links may come later."""
+        self._callers.watch(self.mpstate.mav_master)
         if self._signing is not None:
+            self._signing.tell(self._callers.proven)
             self._signing.sign(self.mpstate.mav_master)
 
     def _answer_probe(self, frame: Frame) -> None:
@@ -284,7 +293,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._guarded("mission package", lambda: self._send_package(now))
         if now >= self._each_second_at:
             self._each_second_at = now + 1.0
-            self._guarded("signing", self._sign_links)
+            self._guarded("links", self._see_to_links)
             self._perform(self.core.tick(now))
             self._beat()
             self.narrator.sum_up(now)
@@ -296,7 +305,7 @@ class HandoverGcsModule(mp_module.MPModule):
         if len(masters) < 2:
             return
         chosen = self._uplink.choose(
-            [master.mav.total_packets_received for master in masters], self.settings.link - 1, now
+            [self._callers.received(master) for master in masters], self.settings.link - 1, now
         )
         if chosen != self.settings.link - 1:
             self.settings.link = chosen + 1

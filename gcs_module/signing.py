@@ -18,7 +18,7 @@ MAVProxy signs and checks; this tells it with what, and does what it leaves out.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -73,6 +73,7 @@ class LinkSigning:
         self._stamps = SigningClock()
         self._stamps.follow(self._outlives.sent)
         self._links: list[_Link] = []
+        self._proven: Callable[[Any], None] = lambda _master: None
         self._ours = self._verifier()
         self._seen: deque[bytes] = deque(maxlen=_COPIES)
 
@@ -95,6 +96,10 @@ class LinkSigning:
         link = _Link(master, master.mav, self._free_id(), self._verifier(), kept)
         self._links.append(link)
         return link
+
+    def tell(self, proven: Callable[[Any], None]) -> None:
+        """Have `proven` told of every link by which a frame of the vehicle comes, as soon as it is checked."""
+        self._proven = proven
 
     def check(self, frame: Frame) -> SignatureVerdict | None:
         """The verdict on a frame that MAVProxy has not checked. None: a copy of one that came by another link."""
@@ -143,6 +148,7 @@ class LinkSigning:
         if link.verifier.check(frame, self._clocks.utc(), self._clocks.monotonic()) is not SignatureVerdict.OK:
             return False
         link.mav.signing.timestamp = max(link.mav.signing.timestamp, link.verifier.newest)
+        self._proven(link.master)
         return True
 
     def _verifier(self) -> Verifier:
