@@ -16,8 +16,9 @@ gets a `recv` of ours; all the rest is pymavlink's. Rules that live here:
 4. Of those who are not written to, only whole frames get to MAVProxy's parser, signed ones where there is a key, so
    nothing of a stranger waits in it. What waits there, the beginning of a frame, sent perhaps in the name of the
    vehicle's address, is thrown away when a datagram of whole frames comes from there, and after PATIENCE_S.
-5. Of strangers' datagrams only so many are looked at in one `recv`. After an empty one MAVProxy sleeps for 0.1 s, so a
-   stranger could stop the station: what comes back when nothing was worth it counts as something, and holds nothing.
+5. Of strangers' datagrams only so many are looked at in one `recv`, half of them of one host at most. After an empty
+   one MAVProxy sleeps for 0.1 s, so a stranger could stop the station: what comes back when nothing was worth it counts
+   as something, and holds nothing.
 """
 
 from __future__ import annotations
@@ -39,9 +40,10 @@ __all__ = ["CALLERS", "KEPT_S", "Callers"]
 CALLERS: Final = 4
 KEPT_S: Final = 10.0
 
-#: datagrams taken off a socket in one `recv`, and of these, strangers' that are looked at
+#: datagrams taken off a socket in one `recv`; of these, strangers' that are looked at; and of these, of one host
 _TAKEN: Final = 256
 _LOOKED_AT: Final = 16
+_OF_HOST: Final = 8
 #: longer ones of strangers are not looked at: one made of frame starts costs much
 _LOOKED_AT_BYTES: Final = 2048
 _NOT_NOW: Final = (errno.EAGAIN, errno.EWOULDBLOCK, errno.ECONNREFUSED)
@@ -132,7 +134,7 @@ class Callers:
 
     def _receive(self, link: _Link, _count: int | None = None) -> bytes:
         """In the place of pymavlink's `recv`: what the parser is to get next. OSError as from there."""
-        looked_at = 0
+        looked_at: dict[str, int] = {}
         for _ in range(_TAKEN):
             try:
                 data, address = link.master.port.recvfrom(mavutil.UDP_MAX_PACKET_LEN)
@@ -141,9 +143,11 @@ class Callers:
                     break
                 raise
             known = address in link.master.clients
-            looked_at += not known
-            if not known and (looked_at > _LOOKED_AT or len(data) > _LOOKED_AT_BYTES):
-                continue
+            if not known:
+                count = looked_at.get(address[0], 0)
+                if len(data) > _LOOKED_AT_BYTES or count == _OF_HOST or sum(looked_at.values()) == _LOOKED_AT:
+                    continue
+                looked_at[address[0]] = count + 1
             try:
                 taken = self._taken(link, data, address, known)
             except Exception:

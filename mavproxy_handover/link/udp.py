@@ -19,8 +19,9 @@ to judge the frame.
   kept for strangers;
 * a datagram that is made of whole frames is taken as it is, whatever waits in that splitter: a forged frame start from
   the peer's address must not make the peer's next frames wait for the end of a frame that never comes;
-* of strangers' datagrams only so many are looked at in one `read`; the rest is thrown away unread. The peer's are not
-  left waiting behind them.
+* of strangers' datagrams only so many are looked at in one `read`, half of them of one host at most; the rest is thrown
+  away unread. The peer's are not left waiting behind them, and a station that comes anew is heard though another host
+  floods the link.
 
 Datagrams of more than 2 KiB are dropped: no station sends them, and a long one made of frame starts costs much.
 """
@@ -48,7 +49,10 @@ _TAKEN: Final = 256
 #: of these, looked at: the peer's and everybody else's
 _PEER_DATAGRAMS: Final = 64
 _STRANGER_DATAGRAMS: Final = 16
-_STRANGER_BYTES: Final = 4096
+_STRANGER_BYTES: Final = 8192
+#: of one host no more is looked at than this, with a short datagram taken for the length below
+_HOST_BYTES: Final = 2048
+_SHORT_BYTES: Final = 256
 _RECEIVE_BUFFER_BYTES: Final = 1 << 20
 
 #: not in Python's `socket`; the same on all of Linux's common machines (asm-generic/socket.h)
@@ -205,6 +209,7 @@ class UdpIn(_Udp):
         frames: list[Frame] = []
         senders: dict[int, Address] = {}
         peers = strangers = stranger_bytes = 0
+        hosts: dict[str, int] = {}
         for _ in range(_TAKEN):
             received = self._receive()
             if received is None:
@@ -213,10 +218,16 @@ class UdpIn(_Udp):
             if address == self._peer:
                 found = self._peer_frames(data)
                 peers += 1
-            elif strangers < _STRANGER_DATAGRAMS and stranger_bytes < _STRANGER_BYTES and _begins_with_frame(data):
+            elif (
+                strangers < _STRANGER_DATAGRAMS
+                and stranger_bytes < _STRANGER_BYTES
+                and hosts.get(address[0], 0) < _HOST_BYTES
+                and _begins_with_frame(data)
+            ):
                 found = self._split(FrameSplitter(), data)
                 strangers += 1
                 stranger_bytes += len(data)
+                hosts[address[0]] = hosts.get(address[0], 0) + max(len(data), _SHORT_BYTES)
             else:
                 self.counters.strangers += 1
                 continue

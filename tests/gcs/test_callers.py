@@ -32,9 +32,9 @@ NOISE = b"\xfd\xff\x00"
 class Sender:
     """A program with a socket of its own that sends MAVLink, signed if it has a key."""
 
-    def __init__(self, sysid: int = 1, key: bytes | None = None) -> None:
+    def __init__(self, sysid: int = 1, key: bytes | None = None, host: str = HERE) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.bind((HERE, 0))
+        self.socket.bind((host, 0))
         self.socket.setblocking(False)
         self.own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=1)
         if key is not None:
@@ -319,6 +319,19 @@ def test_a_flood_of_strangers_costs_no_nap_and_the_vehicle_gets_through(bench: B
         bench.read()
     assert bench.heard == [1] * 21
     assert bench.naps == 0
+
+
+def test_a_vehicle_that_comes_anew_is_heard_in_the_same_read_though_another_host_floods_the_link(
+    bench: Bench, key: bytes | None
+) -> None:
+    bench.watched(key)
+    vehicle, strangers = bench.sender(1, key, "127.0.0.2"), [bench.sender(9) for _ in range(20)]
+    for stranger in strangers:
+        for _ in range(10):
+            stranger.send(bench.master, NOISE * 10)
+    vehicle.send(bench.master)
+    mavproxy.process_master(bench.master)
+    assert bench.heard == [1]
 
 
 def test_strangers_make_no_link_a_lively_one(bench: Bench, key: bytes | None) -> None:
