@@ -153,7 +153,7 @@ class Gate:
         self.counts[port.sysid][verdict.reason] += 1
         if verdict.fate is Fate.REFUSE:
             self._refuse(port, frame, verdict, now)
-        elif verdict.access is Access.ANSWERED and verdict.fate is Fate.CONSUME:
+        elif verdict.reason is GateReason.OBSERVER_RATES:
             self._grant_rates(port, frame, now)
         return verdict
 
@@ -219,7 +219,7 @@ class Gate:
         if view.commander != before.commander:
             if before.commander is not None:
                 closed += self._close(before.commander, self._flusher.flush(before.commander))
-            successor = self._ports.get(view.commander or 0)
+            successor = None if view.commander is None else self._ports.get(view.commander)
             if successor is not None and now - successor.heartbeat_at < _HEARTBEAT_FRESH_S:
                 self._to_autopilot(successor.heartbeat)
         if view.armed and not before.armed and view.commander is not None:

@@ -286,6 +286,7 @@ def test_a_new_view_of_the_same_commander_closes_nothing(door: Door, make: Make)
 def test_parameter_files_are_thrown_away_at_arming_whoever_commands_on(door: Door, make: Make) -> None:
     door.up(A, make("FILE_TRANSFER_PROTOCOL", payload=ftp_request(6, b"@PARAM/param.pck")))
     door.passed.clear()
+    assert door.change(replace(OF_A, partner=GCSB)) == [], "on the ground the commander goes on writing it"
     ((station, closing),) = door.change(replace(OF_A, armed=True))
     assert (station, closing.what) == (GCSA, "file '@PARAM/param.pck' closed, contents thrown away")
     assert door.passed == list(closing.frames)

@@ -35,6 +35,7 @@ from tests.mutation.survivors import KNOWN_SURVIVORS  # noqa: E402
 TIMEOUT_S = 120
 #: Module -> tests that are to notice its faults.
 TESTED = {
+    "gate": ("test_gate.py", "test_downlink.py", "test_questions.py"),
     "judge": ("test_judge.py", "test_flight_log.py"),
     "policy.rows": ("test_judge.py", "test_policy.py"),
     "policy.parameters": ("test_judge.py", "test_policy.py"),

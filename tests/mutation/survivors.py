@@ -7,6 +7,7 @@ from __future__ import annotations
 __all__ = ["KNOWN_SURVIVORS"]
 
 KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
+    "gate": {"_note: number one more: 3": "how much of a trace people get to read"},
     "judge": dict.fromkeys(
         (
             "judge: return dropped: return commander if station.sysid == view.commander else others",
