@@ -70,7 +70,10 @@ class StationNarrator:
         """A message of a transfer, "in" or "out"; none of others. `via`: None is the vehicle's link."""
         if isinstance(message, (Connect, ConnectAck)):
             return
-        if self._samplers.setdefault((who, via), Sampler(*_SAID)).take(now) is not None:
+        sampler = self._samplers.get((who, via))
+        if sampler is None:
+            sampler = self._samplers[who, via] = Sampler(*_SAID)
+        if sampler.take(now) is not None:
             self._journal.write("message", direction=direction, station=who, via=via, **codec.values_of(message))
 
     def telemetry(self, lat_deg: float, lon_deg: float, zone: str) -> None:

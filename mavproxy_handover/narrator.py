@@ -36,6 +36,7 @@ _CLOCK_STEP_S = 1.0
 _MOST_SENDERS = 8
 #: refused frames: entries at once, and the interval (s) from then on. Of who may be anybody, and of the station
 _UNPROVEN, _PROVEN = (60, 2.0), (200, 0.5)
+_ITS_OWN, _ANYBODYS = "refused frames", "refused frames that nobody proves to be its own"
 #: transfer messages, and requests that came to nothing: far more than there are in the worst of handovers
 _SAID = (5000, 0.1)
 #: what the arbiter says of a station each time that it is asked
@@ -120,7 +121,10 @@ class Narrator:
                 self._journal.write("left_out", text, station=station, what=what, count=count)
 
     def _sampler(self, station: str, what: str, bounds: tuple[int, float]) -> Sampler:
-        return self._samplers.setdefault((station, what), Sampler(*bounds))
+        sampler = self._samplers.get((station, what))
+        if sampler is None:
+            sampler = self._samplers[station, what] = Sampler(*bounds)
+        return sampler
 
     def _heard_out(self, station: str, now: float) -> bool:
         """Whether there is room for an entry of what a station says."""
@@ -204,10 +208,9 @@ class Narrator:
         self, station: str, kind: tuple[int, Enum], what: str, reason: str, answered: bool, proven: bool, now: float
     ) -> None:
         """A frame was refused. `kind`: message and reason; `proven`: it is certain that the station sent it."""
-        if proven:
-            sampler = self._sampler(station, "refused frames", _PROVEN)
-        else:
-            sampler = self._sampler(station, "refused frames that nobody proves to be its own", _UNPROVEN)
+        sampler = self._samplers.get((station, _ITS_OWN if proven else _ANYBODYS))  # it may come to this very often
+        if sampler is None:
+            sampler = self._sampler(station, *((_ITS_OWN, _PROVEN) if proven else (_ANYBODYS, _UNPROVEN)))
         kept_back = sampler.take(now, kind)
         if kept_back is None:
             return

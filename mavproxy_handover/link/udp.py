@@ -48,10 +48,11 @@ _DATAGRAM_BYTES: Final = 2048
 _TAKEN: Final = 256
 #: of these, looked at: the peer's and everybody else's
 _PEER_DATAGRAMS: Final = 64
-_STRANGER_DATAGRAMS: Final = 16
+_STRANGER_DATAGRAMS: Final = 32
 _STRANGER_BYTES: Final = 8192
-#: of one host no more is looked at than this, with a short datagram taken for the length below
-_HOST_BYTES: Final = 2048
+#: of one host no more is looked at than this, with a short datagram taken for the length below. It is enough for what
+#: the stations of one host say on a ground link at once, a mission package among it
+_HOST_BYTES: Final = 4096
 _SHORT_BYTES: Final = 256
 _RECEIVE_BUFFER_BYTES: Final = 1 << 20
 

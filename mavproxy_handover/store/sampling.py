@@ -25,6 +25,14 @@ TOLD_S: Final = 60.0
 KINDS: Final = 256
 
 
+class _Kind:
+    __slots__ = ("kept_back", "since")
+
+    def __init__(self, since: float) -> None:
+        self.since = since  #: when one was written last
+        self.kept_back = 0  #: how many were left out since
+
+
 class Sampler:
     """Entries of one source. Times in seconds."""
 
@@ -34,8 +42,8 @@ class Sampler:
         #: entries that may be written now, as of `_at`
         self._room = float(most)
         self._at = -inf
-        #: when one of a kind was written last, and how many were left out since; oldest first
-        self._kinds: dict[Hashable, tuple[float, int]] = {}
+        #: of each kind, oldest first
+        self._kinds: dict[Hashable, _Kind] = {}
         self._left_out = 0
         self._told_at = -inf
 
@@ -44,9 +52,9 @@ class Sampler:
 
         `kind` None: there are no two alike.
         """
-        since, kept_back = self._kinds.get(kind, (-inf, 0)) if kind is not None else (-inf, 0)
-        if now - since < SAME_S:
-            self._kinds[kind] = (since, kept_back + 1)
+        known = None if kind is None else self._kinds.get(kind)
+        if known is not None and now - known.since < SAME_S:
+            known.kept_back += 1
             return None
         if not self._fits(now):
             self._left_out += 1
@@ -55,15 +63,15 @@ class Sampler:
             self._kinds.pop(kind, None)
             if len(self._kinds) >= KINDS:
                 self._forget(next(iter(self._kinds)))
-            self._kinds[kind] = (now, 0)
-        return kept_back
+            self._kinds[kind] = _Kind(now)
+        return 0 if known is None else known.kept_back
 
     def left_out(self, now: float) -> int:
         """How many were left out that no entry tells of: at most once a minute, and 0 in between."""
         if now - self._told_at < TOLD_S:
             return 0
-        for kind, (since, _kept_back) in list(self._kinds.items()):
-            if now - since < TOLD_S:
+        for kind, known in list(self._kinds.items()):
+            if now - known.since < TOLD_S:
                 break
             self._forget(kind)
         count, self._left_out = self._left_out, 0
@@ -82,4 +90,4 @@ class Sampler:
         return True
 
     def _forget(self, kind: Hashable) -> None:
-        self._left_out += self._kinds.pop(kind)[1]
+        self._left_out += self._kinds.pop(kind).kept_back
