@@ -5,7 +5,8 @@
 Rules
 -----
 * It is written before anybody hears of it: what is told must outlive a crash.
-* If it cannot be written, the old file must go: after a restart it would give authority to whoever had it then.
+* If it cannot be written, whatever the reason, the old file must go: after a restart it would give authority to whoever
+  had it then. What the rules settled comes into force all the same.
 * Without a store nothing is kept: a restart in flight means that nobody commands.
 """
 
@@ -46,7 +47,7 @@ class Restart:
         try:
             self._store.save(snapshot)
             self._saved = snapshot
-        except OSError as error:
+        except Exception as error:  # the new view comes into force behind this, whatever broke
             self._saved = None
             self._fault("state file", str(error))
             with suppress(OSError):

@@ -457,10 +457,12 @@ class _Other:
 class TestUnwritable:
     """The state cannot be written: the flight goes on, and a restart does not give authority to a former commander."""
 
-    @pytest.fixture
-    def full(self, flight: Bench) -> Iterator[pytest.MonkeyPatch]:
+    @pytest.fixture(
+        params=[OSError(28, "No space left on device"), RuntimeError("a bug: No space left")], ids=["disk", "fault"]
+    )
+    def full(self, flight: Bench, request: pytest.FixtureRequest) -> Iterator[pytest.MonkeyPatch]:
         def no_room(*_arguments: Any) -> None:
-            raise OSError(28, "No space left on device")
+            raise request.param
 
         patch = pytest.MonkeyPatch()
         patch.setattr(StateStore, "save", no_room)
