@@ -17,7 +17,9 @@ Rules that live here
   this from the partner itself, while it commands, and only of a transfer that the vehicle has announced
   (AUTHORITY_STATUS, or what it passed on): a peer's word speeds up what the vehicle does, and opens or replaces no
   question.
-* Consent is automatic, or the operator's: then the answer is "waiting" until there is one.
+* Consent is automatic for the reasons that the configuration names (`automatic`), and the operator's for all others:
+  then the answer is "waiting" until there is one. It is the vehicle that says why it asks; what it has not said is no
+  reason. The same question for a reason that needs no operator is answered by that.
 
 Events and actions are in `events`. Steps and messages: docs/architecture.md; names and console lines follow the thesis,
 section 4.5.
@@ -25,7 +27,8 @@ section 4.5.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from math import inf
 
@@ -57,7 +60,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import PROTOCOL_VERSION, Consent, Outcome, Phase, Reason, Station
+from mavproxy_handover.core.model import PROTOCOL_VERSION, QUESTIONS, Consent, Outcome, Phase, Reason, Station
 from mavproxy_handover.core.never import assert_never
 
 __all__ = [
@@ -106,6 +109,11 @@ class _Part:
     connected: bool = False
 
 
+def _about(why: Reason) -> str:
+    """What a question is about, for people."""
+    return f" ({QUESTIONS[why]})" if why in QUESTIONS else ""
+
+
 class StationCore:
     """One station's view of one vehicle. Times are monotonic seconds; not safe for threads."""
 
@@ -115,11 +123,12 @@ class StationCore:
     WISH_S = 60.0
 
     def __init__(
-        self, station: Station, vehicle_name: str, peers: tuple[Station, ...], *, operator_consents: bool
+        self, station: Station, vehicle_name: str, peers: tuple[Station, ...], *, automatic: Collection[str]
     ) -> None:
+        """`automatic`: what needs no operator here, in the words of `model.QUESTIONS`."""
         self._station = station
         self._vehicle_name = vehicle_name
-        self._operator_consents = operator_consents
+        self._automatic = frozenset(automatic)
         self._names = {peer.sysid: peer.name for peer in peers} | {station.sysid: station.name}
         self._peers_heard = {peer.sysid: -inf for peer in peers}
         self._vehicle_heard = -inf
@@ -130,6 +139,8 @@ class StationCore:
         #: the newest transfer that the vehicle has spoken of itself, and the one that it says is under way
         self._latest: TransferKey | None = None
         self._announced: TransferKey | None = None
+        #: why that was begun
+        self._why = Reason.NONE
         self.digest = b""
         self.vehicle_digest = b""
         self.epoch = 0
@@ -186,7 +197,7 @@ class StationCore:
             case MissionHeld():
                 self.digest = event.digest
             case Wish():
-                self._wishes[event.station] = now + self.WISH_S
+                self._on_wish(event.station, now, actions)
             case Answer():
                 self._on_answer(event.yes, now, actions)
             case _:
@@ -262,7 +273,18 @@ class StationCore:
         self._announced = None
         if event.commander is not None and event.partner is not None:
             self._announced = TransferKey(event.commander, event.partner, event.handover_id, event.epoch)
+            self._why = event.why
+            self._supersede(self._announced, actions)
         self._believe(event.commander, event.epoch, actions, over=not event.recovering)
+
+    def _supersede(self, announced: TransferKey, actions: list[Action]) -> None:
+        """The vehicle is about another transfer: one before it is over, and its question with it."""
+        part = self._part
+        if part is None or not part.key.before(announced):
+            return
+        self._part = None
+        if part.consent is Consent.WAITING:
+            actions.append(Notice("aborted", f"Handover {part.key.handover_id} is over.", urgent=True))
 
     def _on_result(self, message: HandoverResult, actions: list[Action]) -> None:
         key = message.key
@@ -288,23 +310,31 @@ class StationCore:
 
     # ---- as partner -----------------------------------------------------------------------------------------------
 
-    def _consent(self, key: TransferKey, now: float, *, as_partner: bool) -> tuple[Consent, bool]:
-        """This station's answer for a transfer, and whether the transfer is new to it."""
-        part = self._part
+    def _consent(self, key: TransferKey, why: Reason, now: float, *, as_partner: bool) -> tuple[Consent, bool]:
+        """This station's answer for a transfer, and whether it is news."""
+        part, automatic = self._part, QUESTIONS.get(why) in self._automatic
         if part is not None and part.key == key and part.as_partner is as_partner:
+            if part.consent is Consent.WAITING and automatic:
+                part.consent = Consent.GRANTED
+                return part.consent, True
             return part.consent, False
         wished = now < self._wishes.pop(key.to_station, -inf)
-        consent = Consent.WAITING if self._operator_consents and not wished else Consent.GRANTED
+        consent = Consent.GRANTED if automatic or wished else Consent.WAITING
         self._part = _Part(key, as_partner, consent)
         return consent, True
+
+    def _reason(self, key: TransferKey) -> Reason:
+        """Why the vehicle has begun this transfer, as far as it has said so to everybody."""
+        return self._why if key == self._announced else Reason.NONE
 
     def _on_request(self, message: HandoverRequest, now: float, actions: list[Action]) -> None:
         key = message.key
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return
-        consent, new = self._consent(key, now, as_partner=True)
+        consent, new = self._consent(key, message.reason, now, as_partner=True)
         if new:
-            text = f"Handover requested: {self.name(key.from_station)} -> {self._station.name}."
+            what = f"Handover requested{_about(message.reason)}"
+            text = f"{what}: {self.name(key.from_station)} -> {self._station.name}."
             actions.append(Notice("requested", text + self._hint(consent), urgent=True))
         self._say_ready(key, consent, now, actions)
 
@@ -324,7 +354,9 @@ class StationCore:
         key = message.key
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return
-        consent, _new = self._consent(key, now, as_partner=True)
+        if (self._part is None or self._part.key != key) and key != self._announced:
+            return  # this station is new to it, and why it is asked comes with AUTHORITY_STATUS
+        consent, _new = self._consent(key, self._reason(key), now, as_partner=True)
         if consent is not Consent.GRANTED:
             self._say_ready(key, consent, now, actions)
             return
@@ -353,6 +385,8 @@ class StationCore:
             return
         if message.key not in (self._announced, self._latest):
             return
+        if isinstance(message, OnHandover):
+            message = replace(message, reason=self._reason(message.key))  # that is the vehicle's to say
         self._as_commander(message, now, actions, of_vehicle=False)
 
     def _as_commander(
@@ -364,14 +398,14 @@ class StationCore:
         if isinstance(message, DroneConnected):
             self._release(key, actions)
             return
-        consent, new = self._consent(key, now, as_partner=False)
+        consent, new = self._consent(key, message.reason, now, as_partner=False)
         actions.append(ToVehicle(self._ok(key, consent)))
         if not new:
             return
         if consent is Consent.GRANTED:
             actions.append(Notice("consent", "Handover Authorized."))
             return
-        text = f"{self.name(key.to_station)} is ready to take {self._vehicle_name}."
+        text = f"{self.name(key.to_station)} is ready to take {self._vehicle_name}{_about(message.reason)}."
         actions.append(Notice("asked", text + self._hint(consent), urgent=True))
 
     def _release(self, key: TransferKey, actions: list[Action]) -> None:
@@ -389,6 +423,13 @@ class StationCore:
         return OkHandover(key, consent, Reason.OPERATOR if consent is Consent.DENIED else Reason.NONE)
 
     # ---- the operator ---------------------------------------------------------------------------------------------
+
+    def _on_wish(self, station: int, now: float, actions: list[Action]) -> None:
+        part = self._part
+        if part is not None and part.consent is Consent.WAITING and part.key.to_station == station:
+            self._on_answer(True, now, actions)
+            return
+        self._wishes[station] = now + self.WISH_S
 
     def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
         part = self._part

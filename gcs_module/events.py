@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.model import Phase, Reason
 
 __all__ = [
     "Action",
@@ -67,6 +67,8 @@ class AuthorityHeard:
     handover_id: int = 0
     #: nobody commands yet, and one may, in this very epoch
     recovering: bool = False
+    #: why the transfer under way was begun
+    why: Reason = Reason.NONE
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ from mavproxy_handover.config.files import (
     load_station,
 )
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import LeaseState, Phase
+from mavproxy_handover.core.model import LeaseState, Phase, Reason
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.hosting import guarded, why
 from mavproxy_handover.link.devices import Device
@@ -83,9 +83,7 @@ class HandoverGcsModule(mp_module.MPModule):
         #: the autopilot has said that it is
         self.disarmed = False
         stations = tuple(peer.station for peer in config.peers)
-        self.core = StationCore(
-            config.station, f"vehicle {config.vehicle}", stations, operator_consents=config.operator_consents
-        )
+        self.core = StationCore(config.station, f"vehicle {config.vehicle}", stations, automatic=config.automatic)
         self.desk = PackageDesk(means.held)
         self.view = View(self.core, config.station.name, self.console, self._speak)
         self.narrator = StationNarrator(means.journal, self.core, self.view)
@@ -220,7 +218,8 @@ class HandoverGcsModule(mp_module.MPModule):
             phase = Phase(message.phase) if message.phase in list(Phase) else Phase.EMERGENCY
             recovering = message.lease == LeaseState.RECOVERING
             who = message.commander or None, message.partner or None
-            self._handle(AuthorityHeard(phase, *who, message.epoch, message.handover_id, recovering))
+            why = Reason(message.transfer_reason) if message.transfer_reason in list(Reason) else Reason.NONE
+            self._handle(AuthorityHeard(phase, *who, message.epoch, message.handover_id, recovering, why))
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)
         else:

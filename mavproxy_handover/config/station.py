@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, read_toml
-from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, Station
 
 __all__ = ["PeerConfig", "StationConfig", "load_station"]
 
 _STATION_KEYS: Final = ("name", "sysid", "vehicle", "consent", "mission", "key", "journal")
 _PEER_KEYS: Final = ("name", "sysid", "link")
+#: What another operator wants, or the commander's gives away, is for an operator to answer.
+_CONSENTS: Final = {"automatic": frozenset(AUTOMATIC), "operator": frozenset[str]()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +34,8 @@ class StationConfig:
     path: Path
     station: Station
     vehicle: int
-    operator_consents: bool
+    #: what needs no operator here, in the words of `core.model.QUESTIONS`
+    automatic: frozenset[str]
     mission: Path | None
     journal: Path
     ground: str | None
@@ -51,9 +54,6 @@ def load_station(path: Path) -> StationConfig:
     table = Table(data["station"], "station", path, _STATION_KEYS)
     station = Station(table.sysid("sysid"), table.name("name"))
     vehicle = table.sysid("vehicle", required=False, default=1)
-    consent = table.get("consent", str, "automatic")
-    if consent not in ("automatic", "operator"):
-        raise table.error("consent", f"{consent!r} must be one of automatic, operator")
     mission = table.path("mission")
     if vehicle == station.sysid:
         raise table.error("vehicle", f"{vehicle} is the station's own sysid")
@@ -81,7 +81,7 @@ def load_station(path: Path) -> StationConfig:
         path=path,
         station=station,
         vehicle=vehicle,
-        operator_consents=consent == "operator",
+        automatic=_automatic(table),
         mission=None if mission is None else mission.resolve(),
         journal=path.parent / table.get("journal", str, f"{station.name}.jsonl"),
         ground=ground,
@@ -89,6 +89,20 @@ def load_station(path: Path) -> StationConfig:
         peers=peers,
         key=table.path("key"),
     )
+
+
+def _automatic(table: Table) -> frozenset[str]:
+    """What needs no operator: by one word for all, or a list of questions."""
+    consent = table.get("consent", object, "automatic")
+    if not isinstance(consent, list):
+        if not isinstance(consent, str) or consent not in _CONSENTS:
+            raise table.error("consent", f"{consent!r} must be one of {', '.join(_CONSENTS)}, or a list of questions")
+        return _CONSENTS[consent]
+    known = sorted(set(QUESTIONS.values()))
+    for word in consent:
+        if word not in known:
+            raise table.error("consent", f"{word!r} must be one of {', '.join(known)}")
+    return frozenset(consent)
 
 
 def _peer(table: Table) -> PeerConfig:

@@ -26,7 +26,14 @@ __all__ = ["ConfigError", "Ranges", "Table", "check_tables", "list_of_tables", "
 #: key -> lowest and highest value allowed
 Ranges = Mapping[str, tuple[float, float]]
 
-_KIND_NAMES: Final = {int: "a whole number", float: "a number", str: "a text", bool: "true or false", list: "a list"}
+_KIND_NAMES: Final = {
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    bool: "true or false",
+    list: "a list",
+    object: "a word or a list",
+}
 
 
 class ConfigError(Exception):

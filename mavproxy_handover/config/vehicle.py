@@ -72,6 +72,7 @@ LIMIT_RANGES: Final[Ranges] = {
     "operator_timeout_s": (3, 300),
     "release_timeout_s": (0.5, 30),
     "forced_timeout_s": (0.2, 10),
+    "reserve_timeout_s": (0.1, 10),
     "retry_pause_s": (0.1, 60),
     "denied_pause_s": (0.1, 600),
     "result_timeout_s": (1, 120),

@@ -91,7 +91,7 @@ class Arbiter:
         self._candidates = Candidates(self._presence, self._limits)
         self._conductor = Conductor(self._authority, self._flight, self._presence, self._candidates, self._limits)
         self._requests = Requests(self._authority, self._presence, self._candidates, self._conductor)
-        self._start = Start(self._authority, self._flight, self._candidates)
+        self._start = Start(self._authority, self._flight, self._candidates, self._conductor)
         self._emergency = Emergency(self._limits)
         #: the run before ended in a transfer: its zone has still to be served
         self._interrupted = False
@@ -169,6 +169,10 @@ class Arbiter:
     def start_needs(self, station: int, now: float) -> tuple[str, ...]:
         """What START from this station still lacks, in words; empty when the aircraft may take off."""
         return self._start.needs(station, now)
+
+    def take_off_needs(self, station: int, now: float) -> tuple[str, ...]:
+        """What any other command of this station that arms or takes off still lacks: what START does."""
+        return self._start.needs(station, now, by_hand=True)
 
     # ---- the two entry points -------------------------------------------------------------------------------------
 
@@ -292,8 +296,9 @@ class Arbiter:
             actions.append(Record("zone_entered", f"zone of {self.name(station)} entered", station=station))
         for station in change.left:
             actions.append(Record("zone_left", f"zone of {self.name(station)} left", station=station))
-        if transfer is not None and transfer.key.to_station in change.left:
-            self._conductor.move(Cause.LEFT_REGION, now, actions)
+        for station in () if transfer is None else transfer.partners:
+            if station in change.left:
+                self._conductor.move(Cause.LEFT_REGION, now, actions, station=station)
         self._conductor.seek(now, actions)
 
     def _on_autopilot(self, event: AutopilotState, now: float, actions: list[Action]) -> None:
@@ -336,8 +341,9 @@ class Arbiter:
     def _expire(self, now: float, actions: list[Action]) -> None:
         authority, transfer = self._authority, self._authority.transfer
         # the partner first: from here on nothing commits to a station that is lost itself
-        if transfer is not None and not self._presence[transfer.key.to_station].alive(now):
-            self._conductor.move(Cause.PARTNER_LOST, now, actions)
+        for station in () if transfer is None else transfer.partners:
+            if not self._presence[station].alive(now):
+                self._conductor.move(Cause.PARTNER_LOST, now, actions, station=station)
         if authority.owner is not None and not authority.lost and not self._presence[authority.owner].alive(now):
             self._lose_owner(authority.owner, now, actions)
         transfer = authority.transfer
@@ -360,7 +366,8 @@ class Arbiter:
         authority, flying = self._authority, self._flight.flying
         if self._flight.position_lost(now):
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
-        changing = authority.recovering or (authority.transfer is not None and authority.transfer.forced)
+        transfer = authority.transfer
+        changing = authority.recovering or (transfer is not None and transfer.forced and not transfer.patient)
         # once the aircraft turns home for it, an attempt at another commander does not end the emergency: a commit does
         changing = changing and self._emergency.reason is not Reason.COMMANDER_LOST
         lost = (authority.lost and not changing) or (authority.owner is None and flying)

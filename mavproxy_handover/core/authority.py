@@ -241,6 +241,7 @@ class Authority:
             armed=self._flight.armed is not False,
             handover_id=self.handover_id,
             takeover_allowed=self.takeover_allowed,
+            why=Reason.NONE if self.transfer is None else self.transfer.reason,
         )
         if view != self.view:
             self.view = view

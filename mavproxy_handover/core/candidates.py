@@ -9,12 +9,11 @@ attempt at it has just failed. Which of those should is for zones (`zones.py`) a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
 
 from mavproxy_handover.core.events import Action, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
-from mavproxy_handover.core.model import NO_MISSION, Mission, Reason
+from mavproxy_handover.core.model import NO_MISSION, RANKS, Mission, Reason, in_words
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.zones import ZoneTracker
 
@@ -32,7 +31,8 @@ class Candidates:
     def __init__(self, presence: dict[int, Presence], limits: Limits) -> None:
         self._presence = presence
         self._limits = limits
-        self._retry_after: dict[int, float] = {}
+        #: station and rank -> until when no transfer of this rank or a lower one goes to the station
+        self._retry_after: dict[tuple[int, int], float] = {}
         self.zones = ZoneTracker(limits)
         self.links = Links(limits)
         self.mission: Mission = NO_MISSION
@@ -45,39 +45,53 @@ class Candidates:
         """Why this station could not be a partner now; None if it could."""
         return self._presence[station].unfit(self.mission.digest, now)
 
-    def usable(self, owner: int | None, now: float, actions: list[Action]) -> Sequence[int]:
+    def _fit(self, owner: int | None, now: float, actions: list[Action]) -> Sequence[int]:
         """Stations whose zone holds the aircraft and that could take it; says once why another could not."""
-        usable = []
+        fit = []
         for station in self.zones.inside():
             presence = self._presence.get(station)
-            if presence is None or station == owner or now < self._retry_after.get(station, -inf):
+            if presence is None or station == owner:
                 continue
             why = self.unfit(station, now)
             if why is None:
-                usable.append(station)
+                fit.append(station)
             elif why is not presence.told_why:
-                text = f"{presence.station.name} cannot be partner: {why.name.lower().replace('_', ' ')}"
+                text = f"{presence.station.name} cannot be partner: {in_words(why)}"
                 actions.append(Record("partner_unfit", text, why, station))
             presence.told_why = why
-        return usable
+        return fit
+
+    def usable(self, owner: int | None, reason: Reason, now: float, actions: list[Action]) -> Sequence[int]:
+        """Stations whose zone holds the aircraft, and that may be asked for this reason now."""
+        return [station for station in self._fit(owner, now, actions) if self.paused_s(station, reason, now) <= 0.0]
 
     def wanted(self, owner: int, now: float, actions: list[Action]) -> tuple[int, Reason] | None:
-        """The station that authority should move to now, and why; None if it should stay."""
-        usable = self.usable(owner, now, actions)
-        better = self.links.better(owner, usable, now)
-        partner = self.zones.next_commander(owner, usable, self.mission.following, now, better)
-        if partner is None:
+        """The station that authority should move to now, and why; None if it should stay. The gravest reason first."""
+        fit = self._fit(owner, now, actions)
+        reasons = self.zones.reasons(owner, fit, now, self.links.better(owner, fit, now))
+        open_to = {station: why for station, why in reasons.items() if self.paused_s(station, why, now) <= 0.0}
+        if not open_to:
             return None
-        return partner, Reason.LINK_QUALITY if partner in better else Reason.ZONE
+        gravest = max(open_to.values(), key=RANKS.__getitem__)
+        return self.best([station for station, why in open_to.items() if why is gravest]), gravest
 
-    def best(self, owner: int | None, now: float, actions: list[Action]) -> int | None:
-        """The station to take the aircraft if its owner will not have it any longer; None if there is none."""
-        return self.zones.best(self.usable(owner, now, actions), self.mission.following)
+    def best(self, stations: Sequence[int]) -> int:
+        """Of these, at least one, the next one on the route, then the one whose zone keeps the aircraft longest."""
+        return self.zones.best(stations, self.mission.following)
 
-    def pause(self, station: int, reason: Reason, now: float) -> None:
-        """A transfer to the station failed for this reason: not again at once."""
-        pause_s = self._limits.denied_pause_s if reason in _OPERATORS_WORD else self._limits.retry_pause_s
-        self._retry_after[station] = now + pause_s
+    def pause(self, station: int, reason: Reason, why: Reason, now: float) -> None:
+        """A transfer to the station for `reason` failed, and why: not again at once, unless for a graver reason."""
+        pause_s = self._limits.denied_pause_s if why in _OPERATORS_WORD else self._limits.retry_pause_s
+        self._retry_after[station, RANKS[reason]] = now + pause_s
+
+    def paused_s(self, station: int, reason: Reason, now: float) -> float:
+        """How long no transfer for this reason goes to the station; 0 if one may."""
+        pauses = (
+            until - now
+            for (paused, rank), until in self._retry_after.items()
+            if paused == station and rank >= RANKS[reason]
+        )
+        return max((0.0, *pauses))
 
     def forget_pauses(self) -> None:
         """What failed before does not count any more."""

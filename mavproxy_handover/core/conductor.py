@@ -6,13 +6,11 @@ What may happen in which step is in `transfer.py`; here is what follows from it.
 step; an abort changes nothing. What carries another epoch or transfer number is dropped, and who asks about the
 transfer that is just over is told its result again.
 
-A forced transfer is short: until it ends nobody commands. On the way home there is no such hurry, and a partner whose
-operator has to be asked gets the time for that.
+One transfer at a time. A graver reason than that of the transfer under way takes its place (`Transfer.yields_to`), so
+that nobody's question holds up what the aircraft needs.
 """
 
 from __future__ import annotations
-
-from math import inf
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
@@ -28,7 +26,7 @@ from mavproxy_handover.core.messages import (
     TransferKey,
     TransferMessage,
 )
-from mavproxy_handover.core.model import Outcome, Phase, Reason
+from mavproxy_handover.core.model import Outcome, Phase, Reason, in_words
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.results import Results
 from mavproxy_handover.core.transfer import Cause, End, Step, Transfer, cause_of
@@ -60,24 +58,51 @@ class Conductor:
     def seek(self, now: float, actions: list[Action]) -> None:
         """Begin a transfer in flight if zones or links ask for one, or the commander is lost."""
         authority, flight = self._authority, self._flight
-        if authority.owner is None or authority.transfer is not None or not flight.flying:
+        if authority.owner is None or not flight.flying:
             return
         if not flight.position_known(now):  # who holds the aircraft is not known any more
             return
         if authority.lost:
             self._seek_successor(authority.owner, now, actions)
-        elif authority.phase is Phase.ON_MISSION:
+        elif authority.phase is Phase.ON_MISSION or (
+            authority.transfer is not None and authority.transfer.yields_to(Reason.ZONE_ENDS)
+        ):
             wanted = self._candidates.wanted(authority.owner, now, actions)
             if wanted is not None:
-                self.begin(*wanted, now, actions, consented=authority.takeover_allowed)
+                self._want(*wanted, now, actions)
+
+    def _want(self, partner: int, reason: Reason, now: float, actions: list[Action]) -> None:
+        """Zones or links ask for a transfer: it begins, unless one under way comes first."""
+        transfer = self._authority.transfer
+        if transfer is not None and not transfer.yields_to(reason):
+            return
+        if transfer is not None and transfer.key.to_station == partner:
+            self._raise(transfer, reason, now, actions)
+            return
+        self.begin(partner, reason, now, actions, consented=self._authority.takeover_allowed)
+
+    def _raise(self, transfer: Transfer, reason: Reason, now: float, actions: list[Action]) -> None:
+        """The transfer under way is wanted for a graver reason now."""
+        transfer.raise_to(reason, now)
+        text = f"handover {transfer.key.handover_id} is now for {in_words(reason)}"
+        actions.append(Record("transfer_raised", text, reason, transfer.key.to_station))
+        self._authority.refresh(reason, actions)
 
     def _seek_successor(self, lost: int, now: float, actions: list[Action]) -> None:
-        """The commander is lost in flight: a station whose zone holds the aircraft may take it, without asking."""
+        """The commander is lost in flight: stations whose zones hold the aircraft may take it, without asking."""
         if self._authority.recovering:  # after a restart its heartbeat may be on the way
             return
-        partner = self._candidates.best(lost, now, actions)
-        if partner is not None:
-            self.begin(partner, Reason.COMMANDER_LOST, now, actions, forced=True)
+        usable = self._candidates.usable(lost, Reason.COMMANDER_LOST, now, actions)
+        if usable and self._authority.transfer is None:
+            self.begin(self._candidates.best(usable), Reason.COMMANDER_LOST, now, actions, forced=True)
+        transfer = self._authority.transfer
+        if transfer is None or not transfer.forced:
+            return
+        for station in usable:
+            if station not in transfer.partners:
+                transfer.invite(station, now, ready=self._standard(station))
+                text = f"handover {transfer.key.handover_id} (forced): {self._authority.name(station)} is asked too"
+                actions.append(Record("candidate", text, Reason.COMMANDER_LOST, station))
 
     def begin(
         self,
@@ -90,15 +115,20 @@ class Conductor:
         forced: bool = False,
         operator_timeout_s: float | None = None,
     ) -> None:
-        """Begin a transfer from the owner. `consented`: it has agreed. `forced`: it is lost, there is nobody to ask."""
+        """Begin a transfer from the owner; one under way that yields to it is over.
+
+        `consented`: the owner has agreed. `forced`: it is lost, there is nobody to ask.
+        """
         authority = self._authority
         assert authority.owner is not None
+        self.move(Cause.PREEMPTED, now, actions)
+        assert authority.transfer is None
         key = TransferKey(authority.owner, partner, authority.number_transfer(), authority.epoch)
         transfer = Transfer(
             key, reason, self._limits, now, consented=consented, forced=forced, operator_timeout_s=operator_timeout_s
         )
-        self.results.forget()
-        if not consented or reason is not Reason.OPERATOR:  # it is not by the last request that this one begins
+        self.results.forget((key.from_station, key.to_station))
+        if not consented or reason not in (Reason.REQUESTED, Reason.GIVEN):  # it is not by the last request
             self.echo.forget()
         authority.begin_transfer(transfer)
         authority.refresh(reason, actions)
@@ -111,13 +141,9 @@ class Conductor:
         """A station's word in a transfer; returns why it was dropped, None if it counts."""
         key = message.key
         transfer = self._authority.transfer
-        if transfer is None or key != transfer.key:
-            last = self.results.last
-            if (
-                last is not None
-                and key.handover_id == last.key.handover_id
-                and station in (last.key.from_station, last.key.to_station)
-            ):
+        if transfer is None or not transfer.concerns(key):
+            last = self.results.told(station)
+            if last is not None and key.handover_id == last.key.handover_id:
                 actions.append(Send(station, last))
                 return "transfer already over"
             return "stale epoch or unknown transfer"
@@ -125,7 +151,7 @@ class Conductor:
         if cause is None:
             return "not the sender's to say"
         relay = isinstance(message, (OnHandover, DroneConnected)) and message.relay
-        self.move(cause, now, actions, relay=relay)
+        self.move(cause, now, actions, station=key.to_station, relay=relay)
         return None
 
     def cancel(self, station: int, now: float, actions: list[Action]) -> None:
@@ -140,21 +166,38 @@ class Conductor:
             self._authority.transfer.consented = True
             self.imply(now, actions)
 
-    def move(self, cause: Cause, now: float, actions: list[Action], *, relay: bool = False) -> None:
-        """Something happened to the transfer under way, if there is one. `relay`: as in `Transfer.move`."""
+    def move(
+        self, cause: Cause, now: float, actions: list[Action], *, station: int | None = None, relay: bool = False
+    ) -> None:
+        """Something happened to the transfer under way, if there is one. `station`, `relay`: as in `Transfer.move`."""
         transfer = self._authority.transfer
         if transfer is None:
             return
-        before = transfer.step
-        if cause is Cause.PARTNER_ASKS and self._authority.phase is Phase.EMERGENCY:
-            transfer.forced_until = inf  # the aircraft is on its way home already: there is time for an operator
-        end = transfer.move(cause, now, relay=relay)
+        if cause is Cause.TIMEOUT and self._authority.phase is Phase.ON_LOAD:
+            transfer.asking = frozenset()  # nothing flies: without a commander no operator is waited for
+        before, partner = transfer.step, transfer.key.to_station
+        end = transfer.move(cause, now, station=station, relay=relay)
+        self._bury(transfer, now, actions)
         if isinstance(end, End):
             self._end(transfer, end, now, actions)
-        elif end:
+            return
+        if transfer.key.to_station != partner:
+            self._authority.refresh(transfer.reason, actions)
+            name = self._authority.name(transfer.key.to_station)
+            text = f"handover {transfer.key.handover_id} (forced): {name} is the partner now"
+            actions.append(Record("candidate", text, transfer.reason, transfer.key.to_station))
+        if end:
             step = f"handover {transfer.key.handover_id}: {before.value} -> {transfer.step.value} ({cause.value})"
             actions.append(Record("step", step, duration_s=now - transfer.started_at))
             self.imply(now, actions)
+
+    def _bury(self, transfer: Transfer, now: float, actions: list[Action]) -> None:
+        """Candidates that fell away are not asked again at once."""
+        fallen, transfer.fallen = transfer.fallen, ()
+        for station, why in fallen:
+            self._candidates.pause(station, transfer.reason, why, now)
+            text = f"handover {transfer.key.handover_id} (forced): {self._authority.name(station)}: {in_words(why)}"
+            actions.append(Record("candidate", text, why, station))
 
     def imply(self, now: float, actions: list[Action]) -> None:
         """What comes by itself in the step that the transfer is in now."""
@@ -181,7 +224,8 @@ class Conductor:
             authority.commit(key.to_station)
             self._candidates.moved(key.to_station, now, flying=authority.phase is not Phase.ON_LOAD)
         else:
-            self._candidates.pause(key.to_station, end.reason, now)
+            for station in transfer.partners:
+                self._candidates.pause(station, transfer.reason, end.reason, now)
             self.echo.forget()
         authority.refresh(reason, actions)
         commander = authority.view.commander
@@ -194,7 +238,7 @@ class Conductor:
         actions.append(Record(event, text, reason, key.to_station, now - transfer.started_at))
         now_key = TransferKey(key.from_station, key.to_station, key.handover_id, authority.epoch)
         result = HandoverResult(now_key, commander, end.outcome, reason)
-        told = [station for station in (key.from_station, key.to_station) if not self._standard(station)]
+        told = [station for station in (key.from_station, *transfer.partners) if not self._standard(station)]
         self.results.announce(result, told, now, actions)
 
     # ---- what is said ---------------------------------------------------------------------------------------------
@@ -203,9 +247,7 @@ class Conductor:
         """The messages that are due: of the transfer under way, and of the one that is over."""
         transfer = self._authority.transfer
         if transfer is not None:
-            due = transfer.due(now)
-            if due is not None:
-                actions.append(self._put(due[0], due[1], transfer, now))
+            actions += [self._put(station, message, transfer, now) for station, message in transfer.due(now)]
         self.results.repeat(now, self._authority.names, actions)
 
     def _put(self, station: int, message: Message, transfer: Transfer, now: float) -> Action:
@@ -222,5 +264,6 @@ class Conductor:
         times = self.results.deadlines()
         transfer = self._authority.transfer
         if transfer is not None:
-            times += [transfer.retry_at, transfer.timeout_at, self._presence[transfer.key.to_station].lost_at()]
+            times += [transfer.retry_at, transfer.timeout_at]
+            times += [self._presence[station].lost_at() for station in transfer.partners]
         return times

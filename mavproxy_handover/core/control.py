@@ -13,6 +13,8 @@
 * Nobody in command: on the ground the request is granted; in flight it starts a forced transfer from the commander that
   was lost, if the aircraft is in the asking station's zone. While the commander of before a restart may still come
   back, nobody gets its place.
+* What an operator wishes has its rank among the reasons for a transfer (`model.RANKS`): a gift of the commander takes
+  the place of a request under way, a request that of nothing. A request that came to nothing waits before the next.
 * A release on the ground leaves nobody in command. In flight, and from START on, the aircraft is never left without a
   commander: it is offered to a station whose zone holds it, and until one has taken it the commander stays, with
   takeover allowed. Where somebody waits for its consent, the release is that.
@@ -25,7 +27,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from math import inf
+from math import ceil, inf
 
 from mavproxy_handover.core.events import ControlRequested, ControlResult
 from mavproxy_handover.core.model import Reason
@@ -49,9 +51,10 @@ class ControlFacts:
 
     `commander`: who commands, None if nobody. `lost`: there is one, and it is not heard. `recovering`: it has not been
     heard since the restart, and that was just now. `grounded`: disarmed, the autopilot has just said so, and no
-    START is under way. `waiting_for`: the partner of the transfer under way, None without one. `unfit`: why the station
-    that is to have control could not be a partner, None if it could. `in_zone`: its zone holds the aircraft, or zones
-    or position are not known yet.
+    START is under way. `waiting_for`: the partner of the transfer under way, None without one; where several are asked
+    and the station that is to have control is one of them, that. `yields`: that transfer gives way to a gift. `unfit`:
+    why the station that is to have control could not be a partner, None if it could. `in_zone`: its zone holds the
+    aircraft, or zones or position are not known yet. `paused_s`: how long its requests have to wait.
     """
 
     commander: int | None
@@ -63,6 +66,8 @@ class ControlFacts:
     known: bool
     unfit: Reason | None
     in_zone: bool
+    yields: bool = False
+    paused_s: float = 0.0
 
 
 class Effect(Enum):
@@ -74,6 +79,7 @@ class Effect(Enum):
     DENY = "takeover not allowed, nor the transfer under way"
     TRANSFER = "a transfer; the commander is asked"
     TRANSFER_CONSENTED = "a transfer; the commander has consented"
+    GIVE = "a transfer; it is the commander's own wish"
     FORCE = "a forced transfer: there is no commander"
     GRANT = "granted at once, on the ground"
     RELEASE = "nobody commands, on the ground"
@@ -114,8 +120,8 @@ def _of_commander(request: ControlRequested, facts: ControlFacts) -> ControlDeci
         return ControlDecision(ControlResult.ACCEPTED, Effect.SET_TAKEOVER)
     if facts.waiting_for == request.for_station:
         return ControlDecision(ControlResult.ACCEPTED, Effect.CONSENT)
-    refusal = _cannot_take(facts)
-    return refusal or ControlDecision(ControlResult.ACCEPTED, Effect.TRANSFER_CONSENTED)
+    refusal = _cannot_take(facts, busy=facts.waiting_for is not None and not facts.yields)
+    return refusal or ControlDecision(ControlResult.ACCEPTED, Effect.GIVE)
 
 
 def _of_other(request: ControlRequested, facts: ControlFacts) -> ControlDecision:
@@ -123,7 +129,7 @@ def _of_other(request: ControlRequested, facts: ControlFacts) -> ControlDecision
         if facts.takeover_allowed:
             return ControlDecision(ControlResult.ACCEPTED, Effect.CONSENT)
         return ControlDecision(ControlResult.PENDING)
-    refusal = _cannot_take(facts)
+    refusal = _cannot_take(facts, busy=facts.waiting_for is not None)
     if refusal is not None:
         return refusal
     if facts.commander is None:
@@ -134,16 +140,18 @@ def _of_other(request: ControlRequested, facts: ControlFacts) -> ControlDecision
         if not facts.lost:
             return _denied("there is no commander to follow")
         return ControlDecision(ControlResult.PENDING, Effect.FORCE)
+    if facts.paused_s > 0.0:
+        return _denied(f"too soon: again in {ceil(facts.paused_s)} s")
     if facts.takeover_allowed:
         return ControlDecision(ControlResult.ACCEPTED, Effect.TRANSFER_CONSENTED)
     return ControlDecision(ControlResult.PENDING, Effect.TRANSFER)
 
 
-def _cannot_take(facts: ControlFacts) -> ControlDecision | None:
-    """Why the station that is to have control cannot have it now."""
+def _cannot_take(facts: ControlFacts, *, busy: bool) -> ControlDecision | None:
+    """Why the station that is to have control cannot have it now. `busy`: another transfer comes first."""
     if not facts.known:
         return _denied("unknown station")
-    if facts.waiting_for is not None:
+    if busy:
         return _denied("another handover is under way")
     if facts.unfit is not None and not (facts.grounded and facts.unfit is Reason.MISSION_DIFFERS):
         return _denied(facts.unfit.name.lower().replace("_", " "))
@@ -153,7 +161,7 @@ def _cannot_take(facts: ControlFacts) -> ControlDecision | None:
 
 
 #: what is a consent if it comes from the commander; it reads as a request when another one commands
-_CONSENTS = (Effect.CONSENT, Effect.TRANSFER_CONSENTED, Effect.OFFER, Effect.RELEASE)
+_CONSENTS = (Effect.CONSENT, Effect.TRANSFER_CONSENTED, Effect.GIVE, Effect.OFFER, Effect.RELEASE)
 
 
 class Echo:

@@ -33,6 +33,8 @@ class Limits:
     release_timeout_s: float = 2.0
     #: no commander: a forced transfer that takes longer is given up
     forced_timeout_s: float = 2.0
+    #: and a partner that lets it wait this long makes way for another one that is ready
+    reserve_timeout_s: float = 0.8
     #: pause before a transfer that failed is tried again, and after an operator's denial
     retry_pause_s: float = 2.0
     denied_pause_s: float = 10.0

@@ -10,10 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import Final
 
 __all__ = [
+    "AUTOMATIC",
     "NO_MISSION",
     "PROTOCOL_VERSION",
+    "QUESTIONS",
+    "RANKS",
     "AuthorityView",
     "Consent",
     "FlightAction",
@@ -25,6 +29,7 @@ __all__ = [
     "Reason",
     "Station",
     "ZoneFact",
+    "in_words",
 ]
 
 #: Version of the messages of `handover.xml`; stations of another version are not handed authority.
@@ -87,8 +92,8 @@ class Reason(IntEnum):
     """Why authority moved, did not move, or was lost."""
 
     NONE = 0
-    ZONE = 1  #: the aircraft entered the next station's zone, or is about to leave the commander's
-    OPERATOR = 2  #: an operator asked
+    ZONE = 1  #: the aircraft entered the next station's zone
+    OPERATOR = 2  #: an operator's word
     PARENT_CONNECTED = 3  #: the parent station took up its vehicle on the ground
     RELEASE_TIMEOUT = 4  #: the commander consented, then fell silent; the partner had confirmed
     COMMANDER_LOST = 5
@@ -109,9 +114,51 @@ class Reason(IntEnum):
     MISSION_DIFFERS = 20  #: the partner holds another mission package
     VERSION_DIFFERS = 21
     NOT_READY = 22  #: START refused: something on the list of needs is missing
+    RESTARTED = 23  #: the companion restarted and waits for its commander
     LINK_QUALITY = 24  #: the commander's links are over their limits, the partner's are not
     AUTHENTICATION = 25  #: bad signatures at a rate that is no accident
-    RESTARTED = 23  #: the companion restarted and waits for its commander
+    REQUESTED = 26  #: another station's operator asks for control
+    GIVEN = 27  #: the commander's operator gives control away
+    ZONE_ENDS = 28  #: the commander's zone has ended or is about to, another still holds the aircraft
+    PREEMPTED = 29  #: a transfer for a graver reason took its place
+
+
+#: Why a transfer is begun, the least grave reason first, each with its rank: a graver one takes the place of a lesser
+#: one under way.
+RANKS: Final = {
+    reason: rank
+    for rank, reason in enumerate(
+        (
+            Reason.REQUESTED,
+            Reason.ZONE,
+            Reason.GIVEN,
+            Reason.LINK_QUALITY,
+            Reason.ZONE_ENDS,
+            Reason.COMMANDER_LOST,
+        )
+    )
+}
+
+
+#: What a station is asked about by a transfer, in the word that its configuration has for it.
+QUESTIONS: Final = {
+    Reason.ZONE: "zone",
+    Reason.ZONE_ENDS: "zone",
+    Reason.LINK_QUALITY: "link",
+    Reason.REQUESTED: "request",
+    Reason.GIVEN: "give",
+    Reason.COMMANDER_LOST: "forced",
+}
+
+
+#: Those of them that need no operator, unless a station's configuration says otherwise: what another operator wants, or
+#: gives away, is for people to answer.
+AUTOMATIC: Final = ("zone", "link", "forced")
+
+
+def in_words(reason: Reason) -> str:
+    """For people: "commander lost"."""
+    return reason.name.lower().replace("_", " ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +190,8 @@ class AuthorityView:
     handover_id: int = 0
     #: a request for control is granted without asking the commander
     takeover_allowed: bool = False
+    #: why the transfer under way was begun; NONE without one
+    why: Reason = Reason.NONE
 
 
 @dataclass(frozen=True, slots=True)

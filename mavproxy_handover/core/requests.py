@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.conductor import Conductor
@@ -15,6 +17,14 @@ from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.transfer import Cause
 
 __all__ = ["Requests"]
+
+#: why the transfer is begun that a request leads to
+_REASONS: Final = {
+    Effect.TRANSFER: Reason.REQUESTED,
+    Effect.TRANSFER_CONSENTED: Reason.REQUESTED,
+    Effect.GIVE: Reason.GIVEN,
+    Effect.FORCE: Reason.COMMANDER_LOST,
+}
 
 
 class Requests:
@@ -46,18 +56,23 @@ class Requests:
         self._take_effect(decision.effect, request, now, actions)
 
     def _facts(self, station: int, now: float) -> ControlFacts:
-        authority, zones = self._authority, self._candidates.zones
+        authority, zones, transfer = self._authority, self._candidates.zones, self._authority.transfer
         known = station in self._presence
+        waiting_for = None
+        if transfer is not None:
+            waiting_for = station if station in transfer.partners else transfer.key.to_station
         return ControlFacts(
             commander=authority.view.commander,
             lost=authority.lost,
             recovering=authority.recovering,
             grounded=authority.grounded(now),
-            waiting_for=None if authority.transfer is None else authority.transfer.key.to_station,
+            waiting_for=waiting_for,
+            yields=transfer is not None and transfer.yields_to(Reason.GIVEN),
             takeover_allowed=authority.takeover_allowed,
             known=known,
             unfit=self._candidates.unfit(station, now) if known else None,
             in_zone=zones.holds(station) or not zones.known,
+            paused_s=self._candidates.paused_s(station, Reason.REQUESTED, now),
         )
 
     def _take_effect(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:
@@ -73,13 +88,13 @@ class Requests:
                 authority.allow_takeover(False, actions)
                 conductor.move(Cause.DENIED, now, actions)
                 conductor.move(Cause.CANCELLED, now, actions)  # it had agreed: until the commit it may think again
-            case Effect.TRANSFER | Effect.TRANSFER_CONSENTED | Effect.FORCE:
+            case Effect.TRANSFER | Effect.TRANSFER_CONSENTED | Effect.FORCE | Effect.GIVE:
                 conductor.begin(
                     request.for_station,
-                    Reason.OPERATOR,
+                    _REASONS[effect],
                     now,
                     actions,
-                    consented=effect is Effect.TRANSFER_CONSENTED,
+                    consented=effect in (Effect.TRANSFER_CONSENTED, Effect.GIVE),
                     forced=effect is Effect.FORCE,
                     operator_timeout_s=waiting_s(request.timeout_s),
                 )
@@ -98,6 +113,6 @@ class Requests:
         if self._authority.transfer is not None:
             self._conductor.consent(now, actions)
             return
-        partner = self._candidates.best(self._authority.owner, now, actions)
-        if partner is not None:
-            self._conductor.begin(partner, Reason.OPERATOR, now, actions, consented=True)
+        usable = self._candidates.usable(self._authority.owner, Reason.GIVEN, now, actions)
+        if usable:
+            self._conductor.begin(self._candidates.best(usable), Reason.GIVEN, now, actions, consented=True)

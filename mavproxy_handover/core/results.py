@@ -41,19 +41,26 @@ class Results:
         self._limits = limits
         self._pending: dict[int, _Pending] = {}
         self.last: HandoverResult | None = None
+        self._told: frozenset[int] = frozenset()
 
     def announce(self, result: HandoverResult, stations: Iterable[int], now: float, actions: list[Action]) -> None:
         """Tell `stations`, and begin to wait for them."""
-        self.last = result
+        stations = tuple(stations)
+        self.last, self._told = result, frozenset(stations)
         first_s = self._limits.retry_first_s
         for station in stations:
             actions.append(Send(station, result))
             give_up_at = now + self._limits.result_timeout_s
             self._pending[station] = _Pending(result, now + first_s, first_s, give_up_at)
 
-    def forget(self) -> None:
-        """A new transfer begins: nobody needs to be told of the old one any more."""
-        self._pending.clear()
+    def told(self, station: int) -> HandoverResult | None:
+        """The last result, if it was this station's to hear; None before there was one."""
+        return self.last if station in self._told else None
+
+    def forget(self, stations: Iterable[int]) -> None:
+        """A new transfer of these begins: they need not be told of the old one any more."""
+        for station in stations:
+            self._pending.pop(station, None)
 
     def acknowledged(self, station: int, answer: ConnectAck) -> None:
         """A station answered; if it shows the result, it is not told again."""

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.events import Action, BeginStart, Record, StartFinished, StartRefused
 from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.model import Phase, Reason
 from mavproxy_handover.core.phases import PhaseCause
+from mavproxy_handover.core.transfer import Cause
 
 __all__ = ["Start", "StartFacts", "start_needs"]
 
@@ -59,23 +61,28 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
 class Start:
     """START on its way, from the station's command to the edge's word that the aircraft is armed and in AUTO."""
 
-    __slots__ = ("_authority", "_candidates", "_flight")
+    __slots__ = ("_authority", "_candidates", "_conductor", "_flight")
 
-    def __init__(self, authority: Authority, flight: Flight, candidates: Candidates) -> None:
+    def __init__(self, authority: Authority, flight: Flight, candidates: Candidates, conductor: Conductor) -> None:
         self._authority = authority
         self._flight = flight
         self._candidates = candidates
+        self._conductor = conductor
 
-    def needs(self, station: int, now: float) -> tuple[str, ...]:
-        """What START from this station still lacks, in words; empty when the aircraft may take off."""
+    def needs(self, station: int, now: float, *, by_hand: bool = False) -> tuple[str, ...]:
+        """What START from this station still lacks, in words; empty when the aircraft may take off.
+
+        `by_hand`: not START, but a command that is a part of it; the one before may have armed already.
+        """
         authority, flight = self._authority, self._flight
+        on_ground = authority.phase is Phase.ON_LOAD and not authority.starting
         return start_needs(
             StartFacts(
                 station=authority.name(station),
                 commands=authority.view.commander == station,
-                on_ground=authority.waiting_for_start,
+                on_ground=on_ground if by_hand else authority.waiting_for_start,
                 mission_loaded=bool(self._candidates.mission.digest),
-                in_transfer=authority.transfer is not None,
+                in_transfer=authority.transfer is not None and not authority.transfer.yields_to(Reason.GIVEN),
                 autopilot_alive=flight.autopilot_alive(now),
                 guarded=flight.guarded(now),
                 position_known=flight.position_known(now),
@@ -90,6 +97,7 @@ class Start:
             actions.append(Record("start_refused", "START refused: " + ", ".join(needs), Reason.NOT_READY, station))
             actions.append(StartRefused(station, needs))
             return
+        self._conductor.move(Cause.PREEMPTED, now, actions)  # another's request: the commander flies, it does not give
         self._authority.start_begun()
         actions.append(Record("start", f"START from {self._authority.name(station)}", station=station))
         actions.append(BeginStart(station))

@@ -26,6 +26,15 @@ consent; a release that comes before the partner's word waits in CONNECT_FREED.
 When the commander is lost on the way, or was lost before, the transfer is forced: nobody is left to ask, so consent and
 release are taken as given and only the partner's two words count. It ends at once if the commander returns.
 
+A forced transfer is in a hurry: until it ends nobody commands, and the aircraft turns home when it has lasted too long.
+So every station that could take the aircraft is asked at once (`others`), and CONNECT_HANDOVER goes to the first that
+is ready: that one is the partner from then on, the others stay in reserve. A partner that falls away, or lets CONNECT
+wait while another is ready, makes way for the next. Where only operators are left to wait for when the time is up,
+the question stays open and the hurry ends (`patient`): the aircraft turns home meanwhile.
+
+Why a transfer was begun is its rank (`model.RANKS`). A transfer for a graver reason takes its place as long as the
+partner has not been told to set itself up (`yields_to`); if it is to the same partner, this one is raised instead.
+
 A commander may have consented beforehand (it gave the aircraft away itself, or allowed takeover): it is not asked, and
 has released with that. A station without a module of ours (`Station.standard`) has no words for some steps. What
 follows from that is `Transfer.implied`: the causes that come by themselves in a step.
@@ -35,7 +44,7 @@ Everything that can happen in a step is in MOVES. What is not there changes noth
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import inf
 
@@ -50,7 +59,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, Outcome, Reason
+from mavproxy_handover.core.model import RANKS, Consent, Outcome, Reason
 
 __all__ = ["MOVES", "Cause", "End", "Step", "Transfer", "cause_of"]
 
@@ -82,6 +91,7 @@ class Cause(Enum):
     COMMANDER_LOST = "commander lost"
     COMMANDER_RETURNED = "commander returned"
     PARTNER_LOST = "partner lost"
+    PREEMPTED = "a graver reason came up"
     OUT_OF_COVERAGE = "out of every zone"
 
 
@@ -107,6 +117,8 @@ _ABORTS: dict[Cause, End] = {
 
 MOVES: dict[tuple[Step, Cause], Step | End] = {
     **{(step, cause): end for step in Step for cause, end in _ABORTS.items()},
+    (Step.REQUEST, Cause.PREEMPTED): _aborted(Reason.PREEMPTED),
+    (Step.CONSENT, Cause.PREEMPTED): _aborted(Reason.PREEMPTED),
     (Step.REQUEST, Cause.PARTNER_READY): Step.CONSENT,
     (Step.REQUEST, Cause.PARTNER_ASKS): Step.REQUEST,
     (Step.REQUEST, Cause.PARTNER_REFUSED): _aborted(Reason.PARTNER_REFUSED),
@@ -162,19 +174,33 @@ def cause_of(message: Message, sender: int) -> Cause | None:
     return None
 
 
+#: what takes one candidate out of a forced transfer
+_FALLS_AWAY = {
+    Cause.PARTNER_REFUSED: Reason.PARTNER_REFUSED,
+    Cause.PARTNER_LOST: Reason.PARTNER_SILENT,
+    Cause.LEFT_REGION: Reason.LEFT_REGION,
+}
+
+
 class Transfer:
     """The present attempt: its key, its step, and when to speak again. Times are monotonic seconds."""
 
     __slots__ = (
+        "_asked_until",
         "_limits",
         "_operator_timeout_s",
         "_pause_s",
+        "asking",
         "attempt",
         "consented",
+        "fallen",
         "forced",
         "forced_until",
         "key",
         "operator_asked",
+        "others",
+        "patient",
+        "ready",
         "reason",
         "retry_at",
         "started_at",
@@ -198,11 +224,21 @@ class Transfer:
         self._operator_timeout_s = limits.operator_timeout_s if operator_timeout_s is None else operator_timeout_s
         self.consented = consented or forced
         self.forced = forced
-        #: a forced transfer ends then, whatever step it is in
+        #: a forced transfer has so long, whatever step it is in; inf where there is no hurry
         self.forced_until = now + limits.forced_timeout_s if forced else inf
+        #: forced, and no longer in a hurry: it waits for operators
+        self.patient = False
+        #: of a forced one: the stations that are asked besides the partner; of all these those that are ready, and
+        #: those whose operators are being asked
+        self.others: tuple[int, ...] = ()
+        self.ready: frozenset[int] = frozenset()
+        self.asking: frozenset[int] = frozenset()
+        #: candidates that fell away, and why, for the caller to take
+        self.fallen: tuple[tuple[int, Reason], ...] = ()
         self.key = key
         self.reason = reason
         self.started_at = now
+        self._asked_until = inf
         self._enter(Step.REQUEST, now, speak_now=True)
 
     def _enter(self, step: Step, now: float, *, speak_now: bool) -> None:
@@ -211,14 +247,70 @@ class Transfer:
         self._pause_s = self._limits.retry_first_s
         self.retry_at = now if speak_now else now + self._pause_s
         self.operator_asked = False
-        limit_s = self._limits.release_timeout_s if step is Step.RELEASE else self._limits.step_timeout_s
+        self._limit(now)
+
+    def _limit(self, now: float) -> None:
+        if self.patient and self.step is Step.REQUEST:
+            self.timeout_at = self._asked_until
+            return
+        limit_s = self._limits.release_timeout_s if self.step is Step.RELEASE else self._limits.step_timeout_s
+        if self.ready.intersection(self.others):  # somebody else is waiting
+            limit_s = min(limit_s, self._limits.reserve_timeout_s)
         self.timeout_at = min(now + limit_s, self.forced_until)
 
-    def move(self, cause: Cause, now: float, *, relay: bool = False) -> End | bool:
-        """Apply `cause`. Returns the end it leads to, True if the step changed, False if it changed nothing.
+    # ---- who is asked ---------------------------------------------------------------------------------------------
 
-        `relay`: the partner has no ground link, so what it said is to be passed on at once.
+    @property
+    def partners(self) -> tuple[int, ...]:
+        """The partner, and whoever else is asked."""
+        return (self.key.to_station, *self.others)
+
+    def concerns(self, key: TransferKey) -> bool:
+        """Whether this key names the transfer, to the partner or to another station that is asked."""
+        return key == self.key or (key.to_station in self.others and key == self._key_of(key.to_station))
+
+    def _key_of(self, station: int) -> TransferKey:
+        return replace(self.key, to_station=station)
+
+    def invite(self, station: int, now: float, *, ready: bool) -> None:
+        """Ask one more station; `ready`: it has no words for that, and can only be taken as ready."""
+        self.others += (station,)
+        if ready:
+            self.ready |= {station}
+            if self.step is Step.REQUEST:
+                self._limit(now)
+        self.retry_at = now
+
+    def yields_to(self, reason: Reason) -> bool:
+        """Whether a transfer for this reason may take the place of this one."""
+        own = Reason.COMMANDER_LOST if self.forced else self.reason
+        return (self.step, Cause.PREEMPTED) in MOVES and RANKS[reason] > RANKS[own]
+
+    def raise_to(self, reason: Reason, now: float) -> None:
+        """The same transfer, now for a graver reason. Whoever was asked is asked anew, at once."""
+        self.reason = reason
+        self.retry_at = now
+
+    # ---- what happens to it ---------------------------------------------------------------------------------------
+
+    def move(self, cause: Cause, now: float, *, station: int | None = None, relay: bool = False) -> End | bool:
+        """Apply `cause`. Returns the end it leads to, True if the step or the partner changed, False if neither did.
+
+        `station`: whose word or loss it is, where that is not the partner. `relay`: the partner has no ground link, so
+        what it said is to be passed on at once.
         """
+        if cause is Cause.PARTNER_ASKS:
+            self.asking |= {self.key.to_station if station is None else station}
+        if station is not None and station != self.key.to_station:
+            if cause is not Cause.PARTNER_READY or self.step is not Step.REQUEST:
+                self._of_other(cause, station, now)
+                return False
+            self._prefer(station)
+        elif self.forced and self.others and cause in _FALLS_AWAY:
+            self._fall(self.key.to_station, _FALLS_AWAY[cause])
+            return self._next(now)
+        elif self.forced and cause is Cause.TIMEOUT:
+            return self._run_out(now)
         target = MOVES.get((self.step, cause))
         if target is None:
             return False
@@ -237,6 +329,55 @@ class Transfer:
             self.ask_operator(now)
         return changed
 
+    def _of_other(self, cause: Cause, station: int, now: float) -> None:
+        """A word about a station in reserve."""
+        if cause is Cause.PARTNER_READY:
+            self.ready |= {station}
+            self.timeout_at = min(self.timeout_at, now + self._limits.reserve_timeout_s)
+        elif cause is Cause.PARTNER_ASKS and self.step is Step.REQUEST:
+            self.ask_operator(now)
+        elif cause in _FALLS_AWAY:
+            self._fall(station, _FALLS_AWAY[cause])
+
+    def _prefer(self, station: int) -> None:
+        """This one of the others is the partner; the partner so far goes into reserve."""
+        others = tuple(other for other in self.others if other != station)
+        self.others = (self.key.to_station, *others)
+        self.key = self._key_of(station)
+        self.ready |= {station}
+
+    def _fall(self, station: int, why: Reason) -> None:
+        self.fallen += ((station, why),)
+        self.ready -= {station}
+        self.asking -= {station}
+        self.others = tuple(other for other in self.others if other != station)
+
+    def _next(self, now: float) -> bool:
+        """The partner fell away: another one is, the first that is ready if there is one."""
+        station = next((other for other in self.others if other in self.ready), self.others[0])
+        self.others = tuple(other for other in self.others if other != station)
+        self.key = self._key_of(station)
+        self._enter(Step.CONNECT if station in self.ready else Step.REQUEST, now, speak_now=True)
+        return True
+
+    def _run_out(self, now: float) -> End | bool:
+        """A forced transfer's time is up, of the step or of the whole."""
+        if now < self.forced_until and self.ready.intersection(self.others):
+            self._fall(self.key.to_station, Reason.PARTNER_SILENT)
+            return self._next(now)
+        if self.step is Step.REQUEST and self.asking and not self.patient:
+            for station in self.partners:
+                if station not in self.asking:
+                    self._fall(station, Reason.PARTNER_SILENT)
+            self.patient, self.forced_until = True, inf
+            self._limit(now)
+            if self.key.to_station not in self.asking:
+                self.key = self._key_of(self.others[0])
+                self.others = self.others[1:]
+                return True
+            return False
+        return _aborted(Reason.PARTNER_SILENT)
+
     def implied(self, *, partner_standard: bool, commander_standard: bool) -> Cause | None:
         """The cause that comes by itself in the present step, None if somebody's word is awaited."""
         if self.step is Step.REQUEST:
@@ -248,23 +389,35 @@ class Transfer:
         return Cause.CONNECTED if partner_standard else None
 
     def ask_operator(self, now: float) -> None:
-        """The commander's operator is being asked by other means: wait as long as that takes."""
+        """An operator is being asked: wait as long as that takes."""
         if not self.operator_asked:
             self.operator_asked = True
-            self.timeout_at = min(now + self._operator_timeout_s, self.forced_until)
+            self._asked_until = now + self._operator_timeout_s
+            if not self.forced:  # where there is a hurry that comes first, see `_run_out`
+                self.timeout_at = self._asked_until
 
-    def due(self, now: float) -> tuple[int, Message] | None:
-        """The message to send now and its receiver, if it is time; advances the retransmission clock."""
+    # ---- what it says ---------------------------------------------------------------------------------------------
+
+    def due(self, now: float) -> list[tuple[int, Message]]:
+        """The messages to send now and their receivers, if it is time; advances the retransmission clock."""
         if now < self.retry_at:
-            return None
+            return []
         self.attempt += 1
         self.retry_at = now + self._pause_s
         self._pause_s = min(self._pause_s * self._limits.retry_growth, self._limits.retry_max_s)
+        requests: list[tuple[int, Message]] = [
+            (station, HandoverRequest(self._key_of(station), self.reason))
+            for station in self.others
+            if station not in self.ready
+        ]
+        return [self._of_step(), *requests]
+
+    def _of_step(self) -> tuple[int, Message]:
         commander, partner = self.key.from_station, self.key.to_station
         if self.step is Step.REQUEST:
             return partner, HandoverRequest(self.key, self.reason)
         if self.step is Step.CONSENT:
-            return commander, OnHandover(self.key, relayed=True)
+            return commander, OnHandover(self.key, reason=self.reason, relayed=True)
         if self.step is Step.RELEASE:
             return commander, DroneConnected(self.key, relayed=True)
         return partner, ConnectHandover(self.key)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from math import inf
 
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import ZoneFact
+from mavproxy_handover.core.model import Reason, ZoneFact
 
 __all__ = ["ZoneChange", "ZoneTracker"]
 
@@ -104,38 +104,36 @@ class ZoneTracker:
         exit_s = self._facts[station].exit_s
         return inf if exit_s is None else exit_s
 
-    def next_commander(
-        self, commander: int, usable: Sequence[int], route_next: int | None, now: float, better: Sequence[int] = ()
-    ) -> int | None:
-        """The station that authority should move to now, or None.
+    def reasons(
+        self, commander: int, usable: Sequence[int], now: float, better: Sequence[int] = ()
+    ) -> dict[int, Reason]:
+        """Why authority should move now: each station that it should move to, with the gravest reason.
 
-        `usable`: stations that may be asked (the caller leaves out those that are down or in a pause).
-        `route_next`: the station that the planned route needs next. `better`: those of the usable ones whose links are
-        good while the commander's are not.
+        `usable`: stations that could take the aircraft. `better`: those of them whose links are good while the
+        commander's are not.
         """
-        candidates = [station for station in usable if station in self._inside and station != commander]
-        if not candidates:
-            return None
-        left_s = self._time_left_s(commander)
-        commander_ends = left_s <= self._limits.exit_soon_s
         if now - self._moved_at < self._limits.dwell_s and commander in self._inside:
-            return None
-        wanted = [
-            station
-            for station in candidates
-            if station in self._fresh
+            return {}
+        left_s = self._time_left_s(commander)
+        ends = left_s <= self._limits.exit_soon_s
+        found: dict[int, Reason] = {}
+        for station in usable:
+            if station not in self._inside or station == commander:
+                continue
+            own_s = self._time_left_s(station)
+            if ends and own_s > left_s:
+                found[station] = Reason.ZONE_ENDS
             # a better link is no reason to go where the zone is about to end: authority would come back at once
-            or (station in better and self._time_left_s(station) > self._limits.exit_soon_s)
-            or (commander_ends and self._time_left_s(station) > left_s)
-        ]
-        return self.best(wanted, route_next)
+            elif station in better and own_s > self._limits.exit_soon_s:
+                found[station] = Reason.LINK_QUALITY
+            elif station in self._fresh:
+                found[station] = Reason.ZONE
+        return found
 
-    def best(self, stations: Sequence[int], route_next: int | None) -> int | None:
-        """Of these, the next one on the route, then the one whose zone keeps the aircraft longest; None if none."""
-        held = [station for station in stations if station in self._inside]
-        return min(
-            held, key=lambda station: (station != route_next, -self._time_left_s(station), station), default=None
-        )
+    def best(self, stations: Sequence[int], route_next: int | None) -> int:
+        """Of these, at least one and all held, the station `route_next` that the planned route needs next, then the one
+        whose zone keeps the aircraft longest."""
+        return min(stations, key=lambda station: (station != route_next, -self._time_left_s(station), station))
 
     @property
     def known(self) -> bool:

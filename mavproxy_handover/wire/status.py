@@ -52,6 +52,7 @@ def authority_status(view: AuthorityView, zone: int, guard: GuardState, reason: 
         view.lease,
         guard,
         reason,
+        view.why,
     )
 
 

@@ -19,7 +19,11 @@ from mavproxy_handover.config.files import (
 )
 from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Station
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    FlightAction,
+    Station,
+)
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 from mavproxy_handover.resources import DEPLOY
@@ -138,7 +142,7 @@ def test_everything_a_station_can_say(file: Path) -> None:
     file.write_text(STATION)
     loaded = load_station(file)
     assert (loaded.path, loaded.station, loaded.vehicle) == (file, Station(251, "GCSA"), 7)
-    assert loaded.operator_consents is True
+    assert loaded.automatic == frozenset()
     assert loaded.mission == file.parent / "missions" / "delivery"
     assert loaded.journal == Path("/var/log/GCSA.jsonl")
     assert loaded.ground == "udpin:127.0.0.1:15551"
@@ -149,7 +153,7 @@ def test_everything_a_station_can_say(file: Path) -> None:
 def test_the_least_a_station_must_say(file: Path) -> None:
     file.write_text('[station]\nname = "A"\nsysid = 251\n')
     loaded = load_station(file)
-    assert (loaded.vehicle, loaded.operator_consents, loaded.mission) == (1, False, None)
+    assert (loaded.vehicle, loaded.automatic, loaded.mission) == (1, frozenset(AUTOMATIC), None)
     assert (loaded.journal, loaded.ground, loaded.peers) == (file.parent / "A.jsonl", None, ())
 
 

@@ -35,7 +35,13 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, Message, OkHandover, OnHandover
-from mavproxy_handover.core.model import Consent, GuardState, Station, ZoneFact
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    Consent,
+    GuardState,
+    Station,
+    ZoneFact,
+)
 from tests.core.watch import Watch
 
 __all__ = ["TAKE_OFF_S", "Link", "Network", "lossy", "perfect", "scripted"]
@@ -106,7 +112,7 @@ class Network:
                 station,
                 "drone",
                 tuple(other for other in stations if other is not station),
-                operator_consents=station.sysid in self.operators,
+                automatic=() if station.sysid in self.operators else AUTOMATIC,
             )
             for station in stations
         }
@@ -182,7 +188,9 @@ class Network:
 
     def _status(self) -> None:
         view = self.arbiter.view
-        self._to_all(gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id))
+        self._to_all(
+            gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id, why=view.why)
+        )
 
     def _facts(self) -> tuple[ZoneFact, ...]:
         facts = []

@@ -119,7 +119,9 @@ class TestOutOfCoverage:
         bench.run(6.0)
         assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 0)
         bench.position(outside(A), inside(B))
-        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1, why=Reason.COMMANDER_LOST
+        )
         assert len(bench.records("emergency_over")) == 1
         bench.say(B, OnHandover(TransferKey(A, B, 1, 1)))
         bench.say(B, DroneConnected(TransferKey(A, B, 1, 1)))
@@ -344,7 +346,7 @@ class TestZones:
         bench.autopilot_says(armed=True, flying=True)
         bench.run(10.0)
         bench.position(inside(A, exit_s=7.0), inside(B))
-        assert [word[2] for word in bench.sent()] == [HandoverRequest(TransferKey(A, B, 1, 1), Reason.ZONE)]
+        assert [word[2] for word in bench.sent()] == [HandoverRequest(TransferKey(A, B, 1, 1), Reason.ZONE_ENDS)]
 
     def test_a_zone_that_was_entered_without_a_commander_calls_by_force(self) -> None:
         bench = Bench().on_mission()

@@ -41,7 +41,7 @@ from tests.core.bench import (
     outside,
 )
 
-UNDER_WAY = AuthorityView(Phase.ON_HANDOVER, A, B, 1, LeaseState.TRANSFER, True, 1)
+UNDER_WAY = AuthorityView(Phase.ON_HANDOVER, A, B, 1, LeaseState.TRANSFER, True, 1, why=Reason.ZONE)
 STAYS = AuthorityView(Phase.ON_MISSION, A, None, 1, LeaseState.HELD, True, 1)
 MOVED = AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
 COMMITTED = HandoverResult(TransferKey(A, B, 1, 2), B, Outcome.COMMITTED, Reason.ZONE)
@@ -169,7 +169,9 @@ class TestStepByStep:
 
     def test_without_one_it_passes_the_partners_words_on_at_once(self) -> None:
         bench = Bench().in_transfer()
-        assert not_records(bench.say(B, OnHandover(KEY, relay=True))) == [Send(A, OnHandover(KEY, relayed=True), 1)]
+        assert not_records(bench.say(B, OnHandover(KEY, relay=True))) == [
+            Send(A, OnHandover(KEY, reason=Reason.ZONE, relayed=True), 1)
+        ]
         bench.say(A, OkHandover(KEY))
         assert not_records(bench.say(B, DroneConnected(KEY, relay=True))) == [
             Send(A, DroneConnected(KEY, relayed=True), 1)
@@ -348,7 +350,9 @@ class TestEnds:
         bench = Bench(limits).up_to(step)
         bench.alive = {B}
         bench.run(6.9)  # lost after 5 s, forced for 2 s more
-        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1, why=Reason.COMMANDER_LOST
+        )
         assert bench.flights() == []
         bench.run(0.1)
         assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 1)
@@ -590,7 +594,9 @@ class TestNotListenedTo:
             (A, DisconnectHandover(KEY)),
         ):
             bench.say(station, word)
-        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, B, A, 2, LeaseState.TRANSFER, True, 2)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_HANDOVER, B, A, 2, LeaseState.TRANSFER, True, 2, why=Reason.ZONE
+        )
         assert {message for _at, _station, message, _attempt in bench.sent()} == {COMMITTED}
 
 
@@ -766,7 +772,7 @@ class TestPartners:
         bench.position(inside(A), inside(B), inside(C))
         bench.position(inside(A), inside(B), outside(C))
         bench.position(*far(A, C, D), inside(B))
-        assert bench.arbiter.view == UNDER_WAY
+        assert bench.arbiter.view == replace(UNDER_WAY, why=Reason.ZONE_ENDS)
 
     def test_nothing_moves_on_the_ground(self) -> None:
         bench = Bench().on_ground()

@@ -43,13 +43,13 @@ def outside(station: int) -> ZoneFact:
 def test_the_owner_is_no_candidate_and_nobody_outside_its_zone_is_one() -> None:
     made = candidates(inside(A), inside(B), outside(C))
     actions: list[Action] = []
-    assert list(made.usable(A, NOW, actions)) == [B]
-    assert list(made.usable(None, NOW, actions)) == [A, B]
+    assert list(made.usable(A, Reason.ZONE, NOW, actions)) == [B]
+    assert list(made.usable(None, Reason.ZONE, NOW, actions)) == [A, B]
     assert actions == []
 
 
 def test_a_zone_without_a_station_calls_nobody() -> None:
-    assert candidates(inside(A), inside(77)).best(A, NOW, []) is None
+    assert candidates(inside(A), inside(77)).usable(A, Reason.COMMANDER_LOST, NOW, []) == []
 
 
 def test_why_one_cannot_be_partner_is_told_once_until_it_changes() -> None:
@@ -58,7 +58,7 @@ def test_why_one_cannot_be_partner_is_told_once_until_it_changes() -> None:
     for digest in (b"", b"", DIGEST, b"", b""):
         actions: list[Action] = []
         made.hold(Mission(digest or bytes(32), (A, B, C)))
-        made.usable(A, NOW, actions)
+        made.usable(A, Reason.ZONE, NOW, actions)
         told += [f"{action.station}: {action.text}" for action in actions if isinstance(action, Record)]
     once = ["252: GCSB cannot be partner: mission differs", "253: GCSC cannot be partner: mission differs"]
     assert told == once * 2
@@ -78,19 +78,19 @@ def test_why_one_cannot_be_partner_is_told_once_until_it_changes() -> None:
 )
 def test_an_operators_no_pauses_longer_than_silence(reason: Reason, pause_s: float) -> None:
     made = candidates(inside(A), inside(B), outside(C))
-    made.pause(B, reason, NOW)
-    assert list(made.usable(A, NOW + pause_s - 0.1, [])) == []
+    made.pause(B, Reason.ZONE, reason, NOW)
+    assert list(made.usable(A, Reason.ZONE, NOW + pause_s - 0.1, [])) == []
     for there in made._presence.values():
         there.heard_at = there.answered_at = NOW + pause_s
-    assert list(made.usable(A, NOW + pause_s, [])) == [B]
+    assert list(made.usable(A, Reason.ZONE, NOW + pause_s, [])) == [B]
 
 
 def test_a_pause_is_of_one_station_and_ends_when_authority_moves() -> None:
     made = candidates()
-    made.pause(B, Reason.COMMANDER_DENIED, NOW)
-    assert list(made.usable(A, NOW, [])) == [C]
+    made.pause(B, Reason.ZONE, Reason.COMMANDER_DENIED, NOW)
+    assert list(made.usable(A, Reason.ZONE, NOW, [])) == [C]
     made.moved(C, NOW, flying=True)
-    assert list(made.usable(A, NOW, [])) == [B, C]
+    assert list(made.usable(A, Reason.ZONE, NOW, [])) == [B, C]
 
 
 def test_the_route_advances_in_flight_alone() -> None:
@@ -107,7 +107,7 @@ def test_the_next_on_the_route_comes_before_the_one_that_keeps_the_aircraft_long
     facts = (inside(A), inside(B, 20.0), inside(C, 500.0))
     assert candidates(*facts).wanted(A, NOW, []) == (B, Reason.ZONE)
     assert candidates(*facts, route=(A, A)).wanted(A, NOW, []) == (C, Reason.ZONE)
-    assert candidates(*facts).best(A, NOW, []) == B
+    assert candidates(*facts).best((B, C)) == B
 
 
 def test_of_two_with_good_links_the_next_on_the_route_and_the_reason_is_the_links() -> None:
@@ -116,5 +116,5 @@ def test_of_two_with_good_links_the_next_on_the_route_and_the_reason_is_the_link
     assert made.wanted(A, NOW, []) is None
     made.links.judged(LinkJudged(A, True, False, "loss 40%"), "GCSA", NOW - 10.0, [])
     assert made.wanted(A, NOW, []) == (C, Reason.LINK_QUALITY)
-    made.pause(C, Reason.PARTNER_SILENT, NOW)
+    made.pause(C, Reason.LINK_QUALITY, Reason.PARTNER_SILENT, NOW)
     assert made.wanted(A, NOW, []) == (B, Reason.LINK_QUALITY)

@@ -107,19 +107,21 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("denies", asks(A), replace(FLYING, waiting_for=B), yes(Effect.DENY)),
     ("denies on the ground", asks(A), replace(GROUND, waiting_for=B), yes(Effect.DENY)),
     # the commander, for another
-    ("gives", asks(A, give_to=B), FLYING, yes(Effect.TRANSFER_CONSENTED)),
-    ("gives with takeover set", asks(A, give_to=B, takeover=True), FLYING, yes(Effect.TRANSFER_CONSENTED)),
-    ("gives on the ground", asks(A, give_to=B), GROUND, yes(Effect.TRANSFER_CONSENTED)),
+    ("gives", asks(A, give_to=B), FLYING, yes(Effect.GIVE)),
+    ("gives with takeover set", asks(A, give_to=B, takeover=True), FLYING, yes(Effect.GIVE)),
+    ("gives on the ground", asks(A, give_to=B), GROUND, yes(Effect.GIVE)),
     ("gives to who waits", asks(A, give_to=B), replace(FLYING, waiting_for=B), yes(Effect.CONSENT)),
     ("gives to who waits, out of zone", asks(A, give_to=B), replace(FLYING, waiting_for=B, in_zone=False),
      yes(Effect.CONSENT)),
     ("gives while another waits", asks(A, give_to=B), replace(FLYING, waiting_for=C), SECOND_WAITER),
+    ("gives while another asks", asks(A, give_to=B), replace(FLYING, waiting_for=C, yields=True), yes(Effect.GIVE)),
+    ("gives just after it came to nothing", asks(A, give_to=B), replace(FLYING, paused_s=7.2), yes(Effect.GIVE)),
     ("gives to a stranger", asks(A, give_to=99), replace(FLYING, known=False), no("unknown station")),
     ("gives to a silent one", asks(A, give_to=B), replace(FLYING, unfit=Reason.PARTNER_SILENT), no("partner silent")),
     ("gives to another mission", asks(A, give_to=B), replace(FLYING, unfit=Reason.MISSION_DIFFERS),
      no("mission differs")),
     ("gives to another mission on the ground", asks(A, give_to=B), replace(GROUND, unfit=Reason.MISSION_DIFFERS),
-     yes(Effect.TRANSFER_CONSENTED)),
+     yes(Effect.GIVE)),
     ("gives to another version", asks(A, give_to=B), replace(GROUND, unfit=Reason.VERSION_DIFFERS),
      no("version differs")),
     ("gives out of its zone", asks(A, give_to=B), replace(FLYING, in_zone=False),
@@ -142,6 +144,12 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("asks while another waits", asks(B), replace(FLYING, waiting_for=C), SECOND_WAITER),
     ("asks while another waits, takeover allowed", asks(B), replace(FLYING, waiting_for=C, takeover_allowed=True),
      SECOND_WAITER),
+    ("asks while the commander gives", asks(B), replace(FLYING, waiting_for=C, yields=True), SECOND_WAITER),
+    ("asks just after it came to nothing", asks(B), replace(FLYING, paused_s=7.2), no("too soon: again in 8 s")),
+    ("the same, takeover allowed", asks(B), replace(FLYING, paused_s=0.1, takeover_allowed=True),
+     no("too soon: again in 1 s")),
+    ("the same, nobody commands", asks(B), replace(LOST, paused_s=7.2), ControlDecision(PENDING, Effect.FORCE)),
+    ("the same, on the ground", asks(B), replace(NOBODY_ON_GROUND, paused_s=7.2), yes(Effect.GRANT)),
     ("asks, unfit", asks(B), replace(FLYING, unfit=Reason.MISSION_DIFFERS), no("mission differs")),
     ("asks, unfit, takeover allowed", asks(B), replace(FLYING, unfit=Reason.PARTNER_SILENT, takeover_allowed=True),
      no("partner silent")),
@@ -281,14 +289,14 @@ class TestRequest:
         assert answers(actions) == [ControlAnswer(B, PENDING)]
         first = TransferKey(A, B, 1, 1)
         assert [message for _at, _station, message, _attempt in bench.sent()] == [
-            HandoverRequest(first, Reason.OPERATOR)
+            HandoverRequest(first, Reason.REQUESTED)
         ]
         bench.say(B, OnHandover(first))
         bench.say(A, OkHandover(first))
         bench.say(B, DroneConnected(first))
         bench.say(A, DisconnectHandover(first))
         assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
-        assert bench.records("transfer_committed")[0].reason is Reason.OPERATOR
+        assert bench.records("transfer_committed")[0].reason is Reason.REQUESTED
 
     def test_what_was_asked_and_answered_is_journalled(self) -> None:
         bench = flight()
@@ -347,14 +355,16 @@ class TestRequest:
     def test_start_waits_for_the_end_of_a_transfer_on_the_ground(self) -> None:
         # or the aircraft would go to a station whose zone it never was in
         bench = Bench().on_ground()
-        bench.give(asks(B))
+        bench.give(asks(A, give_to=B))
         assert bench.arbiter.start_needs(A, bench.now) == ("a handover is under way",)
 
     def test_a_transfer_that_takes_off_is_a_phase(self) -> None:
         bench = Bench().on_ground()
         bench.give(asks(B))
         bench.autopilot_says(armed=True, flying=True)
-        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, A, B, 1, LeaseState.TRANSFER, True, 1)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_HANDOVER, A, B, 1, LeaseState.TRANSFER, True, 1, why=Reason.REQUESTED
+        )
 
     def test_moves_on_the_ground_do_not_advance_the_route(self) -> None:
         # A, then C, then B: given to B and back before take-off, the next one is C all the same
@@ -385,7 +395,7 @@ class TestGive:
         bench.say(B, DroneConnected(key(bench)))
         assert bench.arbiter.view.commander == B
         (record,) = bench.records("transfer_committed")
-        assert (record.reason, record.duration_s) == (Reason.OPERATOR, 0.0)
+        assert (record.reason, record.duration_s) == (Reason.GIVEN, 0.0)
 
     def test_given_twice_because_the_answer_was_lost(self) -> None:
         bench = flight()
@@ -410,6 +420,7 @@ class TestGive:
         bench = flight()
         bench.give(asks(A, give_to=B))
         bench.say(B, OnHandover(key(bench), Consent.DENIED))
+        bench.run(10.0)
         bench.give(asks(B))
         bench.say(B, OnHandover(key(bench)))
         bench.say(B, DroneConnected(key(bench)))
@@ -598,7 +609,9 @@ class TestParent:
         bench.say(C, OnHandover(there, Consent.WAITING))
         bench.alive = {A, C}
         bench.run(5.5)
-        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, C, 3, LeaseState.LOST, False, 1)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_LOAD, None, C, 3, LeaseState.LOST, False, 1, why=Reason.COMMANDER_LOST
+        )
         bench.say(C, OnHandover(there))
         bench.say(C, DroneConnected(there))
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, C, None, 4, LeaseState.HELD, False, 1)
@@ -982,7 +995,9 @@ class TestNotification:
         bench.say(B, OnHandover(key(bench)))
         bench.run(1.0)
         assert questions(bench) == []
-        assert (A, OnHandover(key(bench), relayed=True)) in [(s, m) for _at, s, m, _n in bench.sent()]
+        assert (A, OnHandover(key(bench), reason=Reason.REQUESTED, relayed=True)) in [
+            (s, m) for _at, s, m, _n in bench.sent()
+        ]
 
     def test_by_zone_it_has_the_operators_time(self) -> None:
         bench = Bench(Limits(operator_timeout_s=20.0), standard={A}).in_transfer()

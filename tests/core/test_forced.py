@@ -8,6 +8,7 @@ that nobody gets the aircraft who was not asked and has not confirmed.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import pytest
@@ -31,6 +32,7 @@ from tests.core.bench import (
     C,
     ConnectHandover,
     Consent,
+    D,
     DisconnectHandover,
     DroneConnected,
     HandoverRequest,
@@ -49,7 +51,7 @@ from tests.core.bench import (
 
 RETURN = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
 KEY = TransferKey(A, B, 1, 1)
-UNDER_WAY = AuthorityView(Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1)
+UNDER_WAY = AuthorityView(Phase.ON_HANDOVER, None, B, 1, LeaseState.LOST, True, 1, why=Reason.COMMANDER_LOST)
 TAKEN = AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
 #: nothing more for two seconds after an attempt, ten after a refusal
 PAUSE_S, DENIED_PAUSE_S = 2.0, 10.0
@@ -94,7 +96,7 @@ class TestTaking:
         bench.log.clear()
         bench.run(0.1)
         assert [(at, action) for at, action in bench.log if isinstance(action, (ViewChanged, Send))][:3] == [
-            (heard_at + 5.0, ViewChanged(replace(UNDER_WAY, phase=Phase.ON_MISSION, partner=None, handover_id=0),
+            (heard_at + 5.0, ViewChanged(AuthorityView(Phase.ON_MISSION, None, None, 1, LeaseState.LOST, True, 0),
                                          Reason.COMMANDER_LOST)),
             (heard_at + 5.0, ViewChanged(UNDER_WAY, Reason.COMMANDER_LOST)),
             (heard_at + 5.0, Send(B, HandoverRequest(KEY, Reason.COMMANDER_LOST), 1)),
@@ -171,7 +173,9 @@ class TestTaking:
         bench.alive = {C}
         bench.run(5.0)
         # the refusal was of another commander: it does not count any more
-        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, C, 2, LeaseState.LOST, True, 3)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_HANDOVER, None, C, 2, LeaseState.LOST, True, 3, why=Reason.COMMANDER_LOST
+        )
         second = TransferKey(B, C, 3, 2)
         bench.say(C, OnHandover(second))
         bench.say(C, DroneConnected(second))
@@ -205,7 +209,10 @@ class TestBound:
         assert bench.flights() == []
         bench.run(2.0)
         assert [(at, a) for at, a in bench.log if isinstance(a, Fly)] == [(lost_at + 2.0, RETURN)]
-        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 1)
+        over = AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 1)
+        # the operator's question stays open while the aircraft flies home
+        asked = replace(over, partner=B, why=Reason.COMMANDER_LOST)
+        assert bench.arbiter.view == (asked if heard == "its operator is asked" else over)
 
     @pytest.mark.parametrize("bound_s", [0.5, 2.0, 3.5])
     def test_the_bound_is_configured(self, bound_s: float) -> None:
@@ -254,7 +261,7 @@ class TestBound:
     def test_on_the_way_home_there_is_time_to_ask_an_operator(self) -> None:
         bench = lost()
         bench.run(4.5)
-        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, B, 1, LeaseState.LOST, True, 2)
+        assert bench.arbiter.view == replace(UNDER_WAY, phase=Phase.EMERGENCY, handover_id=2)
         second = TransferKey(A, B, 2, 1)
         bench.say(B, OnHandover(second, Consent.WAITING))
         asked_at = bench.now
@@ -288,7 +295,7 @@ class TestBound:
     def test_an_attempt_after_that_takes_it(self) -> None:
         bench = lost()
         bench.run(4.5)
-        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, B, 1, LeaseState.LOST, True, 2)
+        assert bench.arbiter.view == replace(UNDER_WAY, phase=Phase.EMERGENCY, handover_id=2)
         second = TransferKey(A, B, 2, 1)
         bench.say(B, OnHandover(second))
         bench.say(B, DroneConnected(second))
@@ -300,10 +307,8 @@ class TestBound:
         bench = lost()
         bench.position(inside(A), inside(B), inside(C))
         bench.say(B, OnHandover(KEY, Consent.DENIED))
-        bench.run(0.5)
         assert bench.arbiter.view.partner == C
-        # too late for the aircraft not to turn: between the two nobody was there
-        assert bench.flights() == [RETURN]
+        assert bench.flights() == []
 
     def test_and_is_not_asked_again_for_ten_seconds(self) -> None:
         bench = lost()
@@ -373,7 +378,9 @@ class TestReturn:
         bench = lost()
         bench.give(StationHeard(A))
         bench.run(5.0)
-        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, B, 2, LeaseState.LOST, True, 2)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_HANDOVER, None, B, 2, LeaseState.LOST, True, 2, why=Reason.COMMANDER_LOST
+        )
         assert bench.flights() == []
 
 
@@ -527,9 +534,14 @@ class TestByRequest:
         assert bench.arbiter.view == before
         assert bench.arbiter.next_deadline() == deadline
 
-    def test_another_station_waits_its_turn(self) -> None:
+    def test_another_station_that_is_asked_too_is_waited_for_as_well(self) -> None:
         bench = lost()
         bench.position(inside(A), inside(B), inside(C))
+        (answer,) = [a for a in bench.give(bench.request(C)) if isinstance(a, ControlAnswer)]
+        assert answer.result is ControlResult.PENDING
+
+    def test_but_one_that_is_not_waits_its_turn(self) -> None:
+        bench = lost()
         (answer,) = [a for a in bench.give(bench.request(C)) if isinstance(a, ControlAnswer)]
         assert answer.result is ControlResult.DENIED
 
@@ -553,7 +565,9 @@ class TestOnTheGround:
         bench.give(bench.request(B))
         bench.alive = {B}
         bench.run(5.5)
-        assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, B, 1, LeaseState.LOST, False, 1)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_LOAD, None, B, 1, LeaseState.LOST, False, 1, why=Reason.COMMANDER_LOST
+        )
         bench.say(B, OnHandover(KEY))
         bench.say(B, DroneConnected(KEY))
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, B, None, 2, LeaseState.HELD, False, 1)
@@ -578,3 +592,157 @@ class TestOnTheGround:
         bench.run(1.5)
         assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.PARTNER_SILENT]
         assert [at for at, a in bench.log if isinstance(a, Fly)] == [silent_since + 7.0]
+
+
+class TestAskedAtOnce:
+    """Everybody who could take the aircraft is asked at the moment of the loss; the first that is ready gets it."""
+
+    @staticmethod
+    def lost_by_three(limits: Limits | None = None, standard: Collection[int] = ()) -> Bench:
+        """GCSA has just been lost in the zones of B, C and D; B is next on the route."""
+        bench = Bench(limits, standard=standard)
+        bench.alive = {A, B, C, D}
+        bench.on_ground()
+        bench.position(inside(A), inside(B), inside(C), inside(D))
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        bench.alive = {B, C, D}
+        bench.log.clear()
+        bench.run(5.0)
+        return bench
+
+    @staticmethod
+    def key(station: int) -> TransferKey:
+        return TransferKey(A, station, 1, 1)
+
+    def test_all_of_them_in_the_same_instant(self) -> None:
+        bench = self.lost_by_three()
+        assert [(at, station, message) for at, station, message, _n in bench.sent()] == [
+            (bench.now, station, HandoverRequest(self.key(station), Reason.COMMANDER_LOST)) for station in (B, C, D)
+        ]
+        assert begun(bench) == [(bench.now, "handover 1 (forced): GCSA -> GCSB")]
+
+    def test_the_first_that_is_ready_gets_connect_and_commands(self) -> None:
+        """The fault: RTL was ordered in the instant in which the healthy one took over."""
+        bench = self.lost_by_three()
+        bench.say(B, OnHandover(self.key(B), Consent.WAITING))
+        actions = not_records(bench.say(D, OnHandover(self.key(D))))
+        assert Send(D, ConnectHandover(self.key(D)), 1) in actions
+        assert bench.arbiter.view.partner == D
+        bench.say(D, DroneConnected(self.key(D)))
+        assert bench.arbiter.view.commander == D
+        assert bench.flights() == []
+        told = {station for _at, station, message, _n in bench.sent() if isinstance(message, HandoverResult)}
+        assert told == {A, B, C, D}, "who was asked hears how it ended"
+
+    def test_nobody_but_the_one_that_was_told_to_can_confirm(self) -> None:
+        bench = self.lost_by_three()
+        bench.say(D, OnHandover(self.key(D)))
+        for station in (B, C):
+            bench.say(station, OnHandover(self.key(station)))
+            bench.say(station, DroneConnected(self.key(station)))
+            bench.say(station, DroneConnected(self.key(D)))
+        assert bench.arbiter.view.commander is None
+
+    def test_one_that_falls_silent_makes_way_for_another_that_is_ready(self) -> None:
+        bench = self.lost_by_three()
+        lost_at = bench.now
+        bench.say(C, OnHandover(self.key(C)))
+        bench.say(D, OnHandover(self.key(D)))
+        bench.run(0.9)
+        assert bench.arbiter.view.partner == D
+        bench.say(C, DroneConnected(self.key(C)))
+        assert bench.arbiter.view.commander is None, "it is too late for that one"
+        bench.say(D, DroneConnected(self.key(D)))
+        assert bench.arbiter.view.commander == D
+        assert bench.now < lost_at + 2.0
+        assert bench.flights() == []
+
+    def test_so_does_one_that_refuses_after_all_or_is_lost_or_left(self) -> None:
+        for how in ("refuses", "left"):
+            bench = self.lost_by_three()
+            bench.say(C, OnHandover(self.key(C)))
+            bench.say(D, OnHandover(self.key(D)))
+            if how == "refuses":
+                bench.say(C, OnHandover(self.key(C), Consent.DENIED))
+            else:
+                bench.position(inside(A), inside(B), outside(C), inside(D))
+            assert bench.arbiter.view.partner == D
+            assert (D, ConnectHandover(self.key(D))) in [word[1:3] for word in bench.sent()]
+
+    def test_where_no_other_is_ready_the_rest_is_asked_on(self) -> None:
+        bench = self.lost_by_three()
+        bench.say(C, OnHandover(self.key(C)))
+        bench.say(C, OnHandover(self.key(C), Consent.DENIED))
+        assert bench.arbiter.view.partner == B
+        bench.log.clear()
+        bench.run(0.5)
+        assert {(station, type(message)) for _at, station, message, _n in bench.sent()} == {
+            (B, HandoverRequest),
+            (D, HandoverRequest),
+        }
+        bench.say(D, OnHandover(self.key(D)))
+        bench.say(D, DroneConnected(self.key(D)))
+        assert bench.arbiter.view.commander == D
+
+    def test_only_when_all_have_failed_the_aircraft_turns_home(self) -> None:
+        bench = self.lost_by_three()
+        lost_at = bench.now
+        bench.say(B, OnHandover(self.key(B), Consent.DENIED))
+        bench.say(C, OnHandover(self.key(C), Consent.DENIED))
+        assert bench.flights() == []
+        bench.run(1.9)
+        assert bench.flights() == []
+        bench.run(1.0)
+        assert [at for at, action in bench.log if isinstance(action, Fly)] == [lost_at + 2.0]
+
+    def test_and_when_the_last_refuses_at_once(self) -> None:
+        bench = self.lost_by_three()
+        for station in (B, C, D):
+            bench.say(station, OnHandover(self.key(station), Consent.DENIED))
+        assert bench.flights() == [RETURN]
+
+    def test_the_operators_questions_stay_open_while_the_aircraft_flies_home(self) -> None:
+        bench = self.lost_by_three()
+        for station in (C, D):
+            bench.say(station, OnHandover(self.key(station), Consent.WAITING))
+        bench.run(20.0)
+        assert bench.flights() == [RETURN]
+        assert bench.arbiter.view.handover_id == 1
+        bench.say(D, OnHandover(self.key(D)))
+        bench.say(D, DroneConnected(self.key(D)))
+        assert bench.arbiter.view.commander == D
+        assert bench.arbiter.view.phase is Phase.ON_MISSION
+
+    def test_one_that_comes_into_its_zone_is_asked_too(self) -> None:
+        bench = lost()
+        bench.position(inside(A), inside(B), inside(C))
+        assert bench.sent()[-1][1:3] == (C, HandoverRequest(self.key(C), Reason.COMMANDER_LOST))
+        bench.say(C, OnHandover(self.key(C)))
+        bench.say(C, DroneConnected(self.key(C)))
+        assert bench.arbiter.view.commander == C
+
+    def test_one_that_knows_no_words_for_it_waits_for_those_that_do(self) -> None:
+        # it cannot say that it is ready: whoever can comes first
+        bench = self.lost_by_three(standard={C})
+        assert bench.arbiter.view.partner == B
+        bench.run(0.7)
+        assert bench.arbiter.view.commander is None
+        bench.run(0.2)
+        assert bench.arbiter.view.commander == C
+        assert bench.flights() == []
+
+    def test_a_transfer_under_way_at_the_loss_is_not_the_only_chance(self) -> None:
+        # the partner has been told to set itself up, and does not say that it has
+        bench = Bench(replace(Limits(), step_timeout_s=20.0)).up_to("CONNECT")
+        bench.alive = {B, C}
+        bench.position(inside(A), inside(B), inside(C))
+        while bench.arbiter.view.commander == A:
+            bench.run(0.1)
+        assert bench.arbiter.view.partner == B
+        bench.say(C, OnHandover(self.key(C)))
+        bench.run(0.9)
+        assert bench.arbiter.view.partner == C
+        bench.say(C, DroneConnected(self.key(C)))
+        assert bench.arbiter.view.commander == C
+        assert bench.flights() == []

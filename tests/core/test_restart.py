@@ -183,7 +183,9 @@ class TestNotHeard:
         bench = started(LEFT)
         bench.alive = {B}
         bench.run(5.0)
-        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, None, B, 5, LeaseState.LOST, True, 8)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_HANDOVER, None, B, 5, LeaseState.LOST, True, 8, why=Reason.COMMANDER_LOST
+        )
         key = TransferKey(A, B, 8, 5)
         bench.say(B, OnHandover(key))
         bench.say(B, DroneConnected(key))
@@ -302,7 +304,9 @@ class TestInATransfer:
         bench = Bench().up_to(step).restart()
         bench.run(3.0)
         key = TransferKey(A, B, 2, 2)
-        assert bench.arbiter.view == AuthorityView(Phase.ON_HANDOVER, A, B, 2, LeaseState.TRANSFER, True, 2)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.ON_HANDOVER, A, B, 2, LeaseState.TRANSFER, True, 2, why=Reason.ZONE
+        )
         for station, word in (
             (B, OnHandover(key)),
             (A, OkHandover(key)),

@@ -49,7 +49,7 @@ from tests.core.bench import (
 
 ALL = frozenset(NAMES)
 MOVED = AuthorityView(Phase.ON_MISSION, B, None, 2, LeaseState.HELD, True, 1)
-UNDER_WAY = AuthorityView(Phase.ON_HANDOVER, A, B, 1, LeaseState.TRANSFER, True, 1)
+UNDER_WAY = AuthorityView(Phase.ON_HANDOVER, A, B, 1, LeaseState.TRANSFER, True, 1, why=Reason.ZONE)
 STAYS = AuthorityView(Phase.ON_MISSION, A, None, 1, LeaseState.HELD, True, 1)
 
 
@@ -146,7 +146,7 @@ class TestFromOursToStandard:
         actions = bench.position(inside(A), inside(B))
         assert not_records(actions) == [
             ViewChanged(UNDER_WAY, Reason.ZONE),
-            Send(A, OnHandover(KEY, relayed=True), 1),
+            Send(A, OnHandover(KEY, reason=Reason.ZONE, relayed=True), 1),
         ]
 
     def test_it_consents_and_releases(self, made: Made) -> None:
@@ -338,14 +338,20 @@ class TestBetweenTwo:
             assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (new, number + 1)
 
     def test_by_request_and_consent(self, made: Made) -> None:
-        bench = made.on_mission(*ALL)
-        bench.position(inside(A), inside(B))
-        bench.give(bench.request(A))  # not now
-        assert bench.arbiter.view.partner is None
+        bench = in_both_zones(made)
         assert answers(bench.give(bench.request(B))) == [ControlAnswer(B, ControlResult.PENDING)]
         assert questions(bench)[-1] == NotifyOwner(A, B, 10.0)
         bench.give(bench.request(A, takeover=True))
         assert bench.arbiter.view.commander == B
+
+    def test_by_request_just_after_the_commander_has_said_no(self, made: Made) -> None:
+        bench = made.on_mission(*ALL)
+        bench.position(inside(A), inside(B))
+        bench.give(bench.request(A))  # not now
+        assert bench.arbiter.view.partner is None
+        assert answers(bench.give(bench.request(B))) == [
+            ControlAnswer(B, ControlResult.DENIED, "too soon: again in 10 s")
+        ]
 
     def test_by_request_where_takeover_is_allowed(self, made: Made) -> None:
         bench = in_both_zones(made)

@@ -43,6 +43,8 @@ EXPECTED = {
     ("REQUEST", "COMMANDER_RETURNED"): "ABORTED COMMANDER_RETURNED",
     ("REQUEST", "PARTNER_LOST"): "ABORTED PARTNER_SILENT",
     ("REQUEST", "OUT_OF_COVERAGE"): "ABORTED OUT_OF_COVERAGE",
+    ("REQUEST", "PREEMPTED"): "ABORTED PREEMPTED",
+    ("CONSENT", "PREEMPTED"): "ABORTED PREEMPTED",
     ("CONSENT", "PARTNER_REFUSED"): "ABORTED PARTNER_REFUSED",
     ("CONSENT", "CONSENTED"): "CONNECT",
     ("CONSENT", "COMMANDER_ASKS"): "CONSENT",
@@ -109,8 +111,8 @@ def said(transfer: Transfer, until: float, now: float) -> list[tuple[float, int,
         if now > until:
             return words
         due = transfer.due(now)
-        assert due is not None
-        words.append((round(now, 6), transfer.attempt, *due))
+        assert due
+        words += [(round(now, 6), transfer.attempt, *one) for one in due]
 
 
 class TestMoves:
@@ -232,7 +234,7 @@ class TestSpeaking:
     @pytest.mark.parametrize(
         ("step", "receiver", "message"),
         [
-            (Step.CONSENT, A, OnHandover(KEY, relayed=True)),
+            (Step.CONSENT, A, OnHandover(KEY, reason=Reason.ZONE, relayed=True)),
             (Step.CONNECT_FREED, B, ConnectHandover(KEY)),
             (Step.RELEASE, A, DroneConnected(KEY, relayed=True)),
         ],
@@ -246,7 +248,7 @@ class TestSpeaking:
     @pytest.mark.parametrize(
         ("step", "cause", "receiver", "message"),
         [
-            (Step.REQUEST, Cause.PARTNER_READY, A, OnHandover(KEY, relayed=True)),
+            (Step.REQUEST, Cause.PARTNER_READY, A, OnHandover(KEY, reason=Reason.ZONE, relayed=True)),
             (Step.CONNECT, Cause.CONNECTED, A, DroneConnected(KEY, relayed=True)),
         ],
     )
@@ -255,21 +257,21 @@ class TestSpeaking:
     ) -> None:
         transfer = transfer_in(step)
         transfer.move(cause, 101.0, relay=True)
-        assert transfer.due(101.0) == (receiver, message)
+        assert transfer.due(101.0) == [(receiver, message)]
         assert transfer.attempt == 1
 
     def test_not_before_it_is_time(self) -> None:
         transfer = transfer_in(Step.REQUEST)
-        assert transfer.due(100.0) is not None
-        assert transfer.due(100.0) is None
-        assert transfer.due(100.199) is None
+        assert len(transfer.due(100.0)) == 1
+        assert transfer.due(100.0) == []
+        assert transfer.due(100.199) == []
         assert transfer.attempt == 1
 
     def test_a_caller_that_is_late_gets_one_message_not_all_that_were_missed(self) -> None:
         transfer = transfer_in(Step.REQUEST)
         transfer.due(100.0)
-        assert transfer.due(103.0) is not None
-        assert transfer.due(103.0) is None
+        assert len(transfer.due(103.0)) == 1
+        assert transfer.due(103.0) == []
         assert transfer.retry_at == pytest.approx(103.3)
 
     def test_each_step_counts_its_own_attempts(self) -> None:
@@ -278,7 +280,7 @@ class TestSpeaking:
             transfer.due(now)
         assert transfer.attempt == 3
         transfer.move(Cause.CONSENTED, 101.0)
-        assert transfer.due(101.0) == (B, ConnectHandover(KEY))
+        assert transfer.due(101.0) == [(B, ConnectHandover(KEY))]
         assert transfer.attempt == 1
         assert transfer.retry_at == pytest.approx(101.2)
 
@@ -340,7 +342,7 @@ class TestTimeouts:
         transfer = transfer_in(Step.CONSENT)
         transfer.move(Cause.COMMANDER_ASKS, 100.0)
         words = said(transfer, until=110.0, now=100.0)
-        assert {word[2:] for word in words} == {(A, OnHandover(KEY, relayed=True))}
+        assert {word[2:] for word in words} == {(A, OnHandover(KEY, reason=Reason.ZONE, relayed=True))}
         assert [word[0] for word in words[-2:]] == [108.825, 109.825]
 
 
@@ -360,7 +362,7 @@ class TestForced:
     def test_forced_from_the_beginning(self) -> None:
         transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced=True)
         assert transfer.timeout_at == 102.0
-        assert transfer.due(100.0) == (B, HandoverRequest(KEY, Reason.COMMANDER_LOST))
+        assert transfer.due(100.0) == [(B, HandoverRequest(KEY, Reason.COMMANDER_LOST))]
 
     def test_no_operator_wins_more_time(self) -> None:
         transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced=True)

@@ -65,7 +65,7 @@ class TestNominal:
             "GCSA commands, epoch 1.",
             "drone is on mission.",
             "drone is on handover.",
-            "Handover requested: GCSA -> GCSB.",
+            "Handover requested (zone): GCSA -> GCSB.",
             "Set up as commander: Drone Connected.",
             "drone is on mission.",
             "GCSB is the commander now, epoch 2.",

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import nan
 
 import pytest
 
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import ZoneFact
+from mavproxy_handover.core.model import RANKS, ZoneFact
 from mavproxy_handover.core.zones import ZoneChange, ZoneTracker
 
 A, B, C = 251, 252, 253
@@ -22,6 +23,21 @@ def tracker() -> ZoneTracker:
 
 def fact(station: int, margin_m: float, exit_s: float | None = None) -> ZoneFact:
     return ZoneFact(station, margin_m, exit_s)
+
+
+def next_commander(
+    zones: ZoneTracker,
+    commander: int,
+    usable: Sequence[int],
+    route_next: int | None,
+    now: float,
+    better: Sequence[int] = (),
+) -> int | None:
+    """Whom the gravest reason calls, as `Candidates.wanted` has it."""
+    reasons = zones.reasons(commander, usable, now, better)
+    gravest = max(reasons.values(), key=RANKS.__getitem__, default=None)
+    called = [station for station, why in reasons.items() if why is gravest]
+    return zones.best(called, route_next) if called else None
 
 
 class TestMembership:
@@ -64,7 +80,7 @@ class TestMembership:
         zones.update([fact(A, 50), fact(B, 50)], 0.0)
         assert zones.update([fact(A, 50)], 1.0) == ZoneChange((), (B,))
         assert not zones.holds(B)
-        assert zones.next_commander(A, (B,), B, 100.0) is None
+        assert next_commander(zones, A, (B,), B, 100.0) is None
 
     def test_margin_that_is_no_number_changes_nothing(self) -> None:
         zones = tracker()
@@ -117,59 +133,59 @@ class TestNextCommander:
         zones = tracker()
         zones.update([fact(A, 500), fact(B, -50)], 0.0)
         zones.moved(0.0)
-        assert zones.next_commander(A, (B,), B, 10.0) is None
+        assert next_commander(zones, A, (B,), B, 10.0) is None
         zones.update([fact(A, 500), fact(B, 5)], 10.0)
-        assert zones.next_commander(A, (B,), B, 10.0) == B
+        assert next_commander(zones, A, (B,), B, 10.0) == B
 
     def test_a_station_that_is_not_usable_is_not_chosen(self) -> None:
         zones = tracker()
         zones.update([fact(A, 500), fact(B, 50)], 10.0)
-        assert zones.next_commander(A, (), B, 10.0) is None
+        assert next_commander(zones, A, (), B, 10.0) is None
 
     def test_usable_is_not_enough_outside_its_zone(self) -> None:
         zones = tracker()
         zones.update([fact(A, 500), fact(B, -50)], 10.0)
-        assert zones.next_commander(A, (A, B, C), B, 10.0) is None
+        assert next_commander(zones, A, (A, B, C), B, 10.0) is None
 
     def test_the_commander_is_not_its_own_successor(self) -> None:
         zones = tracker()
         zones.update([fact(A, 500)], 10.0)
-        assert zones.next_commander(A, (A,), A, 10.0) is None
+        assert next_commander(zones, A, (A,), A, 10.0) is None
 
     def test_an_entry_before_the_last_change_does_not_count(self) -> None:
         zones = tracker()
         zones.update([fact(A, 500), fact(B, 500)], 0.0)
         zones.moved(1.0)
-        assert zones.next_commander(B, (A,), A, 100.0) is None
+        assert next_commander(zones, B, (A,), A, 100.0) is None
 
     def test_an_entry_on_the_ground_does_not_count(self) -> None:
         zones = tracker()
         zones.update([fact(A, 500), fact(B, 500)], 0.0)
         zones.forget_entries()
-        assert zones.next_commander(A, (B,), B, 100.0) is None
+        assert next_commander(zones, A, (B,), B, 100.0) is None
 
     def test_an_entry_keeps_counting_until_the_zone_is_left(self) -> None:
         zones = tracker()
         zones.update([fact(A, 500), fact(B, 500)], 0.0)
         zones.update([fact(A, 500), fact(B, 700)], 1.0)
-        assert zones.next_commander(A, (B,), None, 1.0) == B
+        assert next_commander(zones, A, (B,), None, 1.0) == B
         zones.update([fact(A, 500), fact(B, -700)], 2.0)
-        assert zones.next_commander(A, (B,), None, 2.0) is None
+        assert next_commander(zones, A, (B,), None, 2.0) is None
 
     def test_nothing_moves_in_the_dwell_time(self) -> None:
         zones = tracker()
         zones.update([fact(A, 500), fact(B, -50)], 0.0)
         zones.moved(100.0)
         zones.update([fact(A, 500), fact(B, 50)], 101.0)
-        assert zones.next_commander(A, (B,), B, 104.999) is None
-        assert zones.next_commander(A, (B,), B, 105.0) == B
+        assert next_commander(zones, A, (B,), B, 104.999) is None
+        assert next_commander(zones, A, (B,), B, 105.0) == B
 
     def test_the_dwell_time_gives_way_when_the_commanders_zone_has_ended(self) -> None:
         zones = tracker()
         zones.update([fact(A, 500), fact(B, -50)], 0.0)
         zones.moved(100.0)
         zones.update([fact(A, -50), fact(B, 50)], 101.0)
-        assert zones.next_commander(A, (B,), B, 101.0) == B
+        assert next_commander(zones, A, (B,), B, 101.0) == B
 
     @pytest.mark.parametrize(
         ("left_a_s", "left_b_s", "expected"),
@@ -188,21 +204,21 @@ class TestNextCommander:
         zones = tracker()
         zones.update([fact(A, 50, left_a_s), fact(B, 50, left_b_s)], 0.0)
         zones.moved(0.0)
-        assert zones.next_commander(A, (B,), B, 10.0) == expected
+        assert next_commander(zones, A, (B,), B, 10.0) == expected
 
     def test_out_of_the_commanders_zone_any_zone_will_do(self) -> None:
         zones = tracker()
         zones.update([fact(A, 50), fact(B, 50, 1.0)], 0.0)
         zones.moved(0.0)
         zones.update([fact(A, -50), fact(B, 40, 0.5)], 1.0)
-        assert zones.next_commander(A, (B,), None, 1.0) == B
+        assert next_commander(zones, A, (B,), None, 1.0) == B
 
     @pytest.mark.parametrize("commanders", [(), (fact(A, 3.0),)], ids=["has no zone", "is not yet in its zone"])
     def test_whose_zone_does_not_hold_the_aircraft_has_no_time_left(self, commanders: tuple[ZoneFact, ...]) -> None:
         zones = tracker()
         zones.update([*commanders, fact(B, 50, 20.0)], 0.0)
         zones.moved(0.0)
-        assert zones.next_commander(A, (B,), None, 10.0) == B
+        assert next_commander(zones, A, (B,), None, 10.0) == B
 
     @pytest.mark.parametrize(
         ("left_b_s", "left_c_s", "route_next", "expected"),
@@ -222,8 +238,8 @@ class TestNextCommander:
     ) -> None:
         zones = tracker()
         zones.update([fact(A, 50), fact(B, 50, left_b_s), fact(C, 50, left_c_s)], 0.0)
-        assert zones.next_commander(A, (B, C), route_next, 10.0) == expected
-        assert zones.next_commander(A, (C, B), route_next, 10.0) == expected
+        assert next_commander(zones, A, (B, C), route_next, 10.0) == expected
+        assert next_commander(zones, A, (C, B), route_next, 10.0) == expected
 
     def test_the_route_does_not_call_a_station_that_nothing_else_calls(self) -> None:
         # C is next on the route but was entered long ago; B is a fresh entry
@@ -231,7 +247,7 @@ class TestNextCommander:
         zones.update([fact(A, 50), fact(C, 50)], 0.0)
         zones.moved(0.0)
         zones.update([fact(A, 50), fact(B, 50), fact(C, 50)], 10.0)
-        assert zones.next_commander(A, (B, C), C, 10.0) == B
+        assert next_commander(zones, A, (B, C), C, 10.0) == B
 
     def test_no_ping_pong_inside_one_region(self) -> None:
         # both zones hold the aircraft for a minute; the fresh entry calls once, and nothing calls back
@@ -242,7 +258,7 @@ class TestNextCommander:
             now = float(second)
             zones.update([fact(A, 500), fact(B, 500)], now)
             other = A if commander == B else B
-            chosen = zones.next_commander(commander, (other,), other, now)
+            chosen = next_commander(zones, commander, (other,), other, now)
             if chosen is not None:
                 commander = chosen
                 changes.append((second, chosen))
@@ -255,7 +271,7 @@ def test_a_better_link_calls_no_station_whose_zone_is_about_to_end(left_s: float
     zones = tracker()
     zones.update((fact(A, 50.0), fact(B, 50.0, left_s)), 0.0)
     zones.moved(0.0)
-    assert zones.next_commander(A, [B], None, 100.0, better=[B]) == called
+    assert next_commander(zones, A, [B], None, 100.0, better=[B]) == called
 
 
 class TestBeyondTheBorder:
@@ -267,21 +283,21 @@ class TestBeyondTheBorder:
         zones.moved(0.0)
         zones.update([fact(A, 50.0), fact(B, -1.0)], 99.0)
         assert zones.holds(B)
-        assert zones.next_commander(A, [B], None, 100.0, better=[B]) is None
+        assert next_commander(zones, A, [B], None, 100.0, better=[B]) is None
 
     def test_on_the_border_it_is_not_crossed(self) -> None:
         zones = tracker()
         zones.update([fact(A, 50.0), fact(B, 50.0)], 0.0)
         zones.moved(0.0)
         zones.update([fact(A, 50.0), fact(B, 0.0)], 99.0)
-        assert zones.next_commander(A, [B], None, 100.0, better=[B]) == B
+        assert next_commander(zones, A, [B], None, 100.0, better=[B]) == B
 
     def test_a_commander_whose_border_is_crossed_is_followed_by_whoever_keeps_the_aircraft(self) -> None:
         zones = tracker()
         zones.update([fact(A, 50.0), fact(B, 50.0)], 0.0)
         zones.moved(0.0)
         zones.update([fact(A, -1.0), fact(B, 50.0, 20.0)], 99.0)
-        assert zones.next_commander(A, [B], None, 100.0) == B
+        assert next_commander(zones, A, [B], None, 100.0) == B
 
     def test_the_one_inside_its_border_is_better_than_the_one_beyond_it(self) -> None:
         zones = tracker()

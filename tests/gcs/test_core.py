@@ -38,7 +38,14 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, Outcome, Phase, Reason, Station
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    Consent,
+    Outcome,
+    Phase,
+    Reason,
+    Station,
+)
 
 A, B, C = 251, 252, 253
 NAMES = {A: "GCSA", B: "GCSB", C: "GCSC"}
@@ -51,7 +58,7 @@ NOW = 100.0
 def station(sysid: int, *, asks: bool = False, commander: int | None = A, epoch: int = 3) -> StationCore:
     """A station that has heard who commands."""
     peers = tuple(Station(other, name) for other, name in NAMES.items() if other != sysid)
-    core = StationCore(Station(sysid, NAMES[sysid]), "drone", peers, operator_consents=asks)
+    core = StationCore(Station(sysid, NAMES[sysid]), "drone", peers, automatic=() if asks else AUTOMATIC)
     core.handle(AuthorityHeard(Phase.ON_MISSION, commander, None, epoch), NOW)
     core.handle(VehicleHeard(), NOW)
     return core
@@ -66,9 +73,16 @@ def partner(*, asks: bool = False, ground: bool = True) -> StationCore:
 
 def announced(core: StationCore, key: TransferKey = KEY) -> StationCore:
     """The vehicle has said that this transfer is under way."""
-    status = AuthorityHeard(Phase.ON_HANDOVER, key.from_station, key.to_station, key.epoch, key.handover_id)
+    status = AuthorityHeard(
+        Phase.ON_HANDOVER, key.from_station, key.to_station, key.epoch, key.handover_id, why=Reason.ZONE
+    )
     core.handle(status, NOW)
     return core
+
+
+def passed_on(key: TransferKey = KEY) -> OnHandover:
+    """The partner's word, as the vehicle passes it on and says why it asks."""
+    return OnHandover(key, reason=Reason.ZONE, relayed=True)
 
 
 def from_vehicle(core: StationCore, message: Message, now: float = NOW) -> list[Action]:
@@ -88,7 +102,7 @@ class TestWhoCommands:
     """The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else."""
 
     def test_at_first_nobody(self) -> None:
-        core = StationCore(Station(A, "GCSA"), "drone", (), operator_consents=False)
+        core = StationCore(Station(A, "GCSA"), "drone", (), automatic=AUTOMATIC)
         assert (core.commander, core.epoch, core.role) == (None, 0, Role.OBSERVER)
 
     @pytest.mark.parametrize(
@@ -204,7 +218,7 @@ class TestWhoCommands:
         for message in (
             HandoverResult(TransferKey(A, B, 7, 4), B, Outcome.COMMITTED, Reason.ZONE),
             Connect(A, 1, 9, 4, B, "drone", DIGEST),
-            HandoverRequest(KEY),
+            HandoverRequest(KEY, Reason.ZONE),
             ConnectHandover(KEY),
             DisconnectHandover(KEY),
             OkHandover(KEY),
@@ -243,31 +257,35 @@ class TestPartner:
         core = partner()
         actions = from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         assert words(actions) == [ToPeer(A, OnHandover(KEY)), ToVehicle(OnHandover(KEY))]
-        assert notices(actions) == ["Handover requested: GCSA -> GCSB."]
+        assert notices(actions) == ["Handover requested (zone): GCSA -> GCSB."]
 
     def test_connect(self) -> None:
         core = partner()
-        from_vehicle(core, HandoverRequest(KEY))
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         actions = from_vehicle(core, ConnectHandover(KEY))
         assert words(actions) == [ToPeer(A, DroneConnected(KEY)), ToVehicle(DroneConnected(KEY))]
         assert notices(actions) == ["Set up as commander: Drone Connected."]
 
     def test_without_a_ground_link_the_vehicle_is_asked_to_pass_it_on(self) -> None:
         core = partner(ground=False)
-        assert words(from_vehicle(core, HandoverRequest(KEY))) == [ToVehicle(OnHandover(KEY, relay=True))]
+        assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [ToVehicle(OnHandover(KEY, relay=True))]
         assert words(from_vehicle(core, ConnectHandover(KEY))) == [ToVehicle(DroneConnected(KEY, relay=True))]
 
     def test_a_ground_link_counts_as_dead_after_three_seconds(self) -> None:
         core = partner()
         assert core.peer_alive(A, NOW + 2.999)
-        assert words(from_vehicle(core, HandoverRequest(KEY), NOW + 2.999))[0] == ToPeer(A, OnHandover(KEY))
+        assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE), NOW + 2.999))[0] == ToPeer(
+            A, OnHandover(KEY)
+        )
         assert not core.peer_alive(A, NOW + 3.0)
-        assert words(from_vehicle(core, HandoverRequest(KEY), NOW + 3.0)) == [ToVehicle(OnHandover(KEY, relay=True))]
+        assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE), NOW + 3.0)) == [
+            ToVehicle(OnHandover(KEY, relay=True))
+        ]
 
     def test_the_ground_link_to_a_third_station_does_not_help(self) -> None:
         core = partner(ground=False)
         core.handle(PeerHeard(C), NOW)
-        assert words(from_vehicle(core, HandoverRequest(KEY))) == [ToVehicle(OnHandover(KEY, relay=True))]
+        assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [ToVehicle(OnHandover(KEY, relay=True))]
 
     def test_the_same_question_gets_the_same_answer_and_the_operator_reads_it_once(self) -> None:
         core = partner()
@@ -279,7 +297,7 @@ class TestPartner:
     def test_a_request_for_another_station_is_not_answered(self) -> None:
         for key in (TransferKey(A, C, 7, 3), TransferKey(B, A, 7, 3)):
             core = partner()
-            assert from_vehicle(core, HandoverRequest(key)) == []
+            assert from_vehicle(core, HandoverRequest(key, Reason.ZONE)) == []
             assert from_vehicle(core, ConnectHandover(key)) == []
 
     @pytest.mark.parametrize("epoch", [0, 1, 2])
@@ -291,7 +309,7 @@ class TestPartner:
     def test_a_request_of_a_newer_epoch_is_answered_the_news_just_has_not_come(self) -> None:
         core = partner()
         key = TransferKey(A, B, 8, 4)
-        assert words(from_vehicle(core, HandoverRequest(key))) == [
+        assert words(from_vehicle(core, HandoverRequest(key, Reason.ZONE))) == [
             ToPeer(A, OnHandover(key)),
             ToVehicle(OnHandover(key)),
         ]
@@ -300,6 +318,8 @@ class TestPartner:
     def test_connect_without_a_request_first(self) -> None:
         # the request was answered before this station was started anew
         core = partner()
+        assert from_vehicle(core, ConnectHandover(KEY)) == []  # nor is it known why it is asked
+        announced(core)
         assert words(from_vehicle(core, ConnectHandover(KEY))) == [
             ToPeer(A, DroneConnected(KEY)),
             ToVehicle(DroneConnected(KEY)),
@@ -316,7 +336,7 @@ class TestCommander:
         def hear(message: Message) -> list[Action]:
             return core.handle(FromVehicle(message) if relayed else FromPeer(B, message), NOW)
 
-        actions = hear(OnHandover(KEY, relayed=relayed))
+        actions = hear(passed_on() if relayed else OnHandover(KEY))
         assert words(actions) == [ToVehicle(OkHandover(KEY))]
         assert notices(actions) == ["Handover Authorized."]
         actions = hear(DroneConnected(KEY, relayed=relayed))
@@ -326,7 +346,7 @@ class TestCommander:
     def test_doubled_over_both_ways_it_is_answered_again_and_read_once(self) -> None:
         core = announced(station(A))
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
-        assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY))]
+        assert from_vehicle(core, passed_on(KEY)) == [ToVehicle(OkHandover(KEY))]
         core.handle(FromPeer(B, DroneConnected(KEY)), NOW)
         assert from_vehicle(core, DroneConnected(KEY, relayed=True)) == [ToVehicle(DisconnectHandover(KEY))]
         assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == [ToVehicle(OkHandover(KEY))]
@@ -353,7 +373,7 @@ class TestCommander:
     def test_consent_as_partner_is_no_consent_as_commander(self) -> None:
         core = announced(station(A))
         key = TransferKey(A, A, 7, 3)
-        from_vehicle(core, HandoverRequest(key))
+        from_vehicle(core, HandoverRequest(key, Reason.ZONE))
         assert from_vehicle(core, DroneConnected(key)) == []
 
     def test_not_its_transfer(self) -> None:
@@ -379,7 +399,7 @@ class TestGroundLink:
     def test_it_replaces_no_question(self) -> None:
         """The operator's yes would be for another transfer than the one that was asked about."""
         core = announced(station(A, asks=True))
-        from_vehicle(core, OnHandover(KEY, relayed=True))
+        from_vehicle(core, passed_on(KEY))
         assert core.handle(FromPeer(B, OnHandover(self.FORGED)), NOW) == []
         assert core.question == KEY
         assert words(core.handle(Answer(True), NOW)) == [ToVehicle(OkHandover(KEY))]
@@ -387,7 +407,7 @@ class TestGroundLink:
 
     def test_what_the_vehicle_has_passed_on_is_announced_by_that(self) -> None:
         core = station(A)
-        from_vehicle(core, OnHandover(KEY, relayed=True))
+        from_vehicle(core, passed_on(KEY))
         assert words(core.handle(FromPeer(B, DroneConnected(KEY)), NOW)) == [ToVehicle(DisconnectHandover(KEY))]
 
     def test_an_announcement_ends_with_its_transfer(self) -> None:
@@ -415,12 +435,12 @@ class TestGroundLink:
     def test_what_the_vehicle_passes_on_counts_even_so(self) -> None:
         # the news of its own authority has not come yet
         core = station(A, commander=C, epoch=2)
-        assert words(from_vehicle(core, OnHandover(KEY, relayed=True))) == [ToVehicle(OkHandover(KEY))]
+        assert words(from_vehicle(core, passed_on(KEY))) == [ToVehicle(OkHandover(KEY))]
 
     def test_a_peer_cannot_make_the_transfer_under_way_stale(self) -> None:
         core = station(A)
         core.handle(FromPeer(B, OnHandover(TransferKey(A, B, 30000, 3))), NOW)
-        assert words(from_vehicle(core, OnHandover(KEY, relayed=True))) == [ToVehicle(OkHandover(KEY))]
+        assert words(from_vehicle(core, passed_on(KEY))) == [ToVehicle(OkHandover(KEY))]
 
     def test_is_announced_when_it_comes_up(self) -> None:
         core = station(A)
@@ -434,11 +454,11 @@ class TestLate:
 
     def test_request(self) -> None:
         core = partner(asks=True)
-        from_vehicle(core, HandoverRequest(KEY))
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         later = TransferKey(A, B, 8, 3)
         from_vehicle(core, HandoverRequest(later))
         core.handle(Answer(True), NOW)
-        assert from_vehicle(core, HandoverRequest(KEY)) == []
+        assert from_vehicle(core, HandoverRequest(KEY, Reason.ZONE)) == []
         assert from_vehicle(core, ConnectHandover(KEY)) == []
         # and the answer given stands
         assert words(from_vehicle(core, HandoverRequest(later))) == [
@@ -451,11 +471,11 @@ class TestLate:
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         assert core.question == KEY
         later = TransferKey(A, C, 8, 3)
-        from_vehicle(core, OnHandover(later, relayed=True))
+        from_vehicle(core, passed_on(later))
         core.handle(Answer(True), NOW)
         assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
         assert core.handle(FromPeer(B, DroneConnected(KEY)), NOW) == []
-        assert from_vehicle(core, OnHandover(later, relayed=True)) == [ToVehicle(OkHandover(later))]
+        assert from_vehicle(core, passed_on(later)) == [ToVehicle(OkHandover(later))]
 
     def test_the_number_wraps(self) -> None:
         core = partner()
@@ -474,17 +494,17 @@ class TestOperator:
 
     def test_partner_waits(self) -> None:
         core = partner(asks=True)
-        actions = from_vehicle(core, HandoverRequest(KEY))
+        actions = from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         # only the vehicle: the commander is not to be asked for a transfer that may not be wanted
         assert words(actions) == [ToVehicle(OnHandover(KEY, Consent.WAITING))]
         assert notices(actions) == [
-            "Handover requested: GCSA -> GCSB. Type 'handover accept' or 'handover deny'.",
+            "Handover requested (zone): GCSA -> GCSB. Type 'handover accept' or 'handover deny'.",
         ]
         assert core.question == KEY
 
     def test_partner_says_yes(self) -> None:
         core = partner(asks=True)
-        from_vehicle(core, HandoverRequest(KEY))
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         assert core.handle(Answer(True), NOW) == [
             Notice("consent", "Handover Authorized."),
             ToPeer(A, OnHandover(KEY)),
@@ -494,14 +514,14 @@ class TestOperator:
 
     def test_partner_says_no(self) -> None:
         core = partner(asks=True)
-        from_vehicle(core, HandoverRequest(KEY))
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         refusal = ToVehicle(OnHandover(KEY, Consent.DENIED, Reason.OPERATOR))
         assert core.handle(Answer(False), NOW) == [Notice("consent", "Handover Denied."), refusal]
-        assert from_vehicle(core, HandoverRequest(KEY)) == [refusal]
+        assert from_vehicle(core, HandoverRequest(KEY, Reason.ZONE)) == [refusal]
         assert from_vehicle(core, ConnectHandover(KEY)) == [refusal]
 
     def test_a_partner_whose_operator_has_not_answered_does_not_connect(self) -> None:
-        core = partner(asks=True)
+        core = announced(partner(asks=True))
         actions = from_vehicle(core, ConnectHandover(KEY))
         assert words(actions) == [ToVehicle(OnHandover(KEY, Consent.WAITING))]
 
@@ -510,9 +530,9 @@ class TestOperator:
         actions = core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         assert words(actions) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
         assert notices(actions) == [
-            "GCSB is ready to take drone. Type 'handover accept' or 'handover deny'.",
+            "GCSB is ready to take drone (zone). Type 'handover accept' or 'handover deny'.",
         ]
-        assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
+        assert from_vehicle(core, passed_on(KEY)) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
 
     def test_commander_says_yes(self) -> None:
         core = announced(station(A, asks=True))
@@ -521,14 +541,14 @@ class TestOperator:
             Notice("consent", "Handover Authorized."),
             ToVehicle(OkHandover(KEY)),
         ]
-        assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [ToVehicle(OkHandover(KEY))]
+        assert from_vehicle(core, passed_on(KEY)) == [ToVehicle(OkHandover(KEY))]
 
     def test_commander_says_no(self) -> None:
         core = announced(station(A, asks=True))
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         refusal = ToVehicle(OkHandover(KEY, Consent.DENIED, Reason.OPERATOR))
         assert core.handle(Answer(False), NOW) == [Notice("consent", "Handover Denied."), refusal]
-        assert from_vehicle(core, OnHandover(KEY, relayed=True)) == [refusal]
+        assert from_vehicle(core, passed_on(KEY)) == [refusal]
 
     @pytest.mark.parametrize("yes", [False, True])
     def test_an_answer_to_nothing(self, yes: bool) -> None:
@@ -545,7 +565,7 @@ class TestWish:
     def test_as_partner(self) -> None:
         core = partner(asks=True)
         core.handle(Wish(B), NOW)
-        assert words(from_vehicle(core, HandoverRequest(KEY))) == [
+        assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [
             ToPeer(A, OnHandover(KEY)),
             ToVehicle(OnHandover(KEY)),
         ]
@@ -566,7 +586,7 @@ class TestWish:
         core = partner(asks=True)
         core.handle(Wish(B), NOW)
         for _ in range(3):
-            assert words(from_vehicle(core, HandoverRequest(KEY)))[-1] == ToVehicle(OnHandover(KEY))
+            assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE)))[-1] == ToVehicle(OnHandover(KEY))
         later = TransferKey(A, B, 8, 3)
         assert words(from_vehicle(core, HandoverRequest(later))) == [ToVehicle(OnHandover(later, Consent.WAITING))]
 
@@ -590,22 +610,115 @@ class TestWish:
         assert (core.role, core.question) == (Role.COMMANDER, None)
 
 
+class TestReason:
+    """What needs no operator is a matter of why the vehicle asks; that is the vehicle's to say, and nobody else's."""
+
+    @pytest.mark.parametrize(
+        ("why", "consent"),
+        [
+            (Reason.ZONE, Consent.GRANTED),
+            (Reason.ZONE_ENDS, Consent.GRANTED),
+            (Reason.LINK_QUALITY, Consent.GRANTED),
+            (Reason.COMMANDER_LOST, Consent.GRANTED),
+            (Reason.REQUESTED, Consent.WAITING),
+            (Reason.GIVEN, Consent.WAITING),
+            (Reason.NONE, Consent.WAITING),
+            (Reason.OPERATOR, Consent.WAITING),
+        ],
+        ids=lambda value: value.name,
+    )
+    def test_what_another_operator_wants_or_gives_is_for_an_operator(self, why: Reason, consent: Consent) -> None:
+        commander, taker = station(A), partner(ground=False)
+        asked = from_vehicle(commander, OnHandover(KEY, reason=why, relayed=True))
+        assert words(asked) == [ToVehicle(OkHandover(KEY, consent))]
+        asked = from_vehicle(taker, HandoverRequest(KEY, why))
+        assert words(asked) == [ToVehicle(OnHandover(KEY, consent, relay=consent is Consent.GRANTED))]
+
+    def test_the_question_says_why(self) -> None:
+        asked = from_vehicle(station(A), OnHandover(KEY, reason=Reason.REQUESTED, relayed=True))
+        assert notices(asked) == [
+            "GCSB is ready to take drone (request). Type 'handover accept' or 'handover deny'.",
+        ]
+
+    def test_the_configuration_names_others(self) -> None:
+        core = StationCore(Station(A, "GCSA"), "drone", (Station(B, "GCSB"),), automatic=("request",))
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW)
+        for why, consent in ((Reason.REQUESTED, Consent.GRANTED), (Reason.ZONE, Consent.WAITING)):
+            core._part = None
+            asked = from_vehicle(core, OnHandover(KEY, reason=why, relayed=True))
+            assert words(asked) == [ToVehicle(OkHandover(KEY, consent))]
+
+    def test_who_asked_itself_is_not_asked_back(self) -> None:
+        core = partner(ground=False)
+        core.handle(Wish(B), NOW)
+        asked = from_vehicle(core, HandoverRequest(KEY, Reason.REQUESTED))
+        assert words(asked) == [ToVehicle(OnHandover(KEY, relay=True))]
+
+    def test_to_ask_for_what_is_on_offer_is_to_accept_it(self) -> None:
+        core = partner(ground=False)
+        from_vehicle(core, HandoverRequest(KEY, Reason.GIVEN))
+        assert core.question == KEY
+        assert words(core.handle(Wish(B), NOW)) == [ToVehicle(OnHandover(KEY, relay=True))]
+
+    def test_to_wish_a_third_station_well_accepts_nothing(self) -> None:
+        core = partner(ground=False)
+        from_vehicle(core, HandoverRequest(KEY, Reason.GIVEN))
+        assert core.handle(Wish(C), NOW) == []
+        assert core.question == KEY
+
+    def test_a_peer_cannot_say_why(self) -> None:
+        core = station(A)
+        core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7, why=Reason.REQUESTED), NOW)
+        asked = core.handle(FromPeer(B, OnHandover(KEY, reason=Reason.ZONE)), NOW)
+        assert words(asked) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
+
+    def test_the_same_question_for_a_graver_reason_is_answered_by_that(self) -> None:
+        commander, taker = station(A), partner(ground=False)
+        from_vehicle(commander, OnHandover(KEY, reason=Reason.REQUESTED, relayed=True))
+        asked = from_vehicle(commander, passed_on())
+        assert words(asked) == [ToVehicle(OkHandover(KEY))]
+        assert notices(asked) == ["Handover Authorized."]
+        from_vehicle(taker, HandoverRequest(KEY, Reason.GIVEN))
+        asked = from_vehicle(taker, HandoverRequest(KEY, Reason.COMMANDER_LOST))
+        assert words(asked) == [ToVehicle(OnHandover(KEY, relay=True))]
+
+    def test_but_not_where_the_operator_has_said_no(self) -> None:
+        core = station(A)
+        from_vehicle(core, OnHandover(KEY, reason=Reason.REQUESTED, relayed=True))
+        core.handle(Answer(False), NOW)
+        refusal = ToVehicle(OkHandover(KEY, Consent.DENIED, Reason.OPERATOR))
+        assert from_vehicle(core, passed_on()) == [refusal]
+
+    def test_a_question_ends_when_the_vehicle_is_about_another_transfer(self) -> None:
+        core = partner()
+        from_vehicle(core, HandoverRequest(KEY, Reason.GIVEN))
+        actions = core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, C, 3, 8, why=Reason.ZONE_ENDS), NOW)
+        assert "Handover 7 is over." in notices(actions)
+        assert core.question is None
+
+    def test_late_news_of_an_older_one_ends_nothing(self) -> None:
+        core = partner()
+        from_vehicle(core, HandoverRequest(KEY, Reason.GIVEN))
+        core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, C, 3, 6, why=Reason.ZONE), NOW)
+        assert core.question == KEY
+
+
 class TestRestarted:
     """A station that was started anew in the middle of a transfer finds its place by what the vehicle asks next."""
 
     def fresh(self, sysid: int) -> StationCore:
         peers = tuple(Station(other, name) for other, name in NAMES.items() if other != sysid)
-        return StationCore(Station(sysid, NAMES[sysid]), "drone", peers, operator_consents=False)
+        return StationCore(Station(sysid, NAMES[sysid]), "drone", peers, automatic=AUTOMATIC)
 
     def test_a_partner_is_asked_again_in_every_step(self) -> None:
         core = self.fresh(B)
-        assert words(from_vehicle(core, HandoverRequest(KEY))) == [ToVehicle(OnHandover(KEY, relay=True))]
-        core = self.fresh(B)
+        assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [ToVehicle(OnHandover(KEY, relay=True))]
+        core = announced(self.fresh(B))
         assert words(from_vehicle(core, ConnectHandover(KEY))) == [ToVehicle(DroneConnected(KEY, relay=True))]
 
     def test_a_commander_that_has_not_consented_is_asked_again(self) -> None:
         core = self.fresh(A)
-        assert words(from_vehicle(core, OnHandover(KEY, relayed=True))) == [ToVehicle(OkHandover(KEY))]
+        assert words(from_vehicle(core, passed_on(KEY))) == [ToVehicle(OkHandover(KEY))]
 
     def test_a_commander_that_has_consented_before_does_not_release_what_it_knows_nothing_of(self) -> None:
         # the vehicle commits without it after two seconds, and it learns of that from the result
@@ -635,7 +748,7 @@ class TestResult:
 
     def test_an_abort_is_told_once_and_closes_the_question(self) -> None:
         core = partner(asks=True)
-        from_vehicle(core, HandoverRequest(KEY))
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         aborted = HandoverResult(KEY, A, Outcome.ABORTED, Reason.LEFT_REGION)
         assert notices(from_vehicle(core, aborted)) == ["Handover 7 aborted: left region."]
         assert core.question is None
@@ -645,7 +758,7 @@ class TestResult:
     def test_a_new_epoch_closes_the_question_of_an_older_one(self) -> None:
         # the abort was lost; since then the commander was lost and has come back
         core = partner(asks=True)
-        from_vehicle(core, HandoverRequest(KEY))
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 3), NOW)
         assert core.question == KEY
         core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW)
@@ -654,14 +767,14 @@ class TestResult:
 
     def test_of_another_transfer_leaves_the_question_open(self) -> None:
         core = partner(asks=True)
-        from_vehicle(core, HandoverRequest(KEY))
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         from_vehicle(core, HandoverResult(TransferKey(A, B, 6, 3), A, Outcome.ABORTED, Reason.CANCELLED))
         assert core.question == KEY
 
 
 class TestVehicle:
     def test_is_announced_and_missed_once(self) -> None:
-        core = StationCore(Station(A, "GCSA"), "drone", (), operator_consents=False)
+        core = StationCore(Station(A, "GCSA"), "drone", (), automatic=AUTOMATIC)
         assert core.tick(0.0) == []
         assert core.handle(VehicleHeard(), 10.0) == [Notice("connected", "drone is connected.")]
         assert core.handle(VehicleHeard(), 11.0) == []
@@ -672,7 +785,7 @@ class TestVehicle:
         assert core.handle(VehicleHeard(), 20.0) == [Notice("connected", "drone is connected.")]
 
     def test_every_message_of_its_companion_is_a_sign_of_life(self) -> None:
-        core = StationCore(Station(A, "GCSA"), "drone", (), operator_consents=False)
+        core = StationCore(Station(A, "GCSA"), "drone", (), automatic=AUTOMATIC)
         actions = from_vehicle(core, Connect(A, 1, 5, 0, None, "drone", b""), 10.0)
         assert notices(actions) == ["drone is connected."]
         assert core.vehicle_alive(14.0)

@@ -33,7 +33,14 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, Outcome, Phase, Reason, Station
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    Consent,
+    Outcome,
+    Phase,
+    Reason,
+    Station,
+)
 
 ME, OTHER, THIRD = 251, 252, 253
 
@@ -74,7 +81,7 @@ events: st.SearchStrategy[Event] = st.one_of(
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.1, 2.0, 5.0]), events), max_size=40), st.booleans())
 def test_anything(story: list[tuple[float, Event]], asks: bool) -> None:
     peers = (Station(OTHER, "GCSB"), Station(THIRD, "GCSC"))
-    core = StationCore(Station(ME, "GCSA"), "drone", peers, operator_consents=asks)
+    core = StationCore(Station(ME, "GCSA"), "drone", peers, automatic=() if asks else AUTOMATIC)
     now, consented = 0.0, set()
     said_yes = False
     for wait_s, event in story:

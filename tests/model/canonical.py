@@ -293,6 +293,7 @@ def _share(arbiter: Arbiter) -> None:
     conductor._flight = flight
     arbiter._requests._conductor = conductor
     arbiter._start._authority, arbiter._start._flight, arbiter._start._candidates = authority, flight, candidates
+    arbiter._start._conductor = conductor
 
 
 class Packer:
@@ -317,9 +318,15 @@ class Packer:
         )
         transfer = _Class(
             Transfer,
+            _asked_until=time,
             _limits=the_limits,
             _operator_timeout_s=plain,
             _pause_s=plain,
+            asking=plain,
+            fallen=plain,
+            others=plain,
+            patient=plain,
+            ready=plain,
             attempt=_Fixed(lambda: 1),
             consented=plain,
             forced=plain,
@@ -340,7 +347,7 @@ class Packer:
             give_up_at=_Time(0.0),
             attempt=_Fixed(lambda: 1),
         )
-        results = _Class(Results, _limits=the_limits, _pending=_Objects(pending), last=value)
+        results = _Class(Results, _limits=the_limits, _pending=_Objects(pending), _told=plain, last=value)
         zones = _Class(
             ZoneTracker,
             _facts=_Facts(),
@@ -415,7 +422,7 @@ class Packer:
         requests = _Class(
             Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _conductor=_Shared()
         )
-        start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared())
+        start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared(), _conductor=_Shared())
         emergency = _Class(Emergency, _limits=plain, _worst=plain, _judged_at=_Ago(limits.out_hold_s))
         self._arbiter = _Class(
             Arbiter,
@@ -438,7 +445,7 @@ class Packer:
             StationCore,
             _station=plain,
             _vehicle_name=plain,
-            _operator_consents=plain,
+            _automatic=plain,
             _names=names_fixed,
             _peers_heard=_Times(StationCore.PEER_LOST_S, forget=False),
             _vehicle_heard=_Ago(StationCore.VEHICLE_LOST_S),
@@ -447,6 +454,7 @@ class Packer:
             _wishes=_Times(),
             _latest=value,
             _announced=value,
+            _why=plain,
             digest=plain,
             vehicle_digest=plain,
             _stage=plain,

@@ -45,6 +45,7 @@ from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
     DroneConnected,
+    HandoverRequest,
     HandoverResult,
     TransferKey,
 )
@@ -78,6 +79,8 @@ class Books:
     words: Words = frozenset()
     #: the commander agreed to the present transfer by other means than OK_HANDOVER
     agreed: bool = False
+    #: stations that HANDOVER_REQUEST of the present transfer has gone to
+    asked: frozenset[int] = frozenset()
     #: ticks since the partner's DRONE_CONNECTED in the present transfer
     connected: int | None = None
     #: stations whose zone holds the aircraft, and those of them entered since authority last changed
@@ -136,11 +139,19 @@ def _word(event: StationMessage) -> str:
     return type(event.message).__name__ + ("" if consent is Consent.GRANTED else f" {consent.name}")
 
 
-def is_old(event: Event, view: AuthorityView, had: int | None) -> bool:
+def _of_candidate(event: StationMessage, view: AuthorityView, books: Books) -> bool:
+    """Whether a station that is asked beside the partner speaks for itself: nobody commands, several may take over."""
+    key, named = _key(view, books.had), getattr(event.message, "key", None)
+    if key is None or named is None or view.commander is not None or event.station not in books.asked:
+        return False
+    return event.station == named.to_station and replace(key, to_station=event.station) == named
+
+
+def is_old(event: Event, view: AuthorityView, books: Books) -> bool:
     """Whether the event is a transfer message that is not of the present transfer."""
     if not isinstance(event, StationMessage) or isinstance(event.message, (Connect, ConnectAck)):
         return False
-    return event.message.key != _key(view, had)
+    return event.message.key != _key(view, books.had) and not _of_candidate(event, view, books)
 
 
 def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[int]) -> Books:
@@ -165,6 +176,8 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
         if isinstance(event.message, DroneConnected) and event.station == key.to_station and connected is None:
             connected = 0
         books = replace(books, words=books.words | {(event.station, _word(event))}, connected=connected)
+    elif isinstance(event, StationMessage) and _of_candidate(event, view, books) and _word(event) == "OnHandover":
+        books = replace(books, words=books.words | {(event.station, _word(event))})
     waived = key is not None and key.to_station in standard and books.connected is None
     if waived and isinstance(event, StationMessage) and _word(event) == "OkHandover":
         books = replace(books, connected=0)  # there is no word to wait for
@@ -195,6 +208,8 @@ def check_vehicle(
             books = _change(books, gate, action.view, event)
             gate = action.view
         elif isinstance(action, Send):
+            if isinstance(action.message, HandoverRequest):
+                books = replace(books, asked=books.asked | {action.station})
             epoch = getattr(action.message, "epoch", None) or action.message.key.epoch  # type: ignore[union-attr]
             exact = not isinstance(action.message, HandoverResult)
             told = epoch == gate.epoch if exact else epoch <= gate.epoch
@@ -303,7 +318,8 @@ def _check_commit(
     demand(before.age(new, limits) < limit, f"committed to station {new}, which is lost itself")
     demand(new in standard or "DroneConnected" in said, f"committed without the word of station {new}")
     demand(books.grounded or new in books.zones, f"committed to station {new}, whose zone does not hold the aircraft")
-    ready = new in standard or "OnHandover" in said or "OkHandover" in answered
+    # what the commander answers, it was asked by the partner
+    ready = new in standard or "OnHandover" in said or any(word.startswith("OkHandover") for word in answered)
     demand(ready, f"committed before station {new} was ready")
     if before.age(had, limits) >= limit:
         return  # nobody is left to ask, or both had agreed
@@ -320,7 +336,7 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event) 
         agreed = new.partner is not None and (old.takeover_allowed or new.takeover_allowed)
         if new.partner is not None and isinstance(event, ControlRequested) and event.station == old.commander:
             agreed = True
-        books = replace(books, words=frozenset(), agreed=agreed, connected=None)
+        books = replace(books, words=frozenset(), asked=frozenset(), agreed=agreed, connected=None)
     if new.commander is None and old.commander is not None and new.epoch > old.epoch:
         return replace(books, had=None)
     if new.commander is not None and new.commander != old.commander:

@@ -60,7 +60,13 @@ from mavproxy_handover.core.messages import (
     OkHandover,
     OnHandover,
 )
-from mavproxy_handover.core.model import GuardState, LeaseState, Station, ZoneFact
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    GuardState,
+    LeaseState,
+    Station,
+    ZoneFact,
+)
 
 __all__ = ["FAULTS", "KILLS", "NAMES", "Fault", "Kill", "Outcome", "markdown", "rows", "run"]
 
@@ -169,7 +175,7 @@ class _Flight:
     @staticmethod
     def _new_core(station: Station) -> gcs.StationCore:
         peers = tuple(other for other in STATIONS if other is not station)
-        core = gcs.StationCore(station, "drone", peers, operator_consents=False)
+        core = gcs.StationCore(station, "drone", peers, automatic=AUTOMATIC)
         core.handle(gcs.MissionHeld(DIGEST), 0.0)
         return core
 
@@ -248,7 +254,8 @@ class _Flight:
             return
         view = self.arbiter.view
         recovering = view.lease is LeaseState.RECOVERING
-        heard = gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id, recovering)
+        who = view.commander, view.partner
+        heard = gcs.AuthorityHeard(view.phase, *who, view.epoch, view.handover_id, recovering, view.why)
         for sysid in (A, B):
             self._at(self.now + DELAY_S, lambda sysid=sysid: self._hear(sysid, heard))  # type: ignore[misc]
 

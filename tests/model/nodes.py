@@ -28,7 +28,13 @@ from mavproxy_handover.core.events import (
     ViewChanged,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Station
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    AuthorityView,
+    LeaseState,
+    Phase,
+    Station,
+)
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.model.canonical import EPOCH, MEMORY, NOW, NUMBER, STILL, Packed, Packer, Shift, shifted
 from tests.model.checks import Books, Violation, check_vehicle, is_old
@@ -178,7 +184,7 @@ class Vehicles:
         if self.story is not None:
             self._tell(actions)
         books = check_vehicle(before.books, before.view, event, actions, arbiter.view, self._limits, self._standard)
-        if is_old(event, before.view, before.books.had):
+        if is_old(event, before.view, before.books):
             self._no_more_than_a_heartbeat(before, event, arbiter)
         after, shift = self._number(arbiter, books)
         if isinstance(event, StationMessage) and not getattr(event.message, "nonce", 0):
@@ -229,7 +235,9 @@ class Vehicles:
     def status(view: AuthorityView) -> gcs.AuthorityHeard:
         """AUTHORITY_STATUS as a station hears it."""
         recovering = view.lease is LeaseState.RECOVERING
-        return gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id, recovering)
+        return gcs.AuthorityHeard(
+            view.phase, view.commander, view.partner, view.epoch, view.handover_id, recovering, view.why
+        )
 
     def _tell(self, actions: list[Action]) -> None:
         assert self.story is not None
@@ -278,7 +286,7 @@ class Stations:
         """A station that has just started, with the mission package."""
         station = self._stations[index]
         peers = tuple(other for other in self._stations if other is not station)
-        core = self._make(station, "drone", peers, operator_consents=station.sysid in self._asked)
+        core = self._make(station, "drone", peers, automatic=() if station.sysid in self._asked else AUTOMATIC)
         core.handle(gcs.MissionHeld(DIGEST), NOW)
         return self._number(index, core, StationBooks())
 

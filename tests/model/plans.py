@@ -16,8 +16,12 @@ __all__ = ["DEEP", "QUICK"]
 MESSAGES = frozenset({Fault.LOSE, Fault.DOUBLE, Fault.HOLD})
 CRASHES = frozenset({Fault.RESTART_STATION, Fault.KILL_STATION, Fault.RESTART_VEHICLE, Fault.KILL_VEHICLE})
 BLANK = frozenset({Fault.BLANK_VEHICLE})
-#: what a station can ask the vehicle for
+#: what a station can ask the vehicle for, and what of that moves authority by itself
 ASKED = frozenset(Request) - {Request.WISH}
+TAKES = frozenset({Request.CONTROL, Request.GIVE})
+LOST, WEAK, DEATHS = frozenset({Fault.LOSE}), frozenset({Fault.WEAK}), frozenset({Fault.KILL_STATION})
+#: a zone calls while another station may ask, then the commander's ends
+PAIRS = ("AC", "ABC", "aBC")
 
 QUICK = (
     Setting("transfer", faults=1),
@@ -31,13 +35,21 @@ QUICK = (
     Setting("commander's operator", operators="A", faults=0),
     Setting("partner's operator", operators="B", faults=0),
     Setting("one request", faults=0, requests=1, wishes=frozenset(Request)),
-    Setting("two requests in the region", path=("AB",), faults=0, requests=2, wishes=ASKED),
-    Setting("request and fault", path=("AB",), faults=1, kinds=MESSAGES, requests=1, wishes=ASKED),
+    Setting("two requests in the region", path=("AB",), faults=0, requests=2, wishes=ASKED, depth=12),
+    Setting("request and fault", path=("AB",), faults=1, kinds=MESSAGES, requests=1, wishes=ASKED, depth=14),
+    Setting(
+        "ranks", stations=3, path=("AC", "ABC", "aBC"), operators="A", faults=0, requests=1, wishes=TAKES, depth=12
+    ),
+    Setting("ranks, a message lost", path=("AB", "aB"), faults=1, kinds=LOST, requests=1, wishes=TAKES, depth=12),
+    Setting(
+        "ranks, weak links", stations=3, path=("AC", "ABC"), faults=1, kinds=WEAK, requests=1, wishes=TAKES, depth=10
+    ),
+    Setting("all candidates", stations=3, path=("ABC",), operators="B", faults=1, kinds=DEATHS, depth=24),
     Setting("standard commander", standard="A", faults=1),
     Setting("standard partner", standard="B", faults=1),
     Setting("standard both", standard="AB", faults=1, requests=1, wishes=ASKED),
     Setting("on the ground", path=("_AB", "AB"), faults=1),
-    Setting("requests on the ground", path=("_AB", "AB"), faults=0, requests=1, wishes=ASKED),
+    Setting("requests on the ground", path=("_AB", "AB"), faults=0, requests=1, wishes=ASKED, depth=16),
     Setting("whole flight", path=("_A", "A", "AB", "B", "_B"), faults=0),
     Setting("state file lost", path=("A", "_A", "AB"), faults=2, kinds=BLANK | {Fault.LOSE}),
     Setting("three stations", stations=3, path=("AB", "ABC", "BC"), faults=0),
@@ -59,6 +71,30 @@ DEEP = (
     Setting("partner's operator", operators="B", faults=1),
     Setting("both operators", operators="AB", faults=0),
     Setting("two requests", faults=0, requests=2, wishes=frozenset(Request)),
+    Setting("two requests in the region", path=("AB",), faults=0, requests=2, wishes=ASKED),
+    Setting(
+        "ranks",
+        stations=3,
+        path=PAIRS,
+        operators="A",
+        faults=1,
+        kinds=LOST | WEAK | DEATHS,
+        requests=1,
+        wishes=TAKES,
+        depth=16,
+    ),
+    Setting(
+        "ranks, partner's operator",
+        stations=3,
+        path=PAIRS,
+        operators="C",
+        requests=1,
+        wishes=TAKES,
+        faults=1,
+        kinds=LOST | WEAK | DEATHS,
+        depth=16,
+    ),
+    Setting("all candidates", stations=3, path=("AB", "ABC"), operators="B", faults=2, kinds=DEATHS | LOST, depth=16),
     Setting("request and fault", faults=1, requests=1, wishes=ASKED, path=("AB",)),
     Setting("standard commander", standard="A", faults=2, requests=1, wishes=ASKED),
     Setting("standard partner", standard="B", faults=2, requests=1, wishes=ASKED),

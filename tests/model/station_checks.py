@@ -4,7 +4,8 @@
 
 1. A station's epoch does not fall, and it never speaks of an old one.
 2. It says only what is the commander's or the partner's to say, whichever it is in that transfer.
-3. It releases only what it has consented to; where the operator decides, it consents only to what he agreed to.
+3. It releases only what it has consented to. Without its operator's word it consents only where it is not the operator
+   who decides, and the vehicle has said that it asks for a reason that needs none.
 4. No station is ahead of the vehicle. One that believes to command in the vehicle's epoch does, or nobody does.
 """
 
@@ -20,11 +21,12 @@ from mavproxy_handover.core.messages import (
     ConnectAck,
     DisconnectHandover,
     DroneConnected,
+    HandoverRequest,
     OkHandover,
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent
+from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, Consent
 from tests.model.checks import demand
 
 __all__ = ["StationBefore", "StationBooks", "check_beliefs", "check_station"]
@@ -36,6 +38,8 @@ class StationBooks:
 
     granted: TransferKey | None = None
     agreed: TransferKey | None = None
+    #: the transfer that the vehicle has given a reason for that needs no operator
+    excused: TransferKey | None = None
     #: whom its operator wished to command
     wished: frozenset[int] = frozenset()
 
@@ -60,6 +64,9 @@ def check_station(
         books = replace(books, agreed=before.question)
     if isinstance(event, gcs.Wish):
         books = replace(books, wished=books.wished | {event.station})
+    excused = _excused(event)
+    if excused is not None:
+        books = replace(books, excused=excused)
     for action in said:
         if not isinstance(action, (gcs.ToVehicle, gcs.ToPeer)):
             continue
@@ -73,14 +80,25 @@ def check_station(
         if isinstance(word, (OnHandover, DroneConnected)):
             demand(key.to_station == station, f"{type(word).__name__} for another partner")
         granting = isinstance(word, (OkHandover, OnHandover)) and word.consent is Consent.GRANTED
-        if before.asked and (granting or isinstance(word, DroneConnected)):
+        if granting or isinstance(word, DroneConnected):
             agreed = books.agreed == key or key.to_station in books.wished
+            agreed = agreed or (not before.asked and books.excused == key)
             demand(agreed, f"{type(word).__name__} without the operator's word")
         if isinstance(word, OkHandover) and granting:
             books = replace(books, granted=key)
         if isinstance(word, DisconnectHandover):
             demand(books.granted == key, "released what it had not consented to")
     return books
+
+
+def _excused(event: gcs.Event) -> TransferKey | None:
+    """The transfer that the vehicle says needs no operator."""
+    if isinstance(event, gcs.AuthorityHeard) and event.commander and event.partner:
+        key = TransferKey(event.commander, event.partner, event.handover_id, event.epoch)
+        return key if QUESTIONS.get(event.why) in AUTOMATIC else None
+    if isinstance(event, gcs.FromVehicle) and isinstance(event.message, (HandoverRequest, OnHandover)):
+        return event.message.key if QUESTIONS.get(event.message.reason) in AUTOMATIC else None
+    return None
 
 
 class Believer(Protocol):

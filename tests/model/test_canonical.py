@@ -19,7 +19,11 @@ from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.events import StationMessage, Tick
 from mavproxy_handover.core.messages import ConnectAck
-from mavproxy_handover.core.model import Phase, Station
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    Phase,
+    Station,
+)
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.model.canonical import EPOCH, NOW, NUMBER, Packer, Shift, shifted
 from tests.model.nodes import DIGEST
@@ -109,7 +113,7 @@ class Shadow:
         letter = "ABC"[index]
         peers = tuple(other for other in self.graph.stations if other is not station)
         asked = letter in self.graph.setting.operators
-        core = gcs.StationCore(station, "drone", peers, operator_consents=asked)
+        core = gcs.StationCore(station, "drone", peers, automatic=() if asked else AUTOMATIC)
         core.handle(gcs.MissionHeld(DIGEST), self.now)
         return core
 

@@ -16,6 +16,7 @@ from gcs_module import core as gcs
 from mavproxy_handover.core import conductor, presence, transfer, zones
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority import Authority
+from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.messages import DisconnectHandover
 from mavproxy_handover.core.model import Consent, Outcome, Reason
@@ -133,18 +134,16 @@ def a_step_that_never_ends(patch: pytest.MonkeyPatch) -> None:
 
 
 def an_abort_that_is_never_retried(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(zones.ZoneTracker, "next_commander", once(zones.ZoneTracker.next_commander))
-
-
-def once(original: Callable[..., int | None]) -> Callable[..., int | None]:
     """Asked again after the first abort, it knows nobody."""
+    original = Candidates.wanted
 
-    def forgetful(self: zones.ZoneTracker, commander: int, *rest: Any) -> int | None:
-        found = original(self, commander, *rest)
-        self._fresh.discard(found or 0)
+    def forgetful(self: Candidates, owner: int, now: float, actions: list[Any]) -> tuple[int, Reason] | None:
+        found = original(self, owner, now, actions)
+        if found is not None:
+            self.zones._fresh.discard(found[0])
         return found
 
-    return forgetful
+    patch.setattr(Candidates, "wanted", forgetful)
 
 
 def lost_too_soon(patch: pytest.MonkeyPatch) -> None:
@@ -186,8 +185,8 @@ def station_answers_old_questions(patch: pytest.MonkeyPatch) -> None:
 def station_consents_for_its_operator(patch: pytest.MonkeyPatch) -> None:
     original = gcs.StationCore._consent
 
-    def eager(self: gcs.StationCore, key: Any, now: float, *, as_partner: bool) -> Any:
-        return Consent.GRANTED, original(self, key, now, as_partner=as_partner)[1]
+    def eager(self: gcs.StationCore, key: Any, why: Any, now: float, *, as_partner: bool) -> Any:
+        return Consent.GRANTED, original(self, key, why, now, as_partner=as_partner)[1]
 
     patch.setattr(gcs.StationCore, "_consent", eager)
 

@@ -57,7 +57,7 @@ EXPECTED = """\
 2 lost      | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 2 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 2 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-2 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 0.57 s; #1 committed (zone)
+2 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
 2 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.16 s; #1 aborted (partner_silent), #2 committed (zone)
 2 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
 2 doubled   | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
@@ -75,13 +75,13 @@ EXPECTED = """\
 2 reordered | commander 8 s   | B e2 ON_MISSION; B after 5.05 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 2 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 3 lost      | nobody          | B e2 ON_MISSION; B after 0.27 s; #1 committed (zone)
-3 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 0.78 s; #1 committed (zone)
+3 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 1.22 s; #1 committed (zone)
 3 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.18 s; #1 aborted (partner_silent), #2 committed (zone)
 3 lost      | commander 0.5 s | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
 3 lost      | commander 8 s   | B e2 ON_MISSION; B after 5.07 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 3 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 3 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-3 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 0.57 s; #1 committed (zone)
+3 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
 3 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.18 s; #1 aborted (partner_silent), #2 committed (zone)
 3 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 3 doubled   | commander 8 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
@@ -93,19 +93,19 @@ EXPECTED = """\
 3 late      | commander 8 s   | B e2 ON_MISSION; B after 5.07 s; #1 aborted (commander_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 3 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 3 reordered | nobody          | B e2 ON_MISSION; B after 0.27 s; #1 committed (zone)
-3 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 0.78 s; #1 committed (zone)
+3 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 1.22 s; #1 committed (zone)
 3 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.18 s; #1 aborted (partner_silent), #2 committed (zone)
 3 reordered | commander 0.5 s | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
 3 reordered | commander 8 s   | B e2 ON_MISSION; B after 3.05 s; #1 committed (release_timeout)
 3 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.0 s
 4 lost      | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
-4 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 0.57 s; #1 committed (zone)
+4 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
 4 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.78 s; #1 aborted (partner_silent), #2 committed (zone)
 4 lost      | commander 0.5 s | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 4 lost      | commander 8 s   | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 4 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 4 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-4 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 0.57 s; #1 committed (zone)
+4 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
 4 doubled   | partner 8 s     | B e2 ON_MISSION; B after 8.78 s; #1 aborted (partner_silent), #2 committed (zone)
 4 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 4 doubled   | commander 8 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
@@ -117,20 +117,20 @@ EXPECTED = """\
 4 late      | commander 8 s   | B e2 ON_MISSION; B after 5.07 s; #1 aborted (partner_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 4 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 4 reordered | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
-4 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 0.57 s; #1 committed (zone)
+4 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 1.02 s; #1 committed (zone)
 4 reordered | partner 8 s     | B e2 ON_MISSION; B after 8.78 s; #1 aborted (partner_silent), #2 committed (zone)
 4 reordered | commander 0.5 s | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 4 reordered | commander 8 s   | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 4 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 5 lost      | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
-5 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
+5 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 1.22 s; #1 committed (zone)
 5 lost      | partner 8 s     | B e2 ON_MISSION; B after 8.78 s; #1 aborted (partner_silent), #2 committed (zone)
 5 lost      | commander 0.5 s | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 5 lost      | commander 8 s   | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 5 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 5 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 5 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-5 doubled   | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+5 doubled   | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 5 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 5 doubled   | commander 8 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 5 doubled   | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
@@ -141,56 +141,56 @@ EXPECTED = """\
 5 late      | commander 8 s   | B e2 ON_MISSION; B after 5.07 s; #1 aborted (partner_silent), #2 committed (commander_lost); nobody 5.0-5.1 s
 5 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 5 reordered | nobody          | B e2 ON_MISSION; B after 0.26 s; #1 committed (zone)
-5 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 0.77 s; #1 committed (zone)
-5 reordered | partner 8 s     | B e4 ON_MISSION; B after 1.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 6.1-6.1 s
+5 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 1.06 s; #1 committed (zone)
+5 reordered | partner 8 s     | B e4 ON_MISSION; B after 1.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 6.1-6.1 s
 5 reordered | commander 0.5 s | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 5 reordered | commander 8 s   | B e2 ON_MISSION; B after 2.25 s; #1 committed (release_timeout)
 5 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.0-1.1 s
 6 lost      | nobody          | B e2 ON_MISSION; B after 0.27 s; #1 committed (zone)
 6 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 0.27 s; #1 committed (zone)
-6 lost      | partner 8 s     | B e4 ON_MISSION; B after 0.27 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+6 lost      | partner 8 s     | B e4 ON_MISSION; B after 0.27 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 6 lost      | commander 0.5 s | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 6 lost      | commander 8 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 6 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.1-1.1 s
 6 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 6 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-6 doubled   | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+6 doubled   | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 6 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 6 doubled   | commander 8 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 6 doubled   | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.1-1.1 s
 6 late      | nobody          | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 6 late      | partner 0.5 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
-6 late      | partner 8 s     | B e4 ON_MISSION; B after 2.05 s; #1 committed (release_timeout), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+6 late      | partner 8 s     | B e4 ON_MISSION; B after 2.05 s; #1 committed (release_timeout), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 6 late      | commander 0.5 s | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 6 late      | commander 8 s   | B e2 ON_MISSION; B after 2.05 s; #1 committed (release_timeout)
 6 late      | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.1-1.1 s
 6 reordered | nobody          | B e2 ON_MISSION; B after 0.27 s; #1 committed (zone)
 6 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 0.27 s; #1 committed (zone)
-6 reordered | partner 8 s     | B e4 ON_MISSION; B after 0.27 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+6 reordered | partner 8 s     | B e4 ON_MISSION; B after 0.27 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 6 reordered | commander 0.5 s | B e2 ON_MISSION; B after 1.06 s; #1 committed (zone)
 6 reordered | commander 8 s   | B e2 ON_MISSION; B after 1.06 s; #1 committed (zone)
 6 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 1.26 s; #2 committed (zone); nobody 0.1-1.1 s
 7 lost      | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 lost      | partner 0.5 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-7 lost      | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+7 lost      | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 7 lost      | commander 0.5 s | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 lost      | commander 8 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 lost      | vehicle 1 s     | B e3 ON_MISSION; B after 0.06 s; #1 committed (zone); nobody 0.1-1.1 s
 7 doubled   | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 doubled   | partner 0.5 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-7 doubled   | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+7 doubled   | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 7 doubled   | commander 0.5 s | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 doubled   | commander 8 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 doubled   | vehicle 1 s     | B e3 ON_MISSION; B after 0.06 s; #1 committed (zone); nobody 0.1-1.1 s
 7 late      | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 late      | partner 0.5 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-7 late      | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+7 late      | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 7 late      | commander 0.5 s | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 late      | commander 8 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 late      | vehicle 1 s     | B e3 ON_MISSION; B after 0.06 s; #1 committed (zone); nobody 0.1-1.1 s
 7 reordered | nobody          | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 reordered | partner 0.5 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
-7 reordered | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone); nobody 5.1-5.1 s
+7 reordered | partner 8 s     | B e4 ON_MISSION; B after 0.06 s; #1 committed (zone), #2 committed (commander_lost), #3 committed (zone_ends); nobody 5.1-5.1 s
 7 reordered | commander 0.5 s | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 reordered | commander 8 s   | B e2 ON_MISSION; B after 0.06 s; #1 committed (zone)
 7 reordered | vehicle 1 s     | B e3 ON_MISSION; B after 0.06 s; #1 committed (zone); nobody 0.1-1.1 s

@@ -20,7 +20,6 @@ import random
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import count
-from typing import Any
 
 import pytest
 from hypothesis import Phase as HypothesisPhase
@@ -51,7 +50,16 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import DisconnectHandover, OkHandover, TransferKey
-from mavproxy_handover.core.model import Consent, GuardState, LeaseState, Outcome, Reason, Station, ZoneFact
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    Consent,
+    GuardState,
+    LeaseState,
+    Outcome,
+    Reason,
+    Station,
+    ZoneFact,
+)
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.transfer import MOVES, Cause, End, Step
 from tests.core.watch import Watch
@@ -147,7 +155,9 @@ class World(RuleBasedStateMachine):
 
     def _start_station(self, sysid: int) -> None:
         peers = tuple(Station(other, NAMES[other]) for other in STATIONS if other != sysid)
-        core = gcs.StationCore(Station(sysid, NAMES[sysid]), "drone", peers, operator_consents=sysid in self.asking)
+        core = gcs.StationCore(
+            Station(sysid, NAMES[sysid]), "drone", peers, automatic=() if sysid in self.asking else AUTOMATIC
+        )
         core.handle(gcs.MissionHeld(DIGEST), self.now)
         self.cores[sysid] = core
         self.incarnation[sysid] += 1
@@ -205,7 +215,8 @@ class World(RuleBasedStateMachine):
     def _status(self) -> None:
         view = self.arbiter.view
         recovering = view.lease is LeaseState.RECOVERING
-        heard = gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id, recovering)
+        who = view.commander, view.partner
+        heard = gcs.AuthorityHeard(view.phase, *who, view.epoch, view.handover_id, recovering, view.why)
         for sysid in STATIONS:
             self._to_station(sysid, heard)
             if sysid in self.standard:
@@ -236,12 +247,13 @@ class World(RuleBasedStateMachine):
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
     def _give(self, event: Event) -> None:
-        before, transfer = self.arbiter.view, self.arbiter._authority.transfer
+        before, stale = self.arbiter.view, self._stale(event)
         dropped = self.arbiter.dropped.total()
         actions = self.arbiter.handle(event, self.now)
         self.watch.saw(event, actions, self.now)
         self._check_cause(before.commander, actions)
-        self._check_stale(event, transfer, dropped)
+        if stale:
+            assert self.arbiter.dropped.total() == dropped + 1, "a message of no present transfer was taken in"
         for action in actions:
             if isinstance(action, ViewChanged):
                 self.saved = self.arbiter.snapshot()
@@ -259,11 +271,11 @@ class World(RuleBasedStateMachine):
                 told = {a.event for a in actions if isinstance(a, Record)}
                 assert told & CAUSES, "authority has changed and the journal does not say why"
 
-    def _check_stale(self, event: Event, transfer: Any, dropped: int) -> None:
+    def _stale(self, event: Event) -> bool:
+        """Whether this is about a transfer that is not under way."""
+        transfer = self.arbiter._authority.transfer
         key = getattr(getattr(event, "message", None), "key", None)
-        if key is None or (transfer is not None and key == transfer.key):
-            return
-        assert self.arbiter.dropped.total() == dropped + 1, "a message of no present transfer was taken in"
+        return key is not None and (transfer is None or not transfer.concerns(key))
 
     def _check_view(self, action: ViewChanged) -> None:
         view = action.view
@@ -274,8 +286,10 @@ class World(RuleBasedStateMachine):
             assert self.commanded.setdefault(view.epoch, view.commander) == view.commander
         transfer = self.arbiter._authority.transfer
         if transfer is not None:
+            # several stations may be asked in one transfer, from one commander in one epoch
             others = {key for key in self.transfers if key.handover_id == transfer.key.handover_id}
-            assert others <= {transfer.key}, "a transfer number came twice"
+            same = {replace(key, to_station=0) for key in others} <= {replace(transfer.key, to_station=0)}
+            assert same, "a transfer number came twice"
             self.transfers.add(transfer.key)
 
     # ---- the stations ---------------------------------------------------------------------------------------------

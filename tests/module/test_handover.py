@@ -14,7 +14,12 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import FromVehicle, MissionHeld, StationCore, ToVehicle
-from mavproxy_handover.core.model import LeaseState, Phase, Station
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    LeaseState,
+    Phase,
+    Station,
+)
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire import codec
 from tests.module import vehicle
@@ -56,7 +61,7 @@ def flight(bench: Bench, delivery: MissionPackage) -> Bench:
             Station(station.sysid, station.name),
             "drone-1",
             (Station(other.sysid, other.name),),
-            operator_consents=False,
+            automatic=AUTOMATIC,
         )
         core.handle(MissionHeld(delivery.digest), bench.clock.now)
         give_rules(station, core, bench)

@@ -444,17 +444,24 @@ class TestStandard:
     def test_asked_for_by_the_other(self, standard: Bench) -> None:
         standard.autopilot.position = IN_BOTH
         standard.until(lambda: questions(standard.a))
-        request(standard.a)
-        standard.run(0.2)
-        standard.a.received.clear()
+        standard.b.received.clear()
         request(standard.b, timeout_s=20)
         standard.run(0.1)
         assert answers(standard.b) == [FAILED]
-        (question,) = questions(standard.a)[:1]
-        assert question.param3 == pytest.approx(20.0, abs=0.2)
         request(standard.a, takeover=1)
         standard.run(0.2)
         assert control(standard.b) == (MANAGER, 252)
+
+    def test_asked_for_just_after_the_owner_has_said_no(self, standard: Bench) -> None:
+        standard.autopilot.position = IN_BOTH
+        standard.until(lambda: questions(standard.a))
+        request(standard.a)
+        standard.run(0.2)
+        standard.b.received.clear()
+        request(standard.b, timeout_s=20)
+        standard.run(1.5)
+        assert answers(standard.b) == [mavlink.MAV_RESULT_DENIED]
+        assert control(standard.b) == (MANAGER, 251)
 
     def test_taken_over_where_that_is_allowed(self, standard: Bench) -> None:
         request(standard.a, takeover=1)

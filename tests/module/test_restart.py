@@ -17,7 +17,12 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import AuthorityHeard, FromVehicle, MissionHeld, StationCore
 from gcs_module.core import Role as StationRole
-from mavproxy_handover.core.model import LeaseState, Phase, Station
+from mavproxy_handover.core.model import (
+    AUTOMATIC,
+    LeaseState,
+    Phase,
+    Station,
+)
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store import state
 from mavproxy_handover.store.state import StateStore
@@ -73,7 +78,7 @@ def with_rules(bench: Bench, delivery: MissionPackage) -> None:
     """Both stations with their own rules and the mission package; there is no ground link."""
     for station, other in ((bench.a, bench.b), (bench.b, bench.a)):
         peers = (Station(other.sysid, other.name),)
-        core = StationCore(Station(station.sysid, station.name), "drone-1", peers, operator_consents=False)
+        core = StationCore(Station(station.sysid, station.name), "drone-1", peers, automatic=AUTOMATIC)
         core.handle(MissionHeld(delivery.digest), bench.clock.now)
         give_rules(station, core, bench)
 
@@ -211,7 +216,7 @@ class TestInFlight:
 
     def test_the_stations_follow(self, flight: Bench) -> None:
         """What the real rules of a station make of it: nobody for a moment, then the same commander."""
-        core = StationCore(Station(251, "GCSA"), "drone-1", (), operator_consents=False)
+        core = StationCore(Station(251, "GCSA"), "drone-1", (), automatic=AUTOMATIC)
         roles: list[tuple[StationRole, int]] = []
 
         def listen() -> None:

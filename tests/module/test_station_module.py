@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
+from mavproxy_handover.core.model import Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.version import VERSION
@@ -245,7 +246,7 @@ def test_a_handover_is_consented_to_once_and_answered_as_often_as_asked(station:
     station.hear(connect_message())
     station.sent()
     for _ in range(3):
-        station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, 0, 0))
+        station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, Reason.ZONE, 0))
     assert [(m.get_type(), m.consent) for m in station.sent()] == [("OK_HANDOVER", 0)] * 3
     assert [line for line in station.mpstate.console.lines if line.endswith("Handover Authorized.")] != []
 
@@ -255,7 +256,7 @@ def test_the_operator_is_asked_where_the_configuration_says_so(station: StationB
     station.load()
     station.hear(connect_message())
     station.sent()
-    station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, 0, 0))
+    station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, Reason.ZONE, 0))
     assert [m.consent for m in station.sent()] == [2]
     assert "question  handover 3: 'handover accept' or 'handover deny'" in station.mpstate.type("handover status")
     station.mpstate.type("handover accept")
@@ -274,7 +275,7 @@ def test_a_console_that_breaks_does_not_keep_an_answer_back(
     station.sent()
     with monkeypatch.context() as patch:
         patch.setattr(station.mpstate.console, fails, broken)
-        station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, 0, 0))
+        station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, Reason.ZONE, 0))
         station.run(2.0)
     assert "OK_HANDOVER" in [m.get_type() for m in station.sent()]
     assert [m.get_type() for m in station.peer.received()].count("HEARTBEAT") >= 2
@@ -318,7 +319,7 @@ def test_heartbeats_go_to_the_peer_and_strangers_are_counted(station: StationBen
 def test_drone_connected_over_the_ground_link_releases_the_vehicle(station: StationBench) -> None:
     station.load()
     station.hear(connect_message())
-    station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, 0, 0))
+    station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, Reason.ZONE, 0))
     station.sent()
     word = mavlink.MAVLink_drone_connected_message(*key(), 0)
     station.peer.socket.sendto(word.pack(station.peer.own), ("127.0.0.1", station.listens))
