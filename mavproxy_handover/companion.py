@@ -45,8 +45,8 @@ from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.state import StateStore
 from mavproxy_handover.wire import codec, status
-from mavproxy_handover.wire.frames import Frame, parse_one
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
+from mavproxy_handover.wire.frames import Frame, field_int, parse_one
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START
 
 __all__ = ["Companion", "Edge"]
 
@@ -187,8 +187,8 @@ class Companion:
             self.handle(events.MissionLoaded(b"", ()), now)
 
     def _consume(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        if verdict.access is Access.COMMAND:  # of those only START, on the ground
-            self.autopilot.orders.start_asked(port, frame, verdict.what, now)
+        if verdict.access is Access.COMMAND:  # of those only what starts a flight
+            self._begins_flight(port, frame, verdict, now)
             return
         if verdict.access not in (Access.TRANSFER, Access.CONTROL):  # the gate has seen to it
             return
@@ -199,6 +199,20 @@ class Companion:
             self._control.take(port, frame, message, self.view.handover_id, now)
         else:
             self._on_transfer(port, frame, message, now)
+
+    def _begins_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
+        """The commander's START, or what else arms or takes off on the ground: that needs no less."""
+        orders = self.autopilot.orders
+        if field_int(frame, "command") == MISSION_START:
+            orders.start_asked(port, frame, verdict.what, now)
+            return
+        needs = self.arbiter.take_off_needs(port.sysid, now)
+        if needs:
+            orders.refuse_take_off(port, frame, needs)
+            kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
+            self.narrator.refused(port.name, kind, verdict.what, ", ".join(needs), True, proven, now)
+            return
+        self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
         port.spoke(frame.compid)

@@ -20,7 +20,7 @@ from mavproxy_handover.core.events import StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Conversation, Conversations
-from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.ids import MISSION_START
 
 __all__ = ["Orders"]
@@ -86,6 +86,12 @@ class Orders:
         if self._asker is not None:
             text = "START refused: " + ", ".join(needs)
             self._answer(self._asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, text)
+
+    def refuse_take_off(self, port: StationPort, frame: Frame, needs: tuple[str, ...]) -> None:
+        """A command that arms or takes off cannot be: what START still needs."""
+        voice, sender = self._ties.voice, (frame.sysid, frame.compid)
+        voice.acknowledge(port, sender, field_int(frame, "command"), mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        voice.say(port, "No take-off: " + ", ".join(needs))
 
     def give_start_up(self, why: str, now: float) -> None:
         """End a START that is under way, if one is."""

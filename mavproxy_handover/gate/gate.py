@@ -157,6 +157,15 @@ class Gate:
             self._grant_rates(port, frame, now)
         return verdict
 
+    def release(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> Verdict:
+        """Pass on a frame of the commander that was the companion's matter first; how it is judged then."""
+        assert port.sysid == self.view.commander
+        passed = Verdict(Fate.FORWARD, verdict.access, GateReason.ALLOWED, verdict.what)
+        self._to_autopilot(frame.raw)
+        self._passed.append((port, frame, passed, now))
+        self.note()
+        return passed
+
     def note(self) -> None:
         """Note what the frames mean that went to the autopilot (rule 2); to be called with every tick."""
         if self._passed:

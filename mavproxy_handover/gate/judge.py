@@ -13,7 +13,8 @@ Rules, in this order; the first that applies decides:
    vehicle is armed. The whole of authority is one comparison: the station's system id with
    `AuthorityView.commander`. When authority is lost the view has no commander, so nobody commands; no phase needs
    a rule of its own.
-5. START (MAV_CMD_MISSION_START) from the commander while the vehicle is ON_LOAD is carried out by the companion.
+5. While the vehicle is ON_LOAD, what starts a flight is the companion's matter: START (MAV_CMD_MISSION_START) from the
+   commander it carries out itself, and what else arms or takes off it lets pass only when START may be.
 6. What would pass but is aimed at the companion's own component is refused: it has nothing there to command,
    read or set but what it consumes.
 
@@ -30,7 +31,7 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from mavproxy_handover.core.model import AuthorityView, Phase
-from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Access, Row, classify
+from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Access, Row, classify, takes_off
 from mavproxy_handover.wire.frames import Frame, target, target_places
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START
 
@@ -206,8 +207,11 @@ def _decide(
     fate, reason = outcome(row.access, commands, view.armed)
     if fate is not Fate.FORWARD:
         return fate, reason
-    if row.access is Access.COMMAND and row.part == MISSION_START and view.phase is Phase.ON_LOAD:
+    on_ground = row.access is Access.COMMAND and view.phase is Phase.ON_LOAD
+    if on_ground and row.part == MISSION_START:
         return Fate.CONSUME, GateReason.COMPANION
     if aim is not None and aim[1] == COMPANION_COMPID:
         return Fate.DROP if row.access is Access.STREAM else Fate.REFUSE, GateReason.COMPANION_TARGET
+    if on_ground and takes_off(frame, row):
+        return Fate.CONSUME, GateReason.COMPANION
     return fate, reason

@@ -43,6 +43,7 @@ __all__ = [
     "FrameCounters",
     "FrameSplitter",
     "field_bytes",
+    "field_float",
     "field_int",
     "field_offset",
     "parse_one",
@@ -164,6 +165,12 @@ def field_int(frame: Frame, field: str) -> int:
     return int.from_bytes(field_bytes(frame, field), "little")
 
 
+def field_float(frame: Frame, field: str) -> float:
+    """A field that is a float of 32 bits. KeyError if the dialect lacks message or field."""
+    (value,) = _FLOAT.unpack(field_bytes(frame, field))
+    return float(value)
+
+
 def target(frame: Frame) -> tuple[int, int] | None:
     """The system and component that a frame is aimed at (0 = all), or None if its message has no target.
 
@@ -178,6 +185,8 @@ def target(frame: Frame) -> tuple[int, int] | None:
     component = definition.target_component
     return payload[definition.target_system], 0 if component is None else payload[component]
 
+
+_FLOAT: Final = struct.Struct("<f")
 
 #: Every byte with its bits in reverse. MAVLink's CRC (CRC-16/MCRF4XX) is the one of the standard library with the bits
 #: of each byte, and of itself, in reverse.

@@ -55,6 +55,9 @@ TOLD_OPCODES = [1, 2, 6, 7, 8, 9, 10, 11, 12, 13]
 ITEM_MESSAGES = listed("MISSION_COUNT MISSION_ITEM MISSION_ITEM_INT MISSION_WRITE_PARTIAL_LIST MISSION_CLEAR_ALL")
 MISSION_TYPES = [0, 1, 2, 255]
 
+#: NAV_TAKEOFF, NAV_TAKEOFF_LOCAL, NAV_VTOL_TAKEOFF, SOLO_BTN_FLY_HOLD: they start a flight
+TAKE_OFF_COMMANDS = [22, 24, 84, 42002]
+
 # --- the commander's alone, and while the vehicle is armed nobody's
 #: PREFLIGHT_STORAGE, DO_SET_PARAMETER, BATTERY_RESET, PREFLIGHT_REBOOT_SHUTDOWN
 SAFEGUARD_COMMANDS = [245, 180, 42651, 246]
@@ -248,7 +251,8 @@ UNBORN_COMMANDS = {
 
 ALL_COMMANDS = sorted(n for n, e in mavlink.enums["MAV_CMD"].items() if e.name != "MAV_CMD_ENUM_END")
 
-PASS, TOLD, SAFEGUARD, SILENT, RATE, START = "pass", "told", "safeguard", "silent", "rate", "start"
+PASS, TOLD, SAFEGUARD, SILENT, RATE = "pass", "told", "safeguard", "silent", "rate"
+START, TAKE_OFF = "start", "take off"
 HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
 MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
 
@@ -264,6 +268,7 @@ OUTCOMES = {
     PASS: (_ALLOWED, _ALLOWED),
     TOLD: (_ALLOWED, _NOT_IN_CONTROL),
     START: (_ALLOWED, _NOT_IN_CONTROL),
+    TAKE_OFF: (_ALLOWED, _NOT_IN_CONTROL),
     SAFEGUARD: (_ALLOWED, _NOT_IN_CONTROL),
     SILENT: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
     RATE: (_ALLOWED, (Fate.CONSUME, GateReason.OBSERVER_RATES)),
@@ -282,6 +287,7 @@ ACCESS = {
     PASS: Access.READ,
     TOLD: Access.COMMAND,
     START: Access.COMMAND,
+    TAKE_OFF: Access.COMMAND,
     SAFEGUARD: Access.SAFEGUARD,
     SILENT: Access.STREAM,
     RATE: Access.ANSWERED,
@@ -292,6 +298,21 @@ ACCESS = {
     NEVER: Access.NEVER,
     UNKNOWN: None,
 }
+
+
+#: command, its first two parameters, and what it is then
+PARAMETER_DEPENDENT = [
+    (400, 1.0, 0.0, TAKE_OFF),
+    (400, 1.0, 21196.0, TAKE_OFF),
+    (400, -1.0, 0.0, TAKE_OFF),
+    (400, float("nan"), 0.0, TAKE_OFF),
+    (400, 0.0, 21196.0, TOLD),
+    *((218, function, 2.0, TAKE_OFF) for function in (41.0, 153.0, 154.0, 165.0)),
+    (218, 153.0, 1.0, TAKE_OFF),
+    (218, 153.0, 0.0, TOLD),
+    (218, 4.0, 2.0, TOLD),
+    (218, 81.0, 2.0, TOLD),
+]
 
 
 def kind_of_message(name: str) -> str:
@@ -320,6 +341,7 @@ def kind_of_command(number: int, commands: Collection[int] = ALL_COMMANDS) -> st
         (MAINTENANCE, MAINTENANCE_COMMANDS),
         (SAFEGUARD, SAFEGUARD_COMMANDS),
         (START, [300]),
+        (TAKE_OFF, TAKE_OFF_COMMANDS),
     ]
     found = [kind for kind, numbers in lists if number in numbers]
     assert len(found) <= 1, number
@@ -380,6 +402,9 @@ def cases() -> Iterator[Case]:
         yield Case("COMMAND_LONG", kind_of_command(command), (("command", command),))
         yield Case("COMMAND_INT", kind_of_command(command), (("command", command),))
         yield Case("COMMAND_ACK", CONTROL if command == 32100 else SILENT, (("command", command),))
+    for command, first, second, kind in PARAMETER_DEPENDENT:
+        for name in ("COMMAND_LONG", "COMMAND_INT"):
+            yield Case(name, kind, (("command", command), ("param1", first), ("param2", second)))
     for opcode in range(256):
         payload = ftp_request(opcode)
         yield Case("FILE_TRANSFER_PROTOCOL", kind_of_opcode(opcode), (("payload", payload),))
@@ -452,6 +477,6 @@ def expected(
         commands = False
     if not commands:
         return OUTCOMES[kind][1]
-    if kind == START and view.phase is Phase.ON_LOAD:
+    if kind in (START, TAKE_OFF) and view.phase is Phase.ON_LOAD:
         return Fate.CONSUME, GateReason.COMPANION
     return ARMED.get(kind, OUTCOMES[kind][0]) if view.armed else OUTCOMES[kind][0]

@@ -242,3 +242,63 @@ def test_in_flight_the_commanders_mission_start_is_the_autopilots_business(ready
     ready.run(0.3)
     (passed,) = [m for m in ready.autopilot.received[before:] if m.get_type() == "COMMAND_LONG" and m.command == START]
     assert (passed.get_srcSystem(), passed.get_srcComponent()) == (251, 190)
+
+
+TAKE_OFF, AUX, FLY = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_DO_AUX_FUNCTION, mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD
+
+
+class TestByHand:
+    """Whatever else arms or takes off on the ground needs what START needs, whoever commands."""
+
+    @pytest.mark.parametrize(
+        ("command", "first", "second"),
+        [(ARM, 1.0, 0.0), (ARM, 1.0, 21196.0), (TAKE_OFF, 0.0, 0.0), (AUX, 153.0, 2.0), (FLY, 0.0, 0.0)],
+        ids=["arm", "arm by force", "take off", "switch", "button"],
+    )
+    def test_without_a_mission_it_is_refused_and_the_operator_reads_why(
+        self, bench: Bench, command: int, first: float, second: float
+    ) -> None:
+        bench.connect()
+        bench.a.command(command, first, second)
+        bench.run(0.5)
+        assert bench.a.acks(command) == [REJECTED]
+        assert bench.a.texts() == "No take-off: no mission loaded, outside the zone of GCSA"
+        assert command not in bench.autopilot.commands()
+        (entry,) = [entry for entry in bench.journal() if entry["event"] == "refused"]
+        assert entry["reason"] == "no mission loaded, outside the zone of GCSA"
+
+    @pytest.mark.parametrize("command", [ARM, TAKE_OFF, AUX])
+    def test_with_all_that_start_needs_it_passes(self, ready: Bench, command: int) -> None:
+        ready.a.command(command, 153.0 if command == AUX else 1.0, 2.0)
+        ready.run(0.5)
+        assert command in ready.autopilot.commands()
+        (entry,) = [
+            e for e in ready.journal() if e["event"] == "accepted" and str(e["what"]).startswith("COMMAND_LONG")
+        ]
+        assert entry["station"] == "GCSA"
+
+    def test_to_disarm_needs_nothing(self, bench: Bench) -> None:
+        bench.connect()
+        bench.a.command(ARM, 0.0, 21196.0)
+        bench.run(0.5)
+        assert ARM in bench.autopilot.commands()
+
+    def test_armed_by_hand_it_may_take_off_by_hand(self, ready: Bench) -> None:
+        ready.autopilot.armed = True
+        ready.run(1.5)
+        ready.a.command(TAKE_OFF)
+        ready.run(0.5)
+        assert TAKE_OFF in ready.autopilot.commands()
+
+    def test_in_flight_the_commander_arms_and_takes_off_as_ever(self, ready: Bench) -> None:
+        ready.a.command(START)
+        ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+        ready.a.command(TAKE_OFF)
+        ready.run(0.5)
+        assert TAKE_OFF in ready.autopilot.commands()
+
+    def test_nobody_else_may(self, ready: Bench) -> None:
+        ready.b.command(ARM, 1.0)
+        ready.run(0.5)
+        assert ready.b.acks(ARM) == [NOT_IN_CONTROL]
+        assert ARM not in ready.autopilot.commands()

@@ -4,11 +4,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from mavproxy_handover.gate.policy.access import Access, Rule, names
 
-__all__ = ["COMMAND_RULES"]
+__all__ = ["COMMAND_RULES", "TAKE_OFF_RULES", "TakeOffRule"]
+
+
+@dataclass(frozen=True, slots=True)
+class TakeOffRule:
+    """A command by which an aircraft on the ground is armed or takes off, and why it is one.
+
+    `unless_zero`: the number of the parameter that must not be 0 for that. `functions`: what parameter 1 must be.
+    """
+
+    name: str
+    why: str
+    unless_zero: int | None = None
+    functions: tuple[int, ...] = ()
+
+
+#: On the ground these need what START needs, whoever commands. Names without their MAV_CMD_.
+TAKE_OFF_RULES: Final = (
+    TakeOffRule("COMPONENT_ARM_DISARM", "arms, forced or not; 0 disarms", unless_zero=1),
+    # ArmDisarm (41 before 4.2), with AirMode, and ArmEmergencyStop; the low position disarms
+    TakeOffRule("DO_AUX_FUNCTION", "a switch that arms", unless_zero=2, functions=(41, 153, 154, 165)),
+    TakeOffRule("NAV_TAKEOFF", "takes off"),
+    TakeOffRule("NAV_TAKEOFF_LOCAL", "takes off"),
+    TakeOffRule("NAV_VTOL_TAKEOFF", "takes off"),
+    TakeOffRule("SOLO_BTN_FLY_HOLD", "on the ground ArduCopter arms and takes off by it"),
+)
 
 #: Commands, in COMMAND_LONG and COMMAND_INT alike. Names without their MAV_CMD_.
 COMMAND_RULES: Final = (

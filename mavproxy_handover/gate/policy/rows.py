@@ -20,6 +20,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.policy.access import ANY
+from mavproxy_handover.gate.policy.commands import TAKE_OFF_RULES, TakeOffRule
 from mavproxy_handover.gate.policy.files import file_rule
 from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
@@ -34,7 +35,7 @@ from mavproxy_handover.gate.policy.tables import (
     Access,
     Rule,
 )
-from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_OPCODES, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 
 __all__ = [
@@ -42,6 +43,7 @@ __all__ = [
     "Access",
     "Row",
     "classify",
+    "takes_off",
 ]
 
 
@@ -151,3 +153,20 @@ def _file_row(request: bytes) -> Row:
     opcode = int.from_bytes(request[_FTP_OPCODE], "little")
     row, rule = _part_row(_FTP, opcode), file_rule(opcode, request)
     return row if rule is None else Row(f"{row.what} ({rule.name})", rule.access, opcode)
+
+
+_TAKE_OFFS: Final[dict[int, TakeOffRule]] = {
+    getattr(mavlink, f"MAV_CMD_{rule.name}"): rule
+    for rule in TAKE_OFF_RULES
+    if hasattr(mavlink, f"MAV_CMD_{rule.name}")
+}
+
+
+def takes_off(frame: Frame, row: Row) -> bool:
+    """Whether a command, whose row this is, arms an aircraft on the ground or has it take off."""
+    rule = None if row.part is None else _TAKE_OFFS.get(row.part)
+    if rule is None:
+        return False
+    if rule.functions and field_float(frame, "param1") not in rule.functions:
+        return False
+    return rule.unless_zero is None or field_float(frame, f"param{rule.unless_zero}") != 0.0
