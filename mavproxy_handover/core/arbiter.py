@@ -125,7 +125,7 @@ class Arbiter:
         """What a run after this one needs to know."""
         authority, mission = self._authority, self._candidates.mission
         return Snapshot(
-            authority.owner,
+            authority.owner if authority.claimant is None else authority.claimant,
             authority.epoch,
             authority.handover_id,
             authority.phase,
@@ -134,6 +134,7 @@ class Arbiter:
             mission.route,
             authority.takeover_allowed,
             self._emergency.out_of_coverage,
+            authority.claimant is None,
         )
 
     def name(self, sysid: int | None) -> str:
@@ -244,7 +245,7 @@ class Arbiter:
         if not self._known(station):
             return
         self._contacts.heard(station, now, actions)
-        if station == self._authority.owner and self._authority.lost:
+        if self._authority.waits_for(station):
             self._conductor.move(Cause.COMMANDER_RETURNED, now, actions)
             self._authority.take_back(station, actions)
 
@@ -270,7 +271,7 @@ class Arbiter:
             return None
         dropped = self._contacts.answered(station, answer, now, actions)
         if dropped is None:
-            self._authority.learn_epoch(station, answer, actions)
+            self._authority.learn(station, answer, actions)
             self._grant_parent(now, actions)
         return dropped
 

@@ -10,6 +10,12 @@ Rules that live here
   it may happen is not asked: that is the caller's to know.
 * After a restart the owner of before is lost until it is heard; the epoch has risen already, so its return raises it no
   more.
+* Unless what the run before left is not proven to be its last word. Then the stations' memory decides. Nobody says a
+  later epoch than the old one until somebody has authority, so that each first answer to CONNECT is what its station
+  remembers of the time before. The owner has it back when it answers that it believes in itself, in that epoch or one
+  after it, and everybody who can answer has, or the time to come back is over. Whoever remembers anybody else in that
+  epoch, or anything else of one after it, ends its claim: then nobody has authority. No word gives anything to anybody
+  but the owner, and its own outdoes nobody else's. It goes on in an epoch above all that may have been missed.
 * A run that began without a state file may be behind what stations remember of earlier ones, and what is behind they do
   not believe. So it learns from their memory: from each station once, and then nobody can be ahead of it again.
 * Every change ends in `refresh`, which makes the view and announces it if it differs.
@@ -17,7 +23,7 @@ Rules that live here
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection
 from math import inf
 
 from mavproxy_handover.core.events import Action, Record, ViewChanged
@@ -30,6 +36,8 @@ from mavproxy_handover.core.transfer import Transfer
 
 __all__ = ["Authority"]
 
+#: more changes of authority than a disk can have missed
+_UNSEEN = 1000
 #: beyond this an epoch is nobody's memory (it travels in 32 bits)
 _EPOCH_MAX = 0x7FFF_FFFF
 
@@ -40,6 +48,8 @@ class Authority:
     __slots__ = (
         "_flight",
         "_may_be_ahead",
+        "_shown",
+        "claimant",
         "epoch",
         "handover_id",
         "lost",
@@ -54,12 +64,15 @@ class Authority:
         "view",
     )
 
-    def __init__(self, stations: Iterable[Station], flight: Flight) -> None:
+    def __init__(self, stations: Collection[Station], flight: Flight) -> None:
         self.names = {station.sysid: station.name for station in stations}
         self._flight = flight
-        #: stations that may remember more than this run knows: they have not answered yet
-        self._may_be_ahead = set(self.names)
+        #: stations that may remember more than this run knows: they have not answered yet. A standard one never does
+        self._may_be_ahead = {station.sysid for station in stations if not station.standard}
         self.owner: int | None = None
+        #: who had authority by a state that is not proven; it has to show that it still has. And whether it did
+        self.claimant: int | None = None
+        self._shown = False
         #: the owner is not heard
         self.lost = False
         self.epoch = 0
@@ -80,7 +93,8 @@ class Authority:
     def restore(self, restored: Snapshot) -> None:
         """Take up what the run before left behind; nobody commands until its owner is heard again."""
         self.epoch = restored.epoch + 1
-        self._may_be_ahead.clear()
+        if restored.proven:
+            self._may_be_ahead.clear()
         self.handover_id = restored.handover_id
         if restored.phase is not Phase.ON_LOAD:  # on the ground everything begins anew, but for the numbers
             self.takeover_allowed = restored.takeover_allowed
@@ -88,6 +102,8 @@ class Authority:
             if restored.owner in self.names:
                 self.owner, self.lost = restored.owner, True
                 self.recover_until = inf  # the clock starts with the first event
+                if not restored.proven:
+                    self.claimant, self.epoch = restored.owner, restored.epoch
         self.refresh(Reason.RESTARTED, [])
 
     # ---- looking --------------------------------------------------------------------------------------------------
@@ -100,6 +116,10 @@ class Authority:
     def recovering(self) -> bool:
         """The owner of the run before may still come back."""
         return self.recover_until is not None
+
+    def waits_for(self, station: int) -> bool:
+        """The station has authority as soon as it is heard: it is the owner, and nothing more is to be shown."""
+        return self.lost and station == self.owner and self.claimant is None
 
     @property
     def waiting_for_start(self) -> bool:
@@ -119,7 +139,7 @@ class Authority:
 
     def grant(self, station: int, reason: Reason, actions: list[Action]) -> None:
         """A station gets authority on the ground, where nobody has it."""
-        self.owner, self.lost, self.released = station, False, False
+        self.owner, self.lost, self.released, self.claimant = station, False, False, None
         self.takeover_allowed = False
         self.epoch += 1
         text = f"{self.name(station)} commands, epoch {self.epoch}"
@@ -174,13 +194,52 @@ class Authority:
         self.refresh(Reason.COMMANDER_RETURNED, actions)
 
     def wait_no_longer(self, owner: int, actions: list[Action]) -> None:
-        """The owner has not come back after the restart."""
+        """The time in which the owner may come back after the restart is over."""
+        if self._shown:
+            self._believe(owner, actions)
+            return
         self.recover_until = None
+        if self.claimant is not None:  # nobody is a successor of who may not have had it; it may still show that it had
+            self.owner, self.lost = None, False
         text = f"{self.name(owner)} has not come back after the restart: nobody commands"
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self.refresh(Reason.COMMANDER_LOST, actions)
 
-    def learn_epoch(self, station: int, answer: ConnectAck, actions: list[Action]) -> None:
+    def learn(self, station: int, answer: ConnectAck, actions: list[Action]) -> None:
+        """What a station remembers of epoch and commander, by its answer to CONNECT."""
+        if self.claimant is None:
+            self._learn_epoch(station, answer, actions)
+        elif station in self._may_be_ahead:
+            self._hear_of_claim(self.claimant, station, answer, actions)
+
+    def _hear_of_claim(self, claimant: int, station: int, answer: ConnectAck, actions: list[Action]) -> None:
+        """A station's first answer, while somebody has to show that it still has authority."""
+        self._may_be_ahead.discard(station)
+        if answer.epoch > _EPOCH_MAX:
+            return
+        its = answer.commander == claimant and self.epoch <= answer.epoch < self.epoch + _UNSEEN
+        if not its and (answer.epoch, answer.commander is not None) > (self.epoch, False):
+            text = (
+                f"{self.name(station)} remembers {self.name(answer.commander)} in epoch {answer.epoch}: nobody commands"
+            )
+            actions.append(Record("authority_lost", text, Reason.RESTARTED, station))
+            self.owner = self.claimant = self.recover_until = None
+            self.lost, self.epoch = False, answer.epoch
+            self.refresh(Reason.RESTARTED, actions)
+            return
+        if station == claimant:
+            self._shown = its
+        if self._shown and not (self.recovering and self._may_be_ahead):
+            self._believe(claimant, actions)
+
+    def _believe(self, claimant: int, actions: list[Action]) -> None:
+        """It has shown that it has authority since before the restart, and nobody knows better."""
+        self.owner, self.claimant = claimant, None
+        self.recover_until = None
+        self.epoch += _UNSEEN - 1
+        self.take_back(claimant, actions)
+
+    def _learn_epoch(self, station: int, answer: ConnectAck, actions: list[Action]) -> None:
         """A station remembers a later epoch, or another commander of this one: nothing said here would be news to it.
 
         While somebody has authority, only a station's first answer counts: none can move the epoch at will.
@@ -213,6 +272,9 @@ class Authority:
         """Disarmed: the flight is over. The view follows with the next `refresh`."""
         self.move_phase(PhaseCause.DISARMED)
         self.takeover_allowed = False
+        if self.claimant is not None:  # on the ground nobody needs to show anything: the parent is there
+            self.owner = self.claimant = self.recover_until = None
+            self.lost = False
 
     def move_phase(self, cause: PhaseCause) -> None:
         """By the table of `phases.py`. The view follows with the next `refresh`."""

@@ -5,6 +5,9 @@
 A restart must not give authority to anyone who had none. So the snapshot names the one station that had it, and the
 arbiter that starts from it commands nobody until that station is heard again; then the epoch is one higher, which
 makes every frame of the time before stale. No snapshot, or one that cannot be trusted, means that nobody has authority.
+
+A snapshot may be older than the last change of authority: after a loss of power there is what the disk got in time.
+Such a one is not `proven`, and the station that it names has to show that it still has authority (`authority.py`).
 """
 
 from __future__ import annotations
@@ -32,3 +35,5 @@ class Snapshot:
     route: tuple[int, ...]
     takeover_allowed: bool = False
     out_of_coverage: FlightAction | None = None
+    #: there was no change of authority after it
+    proven: bool = True

@@ -73,7 +73,9 @@ class Watch:
         self._armed = True  # until the autopilot says otherwise
         #: stations whose memory has counted
         self._learnt: set[int] = set()
-        self._unaware = restored is None
+        self._unaware = restored is None or not restored.proven
+        #: the epoch of a state that may be behind: who had it goes on far above it, or loses it to somebody's memory
+        self._unproven: int | None = None
         #: every change of commander: time, from, to, epoch
         self.moves: list[tuple[float, int | None, int | None, int]] = []
         if restored is None:
@@ -81,7 +83,9 @@ class Watch:
             return
         assert arbiter.view.commander is None, "nobody has authority by a restart"
         assert arbiter.view.partner is None
-        assert arbiter.view.epoch == restored.epoch + 1
+        if not restored.proven and arbiter.view.lease is LeaseState.RECOVERING:
+            self._unproven = restored.epoch
+        assert arbiter.view.epoch == restored.epoch + (self._unproven is None)
         if restored.phase is not Phase.ON_LOAD:
             # a station that is not in the configuration any more is nobody
             self._had_authority = restored.owner if arbiter.view.lease is LeaseState.RECOVERING else None
@@ -138,6 +142,11 @@ class Watch:
             self._check_end(old, new, event, heard, now)
             return
         came_back = new.commander == self._had_authority
+        if came_back and self._unproven == old.epoch:
+            assert new.epoch == old.epoch + 1000
+            assert now >= heard[new.commander] - 1e-9
+            self._unproven = None
+            return
         assert new.epoch == old.epoch + (0 if came_back and old.lease is LeaseState.RECOVERING else 1)
         if came_back:
             assert old.commander is None
@@ -165,6 +174,10 @@ class Watch:
         assert new.epoch > old.epoch
         assert isinstance(event, StationMessage)
         assert isinstance(event.message, ConnectAck)
+        if self._unproven is not None:
+            assert new.commander is None
+            assert new.lease is LeaseState.LOST
+            self._unproven = self._had_authority = None
         if self._had_authority is None:
             assert event.message.epoch == new.epoch
             return

@@ -373,6 +373,8 @@ class Packer:
             Authority,
             _flight=_Shared(),
             _may_be_ahead=_Set(),
+            _shown=plain,
+            claimant=plain,
             names=names_fixed,
             owner=plain,
             lost=plain,

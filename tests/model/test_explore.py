@@ -159,7 +159,7 @@ def the_first_position_counts_as_entry(patch: pytest.MonkeyPatch) -> None:
 
 
 def an_epoch_that_is_never_learnt(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(Authority, "learn_epoch", lambda self, station, answer, actions: None)
+    patch.setattr(Authority, "learn", lambda self, station, answer, actions: None)
 
 
 def told_before_the_gate(patch: pytest.MonkeyPatch) -> None:
