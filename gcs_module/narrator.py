@@ -50,6 +50,10 @@ class StationNarrator:
         self._journal.write("unloaded")
         self._journal.close()
 
+    def settle(self, within_s: float) -> bool:
+        """Wait, so long at most, until the journal has everything; whether it has. Not for the main loop."""
+        return self._journal.settle(within_s)
+
     def fault(self, where: str, text: str) -> None:
         """Something broke."""
         self._journal.write("fault", f"{where}: {text}")

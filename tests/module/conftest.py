@@ -148,6 +148,7 @@ class Bench:
 
     def journal(self, event: str | None = None) -> list[dict[str, Any]]:
         """Entries of the journal, of one event or all."""
+        assert self.module is None or self.companion.settle(10.0)
         lines = (self.folder / "companion.jsonl").read_text().splitlines()
         entries = [json.loads(line) for line in lines]
         return [entry for entry in entries if event in (None, entry["event"])]

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 from pathlib import Path
@@ -226,6 +225,6 @@ def test_a_fault_of_our_own_while_loading_does_not_reach_mavproxy(
 
 def test_the_journal_tells_of_the_load(bench: Bench) -> None:
     bench.load()
-    entry = json.loads((bench.folder / "companion.jsonl").read_text().splitlines()[0])
+    entry = bench.journal()[0]
     assert (entry["who"], entry["event"], entry["version"]) == ("drone-1", "loaded", VERSION)
     assert entry["text"] == f"handover {VERSION}, configuration {bench.config}"
