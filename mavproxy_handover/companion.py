@@ -43,7 +43,7 @@ from mavproxy_handover.stations.operator_control import OperatorControl
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal
-from mavproxy_handover.store.state import StateStore
+from mavproxy_handover.store.keeper import StateKeeper
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.frames import Frame, field_int, parse_one
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START
@@ -94,7 +94,7 @@ class Companion:
         #: the arbiter's next deadline, inf if it has none; it moves with events only
         self._due_at = _UNKNOWN
         self._reason = Reason.NONE
-        self._restart = Restart(None if config.state is None else StateStore(config.state, config.name), self.fault)
+        self._restart = Restart(None if config.state is None else StateKeeper(config.state, config.name), self.fault)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)
         self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault)
@@ -105,6 +105,7 @@ class Companion:
         try:
             self.autopilot = Autopilot(config, self._ties(edge.clocks), edge.nonce)
         except Exception:
+            self._restart.close()
             self.journal.close()
             raise
         jobs = [
@@ -292,7 +293,7 @@ class Companion:
         self._voice.to_stations(status.control_status(self.view))
         self.narrator.clock(now)
         self.narrator.sum_up(now)
-        self._restart.save(self.arbiter.snapshot())
+        self._restart.each_second(self.arbiter.snapshot())
         self.autopilot.each_second(self.view, now)
 
     # ---- the arbiter ----------------------------------------------------------------------------------------------
@@ -308,6 +309,8 @@ class Companion:
             self.fail_closed(f"arbiter failed on {type(event).__name__}: {traceback.format_exc(limit=-3)}", now)
             return
         for action in actions:
+            if self.failed:
+                return
             self._attempt(f"action {type(action).__name__}", self._perform, action, now)
 
     def fail_closed(self, text: str, now: float) -> None:
@@ -367,10 +370,16 @@ class Companion:
         port.send(codec.encode(action.message, port.target, self.config.sysid, state), everywhere=True)
 
     def _on_view(self, action: events.ViewChanged, now: float) -> None:
-        self._restart.save(self.arbiter.snapshot())
         former, view = self.view.commander, action.view
         self._reason = action.reason
-        self._put_in_force(view, now)
+        try:
+            self._restart.save(self.arbiter.snapshot())
+            self._put_in_force(view, now)
+        except Exception:
+            if self.view is not view:  # the former one would stay in force, with leases and all
+                self.fail_closed(f"a new view could not be put in force: {traceback.format_exc(limit=-3)}", now)
+                return
+            self.fault("what follows from a new view", traceback.format_exc(limit=-3))
         if view.commander != former:
             if former is not None:
                 self.autopilot.renew_streams()
@@ -384,9 +393,14 @@ class Companion:
         for station, closing in self.gate.change(view, now):
             self.narrator.closed(station, closing)
 
+    def settle(self, within_s: float) -> bool:
+        """Wait, so long at most, until journal and state are on the disk; whether they are. Not for the main loop."""
+        return self.journal.settle(within_s) and self._restart.settle(within_s)
+
     def close(self) -> None:
-        """Close links and journal."""
+        """Close links, state and journal."""
         for port in self.ports.values():
             self._attempt("closing links", port.close)
+        self._attempt("closing the state", self._restart.close)
         self.narrator.unloaded()
         self.journal.close()

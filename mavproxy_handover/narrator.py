@@ -184,10 +184,16 @@ class Narrator:
         """The commander is asked by the standard's command."""
         self._journal.write("notified", f"{station} is asked: may {requester} have control?", station=station)
 
-    def restarted(self, owner: str, epoch: int) -> None:
+    def restarted(self, owner: str, epoch: int, *, proven: bool) -> None:
         """This run goes on where the one before it ended, in flight."""
-        self._journal.write("restarted", f"restarted in flight; {owner} had authority", epoch=epoch)
-        self.tell(f"Restarted in flight, epoch {epoch}: waiting for {owner}.")
+        self._journal.write("restarted", f"restarted in flight; {owner} had authority", epoch=epoch, proven=proven)
+        waits = f"waiting for {owner}" if proven else f"{owner} has to show that it still has authority"
+        self.tell(f"Restarted in flight, epoch {epoch}: {waits}.")
+
+    def kept_elsewhere(self, text: str) -> None:
+        """The state is not kept as it should be."""
+        self._journal.write("state_kept", text)
+        self._tell_sentence(text)
 
     def state_lost(self, trouble: str) -> None:
         """There was a state file, and it cannot be trusted."""

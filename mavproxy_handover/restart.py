@@ -1,26 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Authority kept over a restart: when the state file is written, and what a new run makes of the old one's.
+"""Authority kept over a restart: when the state is kept, and what a new run makes of the old one's.
 
 Rules
 -----
-* It is written before anybody hears of it: what is told must outlive a crash.
-* If it cannot be written, whatever the reason, the old file must go: after a restart it would give authority to whoever
-  had it then. What the rules settled comes into force all the same.
+* It is kept before anybody hears of it: what is told must outlive a crash. No disk is waited for (`store/keeper.py`).
+* If it cannot be kept, whatever the reason, what was kept before must go: after a restart it would give authority to
+  whoever had it then. What the rules settled comes into force all the same.
 * Without a store nothing is kept: a restart in flight means that nobody commands.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
-from mavproxy_handover.store.state import StateStore, recall
+from mavproxy_handover.store.keeper import StateKeeper
 
 __all__ = ["Restart"]
 
@@ -28,20 +27,22 @@ __all__ = ["Restart"]
 class Restart:
     """Reads what the run before left in `store`, and keeps there what the next one needs.
 
-    `store` None: nothing is kept. `fault` is told what could not be written.
+    `store` None: nothing is kept. `fault` is told what could not be kept.
     """
 
-    def __init__(self, store: StateStore | None, fault: Callable[[str, str], None]) -> None:
+    def __init__(self, store: StateKeeper | None, fault: Callable[[str, str], None]) -> None:
         self._store = store
         self._fault = fault
         #: what the run before left behind, if it did
-        self.restored: Snapshot | None
-        self.restored, self._trouble = recall(store)
-        #: what the state file says, or need not say; None if it is not known to say anything
+        self.restored: Snapshot | None = None
+        self._trouble = ""
+        if store is not None:
+            self.restored, self._trouble = store.recall()
+        #: what is kept, or need not be; None if it is not known that anything is
         self._saved: Snapshot | None = self.restored
 
     def save(self, snapshot: Snapshot) -> None:
-        """Write the snapshot if it says something new. To be called again each second: it may have failed."""
+        """Keep the snapshot if it says something new."""
         if self._store is None or snapshot == self._saved:
             return
         try:
@@ -50,17 +51,18 @@ class Restart:
         except Exception as error:  # the new view comes into force behind this, whatever broke
             self._saved = None
             self._fault("state file", str(error))
-            with suppress(OSError):
-                self._store.clear()
+
+    def each_second(self, snapshot: Snapshot) -> None:
+        """The same again, if that failed; and the disk, if it did."""
+        self.save(snapshot)
+        if self._store is not None:
+            for trouble in self._store.tick():
+                self._fault("state file", trouble)
 
     def keep(self, package: MissionPackage) -> None:
-        """Write the mission package that the autopilot holds now."""
-        if self._store is None:
-            return
-        try:
-            self._store.save_package(package)
-        except OSError as error:
-            self._fault("state file", str(error))
+        """Keep the mission package that the autopilot holds now."""
+        if self._store is not None:
+            self._store.keep(package)
 
     def resume(self, arbiter: Arbiter, narrator: Narrator) -> MissionPackage | None:
         """Go on where the run before this one ended, or say that this cannot be done.
@@ -68,18 +70,29 @@ class Restart:
         Returns the mission package that the autopilot still holds.
         """
         restored = self.restored
+        if self._store is not None and self._store.note:
+            narrator.kept_elsewhere(self._store.note)
         if self._trouble:
             narrator.state_lost(self._trouble)
         if restored is None:
-            self._saved = arbiter.snapshot()  # what a run begins with need not be written
+            self._saved = arbiter.snapshot()  # what a run begins with need not be kept
             return None
         if self._store is None:
             return None
         self.save(arbiter.snapshot())  # the epoch has risen: if this run ends soon, the next one must begin above it
         if restored.phase is Phase.ON_LOAD:
             return None
-        narrator.restarted(arbiter.name(restored.owner), arbiter.view.epoch)
+        narrator.restarted(arbiter.name(restored.owner), arbiter.view.epoch, proven=restored.proven)
         package = self._store.load_package(restored.digest) if restored.digest else None
         if restored.digest and package is None:
             narrator.package_lost()
         return package
+
+    def settle(self, within_s: float) -> bool:
+        """Wait until the disk has everything, so long at most; whether it has."""
+        return self._store is None or self._store.settle(within_s)
+
+    def close(self) -> None:
+        """The run ends. A disk that hangs is not waited for."""
+        if self._store is not None:
+            self._store.close()

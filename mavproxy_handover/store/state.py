@@ -7,7 +7,9 @@ Rules
 * Written to a file beside it, synchronised, then renamed: never half.
 * A checksum over everything: what does not fit is not guessed at. A file that is there but cannot be trusted says so
   (`StateError`); the companion then starts without authority, which in flight means the way home.
-* The mission package has a file of its own, named by its digest, because it is large and seldom changes.
+* It says in which boot it was written, and its serial: a disk may be late, and then the file is not the last word. What
+  is made of that is the `keeper`'s.
+* The mission package has a file of its own, because it is large and seldom changes.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +28,62 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.store.durable import sync_folder
 
-__all__ = ["StateError", "StateStore", "recall"]
+__all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
-_FORMAT = 1
+_FORMAT = 2
 _MAX_SYSID = 255
 _DIGEST_BYTES = 32
 
 
 class StateError(Exception):
     """There is a state file and it cannot be trusted; one line for people."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A snapshot as it was kept: in which boot of the system ("": nobody knows), and as which one of that boot."""
+
+    snapshot: Snapshot
+    boot: str = ""
+    serial: int = 0
+
+
+def pack(kept: Kept, vehicle: str) -> bytes:
+    """What is kept of a vehicle, with a checksum over all of it."""
+    snapshot = kept.snapshot
+    body = {
+        "format": _FORMAT,
+        "vehicle": vehicle,
+        "boot": kept.boot,
+        "serial": kept.serial,
+        "owner": snapshot.owner,
+        "epoch": snapshot.epoch,
+        "handover_id": snapshot.handover_id,
+        "phase": snapshot.phase.value,
+        "route_at": snapshot.route_at,
+        "digest": snapshot.digest.hex(),
+        "route": list(snapshot.route),
+        "takeover_allowed": snapshot.takeover_allowed,
+        "out_of_coverage": snapshot.out_of_coverage,
+        "proven": snapshot.proven,
+    }
+    return json.dumps({"body": body, "sha256": _checksum(body)}, indent=1).encode("utf-8")
+
+
+def unpack(raw: bytes, vehicle: str) -> Kept:
+    """What `pack` made. Raises ValueError that says what is wrong."""
+    try:
+        whole = json.loads(raw)
+        body = whole["body"]
+        if whole["sha256"] != _checksum(body):
+            raise ValueError("its checksum does not fit")
+        if body["format"] != _FORMAT or body["vehicle"] != vehicle:
+            raise ValueError("it is of another vehicle or version")
+        if not isinstance(body["boot"], str):
+            raise ValueError(f"boot: {body['boot']!r} must be a text")
+        return Kept(_snapshot(body), body["boot"], _whole("serial", body["serial"], 0, (1 << 63) - 1))
+    except (KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise ValueError(str(error)) from None
 
 
 class StateStore:
@@ -45,30 +95,16 @@ class StateStore:
         self._path = folder / f"{vehicle}.state.json"
         self._package_path = folder / f"{vehicle}.mission"
 
-    def save(self, snapshot: Snapshot) -> None:
+    def save(self, snapshot: Snapshot, boot: str = "", serial: int = 0) -> None:
         """Write the snapshot; on return it survives a crash and a loss of power. Raises OSError."""
-        body = {
-            "format": _FORMAT,
-            "vehicle": self._vehicle,
-            "owner": snapshot.owner,
-            "epoch": snapshot.epoch,
-            "handover_id": snapshot.handover_id,
-            "phase": snapshot.phase.value,
-            "route_at": snapshot.route_at,
-            "digest": snapshot.digest.hex(),
-            "route": list(snapshot.route),
-            "takeover_allowed": snapshot.takeover_allowed,
-            "out_of_coverage": snapshot.out_of_coverage,
-        }
-        text = json.dumps({"body": body, "sha256": _checksum(body)}, indent=1)
-        _write(self._path, text.encode("utf-8"))
+        _write(self._path, pack(Kept(snapshot, boot, serial), self._vehicle))
 
     def save_package(self, package: MissionPackage) -> None:
         """Write the mission package. Raises OSError."""
         _write(self._package_path, package.to_bytes())
 
-    def load(self) -> Snapshot | None:
-        """The last snapshot; None if there never was one. Raises StateError if there is one that cannot be trusted."""
+    def load(self) -> Kept | None:
+        """What was saved last; None if nothing ever was. Raises StateError: there is a file that cannot be trusted."""
         try:
             raw = self._path.read_bytes()
         except FileNotFoundError:
@@ -76,14 +112,8 @@ class StateStore:
         except OSError as error:
             raise StateError(f"{self._path}: {error.strerror}") from None
         try:
-            whole = json.loads(raw)
-            body = whole["body"]
-            if whole["sha256"] != _checksum(body):
-                raise ValueError("its checksum does not fit")
-            if body["format"] != _FORMAT or body["vehicle"] != self._vehicle:
-                raise ValueError("it is of another vehicle or version")
-            return _snapshot(body)
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+            return unpack(raw, self._vehicle)
+        except ValueError as error:
             raise StateError(f"{self._path}: not to be trusted: {error}") from None
 
     def load_package(self, digest: bytes) -> MissionPackage | None:
@@ -94,21 +124,6 @@ class StateStore:
             return None
         return package if package.digest == digest else None
 
-    def clear(self) -> None:
-        """Forget the snapshot: what it says is not true any more, and nothing is to be recovered. Raises OSError."""
-        self._path.unlink(missing_ok=True)
-        sync_folder(self._path)
-
-
-def recall(store: StateStore | None) -> tuple[Snapshot | None, str]:
-    """What the run before left behind, and why nothing could be recalled where something should have been."""
-    if store is None:
-        return None, ""
-    try:
-        return store.load(), ""
-    except StateError as error:
-        return None, str(error)
-
 
 def _snapshot(body: Mapping[str, Any]) -> Snapshot:
     """Raises ValueError, KeyError, TypeError. Nothing is converted: what is not what was written is none of ours."""
@@ -118,9 +133,10 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
     digest = bytes.fromhex(body["digest"])
     if len(digest) not in (0, _DIGEST_BYTES):
         raise ValueError(f"digest: {len(digest)} bytes, must be {_DIGEST_BYTES}, or none")
-    takeover_allowed = body["takeover_allowed"]
-    if not isinstance(takeover_allowed, bool):
-        raise ValueError(f"takeover_allowed: {takeover_allowed!r} must be true or false")
+    takeover_allowed, proven = body["takeover_allowed"], body["proven"]
+    for key, value in (("takeover_allowed", takeover_allowed), ("proven", proven)):
+        if not isinstance(value, bool):
+            raise ValueError(f"{key}: {value!r} must be true or false")
     owner, policy = body["owner"], body["out_of_coverage"]
     return Snapshot(
         owner=None if owner is None else _whole("owner", owner, 1, _MAX_SYSID),
@@ -132,6 +148,7 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         route=tuple(_whole("route", station, 1, _MAX_SYSID) for station in route),
         takeover_allowed=takeover_allowed,
         out_of_coverage=None if policy is None else FlightAction(_whole("out_of_coverage", policy, 0, 0xFF)),
+        proven=proven,
     )
 
 

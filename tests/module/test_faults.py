@@ -156,6 +156,46 @@ def test_a_broken_arbiter_fails_closed(flight: Bench, entry_point: str, monkeypa
     assert flight.mpstate.type("handover status")[0] == "phase     ON_LOAD  (INTERNAL FAULT: nobody commands)"
 
 
+@pytest.mark.parametrize("part", ["snapshot", "the state", "the gate"])
+def test_a_view_that_cannot_be_put_in_force_fails_closed(
+    airborne: Bench, part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The former one would stay in force, with leases, and the arbiter would believe that the new one does."""
+    companion = airborne.companion
+    with monkeypatch.context() as patch:
+        if part == "snapshot":
+            patch.setattr(companion.arbiter, "snapshot", broken)
+        elif part == "the state":
+            patch.setattr(companion._restart, "save", broken)
+        else:
+            patch.setattr(companion.gate, "change", once_broken(companion.gate.change))
+        airborne.a.alive = False
+        airborne.run(6.0)
+    assert companion.failed
+    assert companion.view.commander is None
+    assert leases_in(airborne, 5.0) == 0
+    assert airborne.autopilot.mode == RTL_MODE
+    (entry,) = airborne.journal("failed_closed")
+    assert "a new view could not be put in force" in entry["text"]
+    assert "RuntimeError: a bug" in entry["text"]
+    assert [m.get_type() for m in airborne.autopilot.received if m.get_srcSystem() == 251][:1] == [
+        "RC_CHANNELS_OVERRIDE"
+    ], "what the commander had open is closed"
+
+
+def test_what_breaks_behind_a_view_that_is_in_force_ends_nothing(
+    airborne: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(FlushTracker, "flush", broken)
+        airborne.a.alive = False
+        airborne.run(6.0)
+    assert not airborne.companion.failed
+    assert airborne.companion.view.commander is None
+    assert airborne.companion.faults["what follows from a new view"] == 1
+    assert leases_in(airborne, 1.0) >= 4
+
+
 def test_a_start_that_is_under_way_ends_with_the_arbiter(
     bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,15 +281,15 @@ def test_the_way_home_is_commanded_although_more_than_the_arbiter_breaks(
     assert airborne.autopilot.mode == RTL_MODE
 
 
-def once_broken(original: Callable[..., None]) -> Callable[..., None]:
+def once_broken(original: Callable[..., Any]) -> Callable[..., Any]:
     """Breaks at the first call: the way home ends a START too."""
     calls: list[Any] = []
 
-    def call(*arguments: Any) -> None:
+    def call(*arguments: Any) -> Any:
         calls.append(arguments)
         if len(calls) == 1:
             broken()
-        original(*arguments)
+        return original(*arguments)
 
     return call
 

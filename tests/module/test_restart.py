@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The companion is killed and comes back, through the real module and its state file.
+"""The companion is killed and comes back, through the real module and what it kept in memory and on the disk.
 
 Killed means: no callback runs any more, nothing is said or written; a new MAVProxy loads the module from the same
 configuration. Zone A ends at longitude 5.9285 on latitude 52.679, zone B begins at 5.9262.
@@ -8,6 +8,8 @@ configuration. Zone A ends at longitude 5.9285 on latitude 52.679, zone B begins
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,9 @@ from mavproxy_handover.core.model import (
     Station,
 )
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store import state
+from mavproxy_handover.store import keeper, state
+from mavproxy_handover.store.keeper import StateKeeper
+from mavproxy_handover.store.memory import Slots, memory_folder
 from mavproxy_handover.store.state import StateStore
 from mavproxy_handover.wire import codec
 from tests.module import vehicle
@@ -43,6 +47,7 @@ def kill(bench: Bench, away_s: float = 1.0) -> None:
     """The process ends here. Its sockets and files go with it; nobody hears a word of it."""
     companion = bench.companion
     assert bench.mpstate.escaped == []
+    assert companion.settle(10.0)
     for port in companion.ports.values():
         port.close()
     companion.journal.close()
@@ -58,6 +63,22 @@ def kill(bench: Bench, away_s: float = 1.0) -> None:
 def restart(bench: Bench, away_s: float = 1.0) -> None:
     kill(bench, away_s)
     assert bench.load() is not None, bench.mpstate.console.lines
+
+
+def kept_in_memory(bench: Bench) -> Path:
+    """The file in memory."""
+    place = memory_folder(os.environ)
+    assert place is not None, "these tests need storage in memory: /dev/shm"
+    name = hashlib.sha256(f"{(bench.folder / 'state').resolve()}\0drone-1".encode()).hexdigest()[:32]
+    return place / f"{name}.state"
+
+
+def lose_power(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kill, and what was in memory is gone; another boot begins."""
+    kill(bench)
+    kept_in_memory(bench).unlink()
+    kept_in_memory(bench).with_suffix(".mission").unlink(missing_ok=True)
+    monkeypatch.setattr(keeper, "boot_id", lambda: "another boot")
 
 
 def leases(bench: Bench) -> list[tuple[int, int, int]]:
@@ -284,16 +305,16 @@ class TestInATransfer:
         flight.run(0.2)
         assert flight.a.acks(LAND) == [NOT_IN_CONTROL]
 
-    def test_the_commit_is_on_the_disk_before_anybody_hears_of_it(
+    def test_the_commit_outlives_the_process_before_anybody_hears_of_it(
         self, flight: Bench, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """Whoever has been told that it commands must command after a crash."""
         order: list[str] = []
-        save, write = StateStore.save, type(flight.companion.ports[252]).write_all
+        save, write = StateKeeper.save, type(flight.companion.ports[252]).write_all
 
-        def saved(self: StateStore, snapshot: Any) -> None:
-            order.append(f"saved {snapshot.owner}")
+        def saved(self: StateKeeper, snapshot: Any) -> None:
             save(self, snapshot)
+            order.append(f"saved {snapshot.owner}")
 
         def told(self: Any, data: bytes) -> None:
             for message in vehicle.frames(data):
@@ -301,7 +322,7 @@ class TestInATransfer:
                     order.append(f"told {message.commander}")
             write(self, data)
 
-        monkeypatch.setattr(StateStore, "save", saved)
+        monkeypatch.setattr(StateKeeper, "save", saved)
         monkeypatch.setattr(type(flight.companion.ports[252]), "write_all", told)
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: "told 252" in order)
@@ -371,7 +392,7 @@ class TestOnTheGround:
 
 
 class TestBadState:
-    """What cannot be trusted gives nobody anything: in flight the aircraft comes home."""
+    """After a loss of power: what cannot be trusted gives nobody anything, and in flight the aircraft comes home."""
 
     def spoil(self, path: Path, how: str) -> None:
         data = path.read_bytes()
@@ -382,15 +403,17 @@ class TestBadState:
         elif how == "flipped":
             path.write_bytes(data.replace(b'"owner": 251', b'"owner": 252'))
         elif how == "of another vehicle":
-            StateStore(path.parent, "drone-2").save(StateStore(path.parent, "drone-1").load())  # type: ignore[arg-type]
+            kept = StateStore(path.parent, "drone-1").load()
+            assert kept is not None
+            StateStore(path.parent, "drone-2").save(kept.snapshot)
             (path.parent / "drone-2.state.json").replace(path)
         elif how == "a folder":
             path.unlink()
             path.mkdir()
 
     @pytest.mark.parametrize("how", ["torn", "empty", "flipped", "of another vehicle", "a folder"])
-    def test_in_flight(self, flight: Bench, how: str) -> None:
-        kill(flight)
+    def test_in_flight(self, flight: Bench, how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        lose_power(flight, monkeypatch)
         self.spoil(state_file(flight), how)
         flight.load()
         flight.run(3.0)
@@ -408,15 +431,26 @@ class TestBadState:
         assert "drone-1.state.json" in entry["text"]
         assert flight.mpstate.console.said("nobody commands.")
 
-    def test_without_any_file_neither(self, flight: Bench) -> None:
+    @pytest.mark.parametrize("how", ["torn", "empty", "flipped", "of another vehicle", "a folder"])
+    def test_while_the_power_is_on_the_disk_does_not_matter(self, flight: Bench, how: str) -> None:
         kill(flight)
+        self.spoil(state_file(flight), how)
+        flight.load()
+        flight.run(2.0)
+        assert leases(flight) == [(RECOVERING, 0, 2), (HELD, 251, 2)]
+        assert flight.autopilot.mode == AUTO
+
+    def test_without_any_file_neither(self, flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+        lose_power(flight, monkeypatch)
         state_file(flight).unlink()
         flight.load()
         flight.run(3.0)
         assert flight.autopilot.mode == RTL
         assert flight.companion.view.commander is None
 
-    def test_on_the_ground_it_is_a_word_in_the_journal(self, bench: Bench, delivery: MissionPackage) -> None:
+    def test_on_the_ground_it_is_a_word_in_the_journal(
+        self, bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         with_rules(bench, delivery)
         bench.connect()
         for _ in range(3):
@@ -424,7 +458,7 @@ class TestBadState:
             bench.until(lambda: bench.companion.view.commander == 251)
             bench.run(1.5)
         assert bench.companion.view.epoch == 7
-        kill(bench)
+        lose_power(bench, monkeypatch)
         self.spoil(state_file(bench), "torn")
         bench.load()
         bench.until(lambda: bench.companion.view.commander == 251)
@@ -437,12 +471,22 @@ class TestBadState:
 
     def test_a_mission_that_is_gone_costs_the_zones_and_not_the_commander(self, flight: Bench) -> None:
         kill(flight)
-        (flight.folder / "state" / "drone-1.mission").write_bytes(b"rubbish")
+        for path in (flight.folder / "state" / "drone-1.mission", kept_in_memory(flight).with_suffix(".mission")):
+            assert path.exists()
+            path.write_bytes(b"rubbish")
         flight.load()
         flight.run(2.0)
         assert (flight.companion.view.commander, flight.companion.view.epoch) == (251, 2)
         assert flight.journal("state_lost")[-1]["text"] == "the mission package of the run before is gone: no zones"
         assert flight.autopilot.mode == AUTO
+
+    def test_a_mission_that_the_disk_has_not_got_is_in_memory(self, flight: Bench) -> None:
+        kill(flight)
+        (flight.folder / "state" / "drone-1.mission").unlink()
+        flight.load()
+        flight.run(2.0)
+        assert flight.journal("state_lost") == []
+        assert flight.companion.autopilot.zone_facts() != ()
 
     def test_a_mission_of_another_flight_is_not_taken_for_this_one(
         self, flight: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
@@ -459,54 +503,133 @@ class _Other:
     digest = bytes(32)
 
 
-class TestUnwritable:
-    """The state cannot be written: the flight goes on, and a restart does not give authority to a former commander."""
+def no_room(*_arguments: Any) -> None:
+    """What a full or read-only disk answers."""
+    raise OSError(28, "No space left on device")
 
-    @pytest.fixture(
-        params=[OSError(28, "No space left on device"), RuntimeError("a bug: No space left")], ids=["disk", "fault"]
-    )
-    def full(self, flight: Bench, request: pytest.FixtureRequest) -> Iterator[pytest.MonkeyPatch]:
-        def no_room(*_arguments: Any) -> None:
-            raise request.param
 
+class TestTheDiskTakesNothing:
+    """As long as the power is on that changes nothing; after it is lost the stations decide."""
+
+    @pytest.fixture
+    def full(self, flight: Bench) -> Iterator[pytest.MonkeyPatch]:
+        assert flight.companion.settle(10.0)
         patch = pytest.MonkeyPatch()
         patch.setattr(StateStore, "save", no_room)
         yield patch
         patch.undo()
 
-    def test_the_flight_goes_on(self, flight: Bench, full: pytest.MonkeyPatch) -> None:
+    @staticmethod
+    def hand_over(flight: Bench) -> None:
+        flight.autopilot.position = IN_BOTH
+        flight.until(lambda: flight.companion.view.commander == 252)
+        flight.run(1.5)
+
+    def test_the_flight_goes_on_and_it_is_told(self, flight: Bench, full: pytest.MonkeyPatch) -> None:
+        self.hand_over(flight)
+        flight.run(5.0)
+        assert flight.autopilot.leases()[-1][1:3] == (HELD, 252)
+        assert "No space left" in flight.journal("fault")[0]["text"]
+
+    def test_after_a_restart_the_commander_is_the_one_of_before(self, flight: Bench, full: pytest.MonkeyPatch) -> None:
+        """The old file is still there, and says GCSA."""
+        self.hand_over(flight)
+        restart(flight)
+        flight.run(3.0)
+        assert leases(flight) == [(RECOVERING, 0, 3), (HELD, 252, 3)]
+        assert flight.autopilot.mode == AUTO
+
+    def test_when_there_is_room_again_it_is_written(self, flight: Bench, full: pytest.MonkeyPatch) -> None:
+        self.hand_over(flight)
+        full.undo()
+        flight.run(2.1)
+        assert flight.companion.settle(10.0)
+        kept = StateStore(flight.folder / "state", "drone-1").load()
+        assert kept is not None
+        assert (kept.snapshot.owner, kept.snapshot.epoch) == (252, 2)
+
+    @pytest.mark.parametrize("silent", [None, 251, 252])
+    def test_after_a_loss_of_power_the_stations_know_better_than_the_old_file(
+        self, flight: Bench, full: pytest.MonkeyPatch, silent: int | None
+    ) -> None:
+        """Issue: GCSA had authority back by the old file, and GCSB went on in the same epoch."""
+        self.hand_over(flight)
+        lose_power(flight, full)
+        flight.a.alive, flight.b.alive = silent != 251, silent != 252
+        flight.load()
+        flight.run(10.0)
+        assert {commander for _state, commander, _epoch in leases(flight)} == {0}
+        assert flight.autopilot.mode == RTL
+        assert flight.companion.view.commander is None
+        flight.a.alive = flight.b.alive = True
+        flight.run(5.0)
+        assert flight.companion.view.commander is None
+
+    def test_after_a_loss_of_power_with_nothing_missed_the_commander_goes_on(
+        self, flight: Bench, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        self.hand_over(flight)
+        lose_power(flight, monkeypatch)
+        flight.load()
+        flight.run(3.0)
+        assert flight.mpstate.console.said("GCSB has to show that it still has authority")
+        assert leases(flight) == [(RECOVERING, 0, 2), (HELD, 252, 1002)]
+        assert flight.autopilot.mode == AUTO
+        assert [entry["proven"] for entry in flight.journal("restarted")] == [False]
+
+
+class TestUnwritable:
+    """The state cannot be kept at all: the flight goes on, and no restart gives authority to a former commander."""
+
+    @pytest.fixture(params=[OSError(5, "Input/output error"), RuntimeError("a bug")], ids=["memory", "fault"])
+    def broken(self, flight: Bench, request: pytest.FixtureRequest) -> Iterator[pytest.MonkeyPatch]:
+        def breaks(*_arguments: Any) -> None:
+            raise request.param
+
+        patch = pytest.MonkeyPatch()
+        patch.setattr(Slots, "write", breaks)
+        yield patch
+        patch.undo()
+
+    def test_the_flight_goes_on(self, flight: Bench, broken: pytest.MonkeyPatch) -> None:
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: flight.companion.view.commander == 252)
         flight.run(1.0)
         assert flight.autopilot.leases()[-1][1:3] == (HELD, 252)
         assert flight.companion.faults["state file"] >= 1
-        assert "No space left" in flight.journal("fault")[0]["text"]
+        assert flight.journal("fault")[0]["text"].startswith("state file: ")
 
-    def test_what_the_old_file_says_is_not_true_any_more_so_it_goes(
-        self, flight: Bench, full: pytest.MonkeyPatch
+    @pytest.mark.parametrize("disk", ["takes it", "does not"])
+    def test_what_was_kept_is_not_true_any_more_so_it_counts_for_nobody(
+        self, flight: Bench, broken: pytest.MonkeyPatch, disk: str
     ) -> None:
+        if disk == "does not":
+            broken.setattr(StateStore, "save", no_room)
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: flight.companion.view.commander == 252)
-        assert not state_file(flight).exists()
         restart(flight)
         flight.run(3.0)
         assert flight.companion.view.commander is None, "GCSA had authority once, and GCSB is not on record"
         assert flight.autopilot.mode == RTL
+        assert flight.mpstate.console.said("the copy in memory is void: nobody commands.")
 
-    def test_when_there_is_room_again_it_is_written(self, flight: Bench, full: pytest.MonkeyPatch) -> None:
+    def test_when_it_can_be_kept_again_it_is(self, flight: Bench, broken: pytest.MonkeyPatch) -> None:
         flight.autopilot.position = IN_BOTH
         flight.until(lambda: flight.companion.view.commander == 252)
         flight.run(2.0)
-        full.undo()
+        broken.undo()
         flight.run(1.1)
-        loaded = StateStore(flight.folder / "state", "drone-1").load()
-        assert loaded is not None
-        assert (loaded.owner, loaded.epoch) == (252, 2)
+        restart(flight)
+        flight.run(2.0)
+        assert leases(flight) == [(RECOVERING, 0, 3), (HELD, 252, 3)]
 
     def test_nothing_changed_nothing_is_written(self, flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
         written: list[Any] = []
-        monkeypatch.setattr(StateStore, "save", lambda self, snapshot: written.append(snapshot))
+        assert flight.companion.settle(10.0)
+        monkeypatch.setattr(StateStore, "save", lambda self, *what: written.append(what))
+        monkeypatch.setattr(Slots, "write", lambda self, *what: written.append(what))
         flight.run(10.0)
+        assert flight.companion.settle(10.0)
         assert written == []
 
 

@@ -21,12 +21,26 @@ from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store import state
-from mavproxy_handover.store.state import StateError, StateStore, recall
+from mavproxy_handover.store.state import Kept, StateError, StateStore
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 DIGEST = bytes(range(32))
 BEFORE = Snapshot(251, 4, 7, Phase.ON_MISSION, 2, DIGEST, (251, 252, 251), True, FlightAction.LAND)
 AFTER = Snapshot(252, 5, 8, Phase.ON_HANDOVER, 3, DIGEST, (251, 252, 251), False, FlightAction.RETURN)
+
+
+def held(store: StateStore) -> Snapshot | None:
+    """What the file says."""
+    kept = store.load()
+    return None if kept is None else kept.snapshot
+
+
+def told(store: StateStore) -> Snapshot | str | None:
+    """What the file says, or why it is not to be trusted."""
+    try:
+        return held(store)
+    except StateError as error:
+        return str(error)
 
 
 class Killed(BaseException):
@@ -56,8 +70,10 @@ def signed(body: Any) -> bytes:
 
 def good_body() -> dict[str, Any]:
     return {
-        "format": 1,
+        "format": 2,
         "vehicle": "drone-1",
+        "boot": "b1",
+        "serial": 12,
         "owner": 251,
         "epoch": 4,
         "handover_id": 7,
@@ -67,6 +83,7 @@ def good_body() -> dict[str, Any]:
         "route": [251, 252, 251],
         "takeover_allowed": True,
         "out_of_coverage": 2,
+        "proven": True,
     }
 
 
@@ -78,49 +95,42 @@ class TestKept:
             AFTER,
             Snapshot(None, 0, 0, Phase.ON_LOAD, 0, b"", ()),
             Snapshot(255, 0xFFFFFFFF, 0xFFFF, Phase.EMERGENCY, 9, DIGEST, (1,) * 50),
+            replace(BEFORE, proven=False),
         ],
     )
     def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:
         store.save(snapshot)
-        assert store.load() == snapshot
+        assert held(store) == snapshot
 
     def test_the_last_one_counts(self, store: StateStore) -> None:
         store.save(BEFORE)
         store.save(AFTER)
-        assert store.load() == AFTER
+        assert held(store) == AFTER
 
     def test_the_file_is_what_it_says(self, store: StateStore, path: Path) -> None:
-        store.save(BEFORE)
+        store.save(BEFORE, "b1", 12)
         assert json.loads(path.read_bytes()) == json.loads(signed(good_body()))
         path.write_bytes(signed(good_body()))
-        assert store.load() == BEFORE
+        assert store.load() == Kept(BEFORE, "b1", 12)
 
     def test_another_run_reads_it(self, store: StateStore, tmp_path: Path) -> None:
         store.save(BEFORE)
-        assert StateStore(tmp_path, "drone-1").load() == BEFORE
+        assert held(StateStore(tmp_path, "drone-1")) == BEFORE
 
     def test_two_vehicles_do_not_mix(self, store: StateStore, tmp_path: Path) -> None:
         other = StateStore(tmp_path, "drone-2")
         store.save(BEFORE)
         other.save(AFTER)
-        assert (store.load(), other.load()) == (BEFORE, AFTER)
+        assert (held(store), held(other)) == (BEFORE, AFTER)
 
     def test_the_folder_is_made(self, tmp_path: Path) -> None:
         store = StateStore(tmp_path / "not" / "there", "drone-1")
-        assert store.load() is None
+        assert held(store) is None
         store.save(BEFORE)
-        assert store.load() == BEFORE
+        assert held(store) == BEFORE
 
     def test_never_saved_is_nothing_to_recover(self, store: StateStore) -> None:
         assert store.load() is None
-        assert recall(store) == (None, "")
-        assert recall(None) == (None, "")
-
-    def test_cleared_is_never_saved(self, store: StateStore) -> None:
-        store.save(BEFORE)
-        store.clear()
-        assert store.load() is None
-        store.clear()
 
 
 class TestNotTrusted:
@@ -132,7 +142,6 @@ class TestNotTrusted:
         text = str(caught.value)
         assert why in text
         assert "\n" not in text
-        assert recall(store) == (None, text)
 
     @pytest.mark.parametrize("kept", [0, 1, 2, 10, 100, 200, -1])
     def test_cut_off(self, store: StateStore, path: Path, kept: int) -> None:
@@ -145,7 +154,7 @@ class TestNotTrusted:
         whole = path.read_bytes()
         for length in range(len(whole)):
             path.write_bytes(whole[:length])
-            assert recall(store)[0] is None
+            assert not isinstance(told(store), Snapshot)
 
     def test_the_end_overwritten_with_zeros(self, store: StateStore, path: Path) -> None:
         # what a file system may leave behind when the power fails
@@ -163,7 +172,7 @@ class TestNotTrusted:
         for cut in range(1, min(len(before), len(after))):
             path.write_bytes(before[:cut] + after[cut:])
             try:
-                loaded = store.load()
+                loaded = held(store)
             except StateError:
                 continue
             assert loaded in (BEFORE, AFTER)
@@ -175,9 +184,9 @@ class TestNotTrusted:
             for bit in range(8):
                 whole[position] ^= 1 << bit
                 path.write_bytes(whole)
-                loaded, trouble = recall(store)
+                loaded = told(store)
                 # white space and the case of an escape say the same either way; nothing else may
-                assert loaded == BEFORE or (loaded is None and trouble != "")
+                assert loaded == BEFORE or isinstance(loaded, str)
                 whole[position] ^= 1 << bit
 
     @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -216,7 +225,7 @@ class TestNotTrusted:
         path.write_bytes(json.dumps(whole).encode())
         self.check(store, "its checksum does not fit")
 
-    @pytest.mark.parametrize("change", [{"vehicle": "drone-2"}, {"vehicle": None}, {"format": 2}, {"format": "1"}])
+    @pytest.mark.parametrize("change", [{"vehicle": "drone-2"}, {"vehicle": None}, {"format": 1}, {"format": "2"}])
     def test_of_another_vehicle_or_version(self, store: StateStore, path: Path, change: dict[str, Any]) -> None:
         path.write_bytes(signed(good_body() | change))
         self.check(store, "it is of another vehicle or version")
@@ -283,6 +292,14 @@ class TestNotTrusted:
             {"takeover_allowed": None},
             {"takeover_allowed": "false"},
             {"out_of_coverage": True},
+            {"boot": None},
+            {"boot": 1},
+            {"serial": -1},
+            {"serial": 1 << 63},
+            {"serial": True},
+            {"serial": None},
+            {"proven": 1},
+            {"proven": None},
         ],
         ids=str,
     )
@@ -294,7 +311,7 @@ class TestNotTrusted:
         path.mkdir()
         with pytest.raises(StateError, match="Is a directory"):
             store.load()
-        assert recall(store)[0] is None
+        assert not isinstance(told(store), Snapshot)
 
     def test_a_file_in_place_of_the_folder(self, tmp_path: Path) -> None:
         (tmp_path / "state").write_text("")
@@ -305,7 +322,7 @@ class TestNotTrusted:
     def test_the_next_save_puts_it_right(self, store: StateStore, path: Path) -> None:
         path.write_bytes(b"rubbish")
         store.save(AFTER)
-        assert store.load() == AFTER
+        assert held(store) == AFTER
 
 
 #: where the process can die while it saves, in the order in which these are called
@@ -353,7 +370,7 @@ class TestKilled:
             store.save(AFTER)
         end()
         expected = AFTER if step == "fsync of the folder" else BEFORE
-        assert StateStore(tmp_path, "drone-1").load() == expected
+        assert held(StateStore(tmp_path, "drone-1")) == expected
 
     @pytest.mark.parametrize("step", STEPS)
     def test_and_the_next_run_can_save(
@@ -365,7 +382,7 @@ class TestKilled:
         end()
         again = StateStore(tmp_path, "drone-1")
         again.save(AFTER)
-        assert again.load() == AFTER
+        assert held(again) == AFTER
 
     @pytest.mark.parametrize("step", STEPS[:-1])
     def test_at_the_very_first_save_there_is_none(
@@ -375,12 +392,12 @@ class TestKilled:
         with pytest.raises(Killed):
             store.save(BEFORE)
         end()
-        assert recall(store) == (None, "")
+        assert store.load() is None
 
     def test_what_a_killed_save_has_left_is_never_read(self, store: StateStore, path: Path) -> None:
         store.save(BEFORE)
         (path.parent / "drone-1.state.json.new").write_bytes(b'{"body": {"owner": 252')
-        assert store.load() == BEFORE
+        assert held(store) == BEFORE
 
     def test_it_is_on_the_disk_before_it_has_its_name(self, store: StateStore, monkeypatch: pytest.MonkeyPatch) -> None:
         order: list[str] = []
@@ -410,9 +427,9 @@ class TestUnwritable:
             patch.setattr(state.os, call, full)
             with pytest.raises(OSError, match="No space left"):
                 store.save(AFTER)
-        assert store.load() == BEFORE
+        assert held(store) == BEFORE
         store.save(AFTER)
-        assert store.load() == AFTER
+        assert held(store) == AFTER
 
     @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
     def test_a_folder_without_permission(self, tmp_path: Path) -> None:
@@ -462,9 +479,10 @@ class TestPackage:
         patch.undo()
         assert store.load_package(delivery.digest) is not None
 
-    def test_state_and_mission_do_not_touch_each_other(self, store: StateStore, delivery: MissionPackage) -> None:
+    def test_state_and_mission_do_not_touch_each_other(
+        self, store: StateStore, tmp_path: Path, delivery: MissionPackage
+    ) -> None:
         store.save(replace(BEFORE, digest=delivery.digest))
         store.save_package(delivery)
-        store.clear()
-        assert store.load() is None
+        (tmp_path / "drone-1.state.json").unlink()
         assert store.load_package(delivery.digest) is not None
