@@ -103,7 +103,7 @@ class Inbox:
         if isinstance(result, MissionPackage) and result.digest != digest:
             result = MissionError("the contents do not have the digest that was promised")
         if not isinstance(result, MissionPackage):
-            why = str(result) if isinstance(result, MissionError) else f"internal fault: {result}"
+            why = str(result) if isinstance(result, (MissionError, TimeoutError)) else f"internal fault: {result}"
             self._lines.append((sender.sysid, f"Mission refused: {why}"))
             return receiver.conclude(digest, _REFUSED, why, sender.target)
         self._waiting[sender.sysid] = result

@@ -16,7 +16,7 @@ __all__ = ["guarded", "why"]
 
 
 def guarded(
-    where: str, job: Callable[[], None], fault: Callable[[str, str], None], show: Callable[[], None] | None = None
+    where: str, job: Callable[[], object], fault: Callable[[str, str], None], show: Callable[[], None] | None = None
 ) -> None:
     """Run `job`; if it breaks, `fault` is told where and what, and `show` is called.
 

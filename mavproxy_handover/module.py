@@ -167,7 +167,7 @@ class HandoverModule(mp_module.MPModule):
 
     # ---- behind them ----------------------------------------------------------------------------------------------
 
-    def _guarded(self, where: str, job: Callable[[], None], line: str = "") -> None:
+    def _guarded(self, where: str, job: Callable[[], object], line: str = "") -> None:
         """Run `job`; if it breaks, count and journal that, and show `line`."""
         guarded(where, job, self.companion.fault, partial(self._show, line) if line else None)
 

@@ -5,6 +5,10 @@
 The lease goes out from the main loop, so nothing stands in it that may take long. A job runs in a thread of its own,
 one at a time; what came of it is handed over by `tick`, in the main loop. A job must touch nothing that the main loop
 touches: it gets what it needs, and returns a value.
+
+A thread cannot be ended from outside. So a job that takes longer than `LONGEST_S` is given up: it has failed, whatever
+comes of it later, and the next one may begin beside it. Of those that go on all the same there are `MOST_LEFT` at most;
+from then on nothing is taken until one of them ends.
 """
 
 from __future__ import annotations
@@ -12,9 +16,12 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
-__all__ = ["Worker", "in_thread"]
+__all__ = ["LONGEST_S", "MOST_LEFT", "Worker", "in_thread"]
+
+LONGEST_S: Final = 30.0
+MOST_LEFT: Final = 2
 
 _Value = TypeVar("_Value")
 
@@ -29,22 +36,29 @@ class Worker:
 
     def __init__(self, start: Callable[[Callable[[], None]], None] | None = None) -> None:
         self._start = start
-        self._finished: deque[Callable[[float], None]] = deque()
-        self._busy = False
+        #: jobs that have ended: their number and what came of each
+        self._finished: deque[tuple[int, Any]] = deque()
+        #: of the job that is under way: its number, who gets what comes of it, and until when it may take
+        self._number = 0
+        self._then: Callable[[Any, float], None] | None = None
+        self._until: float | None = None
+        #: numbers of those that were given up and go on
+        self._left: set[int] = set()
 
     @property
     def busy(self) -> bool:
         """A job is under way, or what came of it has not been handed over yet."""
-        return self._busy
+        return self._then is not None
 
     def submit(self, job: Callable[[], _Value], then: Callable[[_Value | Exception, float], None]) -> bool:
         """Have `job` done; `then` gets what it returned, or the exception it ended with, and the time (`tick`).
 
-        False: another job is under way, and this one was not taken.
+        False: another job is under way, or too many do not end, and this one was not taken.
         """
-        if self._busy:
+        if self.busy or len(self._left) >= MOST_LEFT:
             return False
-        self._busy = True
+        self._number += 1
+        number, self._then, self._until = self._number, then, None
 
         def run() -> None:
             result: Any
@@ -52,14 +66,30 @@ class Worker:
                 result = job()
             except Exception as error:
                 result = error
-            self._finished.append(lambda now: then(result, now))
+            self._finished.append((number, result))
 
         (self._start or in_thread)(run)
         return True
 
     def tick(self, now: float) -> None:
-        """Hand over what is finished; to be called often. Raises what the receiver raises."""
+        """Hand over what is finished, give up what takes too long; to be called often. Raises what the receiver raises.
+
+        The time of a job counts from the first tick after it was given.
+        """
         while self._finished:
-            conclude = self._finished.popleft()
-            self._busy = False
-            conclude(now)
+            number, result = self._finished.popleft()
+            self._left.discard(number)
+            if number == self._number and self._then is not None:
+                self._conclude(result, now)
+        if self._then is None:
+            return
+        if self._until is None:
+            self._until = now + LONGEST_S
+        elif now >= self._until:
+            self._left.add(self._number)
+            self._conclude(TimeoutError(f"not done within {LONGEST_S:g} s"), now)
+
+    def _conclude(self, result: Any, now: float) -> None:
+        then, self._then = self._then, None
+        assert then is not None
+        then(result, now)

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from mavproxy_handover.worker import Worker
+from mavproxy_handover.worker import LONGEST_S, MOST_LEFT, Worker
 
 
 class Held:
@@ -87,3 +87,50 @@ def test_what_the_receiver_raises_does_not_stop_the_worker() -> None:
     except RuntimeError:
         pass
     assert not held.worker.busy
+
+
+class TestAJobThatDoesNotEnd:
+    """A package that takes for ever to read must not keep out all others."""
+
+    @staticmethod
+    def given_up(held: Held, at: float) -> Callable[[], None]:
+        """One job more that is given up; returns what ends it after all."""
+        assert held.submit(lambda: "late")
+        held.worker.tick(at)
+        held.worker.tick(at + LONGEST_S)
+        return held.jobs.pop()
+
+    def test_has_failed_after_a_while_and_the_next_one_is_taken(self) -> None:
+        held = Held()
+        held.submit(lambda: 1)
+        held.worker.tick(100.0)
+        held.worker.tick(100.0 + LONGEST_S - 0.1)
+        assert held.came == []
+        held.worker.tick(100.0 + LONGEST_S)
+        ((error, now),) = held.came
+        assert isinstance(error, TimeoutError)
+        assert str(error) == "not done within 30 s"
+        assert now == 100.0 + LONGEST_S
+        assert held.submit(lambda: 2)
+
+    def test_what_comes_of_it_later_goes_to_nobody(self) -> None:
+        held = Held()
+        late = self.given_up(held, 0.0)
+        held.submit(lambda: "next")
+        late()
+        held.worker.tick(50.0)
+        assert len(held.came) == 1, "the one that was given up"
+        held.jobs.pop()()
+        held.worker.tick(51.0)
+        assert held.came[1:] == [("next", 51.0)]
+
+    def test_of_such_there_are_a_few_at_most(self) -> None:
+        held = Held()
+        ends = [self.given_up(held, 100.0 * number) for number in range(MOST_LEFT)]
+        assert not held.submit(lambda: "one more")
+        ends[0]()
+        held.worker.tick(1000.0)
+        assert held.submit(lambda: "one more")
+        held.jobs.pop()()
+        held.worker.tick(1001.0)
+        assert held.came[-1] == ("one more", 1001.0)

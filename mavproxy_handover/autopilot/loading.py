@@ -175,7 +175,7 @@ class MissionWriter:
         return self._ties.commands(port.sysid) and self._ties.arbiter.grounded(now)
 
     def _why(self, error: Exception) -> str:
-        if isinstance(error, MissionError):
+        if isinstance(error, (MissionError, TimeoutError)):
             return str(error)
         self._ties.fault("mission package", f"{type(error).__name__}: {error}")
         return "internal fault"

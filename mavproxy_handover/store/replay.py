@@ -16,11 +16,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import threading
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from mavproxy_handover.store.behind import CLOSE_S, Behind
 from mavproxy_handover.store.durable import discard, sync_folder, write_beside
 from mavproxy_handover.wire.signing import MAX_TIMESTAMP, UNITS_PER_S, SignedPeer, timestamp_of
 
@@ -54,7 +55,7 @@ class ReplayStore:
         self._peers: dict[str, SignedPeer] = {}
         self._attached: _Stamps = {}
         self._not_before_s = float("-inf")
-        self._writer: threading.Thread | None = None
+        self._behind = Behind("replay-state")
 
     def load(self, now_utc_s: float) -> str:
         """Read the file; returns what is to be said of it (`note`). Never raises."""
@@ -79,18 +80,23 @@ class ReplayStore:
 
     def tick(self, now_s: float) -> None:
         """Write if it is time to. Returns at once."""
-        if now_s < self._not_before_s or (self._writer is not None and self._writer.is_alive()) or not self._due():
+        if now_s < self._not_before_s or not self._behind.idle or not self._due():
             return
         self._not_before_s = now_s + self._interval_s
-        self._writer = threading.Thread(target=self._write, args=(self._stamps(self._reserve),), name="replay-state")
-        self._writer.start()
+        self._behind.put("stamps", partial(self._write, self._stamps(self._reserve)))
 
-    def close(self) -> None:
-        """Write the state as it is, and wait until that is done. The store is not used after this."""
-        if self._writer is not None:
-            self._writer.join()
+    def settle(self, within_s: float) -> bool:
+        """Wait, so long at most, until the write that is under way is done; whether it is."""
+        return self._behind.settle(within_s)
+
+    def close(self, within_s: float = CLOSE_S) -> bool:
+        """Write the state as it is, and wait for that, so long at most; whether it is done. Then the store is over.
+
+        A write that is under way is waited for as well, lest that one comes last.
+        """
         if self._peers:
-            self._write(self._stamps(0))
+            self._behind.put("stamps", partial(self._write, self._stamps(0)))
+        return self._behind.close(within_s)
 
     def _lost(self, why: str, now_utc_s: float) -> str:
         """The state cannot be had. What the file's own time says may be later than a clock that is not set yet."""

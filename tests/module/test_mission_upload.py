@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.package_transfer import PackageSender
+from mavproxy_handover.worker import LONGEST_S
 from tests.module.conftest import MISSIONS, Bench
 from tests.module.test_faults import leases_in
 
@@ -279,6 +280,26 @@ def test_a_second_package_is_not_taken_while_one_is_being_read(
     other = send(bench, mission_package.load(MISSIONS / "linear"))
     bench.until(lambda: other.finished)
     assert (other.result, other.text) == (REFUSED, "another package is being read: share it again"[:50])
+
+
+def test_a_package_that_takes_for_ever_is_refused_and_keeps_no_other_one_out(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = Slow(monkeypatch)
+    bench.connect()
+    endless = send(bench, mission_package.load(MISSIONS / "linear"))
+    bench.until(lambda: slow.jobs)
+    bench.until(lambda: endless.finished, limit_s=LONGEST_S + 1.0)
+    assert (endless.result, endless.text) == (REFUSED, "not done within 30 s")
+    sender = send(bench, delivery)
+    bench.until(lambda: len(slow.jobs) == 2)
+    slow.end()
+    bench.until(lambda: sender.finished)
+    assert sender.result == LOADED
+    slow.end()  # the first one, after all
+    bench.run(1.0)
+    assert bench.companion.arbiter.mission_digest == delivery.digest
+    assert bench.companion.faults == {}
 
 
 def test_a_fault_while_a_package_is_read_is_an_internal_fault_and_refuses_it(

@@ -49,9 +49,10 @@ def started(path: Path, utc_s: float = UTC_S) -> tuple[ReplayStore, SignedPeer]:
 
 def settle(store: ReplayStore) -> None:
     """Wait for the write that is under way."""
-    for thread in threading.enumerate():
-        if thread.name == "replay-state":
-            thread.join()
+    assert store.settle(WAIT_S)
+
+
+WAIT_S = 30.0
 
 
 @pytest.fixture
@@ -297,30 +298,40 @@ def test_a_disk_that_fails_is_counted_and_tried_again(path: Path, monkeypatch: p
 
 def test_the_main_loop_does_not_wait_for_the_disk(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store, peer = started(path)
-    free = threading.Event()
+    began, free = threading.Event(), threading.Event()
     real = os.fsync
 
+    fsyncs = 0
+
     def slow(descriptor: int) -> None:
-        assert free.wait(60)
+        nonlocal fsyncs
+        fsyncs += 1
+        began.set()
+        assert free.wait(WAIT_S)
         real(descriptor)
 
     monkeypatch.setattr(os, "fsync", slow)
     assert peer.check(heartbeat(STAMP), UTC_S, 0.0) is OK
     store.tick(0.0)
+    assert began.wait(WAIT_S)
     assert not path.exists()
     assert peer.check(heartbeat(STAMP + 10 * SECOND), UTC_S, 10.0) is OK
     store.tick(10.0)  # the first write is still under way: no second one beside it
-    assert [thread.name for thread in threading.enumerate()].count("replay-state") == 1
-    real_join = threading.Thread.join
-
-    def join(thread: threading.Thread, timeout: float | None = None) -> None:
-        free.set()
-        real_join(thread, timeout)
-
-    monkeypatch.setattr(threading.Thread, "join", join)
-    store.close()  # waits for the first write, lest that one comes last
-    settle(store)
+    assert fsyncs == 1
+    assert not store.settle(0.0)
+    threading.Timer(0.05, free.set).start()
+    assert store.close(WAIT_S)  # waits for the first write, lest that one comes last
     assert json.loads(path.read_text())["stamps"] == {"GCSA": {fingerprint(KEY): STAMP + 10 * SECOND}}
+
+
+def test_the_end_does_not_wait_for_a_disk_that_hangs(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store, peer = started(path)
+    free = threading.Event()
+    monkeypatch.setattr(os, "fsync", lambda _descriptor: free.wait(WAIT_S))
+    assert peer.check(heartbeat(STAMP), UTC_S, 0.0) is OK
+    assert not store.close(0.01)
+    free.set()
+    assert store.settle(WAIT_S)
 
 
 def sealed(stamps: object) -> bytes:
