@@ -48,7 +48,12 @@ MAX_TOML_BYTES = 64 * 1024
 MAX_TOML_LINE = 4000
 MAX_TOML_DOTS = 100
 #: what a number may not have in any file: older Pythons take the square of its digits to read it
-_ENDLESS_NUMBER = re.compile(r"[0-9]{400}")
+_ENDLESS_NUMBER = b"0" * 400
+#: digits look alike. Looked for with a regular expression they take a second, in which no other thread gets a turn
+_ALIKE = bytes.maketrans(b"123456789", b"000000000")
+#: lists and tables, and values in them, in all files together. JSON is parsed in one go too, and so much of it takes
+#: less than a tenth of a second
+MAX_NESTED, MAX_VALUES = 50_000, 200_000
 #: names that are a file in the package's own folder on every system
 _FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,50}(\.[A-Za-z0-9]{1,12}){1,2}")
 _STATION_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,15}")
@@ -159,8 +164,12 @@ def from_bytes(data: bytes) -> MissionPackage:
         raise where.error("not compressed data") from None
     if len(plain) > MAX_PLAIN_BYTES:
         raise where.error(f"more than {MAX_PLAIN_BYTES} bytes when unpacked")
-    if _ENDLESS_NUMBER.search(plain.decode("latin-1")):
+    if _ENDLESS_NUMBER in plain.translate(_ALIKE):
         raise where.error("a number of hundreds of digits")
+    if plain.count(b"[") + plain.count(b"{") > MAX_NESTED:
+        raise where.error(f"more than {MAX_NESTED} lists and tables")
+    if plain.count(b",") > MAX_VALUES:
+        raise where.error(f"more than {MAX_VALUES} values")
     if not unpacker.eof or unpacker.unused_data:
         raise where.error("cut short, or something follows it")
     try:
