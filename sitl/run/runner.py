@@ -28,6 +28,7 @@ from sitl.report.evidence import Evidence, RunNotes
 from sitl.report.journal_reader import Entry, JournalReader
 from sitl.report.record import RUN_FILE, Verdict
 from sitl.report.watch import Watch
+from sitl.run.memory import memory_of_a_run
 from sitl.run.observer import Observer
 from sitl.run.processes import Processes, ProcessGone, ending
 from sitl.run.proxy import give_orders
@@ -82,7 +83,7 @@ def run(order: Order, story: Story) -> Result:
     """Run a scenario once. Raises SetupError with one line when it cannot be set up."""
     begun = time.monotonic()
     _prepare_folder(order)
-    with Processes() as processes:
+    with memory_of_a_run(), Processes() as processes:
         flight = _Flight(order, story, processes)
         try:
             flight.set_up()

@@ -26,6 +26,7 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
 from sitl.run.ports import LOOPBACK, PortPicker
+from sitl.run.slow_disk import on_slow_disk
 from sitl.script.places import mission_folder
 from sitl.script.scenario import Scenario
 from sitl.script.weather import Weather
@@ -92,12 +93,14 @@ class Wiring:
     impaired: tuple[str, ...] = ()
     #: what lies on the autopilot's card beside the guard
     card: tuple[Path, ...] = ()
+    #: words before the companion's command line
+    companion_under: tuple[str, ...] = ()
 
     def companion(self, master: str) -> Program:
         """The companion, with the autopilot at `master`."""
         home = self.companion_config.parent
         argv = companion_argv(self.companion_config, master, home / f"{COMPANION}.tlog")
-        return Program(COMPANION, tuple(argv), home, home / f"{COMPANION}.jsonl")
+        return Program(COMPANION, (*self.companion_under, *argv), home, home / f"{COMPANION}.jsonl")
 
 
 class _Between:
@@ -154,7 +157,7 @@ class _Between:
 
 
 def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scenario) -> Wiring:
-    """Write the configuration files of all programs into `folder`. Raises OSError."""
+    """Write the configuration files of all programs into `folder`. Raises OSError, SetupError."""
     ports = PortPicker()
     between = _Between(ports, scenario)
     ground = {station.name: ports.udp() for station in package.stations}
@@ -195,6 +198,7 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         between.programs(folder, grounds),
         tuple(proxy["name"] for proxy in between.proxies),
         card,
+        on_slow_disk(folder / COMPANION, scenario.fsync_s) if scenario.fsync_s else (),
     )
 
 

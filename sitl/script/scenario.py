@@ -20,6 +20,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     links = {GCSA = ["wifi", "lte"]}   several links to the vehicle
     impair = {links = ["air", "ground"], seed = 7, loss = 0.2}   through the proxy; any value of Weather
     rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
+    fsync_s = 2.0                  each time that the companion waits for its disk takes so long
 
 Places are metres north and east of home, so that a scenario goes with more than one mission; `{name}` in a typed line
 stands for a place's latitude and longitude. Unknown keys, stations and places are refused with file and key.
@@ -81,6 +82,7 @@ _KEYS = (
     "links",
     "impair",
     "rogue",
+    "fsync_s",
     "limits",
     "policy",
     "parameters",
@@ -166,6 +168,8 @@ class Scenario:
     impair: Impairments | None = None
     #: stations in whose links to the vehicle the rogue sits
     rogue: tuple[str, ...] = ()
+    #: how long the companion's disk takes, if it is a slow one
+    fsync_s: float = 0.0
 
 
 def known_scenarios(folder: Path = SCENARIOS) -> dict[str, Path]:
@@ -200,6 +204,9 @@ def parse_scenario(text: str, file: str) -> Scenario:
     speedup = reader.value(data, "speedup", float, None)
     if speedup is not None and not 0.5 <= speedup <= 5:
         raise reader.error("speedup", f"{speedup:g} must be 0.5 to 5")
+    fsync_s = reader.value(data, "fsync_s", float, 0.0)
+    if not 0 <= fsync_s <= 30:
+        raise reader.error("fsync_s", f"{fsync_s:g} must be 0 to 30")
     steps = tuple(
         _step(reader.at(f"step {number}"), number, table, places)
         for number, table in enumerate(reader.tables(data, "step"), 1)
@@ -231,6 +238,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         links=reader.at("links").lists(reader.table(data, "links", {})),
         impair=reader.at("impair").build(Impairments, data["impair"]) if "impair" in data else None,
         rogue=reader.value(data, "rogue", tuple[str, ...], ()),
+        fsync_s=fsync_s,
     )
 
 

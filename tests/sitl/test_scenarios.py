@@ -55,6 +55,7 @@ PROMISED = {
     *("partner-dead", "commander-dead-before", "commander-dead-during", "commander-dead-after", "ground-link-down"),
     *("operator-denies", "both-dead", "companion-restart", "lossy", "slow", "corridor", "standard-gcs"),
     *("rogue-station", "spoofed-sysid", "replay", "unsigned", "link-failover", "flood", "ground-forgery"),
+    "slow-disk",
 }
 
 
