@@ -16,6 +16,7 @@ The lease goes out from MAVProxy's main loop, so it stops when that loop stalls.
 
 from __future__ import annotations
 
+import gc
 import math
 import secrets
 import time
@@ -110,6 +111,9 @@ class HandoverModule(mp_module.MPModule):
         if open_doors:
             self.companion.narrator.unsigned_allowed(open_doors)
             self._show(f"handover: WARNING: {open_doors} without a key: whoever reaches the link is the station")
+        # what is here now stays: Python need not look through all of it for garbage in the middle of a flight, 30 ms
+        # on a desk in one go, and whoever makes us parse a lot decides when
+        gc.freeze()
 
     def _guard_against_replay(self, config: VehicleConfig, ports: dict[int, StationPort]) -> None:
         folder = config.state or config.journal.parent
@@ -163,6 +167,7 @@ class HandoverModule(mp_module.MPModule):
         if self._replay is not None:
             self._guarded("replay state", self._replay.close)
         self._guarded("unload", self.companion.close)
+        gc.unfreeze()
         self._guarded("tlog", self._to_autopilot.log)
 
     # ---- behind them ----------------------------------------------------------------------------------------------

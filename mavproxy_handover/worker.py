@@ -6,6 +6,10 @@ The lease goes out from the main loop, so nothing stands in it that may take lon
 one at a time; what came of it is handed over by `tick`, in the main loop. A job must touch nothing that the main loop
 touches: it gets what it needs, and returns a value.
 
+Python's threads take turns, 5 ms each: whenever the main loop has let go of its turn, to read or to send, it would get
+it back only that much later, and a lease stands behind many such calls. So while a job runs, turns are short
+(`TURN_S`).
+
 A thread cannot be ended from outside. So a job that takes longer than `LONGEST_S` is given up: it has failed, whatever
 comes of it later, and the next one may begin beside it. Of those that go on all the same there are `MOST_LEFT` at most;
 from then on nothing is taken until one of them ends.
@@ -13,15 +17,17 @@ from then on nothing is taken until one of them ends.
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
-__all__ = ["LONGEST_S", "MOST_LEFT", "Worker", "in_thread"]
+__all__ = ["LONGEST_S", "MOST_LEFT", "TURN_S", "Worker", "in_thread"]
 
 LONGEST_S: Final = 30.0
 MOST_LEFT: Final = 2
+TURN_S: Final = 0.0002
 
 _Value = TypeVar("_Value")
 
@@ -44,6 +50,8 @@ class Worker:
         self._until: float | None = None
         #: numbers of those that were given up and go on
         self._left: set[int] = set()
+        #: how long turns are when no job runs
+        self._turn_s = sys.getswitchinterval()
 
     @property
     def busy(self) -> bool:
@@ -68,6 +76,7 @@ class Worker:
                 result = error
             self._finished.append((number, result))
 
+        sys.setswitchinterval(TURN_S)
         (self._start or in_thread)(run)
         return True
 
@@ -79,6 +88,8 @@ class Worker:
         while self._finished:
             number, result = self._finished.popleft()
             self._left.discard(number)
+            if not self._left:
+                sys.setswitchinterval(self._turn_s)
             if number == self._number and self._then is not None:
                 self._conclude(result, now)
         if self._then is None:

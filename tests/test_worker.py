@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
+import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from mavproxy_handover.worker import LONGEST_S, MOST_LEFT, Worker
+import pytest
+
+from mavproxy_handover.worker import LONGEST_S, MOST_LEFT, TURN_S, Worker
 
 
 class Held:
@@ -134,3 +137,36 @@ class TestAJobThatDoesNotEnd:
         held.jobs.pop()()
         held.worker.tick(1001.0)
         assert held.came[-1] == ("one more", 1001.0)
+
+
+class TestTurns:
+    """With Python's own turns of 5 ms each call of the main loop would take that much longer while a job runs."""
+
+    @pytest.fixture(autouse=True)
+    def usual(self) -> Iterator[None]:
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(0.004)
+        yield
+        sys.setswitchinterval(before)
+
+    def test_are_short_while_a_job_runs_and_as_before_after_it(self) -> None:
+        held = Held()
+        held.submit(lambda: 1)
+        assert sys.getswitchinterval() == pytest.approx(TURN_S, rel=0.01)
+        held.worker.tick(1.0)
+        assert sys.getswitchinterval() == pytest.approx(TURN_S, rel=0.01)
+        held.jobs.pop()()
+        held.worker.tick(2.0)
+        assert sys.getswitchinterval() == pytest.approx(0.004, rel=0.01)
+
+    def test_and_while_one_that_was_given_up_goes_on(self) -> None:
+        held = Held()
+        late = TestAJobThatDoesNotEnd.given_up(held, 0.0)
+        assert sys.getswitchinterval() == pytest.approx(TURN_S, rel=0.01)
+        held.submit(lambda: 2)
+        held.jobs.pop()()
+        held.worker.tick(100.0)
+        assert sys.getswitchinterval() == pytest.approx(TURN_S, rel=0.01)
+        late()
+        held.worker.tick(101.0)
+        assert sys.getswitchinterval() == pytest.approx(0.004, rel=0.01)

@@ -18,14 +18,15 @@ from pathlib import Path
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
-from sitl.bench import downlink, transfers, uplink, zones
+from sitl.bench import breath, downlink, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table
 from sitl.bench.rig import Rig
+from sitl.run.memory import memory_of_a_run
 
 __all__ = ["main"]
 
-PARTS = ("uplink", "downlink", "zones", "transfers")
+PARTS = ("uplink", "downlink", "zones", "transfers", "breath")
 Say = Callable[[str], None]
 
 
@@ -47,6 +48,7 @@ class Plans:
     check_limit_s: float
     waves: tuple[tuple[transfers.Condition, ...], ...]
     lanes: transfers.LanePlan
+    breath: breath.Plan
 
 
 FULL = Plans(
@@ -62,6 +64,7 @@ FULL = Plans(
     60.0,
     (transfers.SLOW, transfers.LOSSY),
     transfers.LanePlan(300, 200.0),
+    breath.Plan(20.0, tuple(breath.LOADS)),
 )
 QUICK = Plans(
     (1, 1),
@@ -76,6 +79,7 @@ QUICK = Plans(
     0.0,
     ((transfers.SLOW[0], transfers.LOSSY[1]),),
     transfers.LanePlan(6, 15.0, 2),
+    breath.Plan(3.0, tuple(breath.LOADS)[:2]),
 )
 
 
@@ -130,18 +134,23 @@ def _transfers(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
         yield from transfers.fly_lanes(folder / f"lanes-{number}", wave, plans.lanes, say)
 
 
+def _breath(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    return breath.measure(plans.breath, folder / "breath", say)
+
+
 _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "uplink": _uplink,
     "downlink": _downlink,
     "zones": _zones,
     "transfers": _transfers,
+    "breath": _breath,
 }
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m sitl.bench",
-        description="Measure the companion beside stock MAVProxy: frames up and down, zone checks, transfers.",
+        description="Measure the companion: frames up and down beside stock MAVProxy, zone checks, transfers, leases.",
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")
@@ -177,15 +186,16 @@ def main(argv: Sequence[str]) -> int:
         print(f"bench: {folder}: {error.strerror}", file=sys.stderr)
         return 2
     try:
-        for part in arguments.parts or PARTS:
-            say(f"{part} ...")
-            try:
-                for measurement in _RUN[part](plans, folder.resolve(), say):
-                    results.add(measurement)
-            except (BenchError, ConfigError, KeysError, MissionError, OSError, ValueError) as error:
-                broken = True
-                say(f"{part}: NOT MEASURED: {error}")
-                results.line({"part": part, "error": str(error)})
+        with memory_of_a_run():
+            for part in arguments.parts or PARTS:
+                say(f"{part} ...")
+                try:
+                    for measurement in _RUN[part](plans, folder.resolve(), say):
+                        results.add(measurement)
+                except (BenchError, ConfigError, KeysError, MissionError, OSError, ValueError) as error:
+                    broken = True
+                    say(f"{part}: NOT MEASURED: {error}")
+                    results.line({"part": part, "error": str(error)})
     except KeyboardInterrupt:
         broken = True
         say("interrupted")

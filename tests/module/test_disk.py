@@ -8,6 +8,7 @@ copy of the state in memory is no disk.
 
 from __future__ import annotations
 
+import gc
 import os
 import stat
 import sys
@@ -148,3 +149,11 @@ def test_a_disk_that_hangs_holds_up_no_lease_and_no_handover(
     free.set()
     assert bench.companion.faults == {}
     assert bench.companion.settle(10.0)
+
+
+def test_what_is_loaded_is_not_looked_through_for_garbage_in_flight(bench: Bench) -> None:
+    before = gc.get_freeze_count()
+    bench.load()
+    assert gc.get_freeze_count() > before
+    bench.mpstate.unload("handover")
+    assert gc.get_freeze_count() == 0

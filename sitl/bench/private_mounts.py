@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Small file systems that fill up or turn read-only, seen by nobody but this process and what it starts.
+
+They live in memory, in a mount namespace of this process's own, so they end with it, whatever happens. Making one needs
+root (CAP_SYS_ADMIN); who may not is told so.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+from sitl.bench.loop import BenchError
+
+__all__ = ["SmallDisk", "small_disk"]
+
+_NEW_NAMESPACE: Final = 0x0002_0000
+_READ_ONLY, _REMOUNT, _RECURSIVE, _PRIVATE = 1, 1 << 5, 1 << 14, 1 << 18
+#: what waits for a moment in which nobody writes
+_PATIENCE_S = 5.0
+_separate = False
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _mount(source: str, target: str, kind: str, flags: int, data: str = "") -> None:
+    """mount(2). Raises OSError."""
+    if _libc().mount(source.encode(), target.encode(), kind.encode(), flags, data.encode()) != 0:
+        code = ctypes.get_errno()
+        raise OSError(code, os.strerror(code))
+
+
+def _separate_from_others() -> None:
+    global _separate  # noqa: PLW0603 (a process has one namespace)
+    if _separate:
+        return
+    if _libc().unshare(_NEW_NAMESPACE) != 0:
+        code = ctypes.get_errno()
+        raise BenchError(f"a file system of our own needs root (unshare: {os.strerror(code)})")
+    try:
+        _mount("none", "/", "none", _RECURSIVE | _PRIVATE)
+    except OSError as error:
+        raise BenchError(f"a file system of our own cannot be kept from others: {error.strerror}") from None
+    _separate = True
+
+
+class SmallDisk:
+    """A file system of a few hundred kilobytes at `path`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def fill(self) -> None:
+        """From now on it is full to the last byte."""
+        with (self.path / "filling").open("wb", buffering=0) as file, suppress(OSError):
+            while True:
+                file.write(bytes(4096))
+        if os.statvfs(self.path).f_bavail:
+            raise BenchError(f"{self.path} does not get full")
+
+    def turn_read_only(self) -> None:
+        """From now on nothing can be written. Raises BenchError: somebody never stops writing."""
+        until = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                _mount("none", str(self.path), "none", _REMOUNT | _READ_ONLY)
+            except OSError as error:
+                if error.errno != errno.EBUSY or time.monotonic() > until:
+                    raise BenchError(f"{self.path} does not turn read-only: {error.strerror}") from None
+                time.sleep(0.01)
+            else:
+                return
+
+
+@contextmanager
+def small_disk(path: Path, size: str = "512k") -> Iterator[SmallDisk]:
+    """Mount one at `path`. Raises BenchError where that is not allowed."""
+    _separate_from_others()
+    path.mkdir(parents=True, exist_ok=True)
+    try:
+        _mount("none", str(path), "tmpfs", 0, f"size={size}")
+    except OSError as error:
+        raise BenchError(f"a small file system cannot be mounted: {error.strerror}") from None
+    try:
+        yield SmallDisk(path)
+    finally:
+        _libc().umount2(str(path).encode(), 2)  # lazily: whoever still holds a file there ends soon
