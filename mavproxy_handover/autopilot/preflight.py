@@ -47,6 +47,8 @@ _TRIES = 3
 _SETTLE_S = 8.0
 _AGAIN_S = 30.0
 _REBOOT_S = 3.0
+#: a forced transfer behind a recovery needs that much of the guard's patience; parameters have 24 bits
+_FORCED_S, _ROUNDED_S = 0.5, 1e-4
 _CONTINUE_AUTO, _CONTINUE_PILOT = 0b10, 0b10000
 _WRONG_CHANNEL = re.compile(r"HNDO: lease refused, channel (\d+) not (-?\d+)")
 
@@ -160,6 +162,9 @@ def _lost_time(p: Mapping[str, float], found: Found, limits: Limits) -> str | No
     lost_s = p.get("HNDO_LOST_T", math.inf)
     if lost_s < limits.forced_timeout_s:
         return f"is {lost_s:g} s: the guard acts while the companion still looks for a partner, {_s(limits)}"
+    needed_s = limits.recovery_s + _FORCED_S
+    if lost_s < needed_s - _ROUNDED_S:
+        return f"is {lost_s:g} s: the guard acts while the companion recovers from a restart ({needed_s:g} s)"
     return None
 
 

@@ -63,6 +63,7 @@ class VehicleConfig:
 
 LIMIT_RANGES: Final[Ranges] = {
     "heartbeat_lost_s": (1.5, 60),
+    "recovery_s": (0.5, 30),
     "connect_interval_s": (0.2, 10),
     "connect_lost_s": (1, 60),
     "retry_first_s": (0.05, 5),

@@ -183,7 +183,7 @@ class Arbiter:
         What has run out by then runs out before the event counts, even if the caller's tick is late.
         """
         actions: list[Action] = []
-        self._authority.await_owner(now + self._limits.heartbeat_lost_s)
+        self._authority.await_owner(now + self._limits.recovery_s)
         self._expire(now, actions)
         match event:
             case Tick():

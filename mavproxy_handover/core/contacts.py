@@ -2,6 +2,9 @@
 
 """The vehicle asks every station again and again whether it is there (CONNECT), and answers the same question.
 
+After a restart in flight it asks as often as it repeats a message of a transfer: an answer shows that the commander of
+before is there, and to wait for its heartbeat, or for the next question after one that was lost, would take seconds.
+
 What comes of it is in the station's `Presence`. Questions are numbered by nonces of this run: an answer to any other is
 no proof, and is dropped.
 """
@@ -64,12 +67,16 @@ class Contacts:
 
     def ask(self, authority: Authority, digest: bytes, now: float, actions: list[Action]) -> None:
         """The questions that are due."""
+        limits = self._limits
+        interval_s = limits.connect_interval_s
+        if authority.recovering:
+            interval_s = min(interval_s, limits.retry_first_s)
         for station, presence in self.presence.items():
             if now < presence.ask_at:
                 continue
             self._nonce = self._nonce % 0xFFFFFFFF + 1
             presence.asked.append(self._nonce)
-            presence.ask_at = now + self._limits.connect_interval_s
+            presence.ask_at = now + interval_s
             commander = authority.view.commander
             question = Connect(
                 station, PROTOCOL_VERSION, self._nonce, authority.epoch, commander, self._vehicle, digest

@@ -17,6 +17,9 @@ class Limits:
 
     #: a station whose heartbeat has been missing this long is lost
     heartbeat_lost_s: float = 5.0
+    #: after a restart in flight the commander of before is waited for no longer; the guard, which goes home after
+    #: HNDO_LOST_T without a commander, must have time left for a forced transfer behind it
+    recovery_s: float = 2.5
     #: how often the vehicle asks each station whether it is there
     connect_interval_s: float = 1.0
     #: an answer to that older than this proves nothing

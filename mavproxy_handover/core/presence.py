@@ -33,8 +33,9 @@ class Presence:
         #: when to ask CONNECT next; never where nobody there understands it
         self.ask_at = inf if station.standard else -inf
         #: nonces of the questions that may still be answered, oldest first: the way there and back may take longer
-        #: than the pause between two questions
-        self.asked: deque[int] = deque(maxlen=max(1, ceil(limits.connect_lost_s / limits.connect_interval_s)))
+        #: than the pause between two questions, the shortest pause that there is (`contacts.py`)
+        pause_s = min(limits.connect_interval_s, limits.retry_first_s)
+        self.asked: deque[int] = deque(maxlen=max(1, ceil(limits.connect_lost_s / pause_s)))
         #: why the station was last journalled as no partner; None while it could be one
         self.told_why: Reason | None = None
 

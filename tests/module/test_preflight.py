@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -144,6 +145,10 @@ def test_the_parameter_file_that_ships_fits() -> None:
             "HNDO_LOST_T is 1 s: the guard acts while the companion still looks for a partner, up to 2 s",
         ),
         (
+            {"HNDO_LOST_T": 2.75},
+            "HNDO_LOST_T is 2.75 s: the guard acts while the companion recovers from a restart (3 s)",
+        ),
+        (
             {"HNDO_SYSID_SW": 0.0},
             "HNDO_SYSID_SW is 0: the autopilot's GCS failsafe goes on watching one station, whoever commands",
         ),
@@ -202,6 +207,15 @@ def test_an_autopilot_that_answers_nothing_is_one_finding_and_no_reason_for_more
 def test_limits_that_were_changed_count() -> None:
     limits = Limits(heartbeat_lost_s=9.0, forced_timeout_s=4.0)
     assert [finding.parameter for finding in judge(found(), limits)] == ["HNDO_LOST_T", "FS_GCS_TIMEOUT"]
+
+
+@pytest.mark.parametrize(("recovery_s", "lost_s", "fits"), [(2.8, 3.3, True), (2.8, 3.2, False), (1.5, 2.0, True)])
+def test_the_guard_s_patience_lasts_for_a_recovery_and_half_a_second(
+    recovery_s: float, lost_s: float, fits: bool
+) -> None:
+    """As an autopilot sends it: with 24 bits."""
+    (sent,) = struct.unpack("<f", struct.pack("<f", lost_s))
+    assert (judge(found(HNDO_LOST_T=sent), Limits(recovery_s=recovery_s)) == ()) is fits
 
 
 # ---- in the companion ---------------------------------------------------------------------------------------------

@@ -212,7 +212,7 @@ class TestInFlight:
         kill(flight)
         flight.a.alive = flight.b.alive = False
         flight.load()
-        flight.run(4.5)
+        flight.run(2.0)
         assert flight.autopilot.mode == AUTO
         flight.until(lambda: flight.autopilot.mode == RTL, limit_s=2.0)
         assert leases(flight) == [(RECOVERING, 0, 2), (LOST, 0, 2)]
