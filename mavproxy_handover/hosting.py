@@ -11,6 +11,7 @@ from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.link.devices import LinkError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
+from mavproxy_handover.store.lock import LockError
 
 __all__ = ["guarded", "why"]
 
@@ -32,7 +33,7 @@ def guarded(
 
 def why(error: Exception) -> str:
     """Why a module is not loaded, in one line for people."""
-    if isinstance(error, (ConfigError, KeysError, LinkError, MissionError)):
+    if isinstance(error, (ConfigError, KeysError, LinkError, LockError, MissionError)):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}"

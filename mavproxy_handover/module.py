@@ -9,9 +9,11 @@ back. What it must see to, because MAVProxy does not:
   `mavfwd_disarmed` and MAVProxy's own heartbeat off, and off again if somebody switches them on;
 * every callback is wrapped: MAVProxy would swallow an exception, or drop the socket, without a word; and what breaks in
   one step of the main loop leaves the others alone, the lease before all;
-* its sockets are polled in `idle_task` as well, because MAVProxy does not select on them while it has no master.
+* its sockets are polled in `idle_task` as well, because MAVProxy does not select on them while it has no master;
+* it is the vehicle's only judge: it holds the vehicle's lock, and that of a serial line to the autopilot.
 
-The lease goes out from MAVProxy's main loop, so it stops when that loop stalls.
+The lease goes out from MAVProxy's main loop, so it stops when that loop stalls; and so do the signs of life to the
+supervisor, if there is one (`lifeline.py`).
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import serial
 from MAVProxy.modules.lib import mp_module, mp_util
 
 from mavproxy_handover.autopilot.link import AutopilotLink
@@ -38,11 +41,13 @@ from mavproxy_handover.config.files import (
     load_vehicle,
 )
 from mavproxy_handover.hosting import guarded, why
+from mavproxy_handover.lifeline import lifeline
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.main_loop import STAY_S, TALKING_S, poller, readable, waited_for
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
 from mavproxy_handover.store.keys import load_key
+from mavproxy_handover.store.lock import VehicleLock, lock_line
 from mavproxy_handover.store.replay import ReplayStore
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.signing import SignedPeer
@@ -55,6 +60,10 @@ _SETTINGS = {"mavfwd": False, "mavfwd_disarmed": False, "heartbeat": 0}
 _SEVERAL_S, _SINGLE_S = 0.05, 0.5
 #: how often links are looked at though MAVProxy waits for what they receive: lines have to be opened again
 _POLL_S = 0.2
+_TOO_OFTEN = (
+    "restarted too often: no leases, nobody commands, the guard brings the aircraft home. Find out why in the journal, "
+    "then start `handover companion` anew"
+)
 #: the configuration of the last load, for `module reload handover`
 _last_config: list[str] = []
 
@@ -67,10 +76,14 @@ class HandoverModule(mp_module.MPModule):
         mpstate: Any,
         config: VehicleConfig,
         ports: dict[int, StationPort],
+        lock: VehicleLock,
         clocks: Clocks,
     ) -> None:
-        """Raises what cannot be used of what the configuration names: OSError, KeysError, MissionError."""
+        """`lock`: the vehicle's. Raises OSError, KeysError, MissionError: what the configuration names is no good."""
         super().__init__(mpstate, "handover", "authority handover (companion)", public=True, multi_vehicle=True)
+        self.lock = lock
+        mp_util.child_fd_list_add(lock.descriptor)  # or a map's process would keep it
+        self._lifeline = lifeline()
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
         #: looked at in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
@@ -102,6 +115,7 @@ class HandoverModule(mp_module.MPModule):
         )
         self.companion.narrator.loaded(VERSION, str(config.path))
         self._close_side_doors(tell=False)
+        self._supervised()
         stations = ", ".join(port.name for port in ports.values())
         self._show(f"handover {VERSION}: {config.name}, stations {stations}, configuration {config.path}")
         self._replay: ReplayStore | None = None
@@ -125,6 +139,17 @@ class HandoverModule(mp_module.MPModule):
         if note:
             self.companion.narrator.replay_state(note)
             self._show(f"handover: {note}")
+
+    def _supervised(self) -> None:
+        """What the supervisor has to say, if there is one: why it is a restart, and whether it is one too many."""
+        if self._lifeline is None:
+            return
+        self._lifeline.at_the_end = partial(self._guarded, "journal", self.companion.journal.close)
+        told = self._lifeline.told
+        if told.why:
+            self.companion.narrator.started_again(told.why)
+        if not told.leases:
+            self.companion.fail_closed(_TOO_OFTEN, time.monotonic())
 
     # ---- MAVProxy's callbacks, all wrapped ------------------------------------------------------------------------
 
@@ -164,11 +189,16 @@ class HandoverModule(mp_module.MPModule):
         self.mpstate.public_modules.pop("handover", None)
         for name, value in self._kept.items():
             setattr(self.settings, name, value)
+        if self._lifeline is not None:
+            ends = self.mpstate.status.exit
+            (self._lifeline.ending if ends else self._lifeline.let_go)()
         if self._replay is not None:
             self._guarded("replay state", self._replay.close)
         self._guarded("unload", self.companion.close)
         gc.unfreeze()
         self._guarded("tlog", self._to_autopilot.log)
+        mp_util.child_fd_list_remove(self.lock.descriptor)
+        self.lock.release()
 
     # ---- behind them ----------------------------------------------------------------------------------------------
 
@@ -226,6 +256,8 @@ class HandoverModule(mp_module.MPModule):
         self._guarded("tlog", partial(self._to_autopilot.tick, now))
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
+        if self._lifeline is not None:  # last: what breaks above is seen by its silence
+            self._lifeline.beat(now)
 
     def _poll(self, now: float) -> None:
         """Read all links if MAVProxy does not wait for them, as while it has no link to the autopilot."""
@@ -307,6 +339,7 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
     if "handover" in mpstate.command_map:
         return _not_loaded(mpstate, "module handover_gcs is loaded here: vehicle and station need a MAVProxy each")
     ports: dict[int, StationPort] = {}
+    lock: VehicleLock | None = None
     try:
         path = find_vehicle_config(config_argument(config) or (_last_config[-1] if _last_config else None))
         settings = load_vehicle(path)
@@ -318,14 +351,19 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
                 f"MAVProxy has outputs ({outputs}): whoever is behind them could pass the gate. Start without --out, "
                 "or set listen_only_outputs = true in [vehicle]",
             )
+        lock = VehicleLock(settings.state or settings.journal.parent, settings.name)
+        _lock_lines(mpstate)
         clocks = Clocks(time.time, time.monotonic)
         ports = open_ports(settings.stations, settings.sysid, clocks)
-        module = HandoverModule(mpstate, settings, ports, clocks)
+        module = HandoverModule(mpstate, settings, ports, lock, clocks)
     except Exception as error:  # whatever: MAVProxy would not live through it when it loads its default modules
         for port in ports.values():
             for link in port.links:
                 mpstate.select_extra.pop(link.fileno(), None)
             port.close()
+        if lock is not None:
+            mp_util.child_fd_list_remove(lock.descriptor)
+            lock.release()
         mpstate.public_modules.pop("handover", None)
         mpstate.command_map.pop("handover", None)
         return _not_loaded(mpstate, why(error))
@@ -333,7 +371,18 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
     return module
 
 
+def _lock_lines(mpstate: Any) -> None:
+    """Raises LockError: a serial line to the autopilot is somebody else's too."""
+    for master in mpstate.mav_master:
+        port = getattr(master, "port", None)
+        if isinstance(port, serial.Serial) and port.is_open:
+            lock_line(port.fileno(), str(port.port))
+
+
 def _not_loaded(mpstate: Any, text: str) -> HandoverModule | None:
-    """Say why; the answer to MAVProxy is that there is no module."""
+    """Say why; the answer to MAVProxy is that there is no module. A companion without it ends, if it is supervised."""
     mpstate.console.writeln(f"handover is not loaded: {text}")
+    line = lifeline()
+    if line is not None and not line.lived:
+        line.refused = mpstate.status.exit = True
     return None

@@ -79,6 +79,11 @@ class Narrator:
         """The module is loaded."""
         self._journal.write("loaded", f"handover {version}, configuration {configuration}", version=version)
 
+    def started_again(self, why: str) -> None:
+        """The supervisor has started the companion again; `why`: what became of it before."""
+        self._journal.write("started_again", f"started again by the supervisor: {why}")
+        self.tell(f"Started again by the supervisor: {why}.")
+
     def unloaded(self) -> None:
         """The module is unloaded."""
         self.sum_up(math.inf)

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover companion` and `handover station`: build the MAVProxy command line, print it, become it."""
+"""`handover companion` and `handover station`: build the MAVProxy command line and print it.
+
+The station becomes MAVProxy. The companion stays, and supervises the process that it runs MAVProxy in.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +21,23 @@ __all__ = ["companion", "station"]
 
 
 def companion(argv: Sequence[str]) -> int:
-    """MAVProxy on the companion computer."""
+    """MAVProxy on the companion computer, supervised."""
     parser = argparse.ArgumentParser(
-        prog="handover companion", description="Run MAVProxy with `module load handover` (the command line is printed)."
+        prog="handover companion",
+        description="Run MAVProxy with `module load handover` (the command line is printed), and start it again at "
+        "once when it dies, or its main loop stands still. It lives on without a terminal.",
     )
     parser.add_argument("--config", help="vehicle configuration (else $HANDOVER_CONFIG, ./handover.toml, /etc/...)")
     parser.add_argument("--master", required=True, help="the autopilot, e.g. /dev/ttyTHS1,921600 or tcp:127.0.0.1:5762")
-    return _become(parser, argv, companion_argv, find_vehicle_config)
+    parser.add_argument(
+        "--restarts-within",
+        type=_seconds,
+        default=60.0,
+        metavar="S",
+        help="the third restart in so many seconds sends no more leases: nobody commands (default: 60)",
+    )
+    _fill_standard_streams()
+    return _run(parser, argv, companion_argv, find_vehicle_config, _supervise)
 
 
 def station(argv: Sequence[str]) -> int:
@@ -35,14 +48,15 @@ def station(argv: Sequence[str]) -> int:
     )
     parser.add_argument("--config", default="station.toml", help="station configuration (default: ./station.toml)")
     parser.add_argument("--master", required=True, help="the link to the vehicle, e.g. udpin:0.0.0.0:14550")
-    return _become(parser, argv, station_argv, lambda named: Path(named or "").expanduser().resolve())
+    return _run(parser, argv, station_argv, lambda named: Path(named or "").expanduser().resolve(), _become)
 
 
-def _become(
+def _run(
     parser: argparse.ArgumentParser,
     argv: Sequence[str],
     build: Callable[[Path, str, Path], list[str]],
     find: Callable[[str | None], Path],
+    start: Callable[[list[str], argparse.Namespace], int],
 ) -> int:
     parser.add_argument("--logfile", type=Path, default=Path("handover.tlog"), help="tlog (default: ./handover.tlog)")
     parser.add_argument("--print", action="store_true", help="print the MAVProxy command line and end")
@@ -57,6 +71,51 @@ def _become(
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return 2
     print(shlex.join(command), flush=True)
-    if not arguments.print:
-        os.execv(command[0], command)
-    return 0
+    return 0 if arguments.print else start(command, arguments)
+
+
+def _become(command: list[str], _arguments: argparse.Namespace) -> int:
+    os.execv(command[0], command)
+
+
+def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
+    """Run the command in a child; where that cannot be done safely, become it, and say what is lost."""
+    if sys.platform != "linux":
+        return _unsupervised(command, arguments, "only Linux ends a child with its parent")
+    # imported here: `handover station` does without all of it
+    from mavproxy_handover.supervision.child import Companion
+    from mavproxy_handover.supervision.rules import Limits
+    from mavproxy_handover.supervision.script import Script
+    from mavproxy_handover.supervision.supervisor import Supervisor, single_threaded
+
+    script = Script(Path(command[1]))
+    script.prepare()
+    if not single_threaded():
+        return _unsupervised(command, arguments, "something that Python imports here starts threads")
+    supervisor = Supervisor(Companion(script, command[2:]), Limits(window_s=arguments.restarts_within))
+    return supervisor.run()
+
+
+def _unsupervised(command: list[str], arguments: argparse.Namespace, why: str) -> int:
+    text = (
+        f"handover companion: WARNING: not supervised: {why}. It will not be started again, and ends with its terminal"
+    )
+    print(text, file=sys.stderr, flush=True)
+    return _become(command, arguments)
+
+
+def _seconds(text: str) -> float:
+    """Raises ValueError, as argparse wants it."""
+    value = float(text)
+    if not 0.0 <= value <= 3600.0:
+        raise ValueError(text)
+    return value
+
+
+def _fill_standard_streams() -> None:
+    """Whoever starts us may have closed some of the first three descriptors: a link must not become one of them."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one

@@ -205,7 +205,7 @@ def check_vehicle(
     for action in actions:
         if isinstance(action, ViewChanged):
             _check_change(books, old_books, gate, action.view, event, limits, standard)
-            books = _change(books, gate, action.view, event)
+            books = _change(books, gate, action.view, event, limits)
             gate = action.view
         elif isinstance(action, Send):
             if isinstance(action.message, HandoverRequest):
@@ -330,7 +330,7 @@ def _check_commit(
     demand(released or overdue, f"committed before station {had} released")
 
 
-def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event) -> Books:
+def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, limits: Limits) -> Books:
     """The books after a change of the view."""
     if new.partner is None or old.partner is None or new.handover_id != old.handover_id:
         agreed = new.partner is not None and (old.takeover_allowed or new.takeover_allowed)
@@ -343,6 +343,9 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event) 
         books = replace(books, recovering=None, blank=False)
         if new.commander != books.had:
             books = replace(books, had=new.commander, entered=frozenset())
-    if new.lease is LeaseState.LOST:
-        books = replace(books, recovering=None)
+    if new.lease is LeaseState.LOST and books.recovering is not None:
+        demand(books.recovering >= int(limits.recovery_s), f"given up {books.recovering} s after the restart")
+        # it was not heard in the time it had, so it counts as lost, whenever it was heard before the restart
+        silent = tuple(entry for entry in books.silent if entry[0] != books.had)
+        books = replace(books, recovering=None, silent=silent)
     return books

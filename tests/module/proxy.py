@@ -92,7 +92,7 @@ class MPState:
         self.select_extra: dict[int, tuple[Callable[[Any], None], Any]] = {}
         self.mav_outputs: list[Output] = []
         self.sysid_outputs: dict[int, Output] = {}
-        self.status = SimpleNamespace(logdir=None)
+        self.status = SimpleNamespace(logdir=None, exit=False)
         self.spoken: list[str] = []
         self.functions = SimpleNamespace(say=self.spoken.append)
         self.mav_master: list[Master] = [Master()]

@@ -51,6 +51,7 @@ def kill(bench: Bench, away_s: float = 1.0) -> None:
     for port in companion.ports.values():
         port.close()
     companion.journal.close()
+    bench.module.lock.release()
     bench.mpstate, bench.module = MPState(), None
     for _ in range(round(away_s / 0.05)):
         bench.clock.now += 0.05

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the supervised process does: it runs MAVProxy so that neither its terminal nor its end can hold it up.
+
+* Its console waits for nobody (`console.py`), and the end of its input is not its own.
+* Signals to end go to a thread that waits for them: MAVProxy's own handlers run in a thread that may be waiting for
+  somebody to type. That thread has MAVProxy end as the word `exit` does, modules unloaded, tlog written; and what has
+  not ended within END_S is ended as it is, once journal and tlog are closed. The state file is written through.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from mavproxy_handover.lifeline import Lifeline, hold
+from mavproxy_handover.supervision.console import Console, read_lines
+from mavproxy_handover.supervision.script import MAIN, Script, mpstate_of
+from mavproxy_handover.supervision.supervisor import ENDS
+from mavproxy_handover.supervision.tlog import close_logs, log_options, take_queues
+
+__all__ = ["Companion"]
+
+#: MAVProxy has so long to end; with what is done for it then, less than the supervisor's patience
+END_S: Final = 1.4
+_LOOK_S: Final = 0.1
+#: for the tlog, and for the last lines of the console
+_LOGS_S, _LAST_S, _CONSOLE_S = 0.5, 0.1, 0.2
+#: wrong usage or bad input, as everywhere
+_REFUSED: Final = 2
+#: main thread and signals without a prompt, and the word `exit`, since the end of the input ends nothing any more
+_ALWAYS: Final = ("--non-interactive", "--cmd=set requireexit True")
+#: whoever has given MAVProxy one of these wants no prompt
+_NO_PROMPT: Final = ("--daemon", "--non-interactive")
+
+
+@dataclass(frozen=True, slots=True)
+class Companion:
+    """MAVProxy with these options; an instance is what the supervisor runs as its child."""
+
+    script: Script
+    argv: Sequence[str]
+
+    def __call__(self, line: Lifeline) -> int:
+        """Returns the exit code, or ends the process."""
+        signal.pthread_sigmask(signal.SIG_BLOCK, ENDS)  # for all threads, from the first on
+        hold(line)
+        console = Console()
+        console.take_over()
+        threading.Thread(target=_end_on_time, args=(line,), name="ending", daemon=True).start()
+        if not any(option in self.argv for option in _NO_PROMPT):
+            threading.Thread(target=_read_console, name="input", daemon=True).start()
+        take_queues(MAIN)
+        more = log_options(list(self.argv)) if line.told.why else []
+        code = self.script.run([*self.argv, *more, *_ALWAYS])
+        mpstate = mpstate_of()
+        if mpstate is not None:
+            close_logs(mpstate, _LOGS_S)
+            if line.lived and mpstate.status.exit:  # MAVProxy ends with 1 whatever the reason
+                code = 0
+        if line.refused:
+            code = _REFUSED
+        console.drain(_CONSOLE_S)
+        return code
+
+
+def _read_console() -> None:
+    mpstate: Any = None
+    while mpstate is None or getattr(mpstate.status, "thread", None) is None:  # its main loop
+        time.sleep(_LOOK_S)
+        mpstate = mpstate_of()
+    read_lines(mpstate)
+
+
+def _end_on_time(line: Lifeline) -> None:
+    """Wait for a signal to end, or for `exit`; then see to it that it is over soon."""
+    asked = False
+    while True:
+        asked = asked or signal.sigtimedwait(ENDS, _LOOK_S) is not None
+        mpstate = mpstate_of()
+        if mpstate is not None and asked:
+            mpstate.status.exit = True
+        if asked or (mpstate is not None and mpstate.status.exit):
+            break
+    wanted = asked or line.lived  # else MAVProxy could not start
+    if wanted:
+        line.ending()
+    time.sleep(END_S)
+    line.at_the_end()
+    if mpstate is not None:
+        close_logs(mpstate, _LAST_S)
+    os._exit(int(not wanted))

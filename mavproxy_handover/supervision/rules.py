@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""When the companion's process counts as dead or stalled, and what follows. Pure: time is an argument.
+
+Theory of operation
+-------------------
+A process is in one of four states, by the last sign that it gave (`lifeline.py`), and each has its patience:
+
+    STARTING   no sign yet: it loads                      start_s
+    LIVE       its main loop goes round                   silent_s, less than half of what the guard allows
+    LOOSE      the module is unloaded, MAVProxy goes on   for ever: an operator did that
+    ENDING     somebody wants it to end                   end_s
+
+Out of patience it is killed. What follows an end depends on the state it came in:
+
+* an end in ENDING is the end; so is one before the first sign of life that there ever was: a configuration that cannot
+  be used does not get better by trying;
+* any other end is a death, and the process is started again: at once, but after a pause where it died before it lived;
+* the third restart within `window_s` sends no more leases, nor does any after it: nobody commands, the guard brings the
+  aircraft home, and authority waits for somebody to start all of it anew. A judge that keeps dying is none.
+
+Time in which the supervisor itself did not run is no silence of the process: it is pardoned.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from math import inf
+from typing import Final
+
+from mavproxy_handover.lifeline import BEAT, ENDING, LET_GO, Told
+
+__all__ = ["Limits", "Next", "State", "Watch"]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Times in seconds."""
+
+    start_s: float = 10.0
+    silent_s: float = 1.2
+    end_s: float = 1.9
+    #: restarts in this time count together
+    window_s: float = 60.0
+    #: so many of them still send leases
+    trusted: int = 2
+    #: before a start behind one that failed, and between starts that send no leases
+    failed_s: float = 0.3
+    hopeless_s: float = 5.0
+
+
+class State(Enum):
+    """Of the process, by its last sign."""
+
+    STARTING = "starting"
+    LIVE = "live"
+    LOOSE = "loose"
+    ENDING = "ending"
+
+
+_BY_SIGN: Final = {BEAT[0]: State.LIVE, LET_GO[0]: State.LOOSE, ENDING[0]: State.ENDING}
+
+
+@dataclass(frozen=True, slots=True)
+class Next:
+    """What follows an end: `told` is for the process that is started at `at`; None: the end, with `code`."""
+
+    told: Told | None = None
+    at: float = 0.0
+    code: int = 0
+
+
+class Watch:
+    """What the supervisor knows. Times are monotonic seconds."""
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self.state = State.STARTING
+        #: since when the patience of the present state runs
+        self._since = 0.0
+        #: some process has lived
+        self._lived = False
+        self._trusted = True
+        self._restarts: deque[float] = deque()
+        self._patience = {
+            State.STARTING: limits.start_s,
+            State.LIVE: limits.silent_s,
+            State.LOOSE: inf,
+            State.ENDING: limits.end_s,
+        }
+
+    def started(self, now: float) -> None:
+        """A process was started."""
+        self.state, self._since = State.STARTING, now
+
+    def heard(self, signs: bytes, now: float) -> None:
+        """It gave signs. An end that has begun is not taken back."""
+        for sign in signs:
+            state = _BY_SIGN.get(sign)
+            if state is None or self.state is State.ENDING:
+                continue
+            self.state, self._since = state, now
+            self._lived = self._lived or state is State.LIVE
+
+    def asked_to_end(self, now: float) -> None:
+        """Somebody wants the whole of it to end."""
+        if self.state is not State.ENDING:
+            self.state, self._since = State.ENDING, now
+
+    def pardon(self, seconds: float) -> None:
+        """The supervisor itself stood still so long."""
+        self._since += seconds
+
+    def due(self) -> float:
+        """When patience is at its end; inf: never."""
+        return self._since + self._patience[self.state]
+
+    def ended(self, code: int, now: float) -> Next:
+        """The process has ended. `code`: exit code, or the negative number of the signal that ended it."""
+        if self.state is State.ENDING or not self._lived:
+            return Next(code=code if code >= 0 else 128 - code)
+        limits, why = self._limits, self._why(code, now)
+        while self._restarts and now - self._restarts[0] >= limits.window_s:
+            self._restarts.popleft()
+        self._restarts.append(now)
+        pause_s = limits.failed_s if self.state is State.STARTING else 0.0
+        if not self._trusted:
+            pause_s = limits.hopeless_s
+        self._trusted = self._trusted and len(self._restarts) <= limits.trusted
+        return Next(Told(why, self._trusted), now + pause_s)
+
+    def _why(self, code: int, now: float) -> str:
+        if now >= self.due():
+            what = "it had not started after" if self.state is State.STARTING else "its main loop stood still for"
+            return f"{what} {now - self._since:.1f} s"
+        return f"it was killed by {_signal(-code)}" if code < 0 else f"it ended with {code}"
+
+
+def _signal(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:  # a real-time signal
+        return f"signal {number}"

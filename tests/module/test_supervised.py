@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The module under a supervisor: its signs of life, what it is told at its start, and its lock."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from mavproxy_handover.lifeline import Lifeline, Told, hold
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.store.lock import VehicleLock
+from tests.module.conftest import Bench
+from tests.module.test_restart import kill
+
+Hold = Callable[..., Callable[[], bytes]]
+
+
+@pytest.fixture
+def held() -> Iterator[Hold]:
+    """Gives this process a lifeline; what it returns reads the signs so far."""
+    descriptors: list[int] = []
+
+    def give(why: str = "", leases: bool = True) -> Callable[[], bytes]:
+        reader, writer = os.pipe()
+        os.set_blocking(reader, False)
+        descriptors.extend((reader, writer))
+        hold(Lifeline(writer, Told(why, leases)))
+
+        def signs() -> bytes:
+            try:
+                return os.read(reader, 65536)
+            except BlockingIOError:
+                return b""
+
+        return signs
+
+    yield give
+    hold(None)
+    for descriptor in descriptors:
+        os.close(descriptor)
+
+
+def test_the_main_loop_gives_ten_signs_a_second(bench: Bench, held: Hold) -> None:
+    signs = held()
+    bench.load()
+    assert signs() == b"", "to be loaded is no life yet"
+    bench.run(2.0)
+    assert signs() == b"." * 20
+
+
+def test_no_round_of_the_main_loop_no_sign(bench: Bench, held: Hold) -> None:
+    signs = held()
+    bench.load()
+    bench.run(1.0)
+    signs()
+    bench.clock.now += 5.0
+    assert signs() == b""
+
+
+def test_unloaded_by_an_operator_its_silence_means_nothing_and_at_the_end_of_mavproxy_it_is_the_end(
+    bench: Bench, held: Hold
+) -> None:
+    signs = held()
+    bench.load()
+    bench.run(0.5)
+    bench.mpstate.unload("handover")
+    assert signs().lstrip(b".") == b"-"
+    bench.load()
+    bench.run(0.5)
+    bench.mpstate.status.exit = True
+    bench.mpstate.unload("handover")
+    assert signs().lstrip(b".") == b"e"
+
+
+def test_why_it_was_started_again_is_told(bench: Bench, held: Hold) -> None:
+    held("it was killed by SIGKILL")
+    bench.load()
+    (entry,) = bench.journal("started_again")
+    assert entry["text"] == "started again by the supervisor: it was killed by SIGKILL"
+    assert bench.mpstate.console.said("Started again by the supervisor: it was killed by SIGKILL.")
+    bench.run(1.0)
+    assert bench.autopilot.leases() != []
+
+
+def test_one_restart_too_many_sends_no_lease_and_nobody_commands(
+    bench: Bench, held: Hold, delivery: MissionPackage
+) -> None:
+    bench.connect()
+    bench.share(delivery)
+    kill(bench)
+    signs = held("it was killed by SIGSEGV", leases=False)
+    bench.load()
+    bench.run(10.0)
+    assert bench.autopilot.leases() == []
+    assert bench.companion.view.commander is None
+    (entry,) = bench.journal("failed_closed")
+    assert entry["text"] == (
+        "restarted too often: no leases, nobody commands, the guard brings the aircraft home. Find out why in the "
+        "journal, then start `handover companion` anew"
+    )
+    assert bench.a.got("AUTHORITY_STATUS")[-1].commander == 0
+    assert signs() != b"", "it stays, to say so"
+
+
+@pytest.mark.parametrize("supervised", [True, False])
+def test_it_does_not_load_beside_another_companion(bench: Bench, held: Hold, supervised: bool) -> None:
+    if supervised:
+        held()
+    lock = VehicleLock(bench.folder / "state", "drone-1")
+    assert bench.load() is None
+    assert bench.mpstate.console.said(
+        f"handover is not loaded: {bench.folder}/state/drone-1.lock is locked: another companion of drone-1 is running"
+    )
+    assert bench.mpstate.status.exit is supervised, "a supervised companion without its module is none"
+    lock.release()
+    bench.mpstate.status.exit = False
+    assert bench.load() is not None
+
+
+def test_a_reload_that_fails_in_a_supervised_companion_leaves_mavproxy_to_the_operator(
+    bench: Bench, held: Hold
+) -> None:
+    held()
+    bench.load()
+    bench.run(0.5)
+    bench.mpstate.unload("handover")
+    bench.config.write_text("[vehicle\n")
+    assert bench.load() is None
+    assert not bench.mpstate.status.exit

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""When a supervised process counts as dead or stalled, and what follows: in time that the test moves."""
+
+from __future__ import annotations
+
+from math import inf
+
+import pytest
+
+from mavproxy_handover.lifeline import BEAT, ENDING, LET_GO, Told
+from mavproxy_handover.supervision.rules import Limits, Next, State, Watch
+
+KILLED, ABORTED = -9, -6
+
+
+def watch(limits: Limits | None = None) -> Watch:
+    """Of a process that was started at 100 s."""
+    found = Watch(limits or Limits())
+    found.started(100.0)
+    return found
+
+
+def living(limits: Limits | None = None) -> Watch:
+    """The same, and it has given its first sign at 101 s."""
+    found = watch(limits)
+    found.heard(BEAT, 101.0)
+    return found
+
+
+def dies(supervised: Watch, now: float, code: int = KILLED) -> Next:
+    """A process that lives dies; the next one lives half a second later."""
+    supervised.heard(BEAT, now - 0.1)
+    after = supervised.ended(code, now)
+    supervised.started(after.at)
+    supervised.heard(BEAT, after.at + 0.5)
+    return after
+
+
+# ---- patience -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("signs", "state", "due"),
+    [
+        (b"", State.STARTING, 110.0),
+        (BEAT, State.LIVE, 102.2),
+        (BEAT + LET_GO, State.LOOSE, inf),
+        (BEAT + LET_GO + BEAT, State.LIVE, 102.2),
+        (BEAT + ENDING, State.ENDING, 102.9),
+        (BEAT + ENDING + BEAT, State.ENDING, 102.9),
+        (BEAT + ENDING + LET_GO, State.ENDING, 102.9),
+        (b"\0?\xff", State.STARTING, 110.0),
+    ],
+)
+def test_each_state_has_its_patience(signs: bytes, state: State, due: float) -> None:
+    supervised = watch()
+    supervised.heard(signs, 101.0)
+    assert (supervised.state, supervised.due()) == (state, pytest.approx(due))
+
+
+def test_every_sign_of_life_begins_the_time_anew() -> None:
+    supervised = living()
+    supervised.heard(BEAT, 101.9)
+    assert supervised.due() == pytest.approx(103.1)
+
+
+def test_time_in_which_the_supervisor_itself_stood_still_does_not_count() -> None:
+    supervised = living()
+    supervised.pardon(7.0)
+    assert supervised.due() == pytest.approx(109.2)
+
+
+def test_who_is_asked_to_end_once_more_has_no_more_time() -> None:
+    supervised = living()
+    supervised.asked_to_end(105.0)
+    supervised.asked_to_end(106.0)
+    assert supervised.due() == pytest.approx(106.9)
+
+
+# ---- ends ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("code", "passed_on"), [(0, 0), (1, 1), (2, 2), (KILLED, 137)])
+def test_an_end_that_was_wanted_is_the_end(code: int, passed_on: int) -> None:
+    supervised = living()
+    supervised.asked_to_end(105.0)
+    assert supervised.ended(code, 106.0) == Next(code=passed_on)
+
+
+def test_the_word_exit_is_wanted_too() -> None:
+    supervised = living()
+    supervised.heard(ENDING, 105.0)
+    assert supervised.ended(0, 106.0) == Next(code=0)
+
+
+@pytest.mark.parametrize(("code", "passed_on"), [(2, 2), (1, 1), (ABORTED, 134)])
+def test_who_never_lived_is_not_tried_again(code: int, passed_on: int) -> None:
+    assert watch().ended(code, 103.0) == Next(code=passed_on)
+
+
+@pytest.mark.parametrize(
+    ("code", "now", "why"),
+    [
+        (KILLED, 101.5, "it was killed by SIGKILL"),
+        (ABORTED, 101.5, "it was killed by SIGABRT"),
+        (-40, 101.5, "it was killed by signal 40"),
+        (0, 101.5, "it ended with 0"),
+        (1, 101.5, "it ended with 1"),
+        (KILLED, 102.25, "its main loop stood still for 1.2 s"),
+    ],
+)
+def test_any_other_end_is_a_death_and_it_is_started_again_at_once(code: int, now: float, why: str) -> None:
+    assert living().ended(code, now) == Next(Told(why), now)
+
+
+def test_one_that_dies_as_it_starts_again_is_tried_again_after_a_moment() -> None:
+    supervised = living()
+    supervised.ended(KILLED, 105.0)
+    supervised.started(105.0)
+    after = supervised.ended(1, 105.4)
+    assert after == Next(Told("it ended with 1"), pytest.approx(105.7))
+    supervised.started(after.at)
+    assert supervised.ended(KILLED, 116.0).told == Told("it had not started after 10.3 s", leases=False)
+
+
+def test_a_death_after_the_module_was_unloaded_is_one() -> None:
+    supervised = living()
+    supervised.heard(LET_GO, 103.0)
+    assert supervised.ended(ABORTED, 150.0).told == Told("it was killed by SIGABRT")
+
+
+# ---- too often ----------------------------------------------------------------------------------------------------
+
+
+def test_the_third_restart_in_a_minute_sends_no_more_leases() -> None:
+    supervised = living()
+    assert [dies(supervised, at).told.leases for at in (110.0, 140.0, 169.9)] == [True, True, False]  # type: ignore[union-attr]
+
+
+def test_the_third_one_in_more_than_that_does() -> None:
+    supervised = living()
+    ends = [dies(supervised, at) for at in (110.0, 140.0, 170.0, 200.0)]
+    assert [after.told for after in ends] == [Told("it was killed by SIGKILL")] * 4
+
+
+def test_nor_does_any_after_it_however_long_it_lives_and_they_come_slowly() -> None:
+    supervised = living()
+    third = [dies(supervised, at) for at in (110.0, 111.0, 112.0)][-1]
+    assert third.at == 112.0
+    for at in (113.0, 400.0, 9000.0):
+        assert dies(supervised, at) == Next(Told("it was killed by SIGKILL", leases=False), at + 5.0)
+
+
+def test_how_many_count_together_can_be_set() -> None:
+    supervised = living(Limits(window_s=0.0))
+    assert all(dies(supervised, 110.0 + n).told == Told("it was killed by SIGKILL") for n in range(20))
