@@ -13,7 +13,7 @@ from pathlib import Path
 from mavproxy_handover.config.files import ConfigError, load_station, load_vehicle
 from mavproxy_handover.wire.ids import COMPANION_COMPID, STATION_COMPID
 
-__all__ = ["companion_argv", "mavproxy", "station_argv"]
+__all__ = ["companion_argv", "mavproxy", "station_argv", "supervised_argv"]
 
 #: modules of MAVProxy that ask the vehicle for nothing on their own
 _COMPANION_MODULES = "link,signing"
@@ -56,6 +56,12 @@ def companion_argv(config: Path, master: str, logfile: Path) -> list[str]:
         f"--logfile={logfile}",
         f"--cmd=set select_timeout {_SELECT_TIMEOUT_S};{_load('handover', config)}",
     ]
+
+
+def supervised_argv(config: Path, master: str, logfile: Path) -> list[str]:
+    """The same as users start it: `handover companion`, which runs that command line in a process of its own."""
+    words = ["companion", f"--config={config}", f"--master={master}", f"--logfile={logfile}"]
+    return [sys.executable, "-m", "mavproxy_handover.cli", *words]
 
 
 def station_argv(config: Path, master: str, logfile: Path) -> list[str]:

@@ -49,6 +49,8 @@ class FakeAutopilot:
         #: of the last lease: system id of the commander, None for nobody, and whether a transfer is under way
         self.commander: int | None = None
         self.in_transfer = False
+        #: called with state and nonce of every lease that arrives
+        self.on_lease: Callable[[int, int], None] = lambda state, nonce: None
         #: called with every frame that arrives
         self.on_frame: Callable[[bytes], None] = lambda raw: None
         self.frames_out = 0
@@ -122,6 +124,7 @@ class FakeAutopilot:
             if m.payload_type == LEASE_TUNNEL:
                 self.commander = m.payload[2] or None
                 self.in_transfer = m.payload[1] == 2
+                self.on_lease(m.payload[1], int.from_bytes(m.payload[4:8], "little"))
         elif kind == "COMMAND_LONG":
             self._put(mavlink.MAVLink_command_ack_message(m.command, mavlink.MAV_RESULT_ACCEPTED, 0, 0, *asker))
         elif kind == "MISSION_CLEAR_ALL":

@@ -35,9 +35,18 @@ class Flight:
     """Leaving the `with` block ends all processes."""
 
     def __init__(
-        self, folder: Path, pause_s: float, *, bad_links: bool = False, signing: bool = False, seed: int = 1
+        self,
+        folder: Path,
+        pause_s: float,
+        *,
+        bad_links: bool = False,
+        signing: bool = False,
+        seed: int = 1,
+        companion: Callable[[Path, str, Path], list[str]] = companion_argv,
     ) -> None:
-        """`bad_links`: proxies on every link, perfect ones until `weather` is called. Raises OSError, KeysError."""
+        """`bad_links`: proxies on every link, perfect ones until `weather` is called. `companion`: its command line, of
+        configuration, master and tlog. Raises OSError, KeysError.
+        """
         self.loop = Loop()
         self.autopilot = SerialAutopilot(self.loop, Place(52.6790, 5.9240))
         self.shuttle = Shuttle(self.autopilot.model, pause_s, seed)
@@ -58,6 +67,7 @@ class Flight:
             ground_to = {sysid: senders[f"ground-{sysid}"] for sysid in (A, B)}
         self.wires = write_files(folder, vehicle_to, ground, ground_to, signing=signing)
         self._seed = seed
+        self._companion_argv = companion
 
     def __enter__(self) -> Flight:
         try:
@@ -89,7 +99,8 @@ class Flight:
             master = f"udpin:127.0.0.1:{self._listen[sysid]}"
             self._run(name, station_argv(self.wires.stations[sysid], master, self._folder / name / "mav.tlog"))
         master = self.autopilot.device
-        self._run("companion", companion_argv(self.wires.companion, master, self._folder / "companion" / "mav.tlog"))
+        log = self._folder / "companion" / "mav.tlog"
+        self._run("companion", self._companion_argv(self.wires.companion, master, log))
         model = self.autopilot.model
         model.stream(_STREAM)
         self._wait(lambda: model.commander == A, "the parent commands")
@@ -97,6 +108,17 @@ class Flight:
         self._wait(self._loaded, "vehicle and partner have the mission package")
         model.take_off()
         self.loop.every(0.01, self.shuttle.step, 1.0)
+
+    @property
+    def companion(self) -> Child:
+        """The companion's process; with a supervisor that."""
+        return self._processes["companion"]
+
+    def restart_companion(self) -> None:
+        """Kill it, and start it again at once."""
+        self.companion.kill()
+        self._children.remove(self.companion)
+        self._children.append(self._processes.restart("companion"))
 
     def _loaded(self) -> bool:
         companion, _parent, partner = self.wires.journals

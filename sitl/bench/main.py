@@ -18,7 +18,7 @@ from pathlib import Path
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
-from sitl.bench import breath, downlink, transfers, uplink, zones
+from sitl.bench import breath, downlink, restart, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table
 from sitl.bench.rig import Rig
@@ -26,7 +26,7 @@ from sitl.run.memory import memory_of_a_run
 
 __all__ = ["main"]
 
-PARTS = ("uplink", "downlink", "zones", "transfers", "breath")
+PARTS = ("uplink", "downlink", "zones", "transfers", "breath", "restart")
 Say = Callable[[str], None]
 
 
@@ -49,6 +49,7 @@ class Plans:
     waves: tuple[tuple[transfers.Condition, ...], ...]
     lanes: transfers.LanePlan
     breath: breath.Plan
+    restart: restart.Plan
 
 
 FULL = Plans(
@@ -65,6 +66,7 @@ FULL = Plans(
     (transfers.SLOW, transfers.LOSSY),
     transfers.LanePlan(300, 200.0),
     breath.Plan(20.0, tuple(breath.LOADS)),
+    restart.Plan(60, 60, 12),
 )
 QUICK = Plans(
     (1, 1),
@@ -80,6 +82,7 @@ QUICK = Plans(
     ((transfers.SLOW[0], transfers.LOSSY[1]),),
     transfers.LanePlan(6, 15.0, 2),
     breath.Plan(3.0, tuple(breath.LOADS)[:2]),
+    restart.Plan(2, 2, 1),
 )
 
 
@@ -138,19 +141,24 @@ def _breath(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
     return breath.measure(plans.breath, folder / "breath", say)
 
 
+def _restart(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    return restart.measure(folder / "restart", plans.restart, say)
+
+
 _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "uplink": _uplink,
     "downlink": _downlink,
     "zones": _zones,
     "transfers": _transfers,
     "breath": _breath,
+    "restart": _restart,
 }
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m sitl.bench",
-        description="Measure the companion: frames up and down beside stock MAVProxy, zone checks, transfers, leases.",
+        description="Measure the companion: frames beside stock MAVProxy, zones, transfers, leases, restarts.",
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")

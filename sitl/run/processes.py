@@ -77,6 +77,14 @@ class Child:
     def alive(self) -> bool:
         return self.returncode is None
 
+    def offspring(self) -> int | None:
+        """The process that it has forked and watches over; None while there is none, or more than one."""
+        try:
+            numbers = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text(encoding="ascii").split()
+        except OSError:
+            return None
+        return int(numbers[0]) if len(numbers) == 1 else None
+
     def type(self, line: str) -> None:
         """Type a line at its console. Raises ProcessGone when nobody reads it any more."""
         assert self._process.stdin is not None

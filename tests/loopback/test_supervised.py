@@ -52,8 +52,8 @@ class Companion:
         """The process that runs MAVProxy."""
         pid = self.process.pid
         children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-        assert len(children) <= 1, "there is one child, ever"
-        return int(children[0]) if children else 0
+        assert len(children) == 1, "there is one child, always"
+        return int(children[0])
 
     def sends_leases(self) -> None:
         """From now on, some."""
