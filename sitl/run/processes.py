@@ -141,9 +141,9 @@ class Child:
             pass
 
     def resident_kb(self) -> int | None:
-        """Memory that it holds (resident set, KiB); None where the system does not tell."""
+        """Memory that it holds, or the process that it watches over (resident set, KiB); None if nobody tells."""
         try:
-            status = Path(f"/proc/{self.pid}/status").read_text(encoding="ascii", errors="replace")
+            status = Path(f"/proc/{self.offspring() or self.pid}/status").read_text(encoding="ascii", errors="replace")
         except OSError:
             return None
         sizes = [line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:")]

@@ -11,8 +11,10 @@ expectations are judged all the same, because what was seen until then is what t
 from __future__ import annotations
 
 import json
+import os
 import select
 import shutil
+import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -160,6 +162,13 @@ class _Flight:
         self._begin_anew()
         self.processes[process].kill()
         self.notes.kills[process] = time.monotonic()
+
+    def crash(self, process: str) -> None:
+        self._begin_anew()
+        pid = self.processes[process].offspring()
+        if pid is None:
+            raise StepFailed(f"{process} supervises no process")
+        os.kill(pid, signal.SIGKILL)
 
     def restart(self, process: str) -> None:
         self._begin_anew()
@@ -345,7 +354,8 @@ class _Flight:
 
 def _trouble(console: Sequence[str]) -> str:
     """The line in which MAVProxy or a module says why it does not load; nothing if there is none."""
-    marks = ("Failed to load module", "is not loaded:", "handover:", "handover_gcs:", "Error:", "Exception:")
+    # not `handover:{`, which is in the command line that `handover companion` prints
+    marks = ("Failed to load module", "is not loaded:", "handover: ", "handover_gcs: ", "Error:", "Exception:")
     return next((line.strip() for line in console if any(mark in line for mark in marks)), "")
 
 

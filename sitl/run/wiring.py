@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from mavproxy_handover.cli.keys import GROUND
-from mavproxy_handover.cli.launch import companion_argv, station_argv
+from mavproxy_handover.cli.launch import station_argv, supervised_argv
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
@@ -97,9 +97,9 @@ class Wiring:
     companion_under: tuple[str, ...] = ()
 
     def companion(self, master: str) -> Program:
-        """The companion, with the autopilot at `master`."""
+        """The companion, supervised, with the autopilot at `master`."""
         home = self.companion_config.parent
-        argv = companion_argv(self.companion_config, master, home / f"{COMPANION}.tlog")
+        argv = supervised_argv(self.companion_config, master, home / f"{COMPANION}.tlog")
         return Program(COMPANION, (*self.companion_under, *argv), home, home / f"{COMPANION}.jsonl")
 
 

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 from sitl.script.steps import Deed, Running, Stage, done_at_once
 
-__all__ = ["FAULT_STEPS", "Impair", "Kill", "Restart"]
+__all__ = ["FAULT_STEPS", "Crash", "Impair", "Kill", "Restart"]
 
 
 @dataclass(frozen=True, slots=True)
 class Kill(Deed):
-    """A process killed with SIGKILL: "companion" or a station's name."""
+    """A process killed with SIGKILL: "companion" (with its supervisor: it stays dead) or a station's name."""
 
     value: str
 
@@ -31,6 +31,23 @@ class Kill(Deed):
 
     def begin(self, stage: Stage) -> Running:
         stage.kill(self.value)
+        return Running(done_at_once)
+
+
+@dataclass(frozen=True, slots=True)
+class Crash(Deed):
+    """The MAVProxy that a process supervises, killed with SIGKILL: "companion". It is started again by itself."""
+
+    value: str
+
+    def processes(self) -> tuple[str, ...]:
+        return (self.value,)
+
+    def describe(self) -> str:
+        return f"the MAVProxy of {self.value} is killed, its supervisor is not"
+
+    def begin(self, stage: Stage) -> Running:
+        stage.crash(self.value)
         return Running(done_at_once)
 
 
@@ -71,4 +88,4 @@ class Impair(Deed):
 
 
 #: word in the file -> step
-FAULT_STEPS: Mapping[str, type[Deed]] = {"kill": Kill, "restart": Restart, "impair": Impair}
+FAULT_STEPS: Mapping[str, type[Deed]] = {"kill": Kill, "crash": Crash, "restart": Restart, "impair": Impair}

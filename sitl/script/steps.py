@@ -64,6 +64,9 @@ class Stage(Protocol):
     def kill(self, process: str) -> None:
         """Kill a process. Raises StepFailed."""
 
+    def crash(self, process: str) -> None:
+        """Kill what a process supervises. Raises StepFailed."""
+
     def restart(self, process: str) -> None:
         """Start a process again that was killed. Raises StepFailed."""
 

@@ -126,6 +126,30 @@ def test_processes_die_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     assert gone(pid)
 
 
+FORKS = [
+    sys.executable,
+    "-c",
+    "import os, time\nif os.fork() == 0: time.sleep(600)\nprint('up', flush=True)\nos.wait()\ntime.sleep(600)",
+]
+
+
+def test_what_a_process_watches_over_is_known_and_weighed_and_ends_with_it(tmp_path: Path) -> None:
+    with Processes() as processes:
+        child = processes.start("companion", FORKS, tmp_path)
+        until = time.monotonic() + 10.0
+        while "up" not in child.console() and time.monotonic() < until:
+            time.sleep(0.02)
+        forked = child.offspring()
+        assert forked is not None
+        assert forked != child.pid
+        os.kill(forked, signal.SIGKILL)
+        assert gone(forked)
+        assert child.alive()
+        other = processes.start("lonely", SLEEP, tmp_path / "lonely")
+        assert other.offspring() is None
+        assert (other.resident_kb() or 0) > 1000
+
+
 def test_a_name_is_used_once(tmp_path: Path) -> None:
     with Processes() as processes:
         processes.start("a", SLEEP, tmp_path)

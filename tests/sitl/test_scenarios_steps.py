@@ -11,7 +11,7 @@ import pytest
 from sitl.report.journal_reader import Entry
 from sitl.report.matching import Match
 from sitl.report.watch import Sample, Watch
-from sitl.script.fault_steps import Impair, Kill, Restart
+from sitl.script.fault_steps import Crash, Impair, Kill, Restart
 from sitl.script.steps import (
     Pause,
     Steady,
@@ -56,6 +56,9 @@ class FakeStage:
     def kill(self, process: str) -> None:
         self.deeds.append((process, "SIGKILL"))
 
+    def crash(self, process: str) -> None:
+        self.deeds.append((process, "its MAVProxy"))
+
     def restart(self, process: str) -> None:
         self.deeds.append((process, "started again"))
 
@@ -85,6 +88,11 @@ def test_a_line_is_typed_with_the_coordinates_of_its_places(stage: FakeStage) ->
 def test_a_kill_is_done_at_once(stage: FakeStage) -> None:
     assert Kill("companion").begin(stage).done()
     assert stage.deeds == [("companion", "SIGKILL")]
+
+
+def test_a_crash_spares_the_supervisor(stage: FakeStage) -> None:
+    assert Crash("companion").begin(stage).done()
+    assert stage.deeds == [("companion", "its MAVProxy")]
 
 
 def test_a_restart_is_done_at_once(stage: FakeStage) -> None:
