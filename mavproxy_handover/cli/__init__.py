@@ -31,7 +31,11 @@ _COMMANDS = {
     "policy": ("mavproxy_handover.cli.policy", "main", "print what the gate lets through, and why"),
     "keys": ("mavproxy_handover.cli.keys", "main", "make, list and rotate the keys that stations sign with"),
     "guard": ("mavproxy_handover.cli.guard", "main", "put the guard on the autopilot's SD card, and check the card"),
-    "init": ("mavproxy_handover.cli.init", "main", "write a commented configuration for a vehicle or a station"),
+    "init": (
+        "mavproxy_handover.cli.init",
+        "main",
+        "write a commented configuration for a vehicle or a station, or a unit of systemd",
+    ),
     "companion": ("mavproxy_handover.cli.run", "companion", "run MAVProxy with the module of the companion computer"),
     "station": ("mavproxy_handover.cli.run", "station", "run MAVProxy with the module of a ground station"),
 }

@@ -20,6 +20,7 @@ __all__ = ["main"]
 _SAMPLES = {
     "vehicle": (DEPLOY / "vehicle.toml", "handover.toml", "edit it, then: handover companion --master DEVICE"),
     "station": (DEPLOY / "station.toml", "station.toml", "edit it, then: handover station --master DEVICE"),
+    "service": (DEPLOY / "handover.service", "handover.service", "edit it, it says where it goes"),
     "demo": (DEPLOY / "demo", "demo", "README.md, 'By hand', tells what to start"),
 }
 
@@ -28,11 +29,11 @@ def main(argv: Sequence[str]) -> int:
     """Write the sample of the given kind; never over something that exists."""
     parser = argparse.ArgumentParser(
         prog="handover init",
-        description="Write a commented configuration: for a vehicle's companion, for a station, or a folder with "
-        "those of the delivery mission (one vehicle, two stations, all on this machine).",
+        description="Write a commented configuration: for a vehicle's companion, for a station, a unit of systemd that "
+        "runs the companion, or a folder with those of the delivery mission (one vehicle, two stations, all here).",
     )
     parser.add_argument("kind", choices=list(_SAMPLES))
-    parser.add_argument("target", nargs="?", type=Path, help="default: handover.toml, station.toml or demo/ here")
+    parser.add_argument("target", nargs="?", type=Path, help="default: the usual name, here")
     try:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:

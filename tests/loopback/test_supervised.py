@@ -279,7 +279,8 @@ def assert_whole(log: bytes) -> None:
 def test_under_load_it_ends_with_everything_closed(
     companion: Start, autopilot: Autopilot, tmp_path: Path, number: signal.Signals
 ) -> None:
-    running = companion("--logfile", str(tmp_path / "flight.tlog"))
+    # somebody could type, so MAVProxy's own prompt would have the main thread wait for that
+    running = companion("--logfile", str(tmp_path / "flight.tlog"), stdin=subprocess.PIPE)
     autopilot.flood = attitudes()
     child = running.child()
     wait_for(lambda: (tmp_path / "flight.tlog").stat().st_size > 1_000_000, lambda: "no load")
