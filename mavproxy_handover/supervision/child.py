@@ -14,6 +14,7 @@ import os
 import signal
 import threading
 import time
+import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -57,7 +58,11 @@ class Companion:
             threading.Thread(target=_read_console, name="input", daemon=True).start()
         take_queues(MAIN)
         more = log_options(list(self.argv)) if line.told.why else []
-        code = self.script.run([*self.argv, *more, *_ALWAYS])
+        try:
+            code = self.script.run([*self.argv, *more, *_ALWAYS])
+        except Exception:  # a fault of MAVProxy's, which has to be seen before the console goes
+            traceback.print_exc()
+            code = 1
         mpstate = mpstate_of()
         if mpstate is not None:
             close_logs(mpstate, _LOGS_S)

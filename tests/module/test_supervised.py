@@ -8,10 +8,11 @@ import os
 from collections.abc import Callable, Iterator
 
 import pytest
+import serial
 
 from mavproxy_handover.lifeline import Lifeline, Told, hold
 from mavproxy_handover.mission.package import MissionPackage
-from mavproxy_handover.store.lock import VehicleLock
+from mavproxy_handover.store.lock import LockError, VehicleLock, lock_line
 from tests.module.conftest import Bench
 from tests.module.test_restart import kill
 
@@ -118,6 +119,28 @@ def test_it_does_not_load_beside_another_companion(bench: Bench, held: Hold, sup
     lock.release()
     bench.mpstate.status.exit = False
     assert bench.load() is not None
+
+
+def test_it_does_not_load_where_another_program_holds_the_serial_line(bench: Bench) -> None:
+    near, far = os.openpty()
+    name = os.ttyname(far)
+    lock_line(far, name)
+    line = serial.Serial(name)
+    bench.mpstate.mav_master[0].port = line
+    assert bench.load() is None
+    assert bench.mpstate.console.said(
+        f"handover is not loaded: {name} is locked: another program uses this line, maybe another companion"
+    )
+    os.close(far)
+    assert bench.load() is not None, "the vehicle's own lock was given back"
+    other = os.open(name, os.O_RDWR | os.O_NOCTTY)
+    with pytest.raises(LockError):
+        lock_line(other, name)
+    bench.close()
+    line.close()
+    lock_line(other, name)
+    os.close(other)
+    os.close(near)
 
 
 def test_a_reload_that_fails_in_a_supervised_companion_leaves_mavproxy_to_the_operator(
