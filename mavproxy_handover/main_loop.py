@@ -6,6 +6,8 @@ A round looks at queues, timers and modules, which costs several times what the 
 stations speak, the module waits in MAVProxy's place (`HandoverModule._stay`), for all that MAVProxy would wait for, and
 serves its own links as long as nothing else has anything to read. Its own ticks go on meanwhile, the lease among them.
 MAVProxy's timers and what the operator types get their turn after `STAY_S` at the latest.
+
+How that loop is ended is here too: up to 1.8.74 by a variable, from 1.8.75 on by an event.
 """
 
 from __future__ import annotations
@@ -14,12 +16,27 @@ import select
 from collections.abc import Collection, Iterable
 from typing import Any
 
-__all__ = ["STAY_S", "TALKING_S", "poller", "readable", "waited_for"]
+__all__ = ["STAY_S", "TALKING_S", "end", "ends", "poller", "readable", "waited_for"]
 
 #: MAVProxy's fastest timers run ten times a second
 STAY_S = 0.05
 #: frames that follow each other as fast as this are expected to go on
 TALKING_S = 0.1
+
+
+def ends(mpstate: Any) -> bool:
+    """Whether MAVProxy is about to end."""
+    event = getattr(mpstate.status, "stop_event", None)
+    return bool(mpstate.status.exit if event is None else event.is_set())
+
+
+def end(mpstate: Any) -> None:
+    """Have MAVProxy end, as the word `exit` does."""
+    event = getattr(mpstate.status, "stop_event", None)
+    if event is None:
+        mpstate.status.exit = True
+    else:
+        event.set()
 
 
 def waited_for(mpstate: Any) -> list[int]:

@@ -43,7 +43,7 @@ from mavproxy_handover.config.files import (
 from mavproxy_handover.hosting import guarded, why
 from mavproxy_handover.lifeline import lifeline
 from mavproxy_handover.link.devices import Device
-from mavproxy_handover.main_loop import STAY_S, TALKING_S, poller, readable, waited_for
+from mavproxy_handover.main_loop import STAY_S, TALKING_S, end, ends, poller, readable, waited_for
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
 from mavproxy_handover.store.keys import load_key
@@ -190,8 +190,7 @@ class HandoverModule(mp_module.MPModule):
         for name, value in self._kept.items():
             setattr(self.settings, name, value)
         if self._lifeline is not None:
-            ends = self.mpstate.status.exit
-            (self._lifeline.ending if ends else self._lifeline.let_go)()
+            (self._lifeline.ending if ends(self.mpstate) else self._lifeline.let_go)()
         if self._replay is not None:
             self._guarded("replay state", self._replay.close)
         self._guarded("unload", self.companion.close)
@@ -384,5 +383,6 @@ def _not_loaded(mpstate: Any, text: str) -> HandoverModule | None:
     mpstate.console.writeln(f"handover is not loaded: {text}")
     line = lifeline()
     if line is not None and not line.lived:
-        line.refused = mpstate.status.exit = True
+        line.refused = True
+        end(mpstate)
     return None

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from mavproxy_handover.lifeline import Lifeline, hold
+from mavproxy_handover.main_loop import end, ends
 from mavproxy_handover.supervision.console import Console, read_lines
 from mavproxy_handover.supervision.script import MAIN, Script, mpstate_of
 from mavproxy_handover.supervision.supervisor import ENDS
@@ -66,7 +67,7 @@ class Companion:
         mpstate = mpstate_of()
         if mpstate is not None:
             close_logs(mpstate, _LOGS_S)
-            if line.lived and mpstate.status.exit:  # MAVProxy ends with 1 whatever the reason
+            if line.lived and ends(mpstate):  # MAVProxy ends with 1 whatever the reason
                 code = 0
         if line.refused:
             code = _REFUSED
@@ -89,8 +90,8 @@ def _end_on_time(line: Lifeline) -> None:
         asked = asked or signal.sigtimedwait(ENDS, _LOOK_S) is not None
         mpstate = mpstate_of()
         if mpstate is not None and asked:
-            mpstate.status.exit = True
-        if asked or (mpstate is not None and mpstate.status.exit):
+            end(mpstate)
+        if asked or (mpstate is not None and ends(mpstate)):
             break
     wanted = asked or line.lived  # else MAVProxy could not start
     if wanted:

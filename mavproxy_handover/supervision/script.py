@@ -39,6 +39,7 @@ _IMPORTS: Final = (
     "MAVProxy.modules.lib.mp_substitute",
     "MAVProxy.modules.lib.mp_settings",
     "MAVProxy.modules.lib.multiproc",
+    "MAVProxy.modules.lib.sitl_output",
     "MAVProxy.modules.mavproxy_link",
     "MAVProxy.modules.mavproxy_signing",
     "mavproxy_handover.module",

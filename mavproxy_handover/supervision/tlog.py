@@ -46,9 +46,9 @@ class LogQueue:
         else:
             self.lost += 1
 
-    def get(self) -> Any:
-        """Wait for an entry."""
-        return self._entries.get()
+    def get(self, block: bool = True) -> Any:
+        """The next entry; `block`: wait for it. Raises queue.Empty."""
+        return self._entries.get(block)
 
     def empty(self) -> bool:
         """Nothing to get now."""
@@ -81,7 +81,7 @@ def log_options(argv: list[str]) -> list[str]:
 
 
 def close_logs(mpstate: Any, limit_s: float) -> None:
-    """Write what waits, and close both files. `mpstate.status.exit` is set: the writer ends once it is woken up."""
+    """Write what waits, and close both files. MAVProxy ends, and so does their writer once it is woken up."""
     writers = [thread for thread in threading.enumerate() if thread.name == _WRITER]
     for name in ("logqueue_raw", "logqueue"):
         entries, file = getattr(mpstate, name, None), getattr(mpstate, name.replace("queue", "file"), None)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import socket
+import threading
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover import main_loop
 from mavproxy_handover.main_loop import poller, readable, waited_for
 from tests.module.conftest import Bench
 
@@ -304,3 +306,13 @@ class TestTheModule:
         assert bench.companion.faults["link"] == 1
         bench.run(1.0)
         assert bench.companion.view.commander == 251
+
+
+@pytest.mark.parametrize("status", [SimpleNamespace(exit=False), SimpleNamespace(stop_event=threading.Event())])
+def test_mavproxy_is_ended_as_its_version_has_it(status: SimpleNamespace) -> None:
+    """Up to 1.8.74, and from 1.8.75 on."""
+    mpstate = SimpleNamespace(status=status)
+    assert not main_loop.ends(mpstate)
+    main_loop.end(mpstate)
+    assert main_loop.ends(mpstate)
+    assert status.stop_event.is_set() if hasattr(status, "stop_event") else status.exit is True
