@@ -139,7 +139,7 @@ def test_a_run_that_is_stopped_leaves_no_process(start: Start, number: signal.Si
     folder = tmp_path / "run"
     process = start(folder, "--scenario", "nominal")
     companion_up(folder)
-    assert len(processes_in(folder)) == 4
+    assert len(processes_in(folder)) == 5, "vehicle, two stations, and the companion with what it supervises"
     process.send_signal(number)
     out, story = process.communicate(timeout=30)
     assert process.returncode == 130
