@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the vehicle truly does, told from its own telemetry: position, mode, arming, landing, items reached, texts.
+"""What the vehicle truly does, told from its own telemetry: position, mode, arming, landing, items reached, texts, and
+where the throttle stick is for it.
 
 Pure: messages go in with the time at which they came, journal entries of `who = "vehicle"` come out, so that the
 runner waits for the aircraft and for the programs by the same means. Rules that live here:
@@ -107,6 +108,7 @@ class Watch:
         self.reached: list[int] = []
         self.item = 0
         self.firmware = ""
+        self._throttle: int | None = None
         self._sysid = sysid
         self._sample_due = -math.inf
         self._text: dict[int, str] = {}
@@ -195,6 +197,13 @@ class Watch:
     def _on_mission_current(self, message: Any, now: float) -> list[Entry]:
         self.item = message.seq
         return []
+
+    def _on_rc_channels(self, message: Any, now: float) -> list[Entry]:
+        throttle = message.chan3_raw
+        if throttle == self._throttle:
+            return []
+        self._throttle = throttle
+        return [Entry(now, VEHICLE, "sticks", f"throttle stick at {throttle}", {"throttle": throttle})]
 
     def _on_statustext(self, message: Any, now: float) -> list[Entry]:
         text = message.text if isinstance(message.text, str) else message.text.decode("utf-8", errors="replace")

@@ -373,6 +373,29 @@ def test_stream_requests_and_intervals_set_the_rate_of_one_channel(bench: Bench)
     assert not [h for h in bench.heard if h.channel == 2 and h.message.get_type() == "GLOBAL_POSITION_INT"]
 
 
+def test_overrides_of_the_station_that_it_obeys_are_shown_until_they_are_released_or_run_out(bench: Bench) -> None:
+    def override(sysid: int, **channels: int) -> list[int]:
+        values = [channels.get(f"chan{n}", 0xFFFF) for n in range(1, 19)]
+        bench.send(dialect.MAVLink_rc_channels_override_message(1, 1, *values), (sysid, 190))
+        return shown()
+
+    def shown() -> list[int]:
+        bench.command(512, 65)
+        message = bench.last("RC_CHANNELS")
+        return [getattr(message, f"chan{n}_raw") for n in (3, 9, 16, 17)]
+
+    assert override(251, chan3=1200) == [0, 0, 0, 0], "it obeys 255"
+    assert override(255, chan3=1200, chan9=1300, chan16=1400, chan17=1500) == [1200, 1300, 1400, 0]
+    assert override(255, chan9=0) == [1200, 1300, 1400, 0], "0 leaves a channel above 8 alone"
+    assert override(255, chan9=0xFFFE, chan3=0) == [0, 0, 1400, 0]
+    bench.run(2.5)
+    assert shown() == [0, 0, 1400, 0]
+    bench.run(1.0)
+    assert shown() == [0, 0, 0, 0]
+    bench.send(dialect.MAVLink_request_data_stream_message(1, 1, 3, 5, 1))
+    assert rate_hz(bench, "RC_CHANNELS") == 5
+
+
 def test_heartbeat_every_second_and_system_time_tell_simulated_time(bench: Bench) -> None:
     assert rate_hz(bench, "HEARTBEAT") == 1
     bench.command(512, 2)

@@ -121,6 +121,13 @@ def test_an_item_is_reached_once_a_time(vehicle: Vehicle) -> None:
     assert vehicle.watch.reached == [3]
 
 
+def test_the_throttle_stick_is_noted_when_it_moves(vehicle: Vehicle) -> None:
+    def channels(throttle: int) -> list[str]:
+        return vehicle.says(mavlink.MAVLink_rc_channels_message(0, 16, 1500, 1500, throttle, *[1500] * 15, 255))
+
+    assert [channels(raw) for raw in (1000, 1000, 1200, 1200, 0)] == [["sticks"], [], ["sticks"], [], ["sticks"]]
+
+
 def test_a_long_text_is_put_together(vehicle: Vehicle) -> None:
     first, second = b"HNDO: " + b"x" * 44, b"yz"
     assert vehicle.says(mavlink.MAVLink_statustext_message(2, first, 7, 0)) == []

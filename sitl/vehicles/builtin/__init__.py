@@ -25,7 +25,8 @@ NOT_MODELLED = (
     "attitude dynamics: lean angles are reported, not flown; no motor, vibration or thrust loss",
     "sensors and estimator: no noise, no drift, no GPS or EKF failure; ready ten seconds after the start",
     "terrain: the ground is flat at the height of the start; terrain altitudes count from there",
-    "radio control: no receiver, no sticks, no RC failsafe; STABILIZE is refused in flight",
+    "radio control: no receiver, no RC failsafe; overrides are taken in and shown, not flown; STABILIZE is refused in "
+    "flight",
     "modes other than STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE and SMART_RTL",
     "geofence: accepted, stored and given back, never enforced",
     "mission items beyond take-off, waypoint, loiter (timed, unlimited), delay, land, RTL, speed, home, jump and the "

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from sitl.vehicles.builtin.arming import Arming
 from sitl.vehicles.builtin.copter import Copter
 from sitl.vehicles.builtin.failsafe import Failsafes
+from sitl.vehicles.builtin.sticks import Sticks
 
 __all__ = ["Autopilot"]
 
@@ -20,6 +21,7 @@ class Autopilot:
     copter: Copter
     arming: Arming
     failsafes: Failsafes
+    sticks: Sticks
     unix_start_us: int
     """The receiver's time at the start, microseconds since 1970."""
 

@@ -73,6 +73,7 @@ _DEFAULTS: dict[int, dict[str, float]] = {
         "GUID_TIMEOUT": 3,
         "LOIT_BRK_ACCEL": 250,
         "RALLY_LIMIT_KM": 0.3,
+        "RC_OVERRIDE_TIME": 3,
         "RTL_CONE_SLOPE": 3,
         "SIM_BATT_VOLTAGE": 12.6,
         "SIM_SPEEDUP": 1,

@@ -3,8 +3,7 @@
 """What the autopilot reports: one function per message, and which stream carries it.
 
 Fields follow GCS_Common and GCS_MAVLink_Copter of ArduCopter 4.7. Position and speed before the receiver has a
-fix are zero. Messages about things the model does not have (raw sensors, radio control, motors one by one) are
-not sent at all.
+fix are zero. Messages about things the model does not have (raw sensors, motors one by one) are not sent at all.
 """
 
 from __future__ import annotations
@@ -268,6 +267,10 @@ def extended_sys_state(a: Autopilot) -> Message:
     return dialect.MAVLink_extended_sys_state_message(dialect.MAV_VTOL_STATE_MC, landed)
 
 
+def rc_channels(a: Autopilot) -> Message:
+    return dialect.MAVLink_rc_channels_message(a.millis(), 16, *a.sticks.channels(a.copter.time_s), 255)
+
+
 def home_position(a: Autopilot) -> Message | None:
     copter = a.copter
     if copter.home is None:
@@ -325,6 +328,7 @@ STREAMS: dict[str, tuple[int, ...]] = {
         dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,
     ),
     "POSITION": (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED),
+    "RC_CHAN": (dialect.MAVLINK_MSG_ID_RC_CHANNELS,),
     "EXTRA1": (dialect.MAVLINK_MSG_ID_ATTITUDE,),
     "EXTRA2": (dialect.MAVLINK_MSG_ID_VFR_HUD,),
     "EXTRA3": (
@@ -354,6 +358,7 @@ BUILDERS: dict[int, Callable[[Autopilot], Message | None]] = {
     dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: ekf_status_report,
     dialect.MAVLINK_MSG_ID_VIBRATION: vibration,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: home_position,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,

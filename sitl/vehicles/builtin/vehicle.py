@@ -31,6 +31,7 @@ from sitl.vehicles.builtin.param_protocol import ParameterProtocol
 from sitl.vehicles.builtin.params import ParameterTable
 from sitl.vehicles.builtin.routing import Router
 from sitl.vehicles.builtin.script_host import ScriptHost
+from sitl.vehicles.builtin.sticks import Sticks
 from sitl.vehicles.builtin.telemetry import BUILDERS, STREAM_IDS, STREAMS, gps_global_origin, home_position, send
 
 if TYPE_CHECKING:
@@ -83,7 +84,9 @@ class Vehicle:
         self.copter = Copter(self.parameters, start, heading, self)
         self.arming = Arming(self.copter, self._script_refusal)
         self.failsafes = Failsafes(self.copter)
-        self.autopilot = Autopilot(self.copter, self.arming, self.failsafes, config.unix_start_us)
+        self.autopilot = Autopilot(
+            self.copter, self.arming, self.failsafes, Sticks(self.parameters), config.unix_start_us
+        )
         self.parameter_protocol = ParameterProtocol(self.parameters, self.links)
         self.mission_protocol = MissionProtocol(self.autopilot)
         self.commands = Commands(self.autopilot, self._script_command)
@@ -219,6 +222,8 @@ class Vehicle:
             self._request_stream(link, message)
         elif kind == "AUTOPILOT_VERSION_REQUEST":
             send(self.autopilot, link, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        elif kind == "RC_CHANNELS_OVERRIDE":
+            self.autopilot.sticks.take(message, self.copter.time_s)
         elif kind == "SET_POSITION_TARGET_GLOBAL_INT":
             handle_position_target(self.copter, message)
         elif kind in ("COMMAND_LONG", "COMMAND_INT"):
