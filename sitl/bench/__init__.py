@@ -3,6 +3,6 @@
 """`make bench`: what authority handover costs and how long it takes, measured beside what it is compared with.
 
 Every measurement runs its baseline in the same run, on the same machine, in turns (A B B A), and the result is the
-ratio of the two: a busy machine slows both sides. The parts are `uplink`, `downlink`, `zones`, `transfers` and
-`restart`; docs/architecture.md has the numbers to hold.
+ratio of the two: a busy machine slows both sides. The parts are `uplink`, `downlink`, `zones`, `transfers`,
+`breath`, `restart` and `starve`; docs/architecture.md has the numbers to hold.
 """

@@ -18,15 +18,16 @@ from pathlib import Path
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
-from sitl.bench import breath, downlink, restart, transfers, uplink, zones
+from sitl.bench import breath, downlink, restart, starve, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table
 from sitl.bench.rig import Rig
 from sitl.run.memory import memory_of_a_run
+from sitl.vehicles import LaunchError, find_arducopter
 
 __all__ = ["main"]
 
-PARTS = ("uplink", "downlink", "zones", "transfers", "breath", "restart")
+PARTS = ("uplink", "downlink", "zones", "transfers", "breath", "restart", "starve")
 Say = Callable[[str], None]
 
 
@@ -50,6 +51,7 @@ class Plans:
     lanes: transfers.LanePlan
     breath: breath.Plan
     restart: restart.Plan
+    starve: starve.Plan
 
 
 FULL = Plans(
@@ -67,6 +69,7 @@ FULL = Plans(
     transfers.LanePlan(300, 200.0),
     breath.Plan(20.0, tuple(breath.LOADS)),
     restart.Plan(60, 60, 12),
+    starve.Plan(4, 15.0),
 )
 QUICK = Plans(
     (1, 1),
@@ -83,6 +86,7 @@ QUICK = Plans(
     transfers.LanePlan(6, 15.0, 2),
     breath.Plan(3.0, tuple(breath.LOADS)[:2]),
     restart.Plan(2, 2, 1),
+    starve.Plan(1, 5.0, ("builtin",)),
 )
 
 
@@ -145,6 +149,14 @@ def _restart(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
     return restart.measure(folder / "restart", plans.restart, say)
 
 
+def _starve(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    for vehicle in plans.starve.vehicles:
+        if vehicle == "arducopter" and find_arducopter() is None:
+            say("starve: no arducopter program here: measured on the embedded vehicle alone")
+            continue
+        yield from starve.measure(folder / f"starve-{vehicle}", vehicle, plans.starve, say)
+
+
 _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "uplink": _uplink,
     "downlink": _downlink,
@@ -152,13 +164,14 @@ _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "transfers": _transfers,
     "breath": _breath,
     "restart": _restart,
+    "starve": _starve,
 }
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m sitl.bench",
-        description="Measure the companion: frames beside stock MAVProxy, zones, transfers, leases, restarts.",
+        description="Measure the companion: frames beside stock MAVProxy, zones, transfers, leases, restarts, telemetry.",
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")
@@ -200,7 +213,7 @@ def main(argv: Sequence[str]) -> int:
                 try:
                     for measurement in _RUN[part](plans, folder.resolve(), say):
                         results.add(measurement)
-                except (BenchError, ConfigError, KeysError, MissionError, OSError, ValueError) as error:
+                except (BenchError, ConfigError, KeysError, LaunchError, MissionError, OSError, ValueError) as error:
                     broken = True
                     say(f"{part}: NOT MEASURED: {error}")
                     results.line({"part": part, "error": str(error)})

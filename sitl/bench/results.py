@@ -22,7 +22,8 @@ __all__ = ["Measurement", "Results", "from_comparison", "machine", "table"]
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One line of the results. `limit` is what `judged` ("ratio" or "ours") must not exceed; None: no target."""
+    """One line of the results. `limit` is what `judged` ("ratio" or "ours") must not exceed, or with `at_least` may not
+    fall below; None: no target."""
 
     part: str
     what: str
@@ -35,6 +36,7 @@ class Measurement:
     pairs: int | None = None
     limit: float | None = None
     judged: str = "ratio"
+    at_least: bool = False
     #: whatever else belongs to it, for the file
     details: dict[str, Any] = field(default_factory=dict)
     #: one sentence that a reader of the table needs
@@ -46,7 +48,7 @@ class Measurement:
         value = self.ratio if self.judged == "ratio" else self.ours
         if self.limit is None or value is None:
             return None
-        return value <= self.limit
+        return value >= self.limit if self.at_least else value <= self.limit
 
     def as_json(self) -> dict[str, Any]:
         """The object of its line; what is not there is left out, numbers are rounded to five digits."""
@@ -61,6 +63,8 @@ class Measurement:
         entry.update((key, _short(value)) for key, value in numbers.items() if value is not None)
         if self.limit is not None:
             entry.update(target=self.limit, target_of=self.judged, met=self.met)
+            if self.at_least:
+                entry["target_is"] = "at least"
         entry.update((key, _short(value)) for key, value in self.details.items())
         if self.note:
             entry["note"] = self.note
@@ -175,7 +179,7 @@ def table(measurements: Sequence[Measurement]) -> str:
                 _number(entry.ours),
                 _number(entry.baseline),
                 _ratio(entry),
-                "" if entry.limit is None else f"{'ratio ' if entry.judged == 'ratio' else ''}<= {entry.limit:g}",
+                _target(entry),
                 {None: "", True: "held", False: "MISSED"}[entry.met],
             )
         )
@@ -184,6 +188,12 @@ def table(measurements: Sequence[Measurement]) -> str:
     lines.insert(1, "  ".join("-" * width for width in widths if width))
     lines += [f"[{number}] {note}" for number, note in enumerate(notes, 1)]
     return "\n".join(lines)
+
+
+def _target(entry: Measurement) -> str:
+    if entry.limit is None:
+        return ""
+    return f"{'ratio ' if entry.judged == 'ratio' else ''}{'>=' if entry.at_least else '<='} {entry.limit:g}"
 
 
 def _number(value: float | None) -> str:

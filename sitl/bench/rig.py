@@ -28,7 +28,7 @@ from sitl.bench.station import FakeStation
 from sitl.bench.traffic import VEHICLE, Place
 from sitl.run.processes import Processes
 
-__all__ = ["IN_ZONE_A", "PARENT", "Proxy", "Rig", "key_file", "key_for", "toml"]
+__all__ = ["IN_ZONE_A", "PARENT", "Proxy", "Rig", "key_file", "key_for", "make_stations", "toml", "write_config"]
 
 PARENT = 251
 #: in the delivery mission, inside the zone of GCSA and of no other; flying along
@@ -61,6 +61,44 @@ def key_file(folder: Path, station: str) -> Path:
     return path
 
 
+def write_config(folder: Path, stations: Sequence[FakeStation], *, signing: bool = False, guard: bool = False) -> Path:
+    """The companion's configuration file for these stations; the first is the parent. Raises OSError, KeysError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    entries = []
+    for station in stations:
+        entry: dict[str, Any] = {
+            "name": station.name,
+            "sysid": station.sysid,
+            "links": [f"udpout:127.0.0.1:{station.port}"],
+        }
+        if signing:
+            entry["key"] = str(key_file(folder / "keys", station.name))
+        entries.append(entry)
+    tables: dict[str, Any] = {
+        "vehicle": {
+            "name": "drone-1",
+            "sysid": VEHICLE,
+            "parent": stations[0].name,
+            "journal": "companion.jsonl",
+            "guard": guard,
+            "allow_unsigned": not signing,
+        },
+        "station": entries,
+        "policy": {"out_of_coverage": "warn", "commander_lost": "warn"},
+    }
+    path = folder / "handover.toml"
+    path.write_text(toml(tables), encoding="utf-8")
+    return path
+
+
+def make_stations(loop: Loop, count: int, *, signing: bool = False) -> list[FakeStation]:
+    """So many stations, the first of them the parent. Raises OSError."""
+    names = [f"GCS{chr(ord('A') + number)}" for number in range(count)]
+    return [
+        FakeStation(loop, name, _sysid(number), key_for(name) if signing else None) for number, name in enumerate(names)
+    ]
+
+
 def _sysid(number: int) -> int:
     """System ids of stations: those of the project's missions, then others."""
     return PARENT + number if number < 4 else 200 + number
@@ -72,10 +110,7 @@ class Proxy:
     def __init__(self, loop: Loop, processes: Processes, folder: Path, name: str, stations: int, signing: bool) -> None:
         self.name = name
         self.autopilot = SerialAutopilot(loop, IN_ZONE_A)
-        self.stations: list[FakeStation] = []
-        for number in range(stations):
-            station = f"GCS{chr(ord('A') + number)}"
-            self.stations.append(FakeStation(loop, station, _sysid(number), key_for(station) if signing else None))
+        self.stations = make_stations(loop, stations, signing=signing)
         self._loop = loop
         self._processes = processes
         self._folder = folder
@@ -159,7 +194,7 @@ class Rig:
 
     def __enter__(self) -> Rig:
         try:
-            config = self._configure()
+            config = write_config(self._folder / "ours", self.ours.stations, signing=self._signing)
             ours = companion_argv(config, self._master(self.ours), self._folder / "ours" / "mav.tlog")
             outs = [f"--out=udp:127.0.0.1:{station.port}" for station in self.baseline.stations]
             stock = companion_argv(config, self._master(self.baseline), self._folder / "baseline" / "mav.tlog")
@@ -193,32 +228,3 @@ class Rig:
     @staticmethod
     def _master(proxy: Proxy) -> str:
         return proxy.autopilot.device
-
-    def _configure(self) -> Path:
-        folder = self._folder / "ours"
-        folder.mkdir(parents=True, exist_ok=True)
-        stations = []
-        for station in self.ours.stations:
-            entry: dict[str, Any] = {
-                "name": station.name,
-                "sysid": station.sysid,
-                "links": [f"udpout:127.0.0.1:{station.port}"],
-            }
-            if self._signing:
-                entry["key"] = str(key_file(folder / "keys", station.name))
-            stations.append(entry)
-        tables: dict[str, Any] = {
-            "vehicle": {
-                "name": "drone-1",
-                "sysid": VEHICLE,
-                "parent": self.ours.stations[0].name,
-                "journal": "companion.jsonl",
-                "guard": False,
-                "allow_unsigned": not self._signing,
-            },
-            "station": stations,
-            "policy": {"out_of_coverage": "warn", "commander_lost": "warn"},
-        }
-        path = folder / "handover.toml"
-        path.write_text(toml(tables), encoding="utf-8")
-        return path

@@ -8,6 +8,7 @@ import json
 import os
 import socket
 import time
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from sitl.bench.main import main
 from sitl.bench.numbers import Pair, abba, compare, median, quantile, settled
 from sitl.bench.results import Measurement, Results, from_comparison, table
 from sitl.bench.shuttle import Shuttle
+from sitl.bench.starve import GREED, slowest
 from sitl.bench.station import FakeStation
 from sitl.bench.traffic import DOWNLINK, UPLINK_MIX, Place, downlink_message, frame_key, split, uplink_message
 
@@ -92,6 +94,10 @@ def test_a_target_is_on_the_ratio_or_on_our_own_number() -> None:
     assert ratio.met is True
     own = Measurement("p", "w", "ms", {}, ours=12.0, limit=10.0, judged="ours")
     assert own.met is False
+    least = [Measurement("p", "w", "Hz", {}, ratio=ratio, limit=0.9, at_least=True) for ratio in (0.89, 0.9, 1.2)]
+    assert [measurement.met for measurement in least] == [False, True, True]
+    assert least[0].as_json()["target_is"] == "at least"
+    assert "ratio >= 0.9  MISSED" in table(least[:1])
     assert Measurement("p", "w", "ms", {}, ours=12.0).met is None
     assert Measurement("p", "w", "ms", {}, limit=1.0).met is None
 
@@ -361,3 +367,27 @@ def test_a_cut_line_of_a_journal_is_left_out(tmp_path: Path) -> None:
 
 def test_the_median_is_the_value_in_the_middle() -> None:
     assert median([9.0, 1.0, 2.0]) == 2.0
+
+
+# ---- starve -------------------------------------------------------------------------------------------------------
+
+
+def test_the_message_that_has_lost_most_is_the_result() -> None:
+    position, attitude, slow, list_of_parameters, text = 33, 30, 1, 22, 253
+    calm = Counter({position: 200, attitude: 40, slow: 8, list_of_parameters: 500, text: 50, 60000: 50})
+    greedy = Counter({position: 100, attitude: 10, slow: 0, text: 900})
+    lost = slowest(greedy, calm, 10.0)
+    assert (lost.name, lost.greedy_hz, lost.calm_hz, lost.ratio) == ("ATTITUDE", 1.0, 4.0, 0.25)
+    assert slowest(calm, calm, 10.0).ratio == 1.0
+    with pytest.raises(BenchError, match="no telemetry"):
+        slowest(greedy, Counter({text: 50}), 10.0)
+
+
+def test_a_greedy_observer_asks_for_what_the_attack_asked_for() -> None:
+    messages = {what: (per_second, make()) for what, (per_second, make) in GREED.items()}
+    for what in ("parameter list", "directory", "banner", "terrain", "mission list"):
+        assert messages[what][0] == 2.0
+    kinds = {message.get_type() for _, message in messages.values()}
+    assert kinds >= {"PARAM_REQUEST_LIST", "FILE_TRANSFER_PROTOCOL", "TERRAIN_CHECK", "PARAM_REQUEST_READ"}
+    for _, message in messages.values():  # all of them can be sent
+        assert message.pack(mavlink.MAVLink(None, srcSystem=252, srcComponent=190))
