@@ -52,6 +52,7 @@ from mavproxy_handover.config.files import (
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import LeaseState, Phase, Reason
 from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.gate.latent import fuller
 from mavproxy_handover.hosting import guarded, why
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.link.timesync import probe_answer
@@ -181,10 +182,19 @@ class HandoverGcsModule(mp_module.MPModule):
                 self.commands.on_message(m, time.monotonic())
         elif frame.compid == PROBE_COMPID:
             self._answer_probe(frame)
+        elif frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+            self._on_text(m)
         elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_ACK, mavlink.MAVLINK_MSG_ID_HEARTBEAT):
             if frame.compid == AUTOPILOT_COMPID and frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self.disarmed = not m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
             self.commands.on_message(m, time.monotonic())
+
+    def _on_text(self, m: Any) -> None:
+        """MAVProxy shows it; what the gate says of this station's sticks is told in full as well."""
+        text = m.text.decode("ascii", "replace") if isinstance(m.text, bytes) else m.text
+        full = fuller(text.rstrip("\0"))
+        if full is not None:
+            self.narrator.stream(full, time.monotonic())
 
     def _proven(self, frame: Frame) -> bool:
         """Whether one of our messages is the vehicle's: MAVProxy checks no signature of what it takes for unknown."""

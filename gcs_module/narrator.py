@@ -70,15 +70,24 @@ class StationNarrator:
             if count:
                 self._journal.write("left_out", f"{count} more messages, {who}", station=who, via=via, count=count)
 
+    def _sampler(self, who: str, via: str | None) -> Sampler:
+        sampler = self._samplers.get((who, via))
+        if sampler is None:
+            sampler = self._samplers[who, via] = Sampler(*_SAID)
+        return sampler
+
     def message(self, direction: str, message: Message, who: str, now: float, via: str | None = None) -> None:
         """A message of a transfer, "in" or "out"; none of others. `via`: None is the vehicle's link."""
         if isinstance(message, (Connect, ConnectAck)):
             return
-        sampler = self._samplers.get((who, via))
-        if sampler is None:
-            sampler = self._samplers[who, via] = Sampler(*_SAID)
-        if sampler.take(now) is not None:
+        if self._sampler(who, via).take(now) is not None:
             self._journal.write("message", direction=direction, station=who, via=via, **codec.values_of(message))
+
+    def stream(self, text: str, now: float) -> None:
+        """What the vehicle's gate says of this station's sticks and setpoints."""
+        if self._sampler("sticks", None).take(now) is not None:
+            self._journal.write("stream", text)
+            self._view.line(text, urgent=True)
 
     def telemetry(self, lat_deg: float, lon_deg: float, zone: str) -> None:
         """Where the vehicle says that the aircraft is."""

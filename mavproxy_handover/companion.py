@@ -33,6 +33,7 @@ from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.judge import Fate, Verdict
+from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import classify
 from mavproxy_handover.link.quality import LinkEvent
@@ -97,7 +98,8 @@ class Companion:
         self._restart = Restart(None if config.state is None else StateKeeper(config.state, config.name), self.fault)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)
-        self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault)
+        self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault, self._station_told)
+        self.gate.distrust()
         self.gate.change(self.arbiter.view, edge.clocks.monotonic())
         self._voice = Voice(config.sysid, edge.write_autopilot, ports)
         self.narrator = Narrator(config.name, self.journal, self.arbiter, edge.show, lambda: self.view.phase)
@@ -187,6 +189,9 @@ class Companion:
         if what.startswith(_MISSION_WRITES) and self.view.phase is Phase.ON_LOAD and self.arbiter.mission_digest:
             self.handle(events.MissionLoaded(b"", ()), now)
 
+    def _station_told(self, news: News, now: float) -> None:
+        self.narrator.stream(self.ports[news.station].name, news, now)
+
     def _consume(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         if verdict.access is Access.COMMAND:  # of those only what starts a flight
             self._begins_flight(port, frame, verdict, now)
@@ -260,7 +265,7 @@ class Companion:
 
     def tick(self, now: float) -> None:
         """To be called often (the module: 20 times a second). What fails in here stops nothing else in here."""
-        self.gate.note()
+        self._attempt("gate", self.gate.tick, now)
         self._attempt("autopilot", self.autopilot.tick, now)
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)

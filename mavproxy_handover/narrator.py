@@ -23,6 +23,7 @@ from mavproxy_handover.core.events import Record
 from mavproxy_handover.core.messages import TransferMessage
 from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Reason
 from mavproxy_handover.gate.flush import Closing
+from mavproxy_handover.gate.latent import News, State
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.sampling import Sampler
@@ -39,6 +40,13 @@ _UNPROVEN, _PROVEN = (60, 2.0), (200, 0.5)
 _ITS_OWN, _ANYBODYS = "refused frames", "refused frames that nobody proves to be its own"
 #: transfer messages, and requests that came to nothing: far more than there are in the worst of handovers
 _SAID = (5000, 0.1)
+#: what a station's sticks and setpoints are said to do
+_STREAMS = {
+    State.REFUSED: "{kind} of {station} refused: it does not command",
+    State.RAN_BEFORE: "{kind} of {station} refused: it ran before {station} had control",
+    State.OBEYED: "{kind} of {station} has ended: obeyed from now on",
+    State.ENDED: "{kind} of {station} has ended",
+}
 #: what the arbiter says of a station each time that it is asked
 _ANSWERS = ("control", "start_refused")
 
@@ -228,6 +236,12 @@ class Narrator:
         text = f"{what} of {station} refused: {reason}"
         also = kept_back or None
         self._journal.write("refused", text, station=station, what=what, reason=reason, answered=answered, also=also)
+
+    def stream(self, station: str, news: News, now: float) -> None:
+        """What a station was told of its sticks or setpoints."""
+        if self._heard_out(station, now):
+            text = _STREAMS[news.state].format(kind=news.kind, station=station)
+            self._journal.write("stream", text, station=station, stream=news.kind, state=news.state.value)
 
     def closed(self, station: int, closing: Closing) -> None:
         """Something that `station` had open at the autopilot was closed."""

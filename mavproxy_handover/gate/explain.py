@@ -19,6 +19,7 @@ __all__ = ["CLASSES", "contents", "for_commander", "for_others", "markdown_table
 #: What each class is for. Order: from open to closed.
 CLASSES: Final = {
     Access.READ: "asks and changes nothing",
+    Access.BULK: "asks for much at once, or for what is dear to the autopilot",
     Access.LIVENESS: "tells the autopilot that its ground station is there",
     Access.ANSWERED: "asks for rates on a channel that all share",
     Access.COMMAND: "changes the flight, the mission or a setting",
@@ -54,13 +55,17 @@ def _words(access: Access, commands: bool, armed: bool) -> str:
 
 def for_commander(access: Access) -> str:
     """What becomes of the commander's."""
-    ground, armed = (_words(access, True, armed) for armed in (False, True))
-    return ground if ground == armed else f"{ground}; armed: {armed}"
+    return _ground_and_armed(access, True)
 
 
 def for_others(access: Access) -> str:
     """What becomes of any other station's."""
-    return _words(access, False, True)
+    return _ground_and_armed(access, False)
+
+
+def _ground_and_armed(access: Access, commands: bool) -> str:
+    ground, armed = (_words(access, commands, armed) for armed in (False, True))
+    return ground if ground == armed else f"{ground}; armed: {armed}"
 
 
 def contents(access: Access) -> str:

@@ -20,7 +20,9 @@ Rules that live here
    for the new one; then the successor's last heartbeat is passed on if it is fresh: the autopilot watches this station
    from now on. At arming, parameter files that are being written are thrown away: nobody may set those in flight.
 5. The stations hear one manager, the companion: CONTROL_STATUS of anybody else on board goes no further.
-6. The stations hear one companion: what comes from the vehicle's side in its name (its component, that of its link
+6. Sticks and setpoints that a station already sent before it had control are refused until they have ended once, and
+   the station is told (`latent`).
+7. The stations hear one companion: what comes from the vehicle's side in its name (its component, that of its link
    probes) or in its language (the messages of `handover.xml`, whoever says them) stays aboard and is counted. It would
    be sealed with the stations' keys, and they would believe it. The companion's own words do not come this way.
 
@@ -40,10 +42,11 @@ from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.latent import LatentStreams, News, State, lines
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.questions import Questions
-from mavproxy_handover.gate.refusals import RefusalLimiter, refusal
+from mavproxy_handover.gate.refusals import RefusalLimiter, line_of_text, refusal
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
@@ -52,14 +55,18 @@ __all__ = ["UNNOTED", "Gate", "Port"]
 
 _HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _CONTROL_STATUS: Final[int] = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
-#: components of the vehicle that only the companion speaks as (rule 6)
+#: components of the vehicle that only the companion speaks as (rule 7)
 _OURS: Final = frozenset((COMPANION_COMPID, PROBE_COMPID))
 #: of the commander's frames, what may come often (rule 2)
-_FREQUENT: Final = frozenset((Access.READ, Access.STREAM))
+_FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM))
+_STREAM: Final = Access.STREAM
+_WARNINGS: Final = (State.REFUSED, State.RAN_BEFORE)
 #: frames that wait to be noted, at most
 UNNOTED: Final = 512
 #: a heartbeat this old still says that its station lives
 _HEARTBEAT_FRESH_S: Final = 2.0
+#: programs ask for parameters again and again: so often (s) they are told in words that they get none in flight
+_IN_WORDS_S: Final = 10.0
 #: answers to wishes for rates, of one station
 _RATE_ANSWERS_PER_S: Final = 20
 
@@ -97,23 +104,27 @@ class Gate:
         limits: ObserverLimits,
         to_autopilot: Callable[[bytes], None],
         fault: Callable[[str, str], None],
+        told: Callable[[News, float], None],
     ) -> None:
         """`vehicle`: its system id; `ports`: every known station by system id; `to_autopilot` takes whole frames;
-        `fault` is told what broke, and where."""
+        `fault` is told what broke, and where, `told` what a station was told of its sticks and setpoints."""
         self.view = AuthorityView(armed=True)
         #: what became of every station's frames and why
         self.counts: dict[int, Counter[GateReason]] = {station: Counter() for station in ports}
-        #: frames of the vehicle's side in the companion's name or language, by system and component (rule 6)
+        #: frames of the vehicle's side in the companion's name or language, by system and component (rule 7)
         self.in_our_name: Counter[tuple[int, int]] = Counter()
         self._vehicle = vehicle
         self._ports = ports
         self._to_autopilot = to_autopilot
         self._fault = fault
+        self._told = told
         self._flusher = FlushTracker(vehicle)
         self._questions = Questions(self._flusher)
+        self._latent = LatentStreams(ports)
         self._rates = ObserverRates(limits)
         self._downlink = DownlinkPolicy((port.identity for port in ports.values()), self._rates)
         self._refusals = RefusalLimiter()
+        self._in_words = RefusalLimiter(1, _IN_WORDS_S)
         self._rate_answers = RefusalLimiter(_RATE_ANSWERS_PER_S)
         self._own = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=COMPANION_COMPID)
         self._as_autopilot = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=AUTOPILOT_COMPID)
@@ -139,6 +150,10 @@ class Gate:
         (CONSUME), and to tell people.
         """
         verdict = judge(frame, port.identity, self.view, self._vehicle)
+        if verdict.access is _STREAM:
+            verdict = self._latent.limit(frame, verdict, port.sysid, now)
+            if self._latent.untold:
+                self._tell_stations(now)
         commands = port.sysid == self.view.commander
         if not commands:
             self.note()
@@ -151,6 +166,8 @@ class Gate:
                 self.note()
             return verdict
         self.counts[port.sysid][verdict.reason] += 1
+        if verdict.access is Access.LIVENESS and frame.sysid == port.sysid:
+            self._latent.beat(port.sysid)
         if verdict.fate is Fate.REFUSE:
             self._refuse(port, frame, verdict, now)
         elif verdict.reason is GateReason.OBSERVER_RATES:
@@ -166,8 +183,14 @@ class Gate:
         self.note()
         return passed
 
+    def tick(self, now: float) -> None:
+        """Note what waits to be noted, and see which streams have ended; to be called often."""
+        self.note()
+        self._latent.tick(self.view.commander, now)
+        self._tell_stations(now)
+
     def note(self) -> None:
-        """Note what the frames mean that went to the autopilot (rule 2); to be called with every tick."""
+        """Note what the frames mean that went to the autopilot (rule 2)."""
         if self._passed:
             self._note(self.view.commander)
 
@@ -177,15 +200,32 @@ class Gate:
             try:
                 self.counts[port.sysid][verdict.reason] += 1
                 if port.sysid == commander:
-                    self._questions.commander_sent(frame, at)
+                    self._commander_sent(port, frame, verdict, at)
                 self._downlink.asked(frame, port.sysid, at)
                 self._flusher.saw(frame, verdict, port.sysid)
             except Exception:
                 self._fault("frame that passed", traceback.format_exc(limit=-3))
 
+    def _commander_sent(self, port: Port, frame: Frame, verdict: Verdict, at: float) -> None:
+        self._questions.commander_sent(frame, at)
+        if verdict.access is _STREAM:
+            self._latent.begun(frame)
+        elif verdict.access is Access.LIVENESS:
+            self._latent.beat(port.sysid)
+
+    def _tell_stations(self, now: float) -> None:
+        untold, self._latent.untold = self._latent.untold, []
+        for news in untold:
+            severity = mavlink.MAV_SEVERITY_WARNING if news.state in _WARNINGS else mavlink.MAV_SEVERITY_NOTICE
+            for line in lines(news):
+                self._ports[news.station].write(line_of_text(line, severity, self._own))
+            self._told(news, now)
+
     def _refuse(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
         if self._refusals.allow(port.sysid, frame.msgid, now):
-            for answer in refusal(frame, verdict, self._own):
+            in_flight = verdict.reason is GateReason.COMMANDERS_IN_FLIGHT
+            words = not in_flight or self._in_words.allow(port.sysid, frame.msgid, now)
+            for answer in refusal(frame, verdict, self._own, words=words):
                 port.write(answer)
 
     def _grant_rates(self, port: Port, frame: Frame, now: float) -> None:
@@ -199,7 +239,7 @@ class Gate:
     def down(self, frame: Frame, now: float) -> bool:
         """A frame that came from the vehicle's side: it goes to the stations that hear it.
 
-        False: it speaks in the companion's name (rule 6); to tell people is left to the caller.
+        False: it speaks in the companion's name (rule 7); to tell people is left to the caller.
         """
         if frame.msgid in OUR_MESSAGES or (frame.compid in _OURS and frame.sysid == self._vehicle):
             self.in_our_name[frame.sysid, frame.compid] += 1
@@ -226,6 +266,7 @@ class Gate:
             self._note(before.commander)
         closed: list[tuple[int, Closing]] = []
         if view.commander != before.commander:
+            self._latent.authority_ends(before.commander, now)
             if before.commander is not None:
                 closed += self._close(before.commander, self._flusher.flush(before.commander))
             successor = None if view.commander is None else self._ports.get(view.commander)
@@ -234,6 +275,10 @@ class Gate:
         if view.armed and not before.armed and view.commander is not None:
             closed += self._close(view.commander, self._flusher.parameters())
         return closed
+
+    def distrust(self) -> None:
+        """The gate begins where a flight may be under way: what stations sent before this is not known (rule 6)."""
+        self._latent.distrust()
 
     def _close(self, station: int, closings: list[Closing]) -> list[tuple[int, Closing]]:
         for closing in closings:

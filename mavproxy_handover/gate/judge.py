@@ -9,10 +9,10 @@ Rules, in this order; the first that applies decides:
 2. Default deny. A message without a row in the policy is dropped.
 3. Target. A frame aimed at another system is not for us: dropped. Target 0 means everybody, so us too.
    A command or file-transfer opcode without a row is then refused.
-4. The class of the row (`Access`), whether the sender commands, and for what safeguards rest on, whether the
-   vehicle is armed. The whole of authority is one comparison: the station's system id with
-   `AuthorityView.commander`. When authority is lost the view has no commander, so nobody commands; no phase needs
-   a rule of its own.
+4. The class of the row (`Access`), whether the sender commands, and for what safeguards rest on and for reads that cost
+   the commander its telemetry, whether the vehicle is armed. The whole of authority is one comparison: the station's
+   system id with `AuthorityView.commander`. When authority is lost the view has no commander, so nobody commands; no
+   phase needs a rule of its own.
 5. While the vehicle is ON_LOAD, what starts a flight is the companion's matter: START (MAV_CMD_MISSION_START) from the
    commander it carries out itself, and what else arms or takes off it lets pass only when START may be.
 6. What would pass but is aimed at the companion's own component is refused: it has nothing there to command,
@@ -57,6 +57,7 @@ class GateReason(Enum):
     COMPANION = "companion"  #: consumed: the companion itself deals with it
     NOT_IN_CONTROL = "not in control"  #: only the commander may
     OBSERVER_RATES = "observer rates"  #: consumed: the companion thins what flows anyway
+    COMMANDERS_IN_FLIGHT = "the commander's alone in flight"  #: answers to it slow down what the commander hears
     LOCKED_WHILE_ARMED = "locked while armed"  #: what safeguards rest on; on the ground the commander may
     LIVENESS_NOT_COMMANDER = "liveness, not commander"  #: a heartbeat that the autopilot must not count
     MAINTENANCE_ONLY = "maintenance only"  #: over no radio link
@@ -68,6 +69,7 @@ class GateReason(Enum):
     TOO_MANY = "too many questions"  #: of a station that does not command (`questions`)
     FILE_BUSY = "the commander uses file transfer"  #: and the autopilot has only one open (`questions`)
     OTHER_TARGET = "other target"  #: aimed at another system
+    RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
 
     #: as in `Access`
@@ -104,10 +106,11 @@ class Verdict(NamedTuple):
     what: str
 
 
-#: Outcome by class for the commander, for the commander of an armed vehicle where that differs, and for any
-#: other station. Rule 4 as data.
+#: Outcome by class for the commander and for any other station, and of an armed vehicle where that differs. Rule 4 as
+#: data.
 _FOR_COMMANDER = {
     Access.READ: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.BULK: (Fate.FORWARD, GateReason.ALLOWED),
     Access.LIVENESS: (Fate.FORWARD, GateReason.ALLOWED),
     Access.COMMAND: (Fate.FORWARD, GateReason.ALLOWED),
     Access.SAFEGUARD: (Fate.FORWARD, GateReason.ALLOWED),
@@ -121,6 +124,7 @@ _FOR_COMMANDER = {
 _FOR_COMMANDER_ARMED = {**_FOR_COMMANDER, Access.SAFEGUARD: (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
 _FOR_OTHERS = {
     Access.READ: (Fate.FORWARD, GateReason.ALLOWED),
+    Access.BULK: (Fate.FORWARD, GateReason.ALLOWED),
     Access.LIVENESS: (Fate.CONSUME, GateReason.LIVENESS_NOT_COMMANDER),
     Access.COMMAND: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
     Access.SAFEGUARD: (Fate.REFUSE, GateReason.NOT_IN_CONTROL),
@@ -131,13 +135,14 @@ _FOR_OTHERS = {
     Access.MAINTENANCE: (Fate.REFUSE, GateReason.MAINTENANCE_ONLY),
     Access.NEVER: (Fate.DROP, GateReason.NEVER),
 }
+_FOR_OTHERS_ARMED = {**_FOR_OTHERS, Access.BULK: (Fate.REFUSE, GateReason.COMMANDERS_IN_FLIGHT)}
 
 
 def outcome(access: Access, commands: bool, armed: bool) -> tuple[Fate, GateReason]:
     """What becomes of a class (rule 4), before rules 5 and 6."""
-    if not commands:
-        return _FOR_OTHERS[access]
-    return _FOR_COMMANDER_ARMED[access] if armed else _FOR_COMMANDER[access]
+    if commands:
+        return _FOR_COMMANDER_ARMED[access] if armed else _FOR_COMMANDER[access]
+    return _FOR_OTHERS_ARMED[access] if armed else _FOR_OTHERS[access]
 
 
 def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int) -> Verdict:
@@ -173,7 +178,11 @@ def _usual(msgid: int, row: Row) -> _Usual:
 
 
 def _usual_by_id() -> dict[int, _Usual]:
-    same = [access for access in Access if outcome(access, True, False) == outcome(access, True, True)]
+    same = [
+        access
+        for access in Access
+        if all(outcome(access, commands, False) == outcome(access, commands, True) for commands in (False, True))
+    ]
     return {
         msgid: _usual(msgid, row)
         for msgid, row in MESSAGE_ROWS.items()

@@ -30,7 +30,7 @@ from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_NAK, NOT_IN_CONTROL
 
-__all__ = ["SILENT", "RefusalLimiter", "refusal"]
+__all__ = ["SILENT", "RefusalLimiter", "line_of_text", "refusal"]
 
 FTP_ERROR_NO_SESSION: Final = 5
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
@@ -45,6 +45,7 @@ TEXT_LIMIT: Final = 50  #: characters of a STATUSTEXT
 
 _RESULTS: Final = {
     GateReason.NOT_IN_CONTROL: NOT_IN_CONTROL,
+    GateReason.COMMANDERS_IN_FLIGHT: NOT_IN_CONTROL,
     GateReason.LOCKED_WHILE_ARMED: mavlink.MAV_RESULT_DENIED,
     GateReason.MAINTENANCE_ONLY: mavlink.MAV_RESULT_DENIED,
     GateReason.UNKNOWN_COMMAND: mavlink.MAV_RESULT_UNSUPPORTED,
@@ -59,6 +60,7 @@ _FTP_ERRORS: Final = {
 
 _WORDS: Final = {
     GateReason.NOT_IN_CONTROL: "not in control",
+    GateReason.COMMANDERS_IN_FLIGHT: "not in flight",
     GateReason.LOCKED_WHILE_ARMED: "locked while armed",
     GateReason.MAINTENANCE_ONLY: "maintenance only",
 }
@@ -88,6 +90,7 @@ SILENT: Final = frozenset(
     }
 )
 
+_LIST: Final = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST
 _Builder = Callable[[Frame, Verdict], mavlink.MAVLink_message]
 
 
@@ -112,10 +115,12 @@ def _mission_ack(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
 
 
 def _param_error(frame: Frame, _verdict: Verdict) -> mavlink.MAVLink_message:
+    """Of a parameter, or of the list of all of them, which has no name."""
+    listed = frame.msgid == _LIST
     return mavlink.MAVLink_param_error_message(
         target_system=frame.sysid,
         target_component=frame.compid,
-        param_id=field_bytes(frame, "param_id"),
+        param_id=b"" if listed else field_bytes(frame, "param_id"),
         param_index=-1,
         error=mavlink.MAV_PARAM_ERROR_PERMISSION_DENIED,
     )
@@ -168,7 +173,7 @@ def _builders() -> dict[int, _Builder]:
     }
     # PARAM_ERROR is young: with a pymavlink that lacks it, a line of text has to do.
     if hasattr(mavlink, "MAVLink_param_error_message"):
-        by_name["PARAM_SET"] = _param_error
+        by_name["PARAM_SET"] = by_name["PARAM_REQUEST_LIST"] = _param_error
     return {msgid: by_name[cls.msgname] for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in by_name}
 
 
@@ -176,8 +181,10 @@ _BUILDERS: Final = _builders()
 _SILENT_IDS: Final = frozenset(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in SILENT)
 
 
-def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink) -> list[bytes]:
+def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, *, words: bool = True) -> list[bytes]:
     """The answers to a refused frame, each a frame ready to send to its sender; none if there is none to give.
+
+    Without `words` none of them is a line of text.
 
     `own` packs them: its `srcSystem` is the vehicle's system id; its sequence number goes up by one for each, and
     its `srcComponent` is the same afterwards as before. Signed if `own` signs.
@@ -186,14 +193,21 @@ def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink) -> list[bytes]
         return []
     build = _BUILDERS.get(frame.msgid)
     # Programs ask every component for its parameters or version: no operator wants to read of each.
-    if build is None and verdict.reason is GateReason.COMPANION_TARGET:
+    if (build is None or frame.msgid == _LIST) and verdict.reason is GateReason.COMPANION_TARGET:
         return []
-    messages = [_text(frame, verdict)] if build is None else [build(frame, verdict)]
-    if build is _param_error and verdict.reason is not GateReason.COMPANION_TARGET:
+    messages = [] if build is None else [build(frame, verdict)]
+    if words and (build is None or (build is _param_error and verdict.reason is not GateReason.COMPANION_TARGET)):
         messages.append(_text(frame, verdict))
     aim = target(frame)
     compid = aim[1] if aim is not None and aim[1] != 0 else AUTOPILOT_COMPID
     return [_pack(message, own, compid) for message in messages]
+
+
+def line_of_text(text: str, severity: int, own: mavlink.MAVLink) -> bytes:
+    """A line of text in the autopilot's name, where nothing that was asked is answered. `own`: as for `refusal`."""
+    return _pack(
+        mavlink.MAVLink_statustext_message(severity=severity, text=text.encode("ascii")), own, AUTOPILOT_COMPID
+    )
 
 
 def _pack(message: mavlink.MAVLink_message, own: mavlink.MAVLink, compid: int) -> bytes:
@@ -208,22 +222,23 @@ def _pack(message: mavlink.MAVLink_message, own: mavlink.MAVLink, compid: int) -
 
 
 class RefusalLimiter:
-    """At most `per_second` answers of one kind to one station in any second. `kept_back` counts the others.
+    """At most `most` answers of one kind to one station in any `window_s`. `kept_back` counts the others.
 
     A kind is whatever the caller tells apart, and the caller keeps them few: a refused frame's message id.
     """
 
-    def __init__(self, per_second: int = 5) -> None:
-        if per_second < 1:
-            raise ValueError(f"per_second = {per_second}: must be 1 or more")
+    def __init__(self, most: int = 5, window_s: float = 1.0) -> None:
+        if most < 1:
+            raise ValueError(f"most = {most}: must be 1 or more")
         self.kept_back = 0
-        self._per_second = per_second
+        self._most = most
+        self._window_s = window_s
         self._sent: dict[tuple[int, Hashable], deque[float]] = {}
 
     def allow(self, station_sysid: int, kind: Hashable, now: float) -> bool:
         """Whether an answer may go out now (monotonic seconds); if so, it is counted as sent."""
-        sent = self._sent.setdefault((station_sysid, kind), deque(maxlen=self._per_second))
-        if len(sent) == self._per_second and now - sent[0] < 1.0:
+        sent = self._sent.setdefault((station_sysid, kind), deque(maxlen=self._most))
+        if len(sent) == self._most and now - sent[0] < self._window_s:
             self.kept_back += 1
             return False
         sent.append(now)

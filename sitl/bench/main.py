@@ -171,7 +171,7 @@ _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m sitl.bench",
-        description="Measure the companion: frames beside stock MAVProxy, zones, transfers, leases, restarts, telemetry.",
+        description="Measure the companion: frames beside stock MAVProxy, zones, transfers, leases, restarts, reads.",
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")

@@ -10,6 +10,7 @@ gate is the one that ships, `gate.Gate`, behind the splitter of a link. What mus
 * what is forwarded is a frame that was sent, byte for byte, by a system id that may speak on that link;
 * what is forwarded is what the second book-keeping (`tests/gate/ledger.py`) lets through, and of those names that it
   does not list, nothing of a safeguard while the vehicle is armed, and nothing in the folder of scripts;
+* sticks and setpoints of a station that were refused to it are not forwarded within a second, unless it has let go;
 * a station that does not command hears no more than it may, and its flush is empty;
 * every answer is a whole frame in the vehicle's name.
 """
@@ -25,12 +26,16 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.downlink import ANSWERS, COMMAND_ANSWERS, FOR_EVERYBODY
-from mavproxy_handover.gate.judge import Fate, StationIdentity, Verdict
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict
 from mavproxy_handover.gate.observers import WISHES
+from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, FrameSplitter, field_offset, parse_one, target
 from tests.gate.door import Door
 from tests.gate.frames import ftp_request
 from tests.gate.ledger import (
+    BULK,
+    BULK_COMMANDS,
+    BULK_OPCODES,
     CONTROL_COMMANDS,
     GCSA,
     GCSB,
@@ -39,12 +44,12 @@ from tests.gate.ledger import (
     MAINTENANCE_FILES,
     PASS,
     PASS_COMMANDS,
-    PASS_OPCODES,
     PLAIN_FILES,
     RATE_COMMANDS,
     SAFEGUARD_COMMANDS,
     SAFEGUARD_FILES,
     SAFEGUARD_PARAMETERS,
+    STICKS,
     TOLD_PARAMETERS,
     TRACKER_OF_A,
     VEHICLE,
@@ -114,6 +119,8 @@ class Fuzzed:
         self.sent: dict[int, bytes] = {station.sysid: b"" for station in STATIONS}
         #: ids that a station may hear because it asked
         self.asked: dict[int, set[int]] = {station.sysid: set() for station in STATIONS}
+        #: by station and family of sticks: when somebody's hand was last refused
+        self.refused_at: dict[tuple[int, int], float] = {}
         self.splitters = {station.sysid: FrameSplitter() for station in STATIONS}
         self.door = Door()
         self.door.change(VIEWS[3])
@@ -137,8 +144,22 @@ class Fuzzed:
             self.forwarded += 1
             check_forwarded(frame, station, self.view)
             self.asked[station.sysid] |= may_answer(frame)
+        self.check_sticks(station, frame, came.verdict)
         check_answers(came.answers, came.verdict)
         assert not self.door.faults, self.door.faults
+
+    def check_sticks(self, station: StationIdentity, frame: Frame, verdict: Verdict) -> None:
+        """What was refused is not live a moment later."""
+        families = [n for n, names in enumerate(STICKS) if mavlink.mavlink_map[frame.msgid].msgname in names]
+        if not families or not frame.known:
+            return
+        key = station.sysid, families[0]
+        if not holds(frame):
+            self.refused_at.pop(key, None)
+        elif verdict.reason in (GateReason.NOT_IN_CONTROL, GateReason.RAN_BEFORE):
+            self.refused_at[key] = self.door.now
+        elif verdict.fate is Fate.FORWARD:
+            assert self.door.now - self.refused_at.get(key, -math.inf) >= 1.0, (key, verdict)
 
     def hear(self, frame: Frame) -> None:
         """The vehicle says something."""
@@ -185,6 +206,19 @@ def may_answer(frame: Frame) -> set[int]:
     return found
 
 
+def holds(frame: Frame) -> bool:
+    """Whether sticks or setpoints hold anything, by pymavlink's own reading of them."""
+    message = mavlink.MAVLink(None).decode(bytearray(frame.raw))
+    if message.get_type() == "RC_CHANNELS_OVERRIDE":
+        low = [getattr(message, f"chan{n}_raw") for n in range(1, 9)]
+        high = [getattr(message, f"chan{n}_raw") for n in range(9, 19)]
+        return bool(set(low) - {0, 65535} or set(high) - {0, 65534, 65535})
+    if message.get_type() == "MANUAL_CONTROL":
+        axes = {message.x, message.y, message.z, message.r}
+        return axes != {32767} or bool(message.buttons or message.buttons2 or message.enabled_extensions)
+    return True
+
+
 def check_forwarded(frame: Frame, station: StationIdentity, view: AuthorityView) -> None:
     """A frame goes to the autopilot: it is one that the second book-keeping lets through."""
     assert frame.known
@@ -201,7 +235,8 @@ def check_forwarded(frame: Frame, station: StationIdentity, view: AuthorityView)
     if kind is not None:
         assert expected(kind, station, frame.sysid, None, view)[0] is Fate.FORWARD, (name, values)
     if not commands:
-        assert kind == PASS or (kind is None and name == "FILE_TRANSFER_PROTOCOL" and ftp[3] in PASS_OPCODES), name
+        dear = kind == BULK or (kind is None and name == "FILE_TRANSFER_PROTOCOL" and ftp[3] in BULK_OPCODES)
+        assert kind == PASS or (dear and not view.armed), name
     if view.armed:
         assert not (name.startswith("PARAM_") and parameter.upper().startswith(_SAFEGUARDS)), parameter
     if name == "FILE_TRANSFER_PROTOCOL" and ftp[3] in (6, 8, 9, 10, 11, 13):
@@ -211,8 +246,8 @@ def check_forwarded(frame: Frame, station: StationIdentity, view: AuthorityView)
 
 
 def check_answers(answers: list[bytes], verdict: Verdict) -> None:
-    """What goes back is whole frames in the vehicle's name, and nothing at all for what is dropped."""
-    assert not answers or verdict.fate in (Fate.REFUSE, Fate.CONSUME)
+    """What goes back is whole frames in the vehicle's name, and nothing at all for what is dropped but sticks."""
+    assert not answers or verdict.fate in (Fate.REFUSE, Fate.CONSUME) or verdict.access is Access.STREAM
     for raw in answers:
         frame = parse_one(bytes(raw))
         assert frame is not None
@@ -289,7 +324,16 @@ def seeds() -> Iterator[bytes]:
     payloads = [("FILE_TRANSFER_PROTOCOL", bytes(3) + bytes(ftp_request(opcode, path))[:200]) for opcode, path in files]
     names = [*SAFEGUARD_PARAMETERS, *TOLD_PARAMETERS]
     payloads += [("PARAM_SET", bytes(6) + name.encode("latin-1")) for name in names]
-    commands = [*PASS_COMMANDS, *RATE_COMMANDS, *CONTROL_COMMANDS, *MAINTENANCE_COMMANDS, *SAFEGUARD_COMMANDS, 300, 400]
+    commands = [
+        *PASS_COMMANDS,
+        *BULK_COMMANDS,
+        *RATE_COMMANDS,
+        *CONTROL_COMMANDS,
+        *MAINTENANCE_COMMANDS,
+        *SAFEGUARD_COMMANDS,
+        300,
+        400,
+    ]
     payloads += [(name, bytes(28) + number.to_bytes(2, "little")) for number in commands for name in INTERESTING[:2]]
     payloads += [(name, bytes(20)) for name in INTERESTING]
     for message, payload in payloads:

@@ -15,6 +15,7 @@ from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.judge import StationIdentity, Verdict
+from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.ledger import VEHICLE, A, B, C
@@ -57,11 +58,18 @@ class Door:
         self.ports = {station.sysid: Port(station) for station in stations}
         self.passed: list[bytes] = []
         self.faults: list[str] = []
+        #: what stations were told of their sticks and setpoints
+        self.told: list[News] = []
         self.now = 1000.0
         self._step_s = step_s
         pass_on = to_autopilot or self.passed.append
         self.gate = Gate(
-            VEHICLE, self.ports, ObserverLimits(), pass_on, lambda where, text: self.faults.append(f"{where}: {text}")
+            VEHICLE,
+            self.ports,
+            ObserverLimits(),
+            pass_on,
+            lambda where, text: self.faults.append(f"{where}: {text}"),
+            lambda news, _now: self.told.append(news),
         )
 
     def up(self, station: StationIdentity, frame: Frame) -> Came:

@@ -33,13 +33,19 @@ def listed(text: str) -> list[str]:
 
 # --- what everybody may send, and it reaches the autopilot
 PASS_MESSAGES = listed("""
-    PING TIMESYNC PARAM_REQUEST_READ PARAM_REQUEST_LIST PARAM_EXT_REQUEST_READ PARAM_EXT_REQUEST_LIST
-    MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT MISSION_REQUEST_PARTIAL_LIST MISSION_ACK
-    FENCE_FETCH_POINT RALLY_FETCH_POINT AUTOPILOT_VERSION_REQUEST OSD_PARAM_SHOW_CONFIG GOPRO_GET_REQUEST
-    UAVIONIX_ADSB_GET TERRAIN_CHECK LOGGING_ACK REQUEST_EVENT
+    PING TIMESYNC PARAM_REQUEST_READ PARAM_EXT_REQUEST_READ MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT
+    MISSION_ACK FENCE_FETCH_POINT RALLY_FETCH_POINT AUTOPILOT_VERSION_REQUEST OSD_PARAM_SHOW_CONFIG GOPRO_GET_REQUEST
+    UAVIONIX_ADSB_GET LOGGING_ACK
 """)
-PASS_COMMANDS = [512, 519, 520, 521, 522, 525, 527, 528, 2504, 2505, 410, 5200, 42428]
-PASS_OPCODES = [0, 3, 4, 5, 14, 15, 16]
+PASS_COMMANDS = [512, 519, 520, 521, 522, 525, 527, 528, 2504, 2505, 410]
+
+# --- what slows down or empties something at the autopilot: everybody's on the ground, in flight the commander's alone
+BULK_MESSAGES = listed("""
+    PARAM_REQUEST_LIST PARAM_EXT_REQUEST_LIST MISSION_REQUEST_PARTIAL_LIST REQUEST_EVENT TERRAIN_CHECK
+""")
+#: UAVCAN_GET_NODE_INFO, DO_SEND_BANNER
+BULK_COMMANDS = [5200, 42428]
+BULK_OPCODES = [0, 3, 4, 5, 14, 15, 16]
 
 # --- the commander's alone; anyone else is told
 TOLD_MESSAGES = listed("""
@@ -88,7 +94,7 @@ TOLD_PARAMETERS = [
     "\x01\xff",
 ]
 
-# --- files: opcode and path; what is behind the path's opcode in TOLD or PASS stays so
+# --- files: opcode and path; what is behind the path's opcode in TOLD or BULK stays so
 #: no radio link may
 MAINTENANCE_FILES = [
     *((opcode, b"APM/scripts/x.lua") for opcode in (6, 8, 9, 10, 11, 12, 13)),
@@ -190,6 +196,21 @@ SILENT_MESSAGES = listed("""
     UAVIONIX_ADSB_OUT_DYNAMIC LOG_REQUEST_LIST LOG_REQUEST_DATA LOG_REQUEST_END
 """)
 
+# --- of these, what flies the aircraft or points its gimbal: a station that sent it before it had control has to end it
+# once, and then begin anew
+STICKS = [
+    listed("RC_CHANNELS_OVERRIDE RC_CHANNELS_OVERRIDE_V2"),
+    listed("MANUAL_CONTROL MANUAL_SETPOINT"),
+    listed("SET_POSITION_TARGET_LOCAL_NED SET_POSITION_TARGET_GLOBAL_INT"),
+    listed("SET_ATTITUDE_TARGET"),
+    listed("SET_ACTUATOR_CONTROL_TARGET"),
+    listed("FOLLOW_TARGET"),
+    listed("""
+        GIMBAL_MANAGER_SET_ATTITUDE GIMBAL_MANAGER_SET_PITCHYAW GIMBAL_MANAGER_SET_MANUAL_CONTROL
+        GIMBAL_DEVICE_SET_ATTITUDE GIMBAL_CONTROL MOUNT_CONTROL
+    """),
+]
+
 # --- the commander's go to the autopilot, because they load a channel that all share; others are answered here
 RATE_MESSAGES = ["REQUEST_DATA_STREAM"]
 RATE_COMMANDS = [510, 511]
@@ -251,8 +272,8 @@ UNBORN_COMMANDS = {
 
 ALL_COMMANDS = sorted(n for n, e in mavlink.enums["MAV_CMD"].items() if e.name != "MAV_CMD_ENUM_END")
 
-PASS, TOLD, SAFEGUARD, SILENT, RATE = "pass", "told", "safeguard", "silent", "rate"
-START, TAKE_OFF = "start", "take off"
+PASS, BULK, TOLD, SAFEGUARD = "pass", "bulk", "told", "safeguard"
+SILENT, RATE, START, TAKE_OFF = "silent", "rate", "start", "take off"
 HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
 MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
 
@@ -266,6 +287,7 @@ _UNKNOWN = (Fate.REFUSE, GateReason.UNKNOWN_COMMAND)
 #: kind -> (what the commander's becomes, what anyone else's becomes), on the ground
 OUTCOMES = {
     PASS: (_ALLOWED, _ALLOWED),
+    BULK: (_ALLOWED, _ALLOWED),
     TOLD: (_ALLOWED, _NOT_IN_CONTROL),
     START: (_ALLOWED, _NOT_IN_CONTROL),
     TAKE_OFF: (_ALLOWED, _NOT_IN_CONTROL),
@@ -282,9 +304,13 @@ OUTCOMES = {
 #: ... and the commander's of an armed vehicle, where that differs
 ARMED = {SAFEGUARD: (Fate.REFUSE, GateReason.LOCKED_WHILE_ARMED)}
 
+#: ... and anyone else's
+ARMED_OTHERS = {BULK: (Fate.REFUSE, GateReason.COMMANDERS_IN_FLIGHT)}
+
 #: kind -> the class that the verdict names; the companion goes by it
 ACCESS = {
     PASS: Access.READ,
+    BULK: Access.BULK,
     TOLD: Access.COMMAND,
     START: Access.COMMAND,
     TAKE_OFF: Access.COMMAND,
@@ -318,6 +344,7 @@ PARAMETER_DEPENDENT = [
 def kind_of_message(name: str) -> str:
     lists = [
         (PASS, PASS_MESSAGES),
+        (BULK, BULK_MESSAGES),
         (TOLD, TOLD_MESSAGES),
         (SILENT, SILENT_MESSAGES),
         (RATE, RATE_MESSAGES),
@@ -336,6 +363,7 @@ def kind_of_command(number: int, commands: Collection[int] = ALL_COMMANDS) -> st
         return UNKNOWN
     lists = [
         (PASS, PASS_COMMANDS),
+        (BULK, BULK_COMMANDS),
         (RATE, RATE_COMMANDS),
         (CONTROL, CONTROL_COMMANDS),
         (MAINTENANCE, MAINTENANCE_COMMANDS),
@@ -349,8 +377,8 @@ def kind_of_command(number: int, commands: Collection[int] = ALL_COMMANDS) -> st
 
 
 def kind_of_opcode(number: int) -> str:
-    if number in PASS_OPCODES:
-        return PASS
+    if number in BULK_OPCODES:
+        return BULK
     if number in TOLD_OPCODES:
         return TOLD
     return NEVER if number in (128, 129) else UNKNOWN
@@ -476,7 +504,7 @@ def expected(
     if kind == LIVENESS and sysid in (TRACKER_OF_A, TRACKER_OF_B):
         commands = False
     if not commands:
-        return OUTCOMES[kind][1]
+        return ARMED_OTHERS.get(kind, OUTCOMES[kind][1]) if view.armed else OUTCOMES[kind][1]
     if kind in (START, TAKE_OFF) and view.phase is Phase.ON_LOAD:
         return Fate.CONSUME, GateReason.COMPANION
     return ARMED.get(kind, OUTCOMES[kind][0]) if view.armed else OUTCOMES[kind][0]

@@ -279,9 +279,10 @@ def test_unreadable_frames_ask_for_nothing(policy: DownlinkPolicy, say: Make) ->
 
 def test_only_what_any_station_may_ask_has_answers() -> None:
     """A row for something that an observer may not send would be a row that nobody ever uses."""
-    open_messages = {name for rule in MESSAGE_RULES if rule.access is Access.READ for name in rule.names}
-    open_commands = {name for rule in COMMAND_RULES if rule.access is Access.READ for name in rule.names}
-    assert any(rule.access is Access.READ for rule in FTP_RULES)
+    reads = (Access.READ, Access.BULK)
+    open_messages = {name for rule in MESSAGE_RULES if rule.access in reads for name in rule.names}
+    open_commands = {name for rule in COMMAND_RULES if rule.access in reads for name in rule.names}
+    assert any(rule.access in reads for rule in FTP_RULES)
     assert set(ANSWERS) - open_messages == {"FILE_TRANSFER_PROTOCOL"}
     assert set(COMMAND_ANSWERS) <= open_commands
     unanswered = {"LOGGING_ACK", "MISSION_ACK", "UAVIONIX_ADSB_GET"}
@@ -289,6 +290,18 @@ def test_only_what_any_station_may_ask_has_answers() -> None:
     assert open_commands - set(COMMAND_ANSWERS) == {
         "REQUEST_MESSAGE",  # the message it names
         "DO_SEND_BANNER",  # STATUSTEXT, which everybody hears
+    }
+
+
+def test_a_question_with_many_answers_is_the_commanders_alone_in_flight() -> None:
+    """Each of them is one message more that the commander waits for."""
+    bulk = {name for rule in (*MESSAGE_RULES, *COMMAND_RULES) if rule.access is Access.BULK for name in rule.names}
+    many = {name for name, answers in {**ANSWERS, **COMMAND_ANSWERS}.items() if answers.many}
+    assert many - bulk == {"FILE_TRANSFER_PROTOCOL"}, "by opcode: in bulk, all that read"
+    assert {rule.access for rule in FTP_RULES} == {Access.BULK, Access.COMMAND, Access.NEVER}
+    assert bulk - many == {
+        "TERRAIN_CHECK",  # one answer, for which heights are read from the card
+        "DO_SEND_BANNER",  # lines of text, which everybody hears
     }
 
 

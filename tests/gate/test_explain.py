@@ -34,6 +34,7 @@ def test_every_class_is_explained() -> None:
     ("access", "commander", "others"),
     [
         (Access.READ, "passes", "passes"),
+        (Access.BULK, "passes", "passes; armed: refused: the commander's alone in flight"),
         (Access.LIVENESS, "passes", "noticed by the companion"),
         (Access.ANSWERED, "passes", "answered by the companion"),
         (Access.COMMAND, "passes", "refused: not in control"),
@@ -107,7 +108,7 @@ def test_the_summary_has_a_line_for_every_class(capsys: pytest.CaptureFixture[st
         "what": "asks and changes nothing",
         "from the commander": "passes",
         "from any other station": "passes",
-        "how many": "20 messages, 13 commands, 7 file opcodes",
+        "how many": "15 messages, 11 commands",
     }
 
 

@@ -29,6 +29,7 @@ from tests.gate.ledger import (
     GCSC,
     MISSION_TYPES,
     SENDERS,
+    SILENT,
     TRACKER_OF_A,
     VEHICLE,
     VIEWS,
@@ -47,12 +48,16 @@ def check(
     if version == 1 and not case.version1:
         return 0
     frame = make(case.name, sysid=sysid, version=version, **dict(case.fields))
-    door = Door(step_s=30.0)  # nobody has to wait: neither for others' questions nor for the commander's files
+    beat = make("HEARTBEAT", sysid=station.sysid, version=2)
+    # nobody has to wait, neither for others' questions nor for the commander's files, and sticks have paused
+    door = Door(step_s=30.0)
     for view in VIEWS:
         door.change(view)
+        for _ in range(3 if case.kind == SILENT else 0):
+            door.up(station, beat)
         verdict, passed, answers = door.up(station, frame)
         assert passed == ([frame.raw] if verdict.fate is Fate.FORWARD else []), case
-        assert not answers or verdict.fate is Fate.REFUSE or verdict.access is Access.ANSWERED, case
+        assert not answers or verdict.fate is Fate.REFUSE or verdict.access in (Access.ANSWERED, Access.STREAM), case
         assert (verdict.fate, verdict.reason) == expected(case.kind, station, sysid, wrong, view), (
             f"{case} from {sysid} behind {station.sysid}, version {version}, {view}: {verdict}"
         )
@@ -140,11 +145,13 @@ def outcome(frame: Frame, station: StationIdentity, view: AuthorityView = COMMAN
 def test_no_verdict_is_worked_out_beforehand_where_arming_or_the_sender_s_heartbeat_matters(
     make: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    manual, beat = make("MANUAL_CONTROL").msgid, make("HEARTBEAT").msgid
-    assert manual in gate_judge._usual_by_id()
-    rows = {**MESSAGE_ROWS, manual: Row("MANUAL_CONTROL", Access.SAFEGUARD)}
+    manual, beat, ping = make("MANUAL_CONTROL").msgid, make("HEARTBEAT").msgid, make("PING").msgid
+    dear = {msgid for msgid, row in MESSAGE_ROWS.items() if row.access is Access.BULK}
+    assert make("PARAM_REQUEST_LIST").msgid in dear
+    assert {manual, ping} <= set(gate_judge._usual_by_id())
+    rows = {**MESSAGE_ROWS, manual: Row("MANUAL_CONTROL", Access.SAFEGUARD), ping: Row("PING", Access.BULK)}
     monkeypatch.setattr(gate_judge, "MESSAGE_ROWS", rows)
-    assert sorted(gate_judge._usual_by_id()) == sorted(set(rows) - {manual, beat})
+    assert sorted(gate_judge._usual_by_id()) == sorted(set(rows) - dear - {manual, beat, ping})
 
 
 @pytest.mark.parametrize("name", ["MANUAL_CONTROL", "COMMAND_LONG", "HEARTBEAT"])

@@ -12,11 +12,11 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict, judge
-from mavproxy_handover.gate.questions import Questions
+from mavproxy_handover.gate.questions import Budget, Questions, Sort
 from mavproxy_handover.gate.refusals import refusal
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.frames import ftp_request
-from tests.gate.ledger import GCSA, GCSB, GCSC, TRACKER_OF_B, VEHICLE, A, B
+from tests.gate.ledger import GCSA, GCSB, GCSC, TRACKER_OF_B, VEHICLE, A, B, C
 
 Make = Callable[..., Frame]
 COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
@@ -26,16 +26,23 @@ FILE_BUSY = (Fate.REFUSE, GateReason.FILE_BUSY)
 CREATE, TERMINATE, READ, OPEN = 6, 1, 5, 4
 
 
+BUDGETS = {
+    Sort.QUESTION: Budget(10.0, 20.0, 15.0, 30.0),
+    Sort.SLOWNESS: Budget(0.1, 25.0, 0.2, 40.0),
+    Sort.COMPANION: Budget(10.0, 20.0),
+}
+
+
 class Desk:
     """The gate's way of a frame: judged, limited, followed by the flush."""
 
     def __init__(self) -> None:
         self.flusher = FlushTracker(VEHICLE)
-        self.questions = Questions(self.flusher, per_second=10, burst=20)
+        self.questions = Questions(self.flusher, BUDGETS)
 
     def ask(self, frame: Frame, now: float, commander: int | None = GCSA) -> Verdict:
         view = COMMANDED_BY_A if commander else AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST)
-        station = A if frame.sysid == GCSA else B
+        station = {GCSA: A, GCSC: C}.get(frame.sysid, B)
         verdict = judge(frame, station, view, VEHICLE)
         verdict = self.questions.limit(frame, verdict, station.sysid, commander, now)
         if station.sysid == commander and verdict.fate is Fate.FORWARD:
@@ -56,7 +63,6 @@ def desk() -> Desk:
 @pytest.mark.parametrize(
     ("name", "fields"),
     [
-        ("PARAM_REQUEST_LIST", {}),
         ("PING", {}),
         ("COMMAND_LONG", {"command": 512}),
         ("FILE_TRANSFER_PROTOCOL", {"payload": ftp_request(READ)}),
@@ -92,11 +98,75 @@ def test_who_asks_too_much_of_the_autopilot_can_still_take_part_in_a_transfer(de
     assert desk.outcome(make("ON_HANDOVER", sysid=GCSB), 0.0) == (Fate.CONSUME, GateReason.COMPANION)
 
 
-def test_one_stations_questions_are_not_anothers(desk: Desk, make: Make) -> None:
-    verdict = judge(make("PING", sysid=GCSB), B, COMMANDED_BY_A, VEHICLE)
-    for _ in range(100):
-        desk.questions.limit(make("PING", sysid=GCSB), verdict, GCSB, GCSA, 0.0)
-    assert desk.questions.limit(make("PING", sysid=GCSB), verdict, GCSC, GCSA, 0.0) == verdict
+def counted(desk: Desk, frame: Frame, now: float, times: int = 60) -> int:
+    """How many of so many questions pass, all at once."""
+    return sum(desk.outcome(frame, now) != TOO_MANY for _ in range(times))
+
+
+def test_all_that_do_not_command_share_what_the_autopilot_answers(desk: Desk, make: Make) -> None:
+    of_b, of_c = make("PING", sysid=GCSB), make("PING", sysid=GCSC)
+    assert [counted(desk, frame, 0.0) for frame in (of_b, of_c)] == [20, 10], "30 in all"
+    assert [counted(desk, frame, 1.0) for frame in (of_b, of_c)] == [10, 5], "15 a second in all"
+    assert [counted(desk, frame, 2.0) for frame in (of_c, of_b)] == [15, 0], "C's reserve is not used up"
+    assert counted(desk, make("PING", sysid=GCSA), 2.0) == 60, "the commander's own are not among them"
+
+
+def test_nobody_keeps_another_one_from_a_transfer(desk: Desk, make: Make) -> None:
+    assert counted(desk, make("CONNECT", sysid=GCSB), 0.0) == 20
+    assert counted(desk, make("CONNECT", sysid=GCSC), 0.0) == 20
+
+
+LIST, BANNER = ("PARAM_REQUEST_LIST", {}), ("COMMAND_LONG", {"command": 42428})
+LISTING = ("FILE_TRANSFER_PROTOCOL", {"payload": ftp_request(3, b"/")})
+
+
+@pytest.mark.parametrize(
+    ("question", "every_s", "expected"),
+    [
+        (LIST, 20.0, 2),  # ten seconds each, of which two come back until the next: 25, 17, 9
+        (LIST, 0.5, 34),  # the first costs ten, one that begins it anew half a second
+        (BANNER, 3.0, 35),  # a second each, of which 0.3 come back
+        (LISTING, 0.1, 267),  # the first a second, the others 0.1
+    ],
+)
+def test_bulk_reads_may_slow_down_the_commanders_telemetry_for_so_long(
+    desk: Desk, make: Make, question: tuple[str, dict[str, object]], every_s: float, expected: int
+) -> None:
+    """25 s for one station, and then a tenth of the time."""
+    name, fields = question
+    frame = make(name, sysid=GCSB, **fields)
+    passed = 0
+    while desk.outcome(frame, passed * every_s) != TOO_MANY:
+        passed += 1
+    assert passed == expected
+
+
+def test_who_has_read_too_much_in_bulk_may_still_ask_for_one_thing(desk: Desk, make: Make) -> None:
+    name, fields = LIST
+    for number in range(40):
+        desk.ask(make(name, sysid=GCSB, **fields), number * 1.0)
+    assert desk.outcome(make(name, sysid=GCSB, **fields), 40.0) == TOO_MANY
+    assert desk.outcome(make("PING", sysid=GCSB), 40.0) == ALLOWED
+    assert desk.outcome(make(name, sysid=GCSC, **fields), 40.0) == ALLOWED, "another station's share"
+
+
+def test_two_that_read_at_the_same_time_pay_once_and_all_together_have_an_end(desk: Desk, make: Make) -> None:
+    name, _fields = LIST
+    assert desk.outcome(make(name, sysid=GCSB), 0.0) == ALLOWED  # B 15 left, all 30
+    assert desk.outcome(make(name, sysid=GCSC), 0.0) == ALLOWED  # costs nothing more
+    for at in (20.0, 40.0):
+        assert desk.outcome(make(name, sysid=GCSC), at) == ALLOWED  # all 24, 18
+    assert desk.outcome(make(name, sysid=GCSB), 60.0) == ALLOWED  # 12
+    assert desk.outcome(make(name, sysid=GCSC), 80.0) == ALLOWED  # 6, and C has 25 - 30 + 8
+    assert desk.outcome(make(name, sysid=GCSB), 100.0) == ALLOWED  # 0
+    assert desk.outcome(make(name, sysid=GCSB), 140.0) == TOO_MANY
+    assert desk.outcome(make(name, sysid=GCSC), 200.0) == ALLOWED
+
+
+def test_the_commanders_bulk_reads_cost_the_others_nothing(desk: Desk, make: Make) -> None:
+    for number in range(200):
+        assert desk.outcome(make("PARAM_REQUEST_LIST", sysid=GCSA), number * 0.5) == ALLOWED
+    assert desk.outcome(make("PARAM_REQUEST_LIST", sysid=GCSB), 100.0) == ALLOWED
 
 
 def test_so_many_senders_of_one_station_reach_the_autopilot(desk: Desk, make: Make) -> None:

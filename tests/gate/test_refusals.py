@@ -240,7 +240,7 @@ def test_the_packer_is_left_as_it_was_but_for_its_sequence_number(make: Make, ow
 
 
 def test_at_most_n_answers_of_a_kind_go_to_a_station_in_any_second() -> None:
-    limiter = RefusalLimiter(per_second=2)
+    limiter = RefusalLimiter(2)
     times = [0.0, 0.6, 0.9, 1.0, 1.1, 1.6, 1.7]
     assert [limiter.allow(252, 76, t) for t in times] == [True, True, False, True, False, True, False]
     assert limiter.kept_back == 3
@@ -252,10 +252,10 @@ def test_five_answers_a_second_are_enough_for_a_person() -> None:
 
 
 def test_stations_and_kinds_are_limited_apart() -> None:
-    limiter = RefusalLimiter(per_second=1)
+    limiter = RefusalLimiter(1)
     assert limiter.allow(252, 76, 5.0)
     assert limiter.allow(253, 76, 5.0)
     assert limiter.allow(252, 23, 5.0)
     assert not limiter.allow(252, 76, 5.0)
-    with pytest.raises(ValueError, match="per_second = 0"):
-        RefusalLimiter(per_second=0)
+    with pytest.raises(ValueError, match="most = 0"):
+        RefusalLimiter(0)

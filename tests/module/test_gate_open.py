@@ -19,6 +19,7 @@ LOST = 3
 def flight(bench: Bench) -> Bench:
     """GCSA commands, GCSB is an observer; what came before is forgotten."""
     bench.connect()
+    bench.run(2.0)  # both are known to be there without sticks
     for end in (bench.autopilot, bench.a, bench.b):
         end.received.clear()
     return bench

@@ -659,3 +659,16 @@ def test_rounds_of_the_main_loop_after_unload_do_no_harm(station: StationBench) 
     module.mavlink_packet(None)
     station.clock.now += 5
     module.idle_task()
+
+
+def test_what_the_gate_says_of_this_stations_sticks_is_told_in_full(station: StationBench) -> None:
+    assert station.load() is not None
+    for text in ("refused until it pauses", "not a word of the gate's"):
+        station.hear(mavlink.MAVLink_statustext_message(4, f"Handover: RC override: {text}".encode()), autopilot=True)
+    station.hear(mavlink.MAVLink_statustext_message(4, b"Handover: SET_MODE: not in control"), autopilot=True)
+    full = (
+        "RC override has been running since before this station had control: still refused, until it is released "
+        "(rc all 0) or has paused for 3 s."
+    )
+    assert sum(full in line for line in station.mpstate.console.lines) == 1
+    assert [entry["text"] for entry in station.journal("stream")] == [full]

@@ -43,6 +43,7 @@ TESTED = {
     "flush": ("test_flush.py",),
     "observers": ("test_observers.py",),
     "questions": ("test_questions.py",),
+    "latent": ("test_latent.py",),
     "downlink": ("test_downlink.py",),
     "refusals": ("test_refusals.py",),
     "explain": ("test_explain.py",),

@@ -128,6 +128,7 @@ def survivors() -> tuple[int, list[str]]:
         "commander": judge._FOR_COMMANDER,
         "commander, armed": judge._FOR_COMMANDER_ARMED,
         "others": judge._FOR_OTHERS,
+        "others, armed": judge._FOR_OTHERS_ARMED,
     }
     outcomes = sorted({outcome for table in tables.values() for outcome in table.values()}, key=repr)
     for who, table in tables.items():

@@ -21,6 +21,7 @@ class Access(Enum):
     """Who may send something, and what becomes of it. Who gets what in which state is decided in `judge`."""
 
     READ = "read"  #: any station; passed on
+    BULK = "bulk read"  #: as READ on the ground; while the vehicle is armed, the commander's alone
     LIVENESS = "liveness"  #: the commander's is passed on, any other is only noticed
     COMMAND = "command"  #: the commander's is passed on; anyone else is refused and told so
     SAFEGUARD = "safeguard"  #: as COMMAND, and while the vehicle is armed from nobody
@@ -42,6 +43,9 @@ class Rule:
     access: Access
     why: str
     names: tuple[str, ...]
+    #: of sticks and setpoints, what people call them: one that began before its station had control stays refused
+    #: (`latent`). Other streams, such as corrections, are meant to run on over a handover.
+    stream: str = ""
 
 
 def names(text: str) -> tuple[str, ...]:

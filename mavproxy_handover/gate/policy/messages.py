@@ -27,12 +27,16 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.READ,
-        "asks for parameters, missions, fence or rally points, and changes none",
+        "asks for one parameter, or for one item of a mission, of the fence or of the rally points, and changes none",
         names("""
-            PARAM_REQUEST_READ PARAM_REQUEST_LIST PARAM_EXT_REQUEST_READ PARAM_EXT_REQUEST_LIST
-            MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT MISSION_REQUEST_PARTIAL_LIST
+            PARAM_REQUEST_READ PARAM_EXT_REQUEST_READ MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT
             FENCE_FETCH_POINT RALLY_FETCH_POINT
         """),
+    ),
+    Rule(
+        Access.BULK,
+        "asks for a whole list at once; while ArduPilot sends parameters, its streams have a quarter of their rates",
+        names("PARAM_REQUEST_LIST PARAM_EXT_REQUEST_LIST MISSION_REQUEST_PARTIAL_LIST"),
     ),
     Rule(
         Access.READ,
@@ -41,14 +45,17 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.READ,
-        "asks for a version, a setting or a terrain height",
-        names("""
-            AUTOPILOT_VERSION_REQUEST OSD_PARAM_SHOW_CONFIG GOPRO_GET_REQUEST UAVIONIX_ADSB_GET TERRAIN_CHECK
-        """),
+        "asks for a version or a setting",
+        names("AUTOPILOT_VERSION_REQUEST OSD_PARAM_SHOW_CONFIG GOPRO_GET_REQUEST UAVIONIX_ADSB_GET"),
     ),
     Rule(
-        Access.READ,
-        "asks again for events that it has missed",
+        Access.BULK,
+        "loads the height of any place, and puts those that the aircraft flies by out of memory",
+        names("TERRAIN_CHECK"),
+    ),
+    Rule(
+        Access.BULK,
+        "asks again for all events that it has missed",
         names("REQUEST_EVENT"),
     ),
     Rule(
@@ -122,16 +129,39 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.STREAM,
-        "sticks",
-        names("RC_CHANNELS_OVERRIDE RC_CHANNELS_OVERRIDE_V2 MANUAL_CONTROL MANUAL_SETPOINT"),
+        "sticks, channel by channel, in place of the pilot's",
+        names("RC_CHANNELS_OVERRIDE RC_CHANNELS_OVERRIDE_V2"),
+        stream="RC override",
     ),
     Rule(
         Access.STREAM,
-        "guided setpoints; one that comes late after a commit matters most",
-        names("""
-            SET_POSITION_TARGET_LOCAL_NED SET_POSITION_TARGET_GLOBAL_INT SET_ATTITUDE_TARGET
-            SET_ACTUATOR_CONTROL_TARGET FOLLOW_TARGET
-        """),
+        "sticks of a joystick",
+        names("MANUAL_CONTROL MANUAL_SETPOINT"),
+        stream="manual control",
+    ),
+    Rule(
+        Access.STREAM,
+        "guided setpoints: place, velocity or acceleration; one that comes late after a commit matters most",
+        names("SET_POSITION_TARGET_LOCAL_NED SET_POSITION_TARGET_GLOBAL_INT"),
+        stream="position target",
+    ),
+    Rule(
+        Access.STREAM,
+        "guided setpoints: attitude and thrust",
+        names("SET_ATTITUDE_TARGET"),
+        stream="attitude target",
+    ),
+    Rule(
+        Access.STREAM,
+        "guided setpoints: outputs",
+        names("SET_ACTUATOR_CONTROL_TARGET"),
+        stream="actuator target",
+    ),
+    Rule(
+        Access.STREAM,
+        "where somebody is whom the aircraft follows",
+        names("FOLLOW_TARGET"),
+        stream="follow target",
     ),
     Rule(
         Access.STREAM,
@@ -140,6 +170,7 @@ MESSAGE_RULES: Final = (
             GIMBAL_MANAGER_SET_ATTITUDE GIMBAL_MANAGER_SET_PITCHYAW GIMBAL_MANAGER_SET_MANUAL_CONTROL
             GIMBAL_DEVICE_SET_ATTITUDE GIMBAL_CONTROL MOUNT_CONTROL
         """),
+        stream="gimbal target",
     ),
     Rule(
         Access.STREAM,

@@ -63,8 +63,8 @@ MISSION_TYPE_RULES: Final = (
 
 FTP_RULES: Final = (
     Rule(
-        Access.READ,
-        "reads files and directories",
+        Access.BULK,
+        "reads files and directories; for a second after each answer ArduPilot's streams have a quarter of their rates",
         names("None ListDirectory OpenFileRO ReadFile CalcFileCRC32 BurstReadFile ListDirectoryWithTime"),
     ),
     Rule(
