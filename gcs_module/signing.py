@@ -9,7 +9,9 @@ MAVProxy signs and checks; this tells it with what, and does what it leaves out.
 2. Stamps rise with every frame, over a reload of this module too, and keep pace with time on an idle link; they follow
    the newest stamp that the vehicle has proven. All links share one clock.
 3. pymavlink's own check notes a frame's stamp before it has verified the hash, so one forged frame from the far future
-   would silence the vehicle for this station. The check is replaced by that of `wire.signing`, one for each link.
+   would silence the vehicle for this station. The check is replaced by that of `wire.signing`, one for all links: a
+   frame that was heard by one cannot be played again on another. The copies that a vehicle sends on several links are
+   let in, one by each, while they are no more than OVERTAKEN_S apart: MAVProxy judges its links by them.
 4. Of messages that it takes for unknown, ours among them, MAVProxy checks no signature: `check` does.
 5. A telemetry radio speaks unsigned (RADIO, RADIO_STATUS); nothing else does.
 6. What MAVProxy's own `signing` had set up before is there again after `release`.
@@ -17,7 +19,7 @@ MAVProxy signs and checks; this tells it with what, and does what it leaves out.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -27,7 +29,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.wire.frames import Frame, parse_one
-from mavproxy_handover.wire.signing import SignatureVerdict, SigningClock, Verifier, fingerprint
+from mavproxy_handover.wire.signing import OVERTAKEN_S, SignatureVerdict, SigningClock, Verifier, fingerprint
 
 __all__ = ["LinkSigning"]
 
@@ -35,6 +37,8 @@ _RADIO: Final = (mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STAT
 _MAX_LINK_ID: Final = 255
 #: signatures of our messages that are known again when they come by another link
 _COPIES: Final = 64
+#: frames that may still come by another link: two seconds of 250 a second
+_REMEMBERED: Final = 512
 #: components of the vehicle; only who has the key can be one
 _STREAMS: Final = 64
 #: fields of pymavlink's MAVLinkSigning that are set here and given back
@@ -58,8 +62,15 @@ class _Link:
     master: Any
     mav: Any
     link_id: int
-    verifier: Verifier
     kept: dict[str, Any]
+
+
+@dataclass(slots=True)
+class _Heard:
+    """A genuine frame: when it came first, and the ids of the links that it came by."""
+
+    at: float
+    links: set[int]
 
 
 class LinkSigning:
@@ -74,7 +85,9 @@ class LinkSigning:
         self._stamps.follow(self._outlives.sent)
         self._links: list[_Link] = []
         self._proven: Callable[[Any], None] = lambda _master: None
-        self._ours = self._verifier()
+        #: of the frames that MAVProxy asks about, and of those that it does not
+        self._theirs, self._ours = self._verifier(), self._verifier()
+        self._heard: OrderedDict[bytes, _Heard] = OrderedDict()
         self._seen: deque[bytes] = deque(maxlen=_COPIES)
 
     def sign(self, masters: Sequence[Any]) -> None:
@@ -93,7 +106,7 @@ class LinkSigning:
             if link.master is master:
                 return link
         kept = {name: getattr(master.mav.signing, name) for name in _KEPT}
-        link = _Link(master, master.mav, self._free_id(), self._verifier(), kept)
+        link = _Link(master, master.mav, self._free_id(), kept)
         self._links.append(link)
         return link
 
@@ -112,7 +125,7 @@ class LinkSigning:
 
     def release(self) -> None:
         """Give the links back as they were."""
-        self._outlives.proven = max(self._outlives.proven, self._ours.newest)
+        self._outlives.proven = max(self._outlives.proven, self._ours.newest, self._theirs.newest)
         for link in self._links:
             self._remember(link)
             link.mav.__dict__.pop("check_signature", None)
@@ -145,10 +158,28 @@ class LinkSigning:
         frame = parse_one(bytes(raw))
         if frame is None:
             return False
-        if link.verifier.check(frame, self._clocks.utc(), self._clocks.monotonic()) is not SignatureVerdict.OK:
+        now_s = self._clocks.monotonic()
+        verdict = self._theirs.check(frame, self._clocks.utc(), now_s)
+        if verdict is SignatureVerdict.OK:
+            self._remember_frame(link, frame, now_s)
+        elif verdict is not SignatureVerdict.REPLAYED or not self._is_copy(link, frame, now_s):
             return False
-        link.mav.signing.timestamp = max(link.mav.signing.timestamp, link.verifier.newest)
+        link.mav.signing.timestamp = max(link.mav.signing.timestamp, self._theirs.newest)
         self._proven(link.master)
+        return True
+
+    def _remember_frame(self, link: _Link, frame: Frame, now_s: float) -> None:
+        if len(self._links) > 1:
+            self._heard[frame.raw] = _Heard(now_s, {link.link_id})
+            if len(self._heard) > _REMEMBERED:
+                self._heard.popitem(last=False)
+
+    def _is_copy(self, link: _Link, frame: Frame, now_s: float) -> bool:
+        """Whether a frame that was heard before comes by this link for the first time, and soon after."""
+        heard = self._heard.get(frame.raw)
+        if heard is None or link.link_id in heard.links or now_s - heard.at > OVERTAKEN_S:
+            return False
+        heard.links.add(link.link_id)
         return True
 
     def _verifier(self) -> Verifier:
@@ -161,7 +192,6 @@ class LinkSigning:
         return next((number for number in range(1, _MAX_LINK_ID) if number not in taken), _MAX_LINK_ID)
 
     def _remember(self, link: _Link) -> None:
-        self._outlives.proven = max(self._outlives.proven, link.verifier.newest)
         if link.mav.signing.secret_key == self._key:
             self._stamps.follow(link.mav.signing.timestamp, self._clocks.monotonic())
             self._outlives.sent = max(self._outlives.sent, link.mav.signing.timestamp)

@@ -9,7 +9,7 @@ a command that was sent again; it differs in its sequence number, and where it d
 * equal bytes on the same link are no copy: some programs never count their sequence numbers;
 * each link delivers one copy of a frame; a second time is a new frame;
 * sequence numbers go round after 256 frames, so when more than COPY_FRAMES of that sender's frames have come since,
-  equal bytes are a new frame, however fast the sender is.
+  equal bytes are a new frame, however fast the sender is; but not where a signature is among them, whose stamp rises.
 
 Only frames that the caller found genuine (`accept`) are remembered, so a stranger can neither fill the memory nor
 have a station's frame taken for a copy of his own. Copies are taken out before signatures are looked at, because the
@@ -208,7 +208,8 @@ class LinkBundle:
             if entry is None:
                 continue
             passed = self._counts[frame.sysid, frame.compid] - entry.count
-            if now - entry.at > COPY_WINDOW_S or not 0 <= passed <= COPY_FRAMES or entry.links >> number & 1:
+            may_be_new = not frame.signed and not 0 <= passed <= COPY_FRAMES
+            if now - entry.at > COPY_WINDOW_S or may_be_new or entry.links >> number & 1:
                 continue
             entry.links |= 1 << number
             return True

@@ -18,7 +18,10 @@ Signing
 Checking
 4. The hash comes first. A frame that fails it is BAD and changes nothing, whatever its stamp says: ids are sent in
    clear, so anybody could otherwise silence a station with one forged stamp from the far future.
-5. In a stream stamps must rise: equal or lower is REPLAYED.
+5. Each stamp of a stream is taken once. Whoever sends a stream over two links, or over a network that reorders, has
+   some of its frames overtaken by younger ones: one that was never heard is still taken for OVERTAKEN_S after a younger
+   one came. Everything else that is not newer than the stream's newest is REPLAYED. This memory is the key's, whatever
+   link a frame comes by, so what came by one cannot be played again on another.
 6. The first frame of a stream may be `first_packet_tolerance_s` behind the later of our clock and the newest stamp
    proven under this key, else it is TOO_OLD. Nothing at or before the `floor` is ever accepted.
 7. The table of streams is bounded. A full one forgets its oldest stream if that is so far behind the newest stamp that
@@ -44,6 +47,7 @@ Time is an argument: UTC and monotonic seconds. Nothing that arrives raises.
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from collections.abc import Mapping
 from enum import Enum
 from hmac import compare_digest
@@ -56,6 +60,7 @@ from mavproxy_handover.wire.frames import CRC_BYTES, FLAG_SIGNED, HEADER_V2, MAG
 __all__ = [
     "KEY_BYTES",
     "MAX_TIMESTAMP",
+    "OVERTAKEN_S",
     "SignatureVerdict",
     "SignedPeer",
     "Signer",
@@ -73,6 +78,15 @@ KEY_BYTES: Final = 32
 MAX_TIMESTAMP: Final = (1 << 48) - 1  #: in the year 2104
 UNITS_PER_S: Final = 100_000
 _EPOCH_S: Final = 1_420_070_400  # 2015-01-01 00:00 UTC
+
+#: How long a frame may be on its way after a younger one of its stream has come. Links of one station are not farther
+#: apart than that (`link.bundle.COPY_WINDOW_S`).
+OVERTAKEN_S: Final = 2.0
+#: that time in slices, and the present one
+_SLICES: Final = 4
+_SLICE_S: Final = OVERTAKEN_S / _SLICES
+#: stamps in a slice, at most; a stream of more than 1000 frames a second has less time
+_SLICE_STAMPS: Final = 512
 
 #: How fast a stream's usual delay may grow without being a delay: clocks drift, and slewing ones by up to 0.05 %.
 _DRIFT_PER_S: Final = 0.001 * UNITS_PER_S
@@ -213,19 +227,54 @@ class SignatureVerdict(Enum):
     OK = "ok"
     UNSIGNED = "unsigned"  #: no signature, or MAVLink 1
     BAD = "bad signature"  #: another key, or changed on its way
-    REPLAYED = "replayed"  #: not newer than what the stream had already
+    REPLAYED = "replayed"  #: heard before, or younger ones have been for a while
     TOO_OLD = "too old"  #: held back, or captured before; or clocks differ
     TOO_MANY_STREAMS = "too many streams"
 
 
 class _Stream:
-    __slots__ = ("last", "usual", "usual_at")
+    """What was heard in a stream, as far as it could come again: the stamps of the last slices of time."""
 
-    def __init__(self, last: int, usual: int, usual_at: float) -> None:
-        self.last = last
+    __slots__ = ("_ends", "_slices", "edge", "last", "turn_at", "usual", "usual_at")
+
+    def __init__(self, first: int, edge: int, usual: int, now_s: float) -> None:
+        #: the newest stamp
+        self.last = first
+        #: everything up to this is old, heard or not
+        self.edge = edge
         #: monotonic time at arrival less stamp, of the frame that was least late so far, in stamp units
         self.usual = usual
-        self.usual_at = usual_at
+        self.usual_at = now_s
+        #: when the present slice ends
+        self.turn_at = now_s + _SLICE_S
+        self._slices: deque[set[int]] = deque([{first}])
+        #: the newest stamp at the end of each slice that is over
+        self._ends: deque[int] = deque()
+
+    def take(self, stamp: int, now_s: float) -> bool:
+        """Whether this stamp is new; from now on it is not."""
+        present = self._slices[-1]
+        if now_s >= self.turn_at or len(present) >= _SLICE_STAMPS:
+            present = self._turn(now_s)
+        if stamp > self.last:
+            self.last = stamp
+        elif stamp <= self.edge or any(stamp in heard for heard in self._slices):
+            return False
+        present.add(stamp)
+        return True
+
+    def _turn(self, now_s: float) -> set[int]:
+        """Begin the slice that `now_s` is in. What ended OVERTAKEN_S ago is the edge."""
+        late_s = now_s - self.turn_at
+        passed = 1 if late_s < 0.0 else 1 + min(int(late_s / _SLICE_S), _SLICES)
+        for _ in range(passed):
+            self._ends.append(self.last)
+            self._slices.append(set())
+            if len(self._ends) > _SLICES:
+                self._slices.popleft()
+                self.edge = self._ends.popleft()
+        self.turn_at = now_s + _SLICE_S if late_s < 0.0 or passed > _SLICES else self.turn_at + passed * _SLICE_S
+        return self._slices[-1]
 
 
 class Verifier:
@@ -278,10 +327,9 @@ class Verifier:
         verdict = SignatureVerdict.OK
         if stream is None:
             verdict = self._first(name, stamp, delay, now_utc_s, now_s)
-        elif stamp <= stream.last:
+        elif not stream.take(stamp, now_s):  # it is taken though it should be too old: nothing may make it fresh again
             return SignatureVerdict.REPLAYED
         else:
-            stream.last = stamp  # of frames that are too old as well: nothing may make them fresh again
             late = delay - stream.usual - int((now_s - stream.usual_at) * _DRIFT_PER_S)
             if late <= 0:
                 stream.usual, stream.usual_at = delay, now_s
@@ -324,7 +372,8 @@ class Verifier:
                 return SignatureVerdict.TOO_MANY_STREAMS
             del self._streams[oldest]
             self.floor = max(self.floor, last)
-        self._streams[name] = _Stream(stamp, delay, now_s)
+        edge = max(earliest - 1, stamp - int(OVERTAKEN_S * UNITS_PER_S))
+        self._streams[name] = _Stream(stamp, edge, delay, now_s)
         return SignatureVerdict.OK
 
 

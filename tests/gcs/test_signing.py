@@ -227,7 +227,7 @@ class TestIn:
         raw = of_vehicle(KEY, STAMP)
         assert taken(master, raw)
         assert not taken(master, raw)
-        assert not taken(master, of_vehicle(KEY, STAMP - 1))
+        assert not taken(master, of_vehicle(KEY, STAMP - 3 * SECOND))
 
     def test_a_forged_frame_from_the_future_does_not_silence_the_vehicle(self, master: Master) -> None:
         """pymavlink's own check notes the stamp before the hash."""
@@ -251,6 +251,36 @@ class TestIn:
         signing.sign(masters)
         raw = of_vehicle(KEY, STAMP)
         assert [taken(master, raw) for master in masters] == [True, True]
+        assert [taken(master, raw) for master in masters] == [False, False]
+
+    def test_what_one_link_carried_cannot_be_played_again_on_another(
+        self, signing: LinkSigning, clock: BothClocks
+    ) -> None:
+        """Each link had a memory of its own: what was heard by Wi-Fi up to a minute ago was news on a silent LTE."""
+        wifi, lte = Master(), Master()
+        signing.sign([wifi, lte])
+        raw = of_vehicle(KEY, STAMP)
+        assert taken(wifi, raw)
+        clock.now += 2.1
+        assert not taken(lte, raw)
+
+    def test_the_copies_of_a_slower_link_are_taken_and_what_the_faster_one_lost_too(
+        self, signing: LinkSigning, clock: BothClocks
+    ) -> None:
+        wifi, lte = Master(), Master()
+        signing.sign([wifi, lte])
+        frames = [of_vehicle(KEY, STAMP + number * SECOND // 10) for number in range(40)]
+        for number in range(48):
+            clock.now += 0.1
+            if number < 40 and number % 3:
+                assert taken(wifi, frames[number]), number
+            if number >= 8:
+                assert taken(lte, frames[number - 8]), number
+
+    def test_our_own_messages_come_by_two_links_in_any_order(self, signing: LinkSigning) -> None:
+        frames = [station_signing.parse_one(of_vehicle(KEY, STAMP + n, connect_message(n))) for n in range(4)]
+        verdicts = [signing.check(frame) for frame in (frames[n] for n in (0, 2, 1, 3, 1)) if frame is not None]
+        assert verdicts == [SignatureVerdict.OK] * 4 + [None]
 
 
 class TestReload:

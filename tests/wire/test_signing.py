@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import random
+from bisect import bisect_right
 from typing import Any
 
 import pytest
@@ -387,8 +388,89 @@ def test_the_same_frame_again_and_an_older_one_are_replays() -> None:
     assert verifier.check(heartbeat(MIDNIGHT + 5), MIDNIGHT_UTC_S, 0.0) is OK
     assert verifier.check(heartbeat(MIDNIGHT + 5), MIDNIGHT_UTC_S, 0.0) is REPLAYED
     assert verifier.check(heartbeat(MIDNIGHT + 5, seq=9), MIDNIGHT_UTC_S, 0.0) is REPLAYED
-    assert verifier.check(heartbeat(MIDNIGHT + 4), MIDNIGHT_UTC_S, 0.0) is REPLAYED
+    assert verifier.check(heartbeat(MIDNIGHT + 5 - 2 * SECOND), MIDNIGHT_UTC_S, 0.0) is REPLAYED
     assert verifier.check(heartbeat(MIDNIGHT + 6), MIDNIGHT_UTC_S, 0.0) is OK
+
+
+def test_a_frame_that_younger_ones_overtook_on_another_link_is_taken_once() -> None:
+    """A router sends one stream over Wi-Fi, which loses the first, and LTE, which is late."""
+    verifier = Verifier(KEY)
+    lost, *others = (heartbeat(MIDNIGHT + number) for number in range(5))
+    assert {verifier.check(frame, MIDNIGHT_UTC_S, 0.0) for frame in others} == {OK}
+    assert verifier.check(lost, MIDNIGHT_UTC_S, 0.4) is OK
+    assert {verifier.check(frame, MIDNIGHT_UTC_S, 0.4) for frame in (lost, *others)} == {REPLAYED}
+
+
+@pytest.mark.parametrize("rate_hz", [0.4, 1.0, 7.0, 50.0])
+def test_what_was_overtaken_is_taken_for_two_seconds_and_hardly_longer(rate_hz: float) -> None:
+    for late_s, verdict in ((1.9, OK), (2.6, REPLAYED)):
+        verifier = Verifier(KEY)
+        for number in range(int(20 * rate_hz)):
+            at = number / rate_hz
+            assert verifier.check(heartbeat(MIDNIGHT + int(at * SECOND)), MIDNIGHT_UTC_S + at, at) is OK
+        at += late_s
+        overtaken = heartbeat(MIDNIGHT + int((at - late_s) * SECOND) - 1)
+        assert verifier.check(overtaken, MIDNIGHT_UTC_S + at, at) is verdict, late_s
+
+
+def test_a_full_memory_makes_a_frame_old_and_never_new_again() -> None:
+    verifier = Verifier(KEY)
+    frames = [heartbeat(MIDNIGHT + 2 * number) for number in range(4000)]
+    assert {verifier.check(frame, MIDNIGHT_UTC_S, 0.0) for frame in frames} == {OK}
+    assert {verifier.check(frame, MIDNIGHT_UTC_S, 0.0) for frame in frames} == {REPLAYED}
+    assert verifier.check(heartbeat(MIDNIGHT + 2 * 3999 - 1), MIDNIGHT_UTC_S, 0.0) is OK
+    assert verifier.check(heartbeat(MIDNIGHT + 1), MIDNIGHT_UTC_S, 0.0) is REPLAYED
+
+
+def test_the_first_frame_of_a_stream_does_not_let_in_what_is_older_than_a_first_frame_may_be() -> None:
+    verifier = Verifier(KEY)
+    verifier.restore({}, floor=MIDNIGHT)
+    assert verifier.check(heartbeat(MIDNIGHT + 5), MIDNIGHT_UTC_S, 0.0) is OK
+    assert verifier.check(heartbeat(MIDNIGHT), MIDNIGHT_UTC_S, 0.1) is REPLAYED
+    assert verifier.check(heartbeat(MIDNIGHT + 1), MIDNIGHT_UTC_S, 0.1) is OK
+
+
+def test_a_hundred_thousand_copies_late_ones_and_replays_against_a_set_of_all_that_was_heard() -> None:
+    """Three links carry one station's two streams, each with its own delay and losses; an attacker plays again what
+    he likes by any of them. A frame is taken the first time it comes, if no younger one of its stream came more than
+    two seconds before; never a second time."""
+    luck = random.Random(20261122)
+    verifier = Verifier(KEY)
+    streams = [(MIDNIGHT + number * 2_500 + stream, stream) for number in range(8_000) for stream in (0, 1)]
+    sent = [(stamp, stream, heartbeat(stamp, link=stream)) for stamp, stream in streams]
+    arrivals = []
+    for place, (stamp, _stream, _frame) in enumerate(sent):
+        at = (stamp - MIDNIGHT) / SECOND
+        for delay_s, jitter_s, loss in ((0.005, 0.01, 0.3), (0.3, 0.3, 0.2), (0.9, 2.0, 0.1)):
+            if luck.random() >= loss:
+                arrivals.append((at + delay_s + jitter_s * luck.random(), place))
+        for _ in range(4):  # played again, sooner or later
+            arrivals.append((at + luck.choice([0.5, 3.0, 60.0]) * luck.random(), place))
+    arrivals.sort()
+    assert len(arrivals) > 100_000
+    heard: set[bytes] = set()
+    newest: list[list[tuple[float, int]]] = [[], []]  # of each stream: when the newest stamp rose, and to what
+    taken = refused = 0
+    for at, place in arrivals:
+        stamp, stream, frame = sent[place]
+        verdict = verifier.check(frame, MIDNIGHT_UTC_S + at, 1000.0 + at)
+        rises = newest[stream]
+        younger = bisect_right(rises, stamp, key=lambda rise: rise[1])
+        overtaken_s = at - rises[younger][0] if younger < len(rises) else 0.0
+        if frame.raw in heard:
+            assert verdict is REPLAYED
+            refused += 1
+        elif overtaken_s < 2.0:
+            assert verdict is OK
+        elif overtaken_s > 2.6:
+            assert verdict is REPLAYED
+        if verdict is OK:
+            heard.add(frame.raw)
+            taken += 1
+        if not rises or stamp > rises[-1][1]:
+            rises.append((at, stamp))
+    assert taken > 15_900
+    assert refused > 80_000
 
 
 def test_systems_components_and_links_are_streams_of_their_own() -> None:

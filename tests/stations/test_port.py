@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A station behind several links: what its key proves is taken once, and copies that come late are no attack."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.config.files import StationLinks
+from mavproxy_handover.core.model import Station
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.store.keys import StationKeys
+from mavproxy_handover.wire.frames import Frame, parse_one
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+from tests.link.frames import FakeDevice
+
+KEY = bytes(range(32))
+#: 2026-11-20 00:00 UTC
+UTC_S = 1_795_132_800.0
+
+
+class Routed:
+    """GCSA's router: one signed stream, over Wi-Fi and LTE, each with a delay and losses of its own."""
+
+    def __init__(self) -> None:
+        self.now = 1000.0
+        self.links = tuple(FakeDevice(name) for name in ("udpin:0.0.0.0:14550", "udpin:0.0.0.0:14551"))
+        config = StationLinks(Station(251, "GCSA"), tuple(link.device for link in self.links), frozenset({251}))
+        clocks = Clocks(lambda: UTC_S + self.now, lambda: self.now)
+        self.port = StationPort(config, self.links, 1, StationKeys(KEY), clocks)
+        self._router = SignedPeer(KEY)
+        self._own = mavlink.MAVLink(None, 251, 190)
+
+    def frame(self) -> Frame:
+        """The next frame, as the router signs it once."""
+        plain = bytes(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0).pack(self._own))
+        self._own.seq = (self._own.seq + 1) & 0xFF
+        frame = parse_one(self._router.sign(plain, 1, UTC_S + self.now, self.now) or b"")
+        assert frame is not None
+        return frame
+
+    def arrives(self, number: int, *frames: Frame) -> list[Frame]:
+        link = self.links[number]
+        link.inbox += frames
+        return self.port.read(link, self.now)
+
+
+@pytest.fixture
+def routed() -> Routed:
+    return Routed()
+
+
+def test_what_the_faster_link_lost_is_taken_from_the_slower_one_and_is_no_attack(routed: Routed) -> None:
+    luck = random.Random(5)
+    on_their_way: list[tuple[float, int, Frame]] = []
+    taken: list[bytes] = []
+    sent = 0
+    for _ in range(3000):  # 100 frames a second for 30 s; LTE is half a second behind
+        routed.now += 0.01
+        frame = routed.frame()
+        sent += 1
+        for number, delay_s, loss in ((0, 0.01, 0.2), (1, 0.3 + 0.4 * luck.random(), 0.0)):
+            if luck.random() >= loss:
+                on_their_way.append((routed.now + delay_s, number, frame))
+        due = sorted((entry for entry in on_their_way if entry[0] <= routed.now), key=lambda entry: entry[0])
+        on_their_way = [entry for entry in on_their_way if entry[0] > routed.now]
+        for _at, number, late in due:
+            taken += [found.raw for found in routed.arrives(number, late)]
+        routed.port.tick(routed.now)
+    assert not routed.port.bad_signatures
+    assert not routed.port.attacked
+    assert len(taken) == len(set(taken))
+    assert len(taken) >= sent - 70
+
+
+def test_a_fast_stream_whose_copies_are_late_is_no_attack(routed: Routed) -> None:
+    """More frames came in between than there are sequence numbers: their stamps tell that they are no new ones."""
+    frames = []
+    for _ in range(400):
+        routed.now += 0.004
+        frames.append(routed.frame())
+        assert routed.arrives(0, frames[-1]) == [frames[-1]]
+    assert routed.arrives(1, *frames) == []
+    assert not routed.port.bad_signatures
+
+
+def test_a_frame_is_not_played_again_by_any_link(routed: Routed) -> None:
+    frame = routed.frame()
+    assert routed.arrives(0, frame) == [frame]
+    assert routed.arrives(1, frame) == []
+    assert not routed.port.bad_signatures
+    for number in (0, 1):
+        assert routed.arrives(number, frame) == []
+    routed.now += 5.0
+    for number in (0, 1):
+        assert routed.arrives(number, frame) == []
+    assert routed.port.bad_signatures == {SignatureVerdict.REPLAYED: 4}
