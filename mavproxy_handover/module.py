@@ -64,6 +64,8 @@ _TOO_OFTEN = (
     "restarted too often: no leases, nobody commands, the guard brings the aircraft home. Find out why in the journal, "
     "then start `handover companion` anew"
 )
+#: the autopilot's name in the replay state: longer than a station's may be
+_AUTOPILOT = "autopilot of this vehicle"
 #: the configuration of the last load, for `module reload handover`
 _last_config: list[str] = []
 
@@ -87,7 +89,8 @@ class HandoverModule(mp_module.MPModule):
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
         #: looked at in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
-        autopilot = None if config.autopilot_key is None else SignedPeer(load_key(config.autopilot_key))
+        key = None if config.autopilot_key is None else load_key(config.autopilot_key)
+        autopilot = None if key is None else SignedPeer(key, keeps_sent=True)
         self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot, clocks)
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
         self.companion = Companion(config, ports, Edge(self._to_autopilot.write, self._show, clocks, nonce))
@@ -119,8 +122,11 @@ class HandoverModule(mp_module.MPModule):
         stations = ", ".join(port.name for port in ports.values())
         self._show(f"handover {VERSION}: {config.name}, stations {stations}, configuration {config.path}")
         self._replay: ReplayStore | None = None
-        if any(port.peer is not None for port in ports.values()):
-            self._guard_against_replay(config, ports)
+        peers = {port.name: port.peer for port in ports.values() if port.peer is not None}
+        if autopilot is not None:
+            peers[_AUTOPILOT] = autopilot
+        if peers:
+            self._guard_against_replay(config, peers)
         open_doors = ", ".join(port.name for port in ports.values() if port.peer is None)
         if open_doors:
             self.companion.narrator.unsigned_allowed(open_doors)
@@ -129,13 +135,12 @@ class HandoverModule(mp_module.MPModule):
         # on a desk in one go, and whoever makes us parse a lot decides when
         gc.freeze()
 
-    def _guard_against_replay(self, config: VehicleConfig, ports: dict[int, StationPort]) -> None:
+    def _guard_against_replay(self, config: VehicleConfig, peers: dict[str, SignedPeer]) -> None:
         folder = config.state or config.journal.parent
         replay = self._replay = ReplayStore(folder / f"{config.name}.replay.json")
         note = replay.load(time.time())
-        for port in ports.values():
-            if port.peer is not None:
-                replay.attach(port.name, port.peer)
+        for name, peer in peers.items():
+            replay.attach(name, peer)
         if note:
             self.companion.narrator.replay_state(note)
             self._show(f"handover: {note}")
@@ -164,6 +169,8 @@ class HandoverModule(mp_module.MPModule):
 
     def mavlink_packet(self, m: Any) -> None:
         """A message from the vehicle's side."""
+        if self._to_autopilot.signed:
+            self._guarded("stamps of the autopilot", partial(self._to_autopilot.heard, m))
         try:
             self.companion.on_autopilot(m, time.monotonic())
         except Exception:

@@ -9,7 +9,9 @@ Rules that live here:
 2. A serial line is written to directly as long as it takes all of a frame. pyserial looks at the line again after each
    write, which costs as much as the write itself. What the line does not take, and every fault, is for MAVProxy, which
    waits, reports, and opens the line again. The new line is written to directly from the next choice of the link on.
-3. With a key of the autopilot, frames are signed here, once; ids and payload stay the sender's.
+3. With a key of the autopilot, frames are signed here, once; ids and payload stay the sender's. The autopilot refuses a
+   stamp that is not newer than the last, so ours outlive a restart (`peer`'s state is kept), and follow those that its
+   heartbeats prove: one that has heard younger ones says so.
 4. What was written goes into MAVProxy's tlog too, as MAVProxy does with what it forwards itself. The way there leads
    through a pipe, which costs several times what a frame costs elsewhere, so all frames of LOG_S take it at once:
    they have their own time each, and stand that much behind their place in the file at most.
@@ -25,6 +27,7 @@ from typing import Any, Final
 import serial
 
 from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import SignedPeer
 
 __all__ = ["LOG_S", "AutopilotLink"]
@@ -55,6 +58,19 @@ class AutopilotLink:
         self._master = self._find()
         port = getattr(self._master, "port", None)
         self._line = port if isinstance(port, serial.Serial) and hasattr(port, "fd") else None
+
+    @property
+    def signed(self) -> bool:
+        """Whether the autopilot has a key."""
+        return self._peer is not None
+
+    def heard(self, message: Any) -> None:
+        """A message of the autopilot's side, as MAVProxy hands it over. Its key is nothing to us but for the stamps."""
+        if self._peer is None or message.get_type() != "HEARTBEAT":
+            return
+        frame = parse_one(bytes(message.get_msgbuf()))
+        if frame is not None:
+            self._peer.check(frame, self._clocks.utc(), self._clocks.monotonic())
 
     def write(self, data: bytes) -> None:
         """Send a frame. Without a link it is gone; whatever a link raises is passed on."""

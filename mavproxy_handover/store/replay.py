@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What must outlive a restart so that old signed frames stay refused: one stamp for each key.
+"""What must outlive a restart so that old signed frames stay refused, and ours are not: one stamp for each key, and one
+for what the autopilot was sent.
 
 Rules that live here:
 
 1. Everything up to the stamp is old after a restart (`wire.signing`, rule 9). What is written is a little ahead of what
    was accepted, so that nothing accepted after the last write is accepted again after a crash.
+   The same lead keeps our own stamps above those that the autopilot has had.
 2. A file that cannot be read shuts nobody out for good and lets nothing old in: everything signed before now is
    refused, and a note says so. A missing file is a first start: then the clock alone says what is new.
 3. Neither reading nor writing raises or waits for the disk in the main loop: the lease goes out from there.

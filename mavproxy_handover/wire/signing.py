@@ -393,9 +393,15 @@ class SignedPeer:
         max_streams: int = 16,
         max_age_s: float | None = 30.0,
         first_packet_tolerance_s: float = 60.0,
+        keeps_sent: bool = False,
     ) -> None:
-        """The options are those of `Verifier`, and so are the errors."""
+        """The options are those of `Verifier`, and so are the errors.
+
+        `keeps_sent`: our own stamps outlive a restart as well. An end that need not say anything to us, the autopilot,
+        would refuse all that is signed with older ones, and a clock that is not set yet would give us no newer ones.
+        """
         self.clock = SigningClock()
+        self._sent_name = f"{fingerprint(current)} sent" if keeps_sent else ""
         self._keys = (current,) if previous is None else (current, previous)
         self._verifiers = [
             Verifier(
@@ -446,10 +452,16 @@ class SignedPeer:
         return None if stamp is None else resign(raw, self._keys[self._in_use], link_id, stamp)
 
     def state(self) -> dict[str, int]:
-        """See `Verifier.state`; one entry for each key."""
-        return {name: stamp for verifier in self._verifiers for name, stamp in verifier.state().items()}
+        """See `Verifier.state`; one entry for each key, and one for what we sent, if that is kept."""
+        state = {name: stamp for verifier in self._verifiers for name, stamp in verifier.state().items()}
+        if self._sent_name:
+            state[self._sent_name] = self.clock.last
+        return state
 
     def restore(self, state: Mapping[str, int], floor: int = 0) -> None:
         """See `Verifier.restore`."""
         for verifier in self._verifiers:
             verifier.restore(state, floor)
+        if self._sent_name in state:
+            self.clock.last = max(self.clock.last, state[self._sent_name])
+            self.clock.follow(self.clock.last)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.store.keys import key_of, key_path, rotate_key, write_key
@@ -208,6 +209,90 @@ def test_the_link_to_the_autopilot_is_signed_once_and_ids_stay(signed: SignedBen
     assert {peer.check(frame, time.time(), signed.clock.now) for frame in frames} == {SignatureVerdict.OK}
     assert (251, 190) in {(frame.sysid, frame.compid) for frame in frames}
     assert (1, 191) in {(frame.sysid, frame.compid) for frame in frames}
+
+
+class Checking:
+    """The autopilot's end of a signed link: ArduPilot's rules, which pymavlink's check has too."""
+
+    def __init__(self, bench: SignedBench) -> None:
+        self._own = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+        self._own.signing.secret_key, self._own.signing.sign_outgoing = KEY_AUTOPILOT, True
+        self._bench = bench
+        self.refused = 0
+        self.accepted = 0
+        self.stamps: list[int] = []
+        self._step = bench.autopilot.step
+        bench.autopilot.step = self.step  # type: ignore[method-assign]
+
+    def step(self, written: list[bytes], now: float) -> list[Any]:
+        for raw in written:
+            good = bool(raw[2] & 1) and self._own.check_signature(bytearray(raw), raw[5], raw[6])
+            self.accepted += good
+            self.refused += not good
+            self.stamps.append(int.from_bytes(raw[-12:-6], "little"))
+        return self._step(written, now)
+
+    def beat(self) -> None:
+        """A signed heartbeat of the autopilot, whose stamps follow what it heard."""
+        raw = mavlink.MAVLink_heartbeat_message(2, 3, 81, 0, 3, 3).pack(self._own)
+        self._bench.mpstate.deliver(stock.MAVLink(None).decode(bytearray(raw)))
+
+
+@pytest.fixture
+def checking(signed: SignedBench) -> Checking:
+    signed.configure(more='autopilot_key = "keys/autopilot.key"')
+    checking = Checking(signed)
+    signed.connect()
+    assert (checking.refused, checking.accepted > 10) == (0, True)
+    return checking
+
+
+def restarted(signed: SignedBench, *, crashed: bool = False) -> None:
+    """The companion's computer starts again, and its clock has no battery: it is 1970."""
+    replay = signed.module._replay
+    if crashed:
+        replay.close = lambda: None
+    signed.mpstate.unload("handover")
+    signed.clock.utc_offset_s = -signed.clock.now
+    assert signed.load() is not None
+
+
+@pytest.mark.parametrize("crashed", [False, True])
+def test_the_autopilot_hears_us_after_a_restart_without_a_clock(
+    signed: SignedBench, checking: Checking, crashed: bool
+) -> None:
+    """It refused every frame, the leases among them, until our clock was set."""
+    restarted(signed, crashed=crashed)
+    before = checking.accepted
+    signed.run(2.0)
+    assert (checking.refused, checking.accepted > before + 10) == (0, True)
+
+
+def test_a_heartbeat_of_the_autopilot_brings_our_stamps_up_to_date_though_nothing_was_kept(
+    signed: SignedBench, checking: Checking
+) -> None:
+    signed.mpstate.unload("handover")
+    for path in signed.folder.glob("state/*.replay.json"):
+        path.unlink()
+    signed.clock.utc_offset_s = -signed.clock.now
+    assert signed.load() is not None
+    signed.run(1.0)
+    assert checking.refused > 5
+    checking.beat()
+    signed.run(0.05)
+    refused = checking.refused
+    signed.run(1.0)
+    assert checking.refused == refused
+
+
+def test_a_forged_heartbeat_does_not_drive_our_stamps(signed: SignedBench, checking: Checking) -> None:
+    forger = Checking(signed)
+    forger._own.signing.secret_key, forger._own.signing.timestamp = KEY_A, 2**47
+    forger.beat()
+    checking.stamps.clear()
+    signed.run(1.0)
+    assert checking.stamps
+    assert max(checking.stamps) < 2**46
 
 
 def test_without_a_key_the_configuration_is_refused(signed: SignedBench) -> None:

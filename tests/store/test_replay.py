@@ -47,6 +47,28 @@ def started(path: Path, utc_s: float = UTC_S) -> tuple[ReplayStore, SignedPeer]:
     return store, peer
 
 
+def test_our_own_stamps_go_on_above_all_that_was_sent_where_that_is_asked_for(path: Path) -> None:
+    """The autopilot refuses what is not newer; a crash in between costs no stamp either."""
+    plain = bytes(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 1, 191)))
+    newest = 0
+    for start, orderly in enumerate((True, False, False, True, False)):
+        store, peer = ReplayStore(path), SignedPeer(KEY, keeps_sent=True)
+        store.load(0.0)
+        store.attach("autopilot", peer)
+        for count in range(40):
+            now_s = start * 10.0 + count / 10
+            signed = peer.sign(plain, 1, UTC_S if start == 0 else 0.0, now_s)
+            assert signed is not None
+            stamp = int.from_bytes(signed[-12:-6], "little")
+            assert stamp > newest
+            newest = stamp
+            store.tick(now_s)
+            settle(store)
+        if orderly:
+            store.close()
+    assert newest < STAMP + 60 * SECOND
+
+
 def settle(store: ReplayStore) -> None:
     """Wait for the write that is under way."""
     assert store.settle(WAIT_S)
