@@ -202,6 +202,15 @@ def test_delivery_takes_about_five_minutes(missions):
     assert 240.0 <= load(missions / "delivery").walk().duration_s <= 330.0
 
 
+def test_the_mission_in_fiji_crosses_the_180th_meridian_within_its_handover_region(missions):
+    walk = load(missions / "meridian").walk()
+    assert walk.commanders == (251, 252, 251)
+    out, back = walk.handovers
+    assert (out.lon_deg, back.lon_deg) == (pytest.approx(179.9985, abs=1e-5), pytest.approx(-179.9985, abs=1e-5))
+    assert [handover.overlap_length_m for handover in walk.handovers] == pytest.approx([320.0, 320.0], abs=1.0)
+    assert walk.gaps == ()
+
+
 def test_linear_crosses_the_region_twice(missions):
     assert load(missions / "linear").walk().commanders == (251, 252, 251)
 
