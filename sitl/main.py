@@ -25,7 +25,7 @@ from sitl.report.record import RecordError, load_run
 from sitl.run.runner import Order, Result, run
 from sitl.run.story import Story
 from sitl.script.places import SetupError, mission_folder
-from sitl.script.scenario import Scenario, ScenarioError, known_scenarios, load_scenario, with_opening
+from sitl.script.scenario import AUTOPILOT, Scenario, ScenarioError, known_scenarios, load_scenario, with_opening
 from sitl.vehicles import KINDS, LaunchError, find_arducopter
 
 __all__ = ["main"]
@@ -155,6 +155,7 @@ def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
     """Stations that the scenario names must be in the mission."""
     names = [station.name for station in package.stations]
     used = {*scenario.consent, *scenario.standard, *scenario.links, *scenario.rogue}
+    used |= {name for lines in scenario.serial for name in lines.lines if name != AUTOPILOT}
     for step in scenario.steps:
         used.update(step.deed.processes())
     for name in sorted(used - {*names, "companion", *(["rogue"] if scenario.rogue else [])}):

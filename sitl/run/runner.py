@@ -219,9 +219,10 @@ class _Flight:
 
     def _start_programs(self, wiring: Wiring, master: str) -> None:
         self._impaired = wiring.impaired
-        for program in wiring.between:
+        between = wiring.programs_between(master)
+        for program in between:
             self._start(program)
-        self._await_up(wiring.between)
+        self._await_up(between)
         programs = (wiring.companion(master), *(station.program() for station in wiring.stations))
         for program in programs:
             self._start(program)

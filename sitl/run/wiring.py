@@ -5,6 +5,7 @@
     vehicle  <- TCP ->  companion  - UDP ->  each station's own ports (the station listens, the companion speaks first)
     station  - UDP ->  every other station's ground port
 
+Where the scenario asks for it a serial line stands in the place of the vehicle's or a station's link, with noise on it.
 Where the scenario asks for it the proxy stands in these links, or the rogue in the vehicle's: both listen where the one
 end sends and pass on to where the other one listens. The files are the ones a real vehicle and a real station have, and
 the command lines are those of `handover companion` and `handover station`: what flies here is what flies there.
@@ -28,15 +29,25 @@ from mavproxy_handover.store.keys import key_path, write_key
 from sitl.run.ports import LOOPBACK, PortPicker
 from sitl.run.slow_disk import on_slow_disk
 from sitl.script.places import mission_folder
-from sitl.script.scenario import Scenario
+from sitl.script.scenario import AUTOPILOT, Scenario
 from sitl.script.weather import Weather
 
-__all__ = ["COMPANION", "COMPANION_NAME", "IMPAIRMENT", "ROGUE", "Program", "StationWires", "Wiring", "lay_out"]
+__all__ = [
+    "COMPANION",
+    "COMPANION_NAME",
+    "IMPAIRMENT",
+    "LINES",
+    "ROGUE",
+    "Program",
+    "StationWires",
+    "Wiring",
+    "lay_out",
+]
 
 #: name of the companion's process, and its name in journals
 COMPANION, COMPANION_NAME = "companion", "drone-1"
 #: names of the processes that stand in links
-IMPAIRMENT, ROGUE = "impairment", "rogue"
+IMPAIRMENT, ROGUE, LINES = "impairment", "rogue", "lines"
 SYSID = 1
 
 
@@ -52,7 +63,8 @@ class Program:
 
 @dataclass(frozen=True, slots=True)
 class StationWires:
-    """A station's files and addresses. `masters` is where it listens for the vehicle, one for each link."""
+    """A station's files and addresses. `masters` is where it listens for the vehicle, one for each link; one that has a
+    serial line, `line` as MAVProxy names it, has no other."""
 
     name: str
     sysid: int
@@ -61,6 +73,7 @@ class StationWires:
     masters: tuple[int, ...]
     standard: bool
     key: Path | None = None
+    line: str = ""
 
     @property
     def journal(self) -> Path:
@@ -74,7 +87,8 @@ class StationWires:
             argv += ["--vehicle", str(SYSID), "--listen", str(self.masters[0]), "--journal", str(self.journal)]
             argv += [] if self.key is None else ["--key", str(self.key)]
         else:
-            first, *others = (f"udpin:{LOOPBACK}:{port}" for port in self.masters)
+            links = [f"udpin:{LOOPBACK}:{port}" for port in self.masters]
+            first, *others = [self.line] if self.line else links
             argv = station_argv(self.config, first, self.folder / f"{self.name}.tlog")
             argv += [f"--master={other}" for other in others]
         return Program(self.name, tuple(argv), self.folder, self.journal)
@@ -95,20 +109,32 @@ class Wiring:
     card: tuple[Path, ...] = ()
     #: words before the companion's command line
     companion_under: tuple[str, ...] = ()
+    #: the serial line to the autopilot, as MAVProxy names it, if there is one
+    line: str = ""
+
+    def programs_between(self, master: str) -> tuple[Program, ...]:
+        """What stands in links, with the autopilot at `master`."""
+        port = ("--autopilot", master.rsplit(":", 1)[1]) if self.line else ()
+        return tuple(
+            replace(program, argv=(*program.argv, *port)) if program.name == LINES else program
+            for program in self.between
+        )
 
     def companion(self, master: str) -> Program:
         """The companion, supervised, with the autopilot at `master`."""
         home = self.companion_config.parent
-        argv = supervised_argv(self.companion_config, master, home / f"{COMPANION}.tlog")
+        argv = supervised_argv(self.companion_config, self.line or master, home / f"{COMPANION}.tlog")
         return Program(COMPANION, (*self.companion_under, *argv), home, home / f"{COMPANION}.jsonl")
 
 
 class _Between:
-    """Puts proxies and the rogue in links while those are laid."""
+    """Puts proxies, serial lines and the rogue in links while those are laid."""
 
-    def __init__(self, ports: PortPicker, scenario: Scenario) -> None:
+    def __init__(self, folder: Path, ports: PortPicker, scenario: Scenario) -> None:
+        self._home = folder / LINES
         self._ports = ports
         self._scenario = scenario
+        self.lines: list[dict[str, Any]] = []
         self.proxies: list[dict[str, Any]] = []
         self.taps: list[dict[str, Any]] = []
 
@@ -133,6 +159,17 @@ class _Between:
         listen: int = self.proxies[-1]["listen"]
         return listen
 
+    def line(self, name: str) -> tuple[Path, Path, int] | None:
+        """The serial line to a station or the autopilot, if it has one: the vehicle's end, the other end, the rate."""
+        serial = next((lines for lines in self._scenario.serial if name in lines.lines), None)
+        if serial is None:
+            return None
+        near, far = self._home / f"vehicle-{name}", self._home / name
+        ends = {"near": str(near)} if name == AUTOPILOT else {"near": str(near), "far": str(far)}
+        noise = {"seed": serial.seed, "damage": serial.damage, "bursts_per_s": serial.bursts_per_s}
+        self.lines.append({"name": name, **ends, "baud": serial.baud, **noise})
+        return near, far, serial.baud
+
     def programs(self, folder: Path, grounds: list[dict[str, Any]]) -> tuple[Program, ...]:
         """Proxy and rogue with their configuration files. `grounds`: what the rogue knows of the stations' ground
         links. Raises OSError.
@@ -146,6 +183,10 @@ class _Between:
             config = _write(home / f"{IMPAIRMENT}.toml", {"link": links}, {"seed": self._scenario.impair.seed})
             argv = (sys.executable, "-m", "sitl.run.bad_links", "--config", str(config))
             programs.append(Program(IMPAIRMENT, argv, home))
+        if self.lines:
+            config = _write(self._home / f"{LINES}.toml", {"line": self.lines})
+            argv = (sys.executable, "-m", "sitl.run.noisy_lines", "--config", str(config))
+            programs.append(Program(LINES, argv, self._home))
         if self.taps:
             home = folder / ROGUE
             journal = home / f"{ROGUE}.jsonl"
@@ -159,14 +200,15 @@ class _Between:
 def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scenario) -> Wiring:
     """Write the configuration files of all programs into `folder`. Raises OSError, SetupError."""
     ports = PortPicker()
-    between = _Between(ports, scenario)
+    between = _Between(folder, ports, scenario)
     ground = {station.name: ports.udp() for station in package.stations}
     grounds = [{"name": entry.name, "sysid": entry.sysid, "target": ground[entry.name]} for entry in package.stations]
     keys = _make_keys(folder / "keys", package) if scenario.signed else {}
     guard_key, card = _guard_keys(folder, scenario)
     entries, stations = [], []
     for station in package.stations:
-        labels = scenario.links.get(station.name, ("",))
+        line = between.line(station.name)
+        labels = () if line else scenario.links.get(station.name, ("",))
         masters = tuple(ports.udp() for _ in labels)
         sends = [
             between.air(station.name, f"air-{station.name}" + (f"-{label}" if label else ""), master)
@@ -175,7 +217,7 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         entry: dict[str, Any] = {
             "name": station.name,
             "sysid": station.sysid,
-            "links": [f"udpout:{LOOPBACK}:{port}" for port in sends],
+            "links": [f"serial:{line[0]}:{line[2]}"] if line else [f"udpout:{LOOPBACK}:{port}" for port in sends],
         }
         standard = station.name in scenario.standard
         if standard:
@@ -189,8 +231,18 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
             tables = _station(station, package, mission, scenario, keys, ground, between)
             config = _write(config, tables)
         stations.append(
-            StationWires(station.name, station.sysid, home, config, masters, standard, keys.get(station.name))
+            StationWires(
+                station.name,
+                station.sysid,
+                home,
+                config,
+                masters,
+                standard,
+                keys.get(station.name),
+                f"{line[1]},{line[2]}" if line else "",
+            )
         )
+    to_autopilot = between.line(AUTOPILOT)
     return Wiring(
         folder,
         _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(package, mission, scenario, entries, guard_key)),
@@ -199,6 +251,7 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         tuple(proxy["name"] for proxy in between.proxies),
         card,
         on_slow_disk(folder / COMPANION, scenario.fsync_s) if scenario.fsync_s else (),
+        f"{to_autopilot[0]},{to_autopilot[2]}" if to_autopilot else "",
     )
 
 

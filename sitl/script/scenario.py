@@ -19,6 +19,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     guard_key = "same"             the guard's card has a key, and the companion the same one, or "other"
     links = {GCSA = ["wifi", "lte"]}   several links to the vehicle
     impair = {links = ["air", "ground"], seed = 7, loss = 0.2}   through the proxy; any value of Weather
+    serial = [{lines = ["GCSA", "autopilot"], baud = 57600, damage = 0.0005, bursts_per_s = 2}]   lines with noise
     rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
     fsync_s = 2.0                  each time that the companion waits for its disk takes so long
 
@@ -43,7 +44,7 @@ from sitl.script.opening import BEGINNINGS, opening
 from sitl.script.places import SCENARIOS
 from sitl.script.steps import STEPS, Deed
 from sitl.script.tables import Reader, ScenarioError
-from sitl.script.weather import Weather
+from sitl.script.weather import NoiseLevel, Weather
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -51,10 +52,12 @@ else:
     import tomli as tomllib
 
 __all__ = [
+    "AUTOPILOT",
     "Impairments",
     "Place",
     "Scenario",
     "ScenarioError",
+    "SerialLines",
     "Step",
     "known_scenarios",
     "load_scenario",
@@ -66,6 +69,8 @@ DEFAULT_TIMEOUT_S = 120.0
 CONSENTS = ("automatic", "operator")
 GUARD_KEYS = ("same", "other")
 WORDS: Mapping[str, type[Deed]] = {**STEPS, **FAULT_STEPS}
+#: the name of the autopilot among serial lines
+AUTOPILOT = "autopilot"
 #: what goes through the proxy: links of the vehicle, links between stations
 IMPAIRED = ("air", "ground")
 _KEYS = (
@@ -81,6 +86,7 @@ _KEYS = (
     "guard_key",
     "links",
     "impair",
+    "serial",
     "rogue",
     "fsync_s",
     "limits",
@@ -134,6 +140,22 @@ class Impairments:
 
 
 @dataclass(frozen=True, slots=True)
+class SerialLines:
+    """Stations, and the autopilot, that the companion reaches by a serial line, and how noisy those are, each way."""
+
+    lines: tuple[str, ...]
+    seed: int = 1
+    baud: int = 115200
+    damage: float = 0.0
+    bursts_per_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1200 <= self.baud <= 4_000_000:
+            raise ValueError(f"baud: {self.baud} must be 1200 to 4000000")
+        NoiseLevel(self.damage, self.bursts_per_s)
+
+
+@dataclass(frozen=True, slots=True)
 class Scenario:
     """A scenario that was read and found sound."""
 
@@ -166,6 +188,7 @@ class Scenario:
     #: station -> names of its links to the vehicle; those not named have one
     links: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     impair: Impairments | None = None
+    serial: tuple[SerialLines, ...] = ()
     #: stations in whose links to the vehicle the rogue sits
     rogue: tuple[str, ...] = ()
     #: how long the companion's disk takes, if it is a slow one
@@ -218,7 +241,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
     if not steps or not expectations:
         raise ScenarioError(f"{file}: needs at least one [[step]] and one [[expect]]")
     _check_labels(reader, steps, expectations)
-    return Scenario(
+    scenario = Scenario(
         name=reader.value(data, "name", str),
         description=reader.value(data, "description", str),
         mission=reader.value(data, "mission", str),
@@ -237,9 +260,27 @@ def parse_scenario(text: str, file: str) -> Scenario:
         guard_key=_word(reader, data, "guard_key", GUARD_KEYS),
         links=reader.at("links").lists(reader.table(data, "links", {})),
         impair=reader.at("impair").build(Impairments, data["impair"]) if "impair" in data else None,
+        serial=tuple(
+            reader.at(f"serial {number}").build(SerialLines, table)
+            for number, table in enumerate(reader.tables(data, "serial"), 1)
+        ),
         rogue=reader.value(data, "rogue", tuple[str, ...], ()),
         fsync_s=fsync_s,
     )
+    _check_lines(reader, scenario)
+    return scenario
+
+
+def _check_lines(reader: Reader, scenario: Scenario) -> None:
+    """A serial line is a station's only link, and nobody sits in it."""
+    others = {"links": scenario.links, "standard": scenario.standard, "rogue": scenario.rogue}
+    names = [name for lines in scenario.serial for name in lines.lines]
+    for name in names:
+        for key, taken in others.items():
+            if name in taken:
+                raise reader.error("serial", f"{name!r} has a serial line, and cannot be in {key}")
+        if names.count(name) > 1:
+            raise reader.error("serial", f"{name!r} has two lines")
 
 
 def _word(reader: Reader, data: Mapping[str, Any], key: str, words: tuple[str, ...]) -> str:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""How bad a link is, in one direction: the values that a scenario's `[impair]` and a proxy's configuration may set.
+"""How bad a link is, in one direction: the values that a scenario's `[impair]` or `[serial]` and the configuration of
+what stands in the link may set.
 
-What they do to a datagram is in `sitl.run.impairment`.
+What they do to a datagram is in `sitl.run.impairment`, what they do to the bytes of a serial line in `sitl.run.noise`.
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Final
 
-__all__ = ["Weather", "WeatherError"]
+__all__ = ["NoiseLevel", "Weather", "WeatherError"]
 
 _SHARES: Final = ("loss", "bad_loss", "to_bad", "to_good", "reorder", "duplicate")
 _MOST_S: Final = 60.0
+_MOST_PER_S: Final = 1000.0
 
 
 class WeatherError(ValueError):
@@ -55,3 +57,17 @@ class Weather:
             if name not in known:
                 raise WeatherError(f"{name}: must be one of {', '.join(known)}")
         return replace(self, **changes)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseLevel:
+    """How noisy a line is, each way; the default is a clean one. Raises WeatherError."""
+
+    damage: float = 0.0
+    bursts_per_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, most in (("damage", 1.0), ("bursts_per_s", _MOST_PER_S)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= most:
+                raise WeatherError(f"{name} = {value!r}: must be 0 to {most:g}")

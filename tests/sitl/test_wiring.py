@@ -13,9 +13,11 @@ from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.keys import load_key
 from sitl.run.bad_links import load_plans
+from sitl.run.noisy_lines import load_lines
 from sitl.run.wiring import StationWires, Wiring, lay_out
 from sitl.script.places import mission_folder
 from sitl.script.scenario import parse_scenario
+from sitl.script.weather import NoiseLevel
 
 try:
     import tomllib
@@ -96,6 +98,32 @@ def test_impaired_links_go_through_the_proxy_with_the_weather_that_was_asked_for
     assert through["ground-GCSA-GCSB"] == (ground_port(wiring, "GCSA", "GCSB"), listens(wiring, "GCSB"))
     masters = [word for word in a.program().argv if word.startswith("--master=")]
     assert masters == [f"--master=udpin:127.0.0.1:{port}" for port in a.masters]
+
+
+def test_serial_lines_stand_in_the_place_of_links_for_station_and_autopilot(tmp_path: Path) -> None:
+    noise = "damage = 0.001\nbursts_per_s = 2\n"
+    more = f'[[serial]]\nlines = ["GCSB"]\nbaud = 57600\nseed = 7\n{noise}[[serial]]\nlines = ["autopilot"]\n'
+    wiring = wired(tmp_path, more)
+    near, far = tmp_path / "lines" / "vehicle-GCSB", tmp_path / "lines" / "GCSB"
+    (links,) = (entry.links for entry in load_vehicle(wiring.companion_config).stations if entry.station.sysid == 252)
+    assert links == (f"serial:{near}:57600",)
+    b = station(wiring, "GCSB")
+    assert [word for word in b.program().argv if word.startswith("--master=")] == [f"--master={far},57600"]
+    assert companion_ports(wiring, "GCSA") == list(station(wiring, "GCSA").masters)
+    (program,) = wiring.programs_between("tcp:127.0.0.1:5762")
+    assert program.argv[-2:] == ("--autopilot", "5762")
+    to_station, to_autopilot = load_lines(Path(program.argv[-3]))
+    assert (to_station.near, to_station.far, to_station.baud, to_station.seed) == (near, far, 57600, "7")
+    assert to_station.noise == NoiseLevel(0.001, 2)
+    assert (to_autopilot.near, to_autopilot.far) == (tmp_path / "lines" / "vehicle-autopilot", None)
+    assert to_autopilot.noise == NoiseLevel()
+    assert f"--master={to_autopilot.near},115200" in wiring.companion("tcp:127.0.0.1:5762").argv
+
+
+def test_without_a_serial_line_the_companion_goes_to_the_autopilot_itself(tmp_path: Path) -> None:
+    wiring = wired(tmp_path)
+    assert wiring.programs_between("tcp:127.0.0.1:5762") == ()
+    assert "--master=tcp:127.0.0.1:5762" in wiring.companion("tcp:127.0.0.1:5762").argv
 
 
 def test_the_rogue_sits_before_the_proxy(tmp_path: Path) -> None:
