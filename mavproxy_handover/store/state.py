@@ -32,6 +32,8 @@ __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
 _FORMAT = 2
 _MAX_SYSID = 255
+#: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
+_MAX_EPOCH = 0xFFFF_0000
 _DIGEST_BYTES = 32
 
 
@@ -140,7 +142,7 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
     owner, policy = body["owner"], body["out_of_coverage"]
     return Snapshot(
         owner=None if owner is None else _whole("owner", owner, 1, _MAX_SYSID),
-        epoch=_whole("epoch", body["epoch"], 0, 0xFFFFFFFF),
+        epoch=_whole("epoch", body["epoch"], 0, _MAX_EPOCH),
         handover_id=_whole("handover_id", body["handover_id"], 0, 0xFFFF),
         phase=Phase(_whole("phase", body["phase"], 0, max(Phase))),
         route_at=_whole("route_at", body["route_at"], 0, len(route)),

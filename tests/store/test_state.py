@@ -94,7 +94,7 @@ class TestKept:
             BEFORE,
             AFTER,
             Snapshot(None, 0, 0, Phase.ON_LOAD, 0, b"", ()),
-            Snapshot(255, 0xFFFFFFFF, 0xFFFF, Phase.EMERGENCY, 9, DIGEST, (1,) * 50),
+            Snapshot(255, 0xFFFF_0000, 0xFFFF, Phase.EMERGENCY, 9, DIGEST, (1,) * 50),
             replace(BEFORE, proven=False),
         ],
     )
@@ -273,6 +273,8 @@ class TestNotTrusted:
             {"owner": "251"},
             {"epoch": -1},
             {"epoch": 1 << 32},
+            {"epoch": 0xFFFF_FFFF},  # the one behind it could not be sent
+            {"epoch": 0xFFFF_0001},
             {"epoch": 4.5},
             {"epoch": "4"},
             {"handover_id": -1},
