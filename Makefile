@@ -17,7 +17,7 @@ help:
 	@echo "make check   set up, formatting, lint, types, Lua lint, tests"
 	@echo "make bench   speed against stock MAVProxy, transfer durations under loss and delay"
 	@echo "make explore every reachable state of the real core, deep"
-	@echo "make fuzz    coverage-guided fuzzing of the gate (needs atheris)"
+	@echo "make fuzz    coverage-guided fuzzing of gate, packages, ground link, serial stream, files (needs atheris)"
 	@echo "make mutants plant faults in gate and core, see the tests find them"
 	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up"
@@ -61,7 +61,7 @@ bench: $(VENV)/installed
 
 fuzz: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet atheris
-	$(BIN)/python tests/fuzz/fuzz_gate.py $(or $(FUZZ_SECONDS),60)
+	$(BIN)/python tests/fuzz/fuzz.py --seconds $(or $(FUZZ_SECONDS),60) $(ARGS)
 
 explore: $(VENV)/installed
 	$(BIN)/python tests/model/explore.py $(ARGS)

@@ -30,6 +30,7 @@ from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verd
 from mavproxy_handover.gate.observers import WISHES
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, FrameSplitter, field_offset, parse_one, target
+from tests.fuzz.reader import Reader
 from tests.gate.door import Door
 from tests.gate.frames import ftp_request
 from tests.gate.ledger import (
@@ -263,25 +264,7 @@ def part(frame: Frame, field: str, length: int) -> bytes:
     return frame.payload[offset : offset + length]
 
 
-class _Reader:
-    """Reads a plan; zeros behind its end."""
-
-    def __init__(self, plan: bytes) -> None:
-        self._plan, self._at = plan, 0
-
-    def more(self) -> bool:
-        return self._at < len(self._plan)
-
-    def byte(self) -> int:
-        self._at += 1
-        return self._plan[self._at - 1] if self._at <= len(self._plan) else 0
-
-    def take(self, length: int) -> bytes:
-        self._at += length
-        return self._plan[self._at - length : self._at]
-
-
-def _frame(reader: _Reader, sysid: int | None = None) -> bytes:
+def _frame(reader: Reader, sysid: int | None = None) -> bytes:
     """A frame with a right CRC: message, sender, form, then the payload, at first addressed to the autopilot."""
     choice = reader.byte()
     more = reader.byte()
@@ -308,7 +291,7 @@ def _frame(reader: _Reader, sysid: int | None = None) -> bytes:
     return magic + head + bytes(payload) + crc.to_bytes(2, "little") + signature
 
 
-def _instructions(reader: _Reader) -> Iterator[int]:
+def _instructions(reader: Reader) -> Iterator[int]:
     while reader.more():
         yield reader.byte() % 6
 
@@ -344,7 +327,7 @@ def seeds() -> Iterator[bytes]:
 
 def run(plan: bytes) -> Fuzzed:
     """Carry a plan out; AssertionError or any other exception is a fault of the gate."""
-    reader = _Reader(plan)
+    reader = Reader(plan)
     gate, station, pending = Fuzzed(), A, b""
     for instruction in _instructions(reader):
         if instruction == GARBAGE:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -27,8 +26,6 @@ from tests.fuzz.harness import (
 )
 from tests.gate.frames import make_frame
 from tests.gate.ledger import ALL_COMMANDS, VIEWS, A
-
-CRASHERS = sorted((Path(__file__).parents[1] / "data" / "fuzz").glob("*.bin"))
 
 ANY_BYTE = st.integers(0, 255)
 NAME = st.sampled_from([b"FS_OPTIONS", b"SCR_ENABLE", b"RTL_ALT", b"fs_gcs_enable"]) | st.binary(max_size=16)
@@ -101,11 +98,6 @@ def test_the_plans_that_fuzzing_begins_with_hold() -> None:
     plans = list(seeds())
     assert sum(run(plan).forwarded for plan in plans) > 100
     run(b"".join(plans))
-
-
-def test_what_a_fuzzer_found_once_stays_found() -> None:
-    for path in CRASHERS:
-        run(path.read_bytes())
 
 
 def test_the_harness_lets_something_through_and_would_notice() -> None:
