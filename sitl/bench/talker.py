@@ -12,7 +12,7 @@ import time
 from typing import Any
 
 from gcs_module.core import AuthorityHeard, FromVehicle, MissionHeld, StationCore, ToVehicle, VehicleHeard
-from mavproxy_handover.core.model import LeaseState, Phase, Station
+from mavproxy_handover.core.model import AUTOMATIC, LeaseState, Phase, Station
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.ids import COMPANION_COMPID
@@ -28,7 +28,7 @@ class TalkingStation(FakeStation):
 
     def __init__(self, loop: Loop, name: str, sysid: int, key: bytes | None = None) -> None:
         super().__init__(loop, name, sysid, key)
-        self._core = StationCore(Station(sysid, name), "drone-1", (), operator_consents=False)
+        self._core = StationCore(Station(sysid, name), "drone-1", (), automatic=AUTOMATIC)
 
     def hold(self, package: MissionPackage) -> None:
         """It has the mission package."""

@@ -118,7 +118,7 @@ class TestTheOwnerOfTheFile:
         bench.heard(A)
         bench.run(10.0)
         (moved,) = bench.watch.moves
-        assert moved == (begun_at + 5.0, None, A, LATER)
+        assert moved == (begun_at + bench.limits.recovery_s, None, A, LATER)
         assert bench.flights() == []
 
     @pytest.mark.parametrize(
