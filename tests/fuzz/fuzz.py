@@ -3,12 +3,12 @@
 """Coverage-guided fuzzing of what takes bytes from outside, for as long as you let it: `make fuzz`, or
 
     python tests/fuzz/fuzz.py [--seconds 60] [--work DIR] [TARGET ...]     each target for so long, one after the other
-    python tests/fuzz/fuzz.py --keep DIR [TARGET ...]                      the smallest part of DIR that reaches as far
+    python tests/fuzz/fuzz.py --keep DIR [TARGET ...]                      some of DIR, to begin with the next time
     python tests/fuzz/fuzz.py --once TARGET FILE                           one plan, and what it cost
 
 Needs atheris (`pip install atheris`), which ships for Linux and a few versions of Python only. A plan that breaks
 something is written to `tests/data/fuzz/TARGET/`, where the tests pick it up; what reaches new code goes to DIR/TARGET
-(`--work`), and from there, by `--keep`, the shortest of it goes to the same place: fuzzing begins with what lies there.
+(`--work`), and from there, by `--keep`, a part of it to the same place: fuzzing begins with what lies there.
 
 A plan is also a finding if it takes more than MOST_S of processor time or MOST_BYTES of memory without the
 instruments of the fuzzer, which slow things down.
@@ -33,8 +33,8 @@ ROOT = Path(__file__).resolve().parents[2]
 CORPUS = ROOT / "tests" / "data" / "fuzz"
 MOST_S: Final = 2.0
 MOST_BYTES: Final = 200 * 1024 * 1024
-#: kept plans are no longer than this, all of a target together
-_KEPT_BYTES: Final = 64 * 1024
+#: so many plans of a target are kept: short ones and long ones
+_KEPT: Final = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,14 +118,12 @@ def _run(name: str, seconds: int, work: Path | None) -> int:
 
 
 def _keep(name: str, work: Path) -> int:
-    """Put the smallest part of `work` that reaches as far as all of it into the corpus; the shortest plans first."""
+    """Put plans out of the smallest part of `work` that reaches as far as all of it into the corpus."""
     with tempfile.TemporaryDirectory() as folder:
         broken = _child(name, ["-merge=1", f"-max_len={TARGETS[name].most}", folder, str(work)])
-        size = 0
-        for path in sorted(Path(folder).iterdir(), key=lambda path: (path.stat().st_size, path.name)):
-            size += path.stat().st_size
-            if size <= _KEPT_BYTES:
-                _write(name, path.read_bytes())
+        paths = sorted(Path(folder).iterdir(), key=lambda path: (path.stat().st_size, path.name))
+        for path in paths[:: max(1, -(-len(paths) // _KEPT))]:
+            _write(name, path.read_bytes())
     return 1 if broken else 0
 
 
@@ -161,7 +159,8 @@ def _fuzz(name: str, atheris: object, arguments: list[str]) -> int:
     with atheris.instrument_imports(include=list(target.led_by)):  # type: ignore[attr-defined]
         harness = importlib.import_module(target.harness)
     one = _watched(name, harness.run)
-    atheris.Setup(["fuzz", *arguments], one)  # type: ignore[attr-defined]
+    again = f"{sys.executable} {__file__} --child {name} --"  # how a merge starts this process again
+    atheris.Setup([again, *arguments], one)  # type: ignore[attr-defined]
     atheris.Fuzz()  # type: ignore[attr-defined]
     return 0
 
