@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What lies on the disk, driven by bytes: state file, stored package and replay state after any damage.
+"""What outlives a restart, driven by bytes: state file, its copy in memory, stored package and replay state after any
+damage.
 
 A plan's first byte says how the rest is meant: as a whole file, as damage to a good one, or as other values in a good
 one, under a checksum that fits. Only what any caller may use is used. What must hold:
 
-* `StateStore.load` gives a snapshot, None, or StateError; `recall` gives nothing but a line;
+* `StateStore.load` gives what was kept, None, or StateError with a line; so does the copy in memory, with ValueError;
 * a snapshot has the numbers that its messages can carry, each of its own kind, and an arbiter goes on from it;
 * `load_package` gives the package of the digest that was asked for, or none;
 * `ReplayStore.load` never raises, and whatever it read, what was signed long ago stays refused.
@@ -19,6 +20,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -30,19 +32,20 @@ from mavproxy_handover.core.events import Tick
 from mavproxy_handover.core.model import FlightAction, GuardState, Phase, Reason, Station
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as packages
+from mavproxy_handover.store.memory import Condition, Slots
 from mavproxy_handover.store.replay import ReplayStore
-from mavproxy_handover.store.state import StateError, StateStore, recall
+from mavproxy_handover.store.state import Kept, StateError, StateStore, pack, unpack
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer, sign
 from mavproxy_handover.wire.status import authority_status
 from tests.fuzz.reader import Reader
 
-__all__ = ["KINDS", "Kept", "check", "run", "sealed", "seeds"]
+__all__ = ["KINDS", "Files", "check", "place_of", "run", "sealed", "seeds"]
 
 #: how the bytes of a plan are meant
 RAW, DAMAGED, VALUES = 0, 1, 2
-KINDS: Final = ("state", "replay", "package")
+KINDS: Final = ("state", "replay", "package", "memory")
 VEHICLE: Final = "drone-1"
 KEY: Final = bytes(range(32))
 STATIONS: Final = (Station(251, "GCSA"), Station(252, "GCSB"))
@@ -53,24 +56,28 @@ PACKAGE: Final = packages.load(Path(__file__).resolve().parents[2] / "missions" 
 GOOD: Final = Snapshot(251, 4, 7, Phase.ON_MISSION, 2, PACKAGE.digest, (251, 252, 251), True, FlightAction.LAND)
 
 
-class Kept:
+class Files:
     """The folder of a vehicle that flew, with good files in it."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.store = StateStore(folder, VEHICLE)
-        self.store.save(GOOD)
+        self.store.save(GOOD, "boot", 7)
         before = set(folder.iterdir())
         self.store.save_package(PACKAGE)
         (self.package,) = set(folder.iterdir()) - before
         (self.state,) = before
         self.replay = folder / "replay.json"
+        self.memory = folder / "state.now"
+        slots = Slots(self.memory)
+        slots.write(pack(Kept(GOOD, "boot", 8), VEHICLE), 8)
+        slots.close()
         peer = self.heard()
         assert peer.check(frame(LONG_AGO), UTC_S - 86_400.0, 1.0) is SignatureVerdict.OK
         self._replay_store.close()
         #: what the last plan wrote
         self.spoilt: Path | None = None
-        self.good = {path: path.read_bytes() for path in (self.state, self.replay, self.package)}
+        self.good = {path: path.read_bytes() for path in (self.state, self.replay, self.package, self.memory)}
 
     def heard(self) -> SignedPeer:
         """A station's key as the next run has it."""
@@ -153,6 +160,28 @@ def _damaged(reader: Reader, data: bytes) -> bytes:
     return bytes(found)
 
 
+def _check_kept(kept: Kept) -> None:
+    assert type(kept.boot) is str
+    assert type(kept.serial) is int
+    assert kept.serial >= 0
+    check(kept.snapshot)
+
+
+def _read_memory(path: Path) -> None:
+    """The copy in memory, as the keeper reads it."""
+    slots = Slots(path)
+    if slots.condition is Condition.HELD:
+        with suppress(ValueError):
+            _check_kept(unpack(slots.record, VEHICLE))
+    slots.close()
+
+
+def place_of(name: str) -> int:
+    """The number of a value among those of the state file."""
+    files = _files()
+    return sorted(json.loads(files.good[files.state])["body"]).index(name)
+
+
 def check(snapshot: Snapshot) -> None:
     """A snapshot that was read can be gone on from, and told."""
     assert snapshot.owner is None or (type(snapshot.owner) is int and 1 <= snapshot.owner <= 255)
@@ -166,6 +195,7 @@ def check(snapshot: Snapshot) -> None:
     assert 0 <= snapshot.route_at <= len(snapshot.route)
     assert all(type(station) is int and 1 <= station <= 255 for station in snapshot.route)
     assert type(snapshot.takeover_allowed) is bool
+    assert type(snapshot.proven) is bool
     assert snapshot.out_of_coverage is None or type(snapshot.out_of_coverage) is FlightAction
     arbiter = Arbiter(Identity("drone", STATIONS, 251), restored=snapshot)
     for now in (0.0, 30.0):
@@ -184,58 +214,60 @@ def seeds() -> Iterator[bytes]:
     for kind in range(len(KINDS)):
         yield bytes([DAMAGED, kind, 0, 30, 0, 1])
         yield bytes([DAMAGED, kind, 0, 90, 1])
-        for name in range(12):
+        for name in range(16):
             for what in range(10):
                 yield bytes([VALUES, kind, name, 1, 1, what, 4, 2, 1, 1, 1])
 
 
 @cache
-def _kept() -> Kept:
+def _files() -> Files:
     """A folder that is used again and again, and is gone with the process."""
     folder = tempfile.mkdtemp(prefix="handover-fuzz-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Kept(Path(folder))
+    return Files(Path(folder))
 
 
 def run(plan: bytes) -> Snapshot | None:
     """Carry a plan out; any exception is a finding. What was recovered."""
-    kept = _kept()
-    kept.restore()
+    files = _files()
+    files.restore()
     reader = Reader(plan)
-    how, kind = reader.byte() % 3, reader.byte() % 3
-    path = (kept.state, kept.replay, kept.package)[kind]
-    good = kept.good[path]
+    how, kind = reader.byte() % 3, reader.byte() % 4
+    path = (files.state, files.replay, files.package, files.memory)[kind]
+    good = files.good[path]
     if how == RAW:
         data = plan[2:]
-    elif how == DAMAGED or path == kept.package:
+    elif how == DAMAGED or path in (files.package, files.memory):
         data = _damaged(reader, good)
     else:
         whole = json.loads(good)
-        part = "body" if path == kept.state else "stamps"
+        part = "body" if path == files.state else "stamps"
         _change(reader, whole[part])
         try:
             data = sealed(whole, part)
         except ValueError:  # Python writes no number of thousands of digits
             data = good
     path.write_bytes(data)
-    kept.spoilt = path
-    return _read(kept)
+    files.spoilt = path
+    return _read(files)
 
 
-def _read(kept: Kept) -> Snapshot | None:
-    snapshot, line = recall(kept.store)
-    assert line.isprintable()
+def _read(files: Files) -> Snapshot | None:
+    kept, line = None, ""
     try:
-        assert kept.store.load() == snapshot
-        assert not line
-    except StateError:
-        assert (snapshot, bool(line)) == (None, True)
-    if snapshot is not None:
-        check(snapshot)
-    for digest in (PACKAGE.digest, bytes(32)) if kept.spoilt == kept.package else ():
-        package = kept.store.load_package(digest)
+        kept = files.store.load()
+    except StateError as error:
+        line = str(error)
+    assert line.isprintable()
+    snapshot = None if kept is None else kept.snapshot
+    if kept is not None:
+        _check_kept(kept)
+    if files.spoilt == files.memory:
+        _read_memory(files.memory)
+    for digest in (PACKAGE.digest, bytes(32)) if files.spoilt == files.package else ():
+        package = files.store.load_package(digest)
         assert package is None or package.digest == digest
-    peer = kept.heard()
-    if kept.note or kept.replay.read_bytes() == kept.good[kept.replay]:  # with a clock that says nothing
+    peer = files.heard()
+    if files.note or files.replay.read_bytes() == files.good[files.replay]:  # with a clock that says nothing
         assert peer.check(frame(LONG_AGO), 0.0, 1.0) is SignatureVerdict.TOO_OLD
     return snapshot
