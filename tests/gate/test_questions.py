@@ -136,7 +136,7 @@ def test_bulk_reads_may_slow_down_the_commanders_telemetry_for_so_long(
     name, fields = question
     frame = make(name, sysid=GCSB, **fields)
     passed = 0
-    while desk.outcome(frame, passed * every_s) != TOO_MANY:
+    while passed < 1000 and desk.outcome(frame, passed * every_s) != TOO_MANY:
         passed += 1
     assert passed == expected
 
