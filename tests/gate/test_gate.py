@@ -73,7 +73,7 @@ def test_only_what_the_commander_sends_often_waits_to_be_noted(
     assert door.up(A, frame).passed == [frame.raw]
     assert door.gate.unnoted == (0 if at_once else 1)
     assert door.gate.counts[GCSA][GateReason.ALLOWED] == (1 if at_once else 0)
-    door.gate.note()
+    door.gate.tick(door.now)
     assert (door.gate.unnoted, door.gate.counts[GCSA][GateReason.ALLOWED]) == (0, 1)
 
 
@@ -148,9 +148,20 @@ def test_every_refusal_is_counted_and_five_a_second_of_a_kind_are_answered(door:
 
 
 def test_what_is_dropped_is_counted_and_gets_no_answer(door: Door, make: Make) -> None:
-    came = door.up(B, make("RC_CHANNELS_OVERRIDE", sysid=GCSB))
+    came = door.up(B, make("GPS_RTCM_DATA", sysid=GCSB))
     assert (came.verdict.fate, came.passed, came.answers) == (Fate.DROP, [], [])
     assert door.gate.counts == {GCSA: {}, GCSB: {GateReason.NOT_IN_CONTROL: 1}, GCSC: {}}
+
+
+def test_who_asks_again_and_again_for_parameters_in_flight_reads_of_it_every_ten_seconds(make: Make) -> None:
+    door = Door(step_s=1.0)
+    door.change(replace(OF_A, armed=True))
+    error = ["PARAM_ERROR"] if "PARAM_ERROR" in IDS else []
+    came = [names(door.up(B, make("PARAM_REQUEST_LIST", sysid=GCSB)).answers) for _ in range(12)]
+    assert came == [[*error, "STATUSTEXT"], *[error] * 9, [*error, "STATUSTEXT"], error]
+    assert names(door.up(C, make("PARAM_REQUEST_LIST", sysid=GCSC)).answers) == [*error, "STATUSTEXT"]
+    other = [names(door.up(B, make("SET_MODE", sysid=GCSB)).answers) for _ in range(3)]
+    assert other == [["STATUSTEXT"]] * 3, "nobody sends that without meaning it"
 
 
 def test_an_observers_wish_for_rates_is_answered_by_the_companion_in_the_autopilots_name(

@@ -35,7 +35,7 @@ from tests.mutation.survivors import KNOWN_SURVIVORS  # noqa: E402
 TIMEOUT_S = 120
 #: Module -> tests that are to notice its faults.
 TESTED = {
-    "gate": ("test_gate.py", "test_downlink.py", "test_questions.py"),
+    "gate": ("test_gate.py", "test_downlink.py", "test_questions.py", "test_latent.py"),
     "judge": ("test_judge.py", "test_flight_log.py"),
     "policy.rows": ("test_judge.py", "test_policy.py"),
     "policy.parameters": ("test_judge.py", "test_policy.py"),
