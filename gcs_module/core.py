@@ -134,8 +134,8 @@ class StationCore:
         self._vehicle_heard = -inf
         self._vehicle_lost = True
         self._part: _Part | None = None
-        #: station that shall command by the operator's word -> until when
-        self._wishes: dict[int, float] = {}
+        #: until when this station's operator wants control for having asked for it
+        self._wished_until = -inf
         #: the newest transfer that the vehicle has spoken of itself, and the one that it says is under way
         self._latest: TransferKey | None = None
         self._announced: TransferKey | None = None
@@ -254,6 +254,7 @@ class StationCore:
         before, self.commander, self.epoch, self._stage = self.role, commander, epoch, stage
         if known:
             return
+        self._wished_until = -inf  # it was about another commander
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # over, whatever became of it: no question of it is open any more
         if self.role is before:
@@ -318,7 +319,9 @@ class StationCore:
                 part.consent = Consent.GRANTED
                 return part.consent, True
             return part.consent, False
-        wished = now < self._wishes.pop(key.to_station, -inf)
+        wished = as_partner and now < self._wished_until
+        if wished:
+            self._wished_until = -inf
         consent = Consent.GRANTED if automatic or wished else Consent.WAITING
         self._part = _Part(key, as_partner, consent)
         return consent, True
@@ -429,7 +432,8 @@ class StationCore:
         if part is not None and part.consent is Consent.WAITING and part.key.to_station == station:
             self._on_answer(True, now, actions)
             return
-        self._wishes[station] = now + self.WISH_S
+        if station == self._station.sysid:
+            self._wished_until = now + self.WISH_S
 
     def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
         part = self._part

@@ -218,6 +218,7 @@ class Companion:
             kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
             self.narrator.refused(port.name, kind, verdict.what, ", ".join(needs), True, proven, now)
             return
+        self.handle(events.TakeOffPassed(port.sysid), now)
         self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:

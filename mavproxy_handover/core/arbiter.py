@@ -48,6 +48,7 @@ from mavproxy_handover.core.events import (
     StartRequested,
     StationHeard,
     StationMessage,
+    TakeOffPassed,
     Tick,
 )
 from mavproxy_handover.core.flight import Flight
@@ -202,8 +203,10 @@ class Arbiter:
                 self._on_mission(event, actions)
             case StartRequested():
                 self._start.requested(event.station, now, actions)
+            case TakeOffPassed():
+                self._start.by_hand(now, actions)
             case StartFinished():
-                self._start.finished(event, actions)
+                self._start.finished(event, now, actions)
             case Cancel():
                 self._conductor.cancel(event.station, now, actions)
             case ControlRequested():
@@ -284,11 +287,16 @@ class Arbiter:
         if free and fit and not authority.released and authority.transfer is None and authority.grounded(now):
             authority.grant(parent, Reason.PARENT_CONNECTED, actions)
 
+    def _asked(self) -> tuple[int, ...]:
+        """Who is asked in the transfer under way, the partner last: when it falls away, the next one stands fast."""
+        transfer = self._authority.transfer
+        return () if transfer is None else (*transfer.others, transfer.key.to_station)
+
     # ---- the aircraft ---------------------------------------------------------------------------------------------
 
     def _on_position(self, event: PositionSeen, now: float, actions: list[Action]) -> None:
         self._flight.position_seen(now)
-        zones, transfer = self._candidates.zones, self._authority.transfer
+        zones = self._candidates.zones
         first = not zones.known
         change = zones.update(event.zones, now)
         if first and not self._interrupted:  # there the aircraft has been all along
@@ -297,7 +305,7 @@ class Arbiter:
             actions.append(Record("zone_entered", f"zone of {self.name(station)} entered", station=station))
         for station in change.left:
             actions.append(Record("zone_left", f"zone of {self.name(station)} left", station=station))
-        for station in () if transfer is None else transfer.partners:
+        for station in self._asked():
             if station in change.left:
                 self._conductor.move(Cause.LEFT_REGION, now, actions, station=station)
         self._conductor.seek(now, actions)
@@ -309,7 +317,7 @@ class Arbiter:
         if not event.armed and authority.phase is not Phase.ON_LOAD:
             self._land(now, actions)
         elif self._flight.flying and authority.phase is Phase.ON_LOAD and not authority.starting:
-            self._start.enter_mission("airborne", actions)
+            self._start.enter_mission("airborne", now, actions)
         elif was_armed is not event.armed:
             authority.refresh(Reason.NONE, actions)
         self._grant_parent(now, actions)
@@ -342,7 +350,7 @@ class Arbiter:
     def _expire(self, now: float, actions: list[Action]) -> None:
         authority, transfer = self._authority, self._authority.transfer
         # the partner first: from here on nothing commits to a station that is lost itself
-        for station in () if transfer is None else transfer.partners:
+        for station in self._asked():
             if not self._presence[station].alive(now):
                 self._conductor.move(Cause.PARTNER_LOST, now, actions, station=station)
         if authority.owner is not None and not authority.lost and not self._presence[authority.owner].alive(now):
@@ -351,14 +359,14 @@ class Arbiter:
         if transfer is not None and now >= transfer.timeout_at:
             self._conductor.move(Cause.TIMEOUT, now, actions)
         if authority.recover_until is not None and now >= authority.recover_until and authority.owner is not None:
-            authority.wait_no_longer(authority.owner, actions)
+            authority.wait_no_longer(authority.owner, now, actions)
             self._conductor.seek(now, actions)
 
     def _lose_owner(self, owner: int, now: float, actions: list[Action]) -> None:
         self._conductor.move(Cause.COMMANDER_LOST, now, actions)
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
-        self._authority.lose(owner, actions)
+        self._authority.lose(owner, now, actions)
         # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()
         self._conductor.seek(now, actions)
@@ -368,7 +376,8 @@ class Arbiter:
         if self._flight.position_lost(now):
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
         transfer = authority.transfer
-        changing = authority.recovering or (transfer is not None and transfer.forced and not transfer.patient)
+        hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
+        changing = authority.recovering or (transfer is not None and transfer.forced and hurried)
         # once the aircraft turns home for it, an attempt at another commander does not end the emergency: a commit does
         changing = changing and self._emergency.reason is not Reason.COMMANDER_LOST
         lost = (authority.lost and not changing) or (authority.owner is None and flying)
@@ -388,7 +397,7 @@ class Arbiter:
                 self._conductor.move(Cause.OUT_OF_COVERAGE, now, actions)
             authority.start_over()
             if authority.phase is Phase.ON_LOAD:
-                self._start.enter_mission("airborne", actions)
+                self._start.enter_mission("airborne", now, actions)
             authority.move_phase(PhaseCause.EMERGENCY)
         what = decision.reason.name.lower().replace("_", " ")
         text = f"{what}: {decision.action.name.lower()}"

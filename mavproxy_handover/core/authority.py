@@ -47,6 +47,7 @@ class Authority:
 
     __slots__ = (
         "_flight",
+        "_lost_at",
         "_may_be_ahead",
         "_shown",
         "claimant",
@@ -75,6 +76,7 @@ class Authority:
         self._shown = False
         #: the owner is not heard
         self.lost = False
+        self._lost_at = -inf
         self.epoch = 0
         self.phase = Phase.ON_LOAD
         #: the attempt under way to move authority, and the number of the last one
@@ -175,9 +177,13 @@ class Authority:
         self.epoch += 1
         self.takeover_allowed = False
 
-    def lose(self, owner: int, actions: list[Action]) -> None:
+    def hurry_until(self, forced_timeout_s: float) -> float:
+        """Until when a successor of a lost owner is awaited before the aircraft turns home; -inf if none is lost."""
+        return self._lost_at + forced_timeout_s
+
+    def lose(self, owner: int, now: float, actions: list[Action]) -> None:
         """The owner is not heard any more."""
-        self.lost = True
+        self.lost, self._lost_at = True, now
         text = f"{self.name(owner)} is lost: nobody commands"
         actions.append(Record("authority_lost", text, Reason.COMMANDER_LOST, owner))
         self.refresh(Reason.COMMANDER_LOST, actions)
@@ -193,12 +199,12 @@ class Authority:
         actions.append(Record("authority", text, Reason.COMMANDER_RETURNED, owner))
         self.refresh(Reason.COMMANDER_RETURNED, actions)
 
-    def wait_no_longer(self, owner: int, actions: list[Action]) -> None:
+    def wait_no_longer(self, owner: int, now: float, actions: list[Action]) -> None:
         """The time in which the owner may come back after the restart is over."""
         if self._shown:
             self._believe(owner, actions)
             return
-        self.recover_until = None
+        self.recover_until, self._lost_at = None, now
         if self.claimant is not None:  # nobody is a successor of who may not have had it; it may still show that it had
             self.owner, self.lost = None, False
         text = f"{self.name(owner)} has not come back after the restart: nobody commands"

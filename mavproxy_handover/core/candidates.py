@@ -26,13 +26,15 @@ _OPERATORS_WORD = (Reason.COMMANDER_DENIED, Reason.PARTNER_REFUSED, Reason.CANCE
 class Candidates:
     """The stations that may be partner. Times are monotonic seconds."""
 
-    __slots__ = ("_limits", "_presence", "_retry_after", "links", "mission", "zones")
+    __slots__ = ("_failed", "_limits", "_presence", "_retry_after", "links", "mission", "zones")
 
     def __init__(self, presence: dict[int, Presence], limits: Limits) -> None:
         self._presence = presence
         self._limits = limits
         #: station and rank -> until when no transfer of this rank or a lower one goes to the station
         self._retry_after: dict[tuple[int, int], float] = {}
+        #: stations that let a transfer fail since authority last moved
+        self._failed: set[int] = set()
         self.zones = ZoneTracker(limits)
         self.links = Links(limits)
         self.mission: Mission = NO_MISSION
@@ -44,6 +46,18 @@ class Candidates:
     def unfit(self, station: int, now: float) -> Reason | None:
         """Why this station could not be a partner now; None if it could."""
         return self._presence[station].unfit(self.mission.digest, now)
+
+    def unable(self, station: int, now: float, flying: bool) -> Reason | None:
+        """Why authority must not go to this station in this moment, whatever was agreed; None if it may."""
+        presence = self._presence[station]
+        if not presence.alive(now):
+            return Reason.PARTNER_SILENT
+        if not flying:
+            return None
+        if self.zones.known and not self.zones.holds(station):
+            return Reason.LEFT_REGION
+        why = presence.unfit(self.mission.digest, now)
+        return None if why is Reason.PARTNER_SILENT else why  # it has just spoken
 
     def _fit(self, owner: int | None, now: float, actions: list[Action]) -> Sequence[int]:
         """Stations whose zone holds the aircraft and that could take it; says once why another could not."""
@@ -76,13 +90,22 @@ class Candidates:
         return self.best([station for station, why in open_to.items() if why is gravest]), gravest
 
     def best(self, stations: Sequence[int]) -> int:
-        """Of these, at least one, the next one on the route, then the one whose zone keeps the aircraft longest."""
-        return self.zones.best(stations, self.mission.following)
+        """Of these, at least one, the next one on the route, then the one whose zone keeps the aircraft longest.
+
+        One that has let a transfer fail since authority last moved comes behind those that have not: stations that
+        answer and then do not take the aircraft keep none away that would.
+        """
+        untried = [station for station in stations if station not in self._failed]
+        if not untried:
+            self._failed.difference_update(stations)
+        return self.zones.best(untried or stations, self.mission.following)
 
     def pause(self, station: int, reason: Reason, why: Reason, now: float) -> None:
         """A transfer to the station for `reason` failed, and why: not again at once, unless for a graver reason."""
         pause_s = self._limits.denied_pause_s if why in _OPERATORS_WORD else self._limits.retry_pause_s
         self._retry_after[station, RANKS[reason]] = now + pause_s
+        if why is Reason.PARTNER_SILENT:
+            self._failed.add(station)
 
     def paused_s(self, station: int, reason: Reason, now: float) -> float:
         """How long no transfer for this reason goes to the station; 0 if one may."""
@@ -96,6 +119,7 @@ class Candidates:
     def forget_pauses(self) -> None:
         """What failed before does not count any more."""
         self._retry_after.clear()
+        self._failed.clear()
 
     def moved(self, station: int, now: float, *, flying: bool) -> None:
         """This station commands now."""

@@ -55,6 +55,10 @@ class Conductor:
         self.results = Results(limits)
         self.echo = Echo()
 
+    def position_known(self, now: float) -> bool:
+        """Whether it is known where the aircraft is."""
+        return self._flight.position_known(now)
+
     def seek(self, now: float, actions: list[Action]) -> None:
         """Begin a transfer in flight if zones or links ask for one, or the commander is lost."""
         authority, flight = self._authority, self._flight
@@ -125,7 +129,13 @@ class Conductor:
         assert authority.transfer is None
         key = TransferKey(authority.owner, partner, authority.number_transfer(), authority.epoch)
         transfer = Transfer(
-            key, reason, self._limits, now, consented=consented, forced=forced, operator_timeout_s=operator_timeout_s
+            key,
+            reason,
+            self._limits,
+            now,
+            consented=consented,
+            forced_until=self._forced_until(now) if forced else None,
+            operator_timeout_s=operator_timeout_s,
         )
         self.results.forget((key.from_station, key.to_station))
         if not consented or reason not in (Reason.REQUESTED, Reason.GIVEN):  # it is not by the last request
@@ -136,6 +146,11 @@ class Conductor:
         text = f"handover {key.handover_id}{how}: {authority.name(authority.owner)} -> {authority.name(partner)}"
         actions.append(Record("transfer_begun", text, reason, partner))
         self.imply(now, actions)
+
+    def _forced_until(self, now: float) -> float:
+        """How long a forced transfer may take: one loss has one hurry, however many attempts are made in it."""
+        hurry_until = self._authority.hurry_until(self._limits.forced_timeout_s)
+        return hurry_until if now < hurry_until else now + self._limits.forced_timeout_s
 
     def on_message(self, station: int, message: TransferMessage, now: float, actions: list[Action]) -> str | None:
         """A station's word in a transfer; returns why it was dropped, None if it counts."""
@@ -179,7 +194,7 @@ class Conductor:
         end = transfer.move(cause, now, station=station, relay=relay)
         self._bury(transfer, now, actions)
         if isinstance(end, End):
-            self._end(transfer, end, now, actions)
+            self._end(transfer, self._permitted(transfer, end, now), now, actions)
             return
         if transfer.key.to_station != partner:
             self._authority.refresh(transfer.reason, actions)
@@ -190,6 +205,19 @@ class Conductor:
             step = f"handover {transfer.key.handover_id}: {before.value} -> {transfer.step.value} ({cause.value})"
             actions.append(Record("step", step, duration_s=now - transfer.started_at))
             self.imply(now, actions)
+
+    def _permitted(self, transfer: Transfer, end: End, now: float) -> End:
+        """The end that the steps lead to, unless the partner could not take the aircraft after all."""
+        partner = transfer.key.to_station
+        why = None if end.outcome is Outcome.ABORTED else self._candidates.unable(partner, now, self._flight.flying)
+        return end if why is None else End(Outcome.ABORTED, why)
+
+    def take_off(self, now: float, actions: list[Action]) -> None:
+        """What was begun on the ground goes on only with stations that could take the aircraft in the air."""
+        transfer = self._authority.transfer
+        for station in () if transfer is None else (*transfer.others, transfer.key.to_station):
+            if self._candidates.unable(station, now, True) is not None:
+                self.move(Cause.LEFT_REGION, now, actions, station=station)
 
     def _bury(self, transfer: Transfer, now: float, actions: list[Action]) -> None:
         """Candidates that fell away are not asked again at once."""

@@ -54,7 +54,7 @@ class ControlFacts:
     START is under way. `waiting_for`: the partner of the transfer under way, None without one; where several are asked
     and the station that is to have control is one of them, that. `yields`: that transfer gives way to a gift. `unfit`:
     why the station that is to have control could not be a partner, None if it could. `in_zone`: its zone holds the
-    aircraft, or zones or position are not known yet. `paused_s`: how long its requests have to wait.
+    aircraft, or no zones are known. `paused_s`: how long its requests have to wait. `position_known`: and fresh.
     """
 
     commander: int | None
@@ -68,6 +68,7 @@ class ControlFacts:
     in_zone: bool
     yields: bool = False
     paused_s: float = 0.0
+    position_known: bool = True
 
 
 class Effect(Enum):
@@ -155,6 +156,8 @@ def _cannot_take(facts: ControlFacts, *, busy: bool) -> ControlDecision | None:
         return _denied("another handover is under way")
     if facts.unfit is not None and not (facts.grounded and facts.unfit is Reason.MISSION_DIFFERS):
         return _denied(facts.unfit.name.lower().replace("_", " "))
+    if not facts.grounded and not facts.position_known:
+        return _denied("no position of the aircraft")
     if not facts.grounded and not facts.in_zone:
         return _denied("the aircraft is outside its zone")
     return None

@@ -36,6 +36,7 @@ __all__ = [
     "StartRequested",
     "StationHeard",
     "StationMessage",
+    "TakeOffPassed",
     "Tick",
     "ViewChanged",
 ]
@@ -108,6 +109,13 @@ class StartRequested:
 
 
 @dataclass(frozen=True, slots=True)
+class TakeOffPassed:
+    """A command of the commander that arms or takes off goes to the autopilot: it has all that START needs."""
+
+    station: int
+
+
+@dataclass(frozen=True, slots=True)
 class StartFinished:
     """The edge went through the START sequence; `text` says what stopped it."""
 
@@ -161,6 +169,7 @@ Event = (
     | GuardSeen
     | MissionLoaded
     | StartRequested
+    | TakeOffPassed
     | StartFinished
     | Cancel
     | ControlRequested

@@ -73,6 +73,7 @@ class Requests:
             unfit=self._candidates.unfit(station, now) if known else None,
             in_zone=zones.holds(station) or not zones.known,
             paused_s=self._candidates.paused_s(station, Reason.REQUESTED, now),
+            position_known=self._conductor.position_known(now),
         )
 
     def _take_effect(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:

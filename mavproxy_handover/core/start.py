@@ -102,20 +102,25 @@ class Start:
         actions.append(Record("start", f"START from {self._authority.name(station)}", station=station))
         actions.append(BeginStart(station))
 
-    def finished(self, event: StartFinished, actions: list[Action]) -> None:
+    def by_hand(self, now: float, actions: list[Action]) -> None:
+        """A part of START goes to the autopilot as a command of its own."""
+        self._conductor.move(Cause.PREEMPTED, now, actions)
+
+    def finished(self, event: StartFinished, now: float, actions: list[Action]) -> None:
         """The edge went through the START sequence; what was given up meanwhile is over already."""
         if not self._authority.starting:
             return
         self._authority.start_over()
         if event.ok:
-            self.enter_mission("armed and in AUTO", actions)
+            self.enter_mission("armed and in AUTO", now, actions)
         else:
             text = f"START failed: {event.text}"
             actions.append(Record("start_failed", text, Reason.NOT_READY, self._authority.owner))
 
-    def enter_mission(self, how: str, actions: list[Action]) -> None:
+    def enter_mission(self, how: str, now: float, actions: list[Action]) -> None:
         """The aircraft flies, or is about to."""
         authority = self._authority
+        self._conductor.take_off(now, actions)
         authority.move_phase(PhaseCause.STARTED)
         authority.resume_transfer_phase()
         self._candidates.zones.forget_entries()

@@ -216,16 +216,18 @@ class Transfer:
         now: float,
         *,
         consented: bool = False,
-        forced: bool = False,
+        forced_until: float | None = None,
         operator_timeout_s: float | None = None,
     ) -> None:
-        """`consented`: the commander has agreed beforehand. `forced`: there is no commander to ask."""
+        """`consented`: the commander has agreed beforehand. `forced_until`: there is no commander to ask, and until
+        then it may take."""
+        forced = forced_until is not None
         self._limits = limits
         self._operator_timeout_s = limits.operator_timeout_s if operator_timeout_s is None else operator_timeout_s
         self.consented = consented or forced
         self.forced = forced
         #: a forced transfer has so long, whatever step it is in; inf where there is no hurry
-        self.forced_until = now + limits.forced_timeout_s if forced else inf
+        self.forced_until = inf if forced_until is None else forced_until
         #: forced, and no longer in a hurry: it waits for operators
         self.patient = False
         #: of a forced one: the stations that are asked besides the partner; of all these those that are ready, and
@@ -250,13 +252,17 @@ class Transfer:
         self._limit(now)
 
     def _limit(self, now: float) -> None:
-        if self.patient and self.step is Step.REQUEST:
-            self.timeout_at = self._asked_until
-            return
         limit_s = self._limits.release_timeout_s if self.step is Step.RELEASE else self._limits.step_timeout_s
-        if self.ready.intersection(self.others):  # somebody else is waiting
+        if self._reserve():  # somebody else is waiting
             limit_s = min(limit_s, self._limits.reserve_timeout_s)
+        elif self.forced and self.step is Step.REQUEST:
+            self.timeout_at = self._asked_until if self.patient else self.forced_until
+            return
         self.timeout_at = min(now + limit_s, self.forced_until)
+
+    def _reserve(self) -> frozenset[int]:
+        """Who is ready besides the partner."""
+        return self.ready.intersection(self.others)
 
     # ---- who is asked ---------------------------------------------------------------------------------------------
 
@@ -300,7 +306,7 @@ class Transfer:
         what it said is to be passed on at once.
         """
         if cause is Cause.PARTNER_ASKS:
-            self.asking |= {self.key.to_station if station is None else station}
+            self._note_asking(self.key.to_station if station is None else station, now)
         if station is not None and station != self.key.to_station:
             if cause is not Cause.PARTNER_READY or self.step is not Step.REQUEST:
                 self._of_other(cause, station, now)
@@ -318,7 +324,9 @@ class Transfer:
             self.forced = self.consented = True
             self.reason = Reason.COMMANDER_LOST
             self.forced_until = now + self._limits.forced_timeout_s
-            self.timeout_at = min(self.timeout_at, self.forced_until)
+            self._limit(now)
+            if self.step is Step.REQUEST:  # the question is another one now
+                self.retry_at = now
         if isinstance(target, End):
             return target
         asked = cause in (Cause.PARTNER_ASKS, Cause.COMMANDER_ASKS)
@@ -334,10 +342,16 @@ class Transfer:
         if cause is Cause.PARTNER_READY:
             self.ready |= {station}
             self.timeout_at = min(self.timeout_at, now + self._limits.reserve_timeout_s)
-        elif cause is Cause.PARTNER_ASKS and self.step is Step.REQUEST:
-            self.ask_operator(now)
         elif cause in _FALLS_AWAY:
             self._fall(station, _FALLS_AWAY[cause])
+
+    def _note_asking(self, station: int, now: float) -> None:
+        """Its operator is being asked; saying so again wins no time."""
+        if station not in self.asking:
+            self.asking |= {station}
+            self._asked_until = now + self._operator_timeout_s
+            if self.patient:
+                self._limit(now)
 
     def _prefer(self, station: int) -> None:
         """This one of the others is the partner; the partner so far goes into reserve."""
@@ -362,7 +376,9 @@ class Transfer:
 
     def _run_out(self, now: float) -> End | bool:
         """A forced transfer's time is up, of the step or of the whole."""
-        if now < self.forced_until and self.ready.intersection(self.others):
+        if self._reserve() or (self.others and now < self.forced_until):
+            if now >= self.forced_until:  # the aircraft is on its way home; whoever is ready may take it all the same
+                self.forced_until = now + self._limits.forced_timeout_s
             self._fall(self.key.to_station, Reason.PARTNER_SILENT)
             return self._next(now)
         if self.step is Step.REQUEST and self.asking and not self.patient:
@@ -392,9 +408,8 @@ class Transfer:
         """An operator is being asked: wait as long as that takes."""
         if not self.operator_asked:
             self.operator_asked = True
-            self._asked_until = now + self._operator_timeout_s
             if not self.forced:  # where there is a hurry that comes first, see `_run_out`
-                self.timeout_at = self._asked_until
+                self.timeout_at = now + self._operator_timeout_s
 
     # ---- what it says ---------------------------------------------------------------------------------------------
 

@@ -108,7 +108,7 @@ class TestOutOfCoverage:
         assert bench.arbiter.view.partner == B
         bench.autopilot_says(armed=True, flying=True)
         assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, A, None, 1, LeaseState.HELD, True, 1)
-        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.OUT_OF_COVERAGE]
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.LEFT_REGION]
         assert bench.flights() == [RETURN]
 
     def test_one_that_begins_as_a_zone_is_entered_again_outlives_it(self) -> None:

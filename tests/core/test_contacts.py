@@ -119,7 +119,7 @@ def test_a_stations_own_question_is_answered_whatever_its_version_and_says_wheth
 
 def test_nobody_is_told_that_a_lost_commander_commands() -> None:
     made, authority = contacts()
-    authority.lose(A, [])
+    authority.lose(A, 0.0, [])
     sent = asked(made, authority, 100.0)[0]
     assert isinstance(sent, Send)
     assert isinstance(sent.message, Connect)

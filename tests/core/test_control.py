@@ -150,6 +150,11 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
      no("too soon: again in 1 s")),
     ("the same, nobody commands", asks(B), replace(LOST, paused_s=7.2), ControlDecision(PENDING, Effect.FORCE)),
     ("the same, on the ground", asks(B), replace(NOBODY_ON_GROUND, paused_s=7.2), yes(Effect.GRANT)),
+    ("asks, position not known", asks(B), replace(FLYING, position_known=False), no("no position of the aircraft")),
+    ("the same, on the ground", asks(B), replace(GROUND, position_known=False),
+     ControlDecision(PENDING, Effect.TRANSFER)),
+    ("asks after the loss, position not known", asks(B), replace(LOST, position_known=False),
+     no("no position of the aircraft")),
     ("asks, unfit", asks(B), replace(FLYING, unfit=Reason.MISSION_DIFFERS), no("mission differs")),
     ("asks, unfit, takeover allowed", asks(B), replace(FLYING, unfit=Reason.PARTNER_SILENT, takeover_allowed=True),
      no("partner silent")),
@@ -317,16 +322,21 @@ class TestRequest:
         assert bench.arbiter.view.commander == A
         assert bench.arbiter.view.epoch == 1
 
-    def test_before_zones_are_known_an_operator_may_move_it_all_the_same(self) -> None:
+    def test_without_zones_an_operator_may_move_it_all_the_same(self) -> None:
         bench = Bench()
         bench.on_ground()
-        bench.facts = None
         bench.position()
-        bench.facts = None
         bench.autopilot_says(armed=True, flying=True)
         bench.run(3.0)
         bench.give(asks(B))
         assert bench.arbiter.view.partner == B
+
+    def test_but_not_without_a_position(self) -> None:
+        # whose zone holds the aircraft is not known; nor is it just after a restart
+        bench = flight()
+        bench.facts = None
+        bench.run(3.0)
+        assert answers(bench.give(asks(B))) == [ControlAnswer(B, DENIED, "no position of the aircraft")]
 
     def test_a_stranger_is_counted_and_gets_no_answer(self) -> None:
         bench = flight()
@@ -360,6 +370,7 @@ class TestRequest:
 
     def test_a_transfer_that_takes_off_is_a_phase(self) -> None:
         bench = Bench().on_ground()
+        bench.position(inside(A), inside(B))
         bench.give(asks(B))
         bench.autopilot_says(armed=True, flying=True)
         assert bench.arbiter.view == AuthorityView(

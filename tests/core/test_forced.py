@@ -20,6 +20,7 @@ from mavproxy_handover.core.events import (
     Record,
     Send,
     StationHeard,
+    TakeOffPassed,
     Tick,
     ViewChanged,
 )
@@ -746,3 +747,107 @@ class TestAskedAtOnce:
         bench.say(C, DroneConnected(self.key(C)))
         assert bench.arbiter.view.commander == C
         assert bench.flights() == []
+
+    def test_falling_away_together_they_leave_nothing_to_a_station_that_is_gone(self) -> None:
+        # a standard station commits as soon as it is chosen: it must not be while the others of the same instant fall
+        bench = Bench(standard={C})
+        bench.alive = {A, B, C}
+        bench.on_mission()
+        bench.alive = {B, C}
+        bench.position(*far(A, B, C, D))
+        while bench.arbiter.view.commander is not None:
+            bench.run(0.1)
+        bench.position(inside(A), inside(B), inside(C), outside(D))
+        assert bench.arbiter.view.partner == B
+        bench.position(inside(A), outside(B), outside(C), outside(D))
+        assert bench.arbiter.view.commander is None
+        assert bench.arbiter.view.partner is None
+
+    def test_one_loss_has_one_hurry_however_many_attempts_are_made(self) -> None:
+        bench = lost()
+        lost_at = bench.now
+        for number in range(40):  # each time the zone of the one who is asked ends, and another's begins
+            bench.run(0.1)
+            bench.position(inside(A), inside(B) if number % 2 else outside(B), outside(C) if number % 2 else inside(C))
+        (turned_at,) = [at for at, action in bench.log if isinstance(action, Fly)]
+        assert turned_at <= lost_at + 2.0
+
+    def test_the_step_before_the_loss_throws_nobody_away(self) -> None:
+        # GCSB was asked 3.9 s ago, and does not answer; GCSC is asked at the loss and is ready a moment later
+        bench = in_both_zones(facts=(inside(A), outside(B), inside(C)))
+        bench.alive = {B, C}
+        bench.run(1.2)
+        bench.position(inside(A), inside(B), inside(C))
+        assert bench.arbiter.view.partner == B
+        while bench.arbiter.view.commander == A:
+            bench.run(0.1)
+        bench.run(0.3)
+        assert bench.flights() == []
+        key = TransferKey(A, C, bench.arbiter.view.handover_id, 1)
+        bench.say(C, OnHandover(key))
+        bench.say(C, DroneConnected(key))
+        assert bench.arbiter.view.commander == C
+
+    def test_a_ready_one_does_not_wait_for_anothers_operator(self) -> None:
+        bench = Bench(standard={C})
+        bench.alive = {A, B, C}
+        bench.on_ground()
+        bench.position(inside(A), inside(B), outside(C), outside(D))
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        bench.alive = {B, C}
+        bench.run(5.0)
+        bench.say(B, OnHandover(KEY, Consent.WAITING))
+        bench.run(3.0)
+        assert bench.arbiter.view.partner == B
+        bench.position(inside(A), inside(B), inside(C), outside(D))
+        bench.run(1.0)
+        assert bench.arbiter.view.commander == C
+
+    def test_a_question_in_reserve_ends_too(self) -> None:
+        bench = self.lost_by_three()
+        bench.say(B, OnHandover(self.key(B)))
+        bench.say(C, OnHandover(self.key(C), Consent.WAITING))
+        bench.say(D, OnHandover(self.key(D), Consent.DENIED))
+        bench.say(B, OnHandover(self.key(B), Consent.DENIED))
+        assert bench.arbiter.view.partner == C
+        bench.run(31.0)
+        assert bench.arbiter.view.partner is None, "it would have been asked for ever"
+
+    def test_the_partner_is_asked_anew_at_the_moment_of_the_loss(self) -> None:
+        bench = Bench(replace(Limits(), step_timeout_s=20.0)).up_to("REQUEST")
+        bench.alive = {B}
+        while bench.arbiter.view.commander == A:
+            bench.run(0.1)
+        at, _station, message, _n = bench.sent()[-1]
+        assert message == HandoverRequest(KEY, Reason.COMMANDER_LOST)
+        assert at == next(when for when, a in bench.log if isinstance(a, Record) and a.event == "authority_lost")
+
+
+class TestTakeOff:
+    """What an operator began on the ground does not follow the aircraft into the air where it could not begin there."""
+
+    def test_a_request_of_a_station_elsewhere_ends(self) -> None:
+        bench = Bench().on_ground()
+        bench.digests[B] = bytes(32)
+        bench.give(bench.request(B, timeout_s=60.0))
+        assert bench.arbiter.view.partner == B
+        bench.autopilot_says(armed=True, flying=True)
+        assert bench.arbiter.view.partner is None
+        assert bench.arbiter.view.commander == A
+
+    def test_a_part_of_start_ends_it_as_start_does(self) -> None:
+        bench = Bench().on_ground()
+        bench.position(inside(A), inside(B))
+        bench.give(bench.request(B, timeout_s=60.0))
+        assert bench.arbiter.take_off_needs(A, bench.now) == ()
+        bench.give(TakeOffPassed(A))
+        assert bench.arbiter.view.partner is None
+
+    def test_nothing_commits_to_a_station_that_holds_another_mission_by_now(self) -> None:
+        bench = lost()
+        bench.say(B, OnHandover(KEY))
+        bench.digests[B] = bytes(32)
+        bench.run(1.2)
+        bench.say(B, DroneConnected(KEY))
+        assert bench.arbiter.view.commander is None

@@ -107,7 +107,8 @@ class TestOrder:
     @pytest.mark.parametrize("step", Step, ids=lambda step: step.name)
     @pytest.mark.parametrize(("present", "graver"), list(product(ORDER, ORDER)), ids=lambda reason: reason.name)
     def test_every_pair_in_every_step(self, step: Step, present: Reason, graver: Reason) -> None:
-        transfer = Transfer(TransferKey(A, B, 1, 1), present, Limits(), 0.0, forced=present is Reason.COMMANDER_LOST)
+        until = 2.0 if present is Reason.COMMANDER_LOST else None
+        transfer = Transfer(TransferKey(A, B, 1, 1), present, Limits(), 0.0, forced_until=until)
         transfer.step = step
         expected = step in EARLY and ORDER.index(graver) > ORDER.index(present)
         assert transfer.yields_to(graver) is expected
@@ -308,3 +309,21 @@ def test_nobody_is_asked_on_the_ground_by_zones() -> None:
     bench.run(3.0)
     assert bench.sent() == []
     assert bench.arbiter.view.phase is Phase.ON_LOAD
+
+
+def test_stations_that_never_take_the_aircraft_keep_none_away_that_would() -> None:
+    """Two that answer CONNECT and nothing else, and a third whose zone holds the aircraft as well."""
+    bench = Bench(route=())
+    bench.alive = {A, B, C, D}
+    bench.on_ground()
+    bench.position(inside(A), outside(B), outside(C), outside(D))
+    bench.autopilot_says(armed=True, flying=True)
+    bench.run(10.0)
+    bench.position(outside(A), inside(B), inside(C), inside(D))
+    for _ in range(300):
+        bench.run(0.1)
+        if bench.arbiter.view.partner == D:
+            there = key(bench)
+            for station, word in ((D, OnHandover(there)), (A, OkHandover(there)), (D, DroneConnected(there))):
+                bench.say(station, word)
+    assert bench.arbiter.view.commander == D

@@ -360,12 +360,12 @@ class TestForced:
             assert transfer.timeout_at == 103.0
 
     def test_forced_from_the_beginning(self) -> None:
-        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced=True)
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
         assert transfer.timeout_at == 102.0
         assert transfer.due(100.0) == [(B, HandoverRequest(KEY, Reason.COMMANDER_LOST))]
 
     def test_no_operator_wins_more_time(self) -> None:
-        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced=True)
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
         transfer.move(Cause.PARTNER_ASKS, 100.5)
         assert transfer.timeout_at == 102.0
 

@@ -333,7 +333,7 @@ PARAMETER_DEPENDENT = [
     (400, -1.0, 0.0, TAKE_OFF),
     (400, float("nan"), 0.0, TAKE_OFF),
     (400, 0.0, 21196.0, TOLD),
-    *((218, function, 2.0, TAKE_OFF) for function in (41.0, 153.0, 154.0, 165.0)),
+    *((218, function, 2.0, TAKE_OFF) for function in (41.0, 151.0, 153.0, 153.5, 154.0, 165.0, float("nan"))),
     (218, 153.0, 1.0, TAKE_OFF),
     (218, 153.0, 0.0, TOLD),
     (218, 4.0, 2.0, TOLD),

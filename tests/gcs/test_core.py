@@ -560,7 +560,10 @@ class TestOperator:
 
 
 class TestWish:
-    """What the operator has asked for need not be asked of him again: one transfer, within a minute."""
+    """Who has asked for control need not be asked whether it will have it: one transfer, within a minute.
+
+    To give is no consent to anything else: the vehicle does not ask back about a gift.
+    """
 
     def test_as_partner(self) -> None:
         core = partner(asks=True)
@@ -571,15 +574,10 @@ class TestWish:
         ]
         assert core.question is None
 
-    def test_as_commander(self) -> None:
+    @pytest.mark.parametrize("whom", [A, B, C])
+    def test_a_commander_that_wants_to_give_has_consented_to_nobodys_request(self, whom: int) -> None:
         core = announced(station(A, asks=True))
-        core.handle(Wish(B), NOW)
-        assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW)) == [ToVehicle(OkHandover(KEY))]
-        assert from_vehicle(core, DroneConnected(KEY))[0] == ToVehicle(DisconnectHandover(KEY))
-
-    def test_is_of_one_station(self) -> None:
-        core = announced(station(A, asks=True))
-        core.handle(Wish(C), NOW)
+        core.handle(Wish(whom), NOW)
         assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW)) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
 
     def test_is_used_up_by_one_transfer(self) -> None:
@@ -590,18 +588,27 @@ class TestWish:
         later = TransferKey(A, B, 8, 3)
         assert words(from_vehicle(core, HandoverRequest(later))) == [ToVehicle(OnHandover(later, Consent.WAITING))]
 
+    def test_it_was_about_the_commander_of_then(self) -> None:
+        core = partner(asks=True)
+        core.handle(Wish(B), NOW)
+        core.handle(AuthorityHeard(Phase.ON_MISSION, C, None, 4), NOW)
+        later = TransferKey(C, B, 8, 4)
+        asked = words(from_vehicle(core, HandoverRequest(later, Reason.GIVEN)))
+        assert asked == [ToVehicle(OnHandover(later, Consent.WAITING))]
+
     @pytest.mark.parametrize(("after_s", "consent"), [(59.9, Consent.GRANTED), (60.0, Consent.WAITING)])
     def test_stands_for_a_minute(self, after_s: float, consent: Consent) -> None:
-        core = announced(station(A, asks=True))
+        core = partner(asks=True, ground=False)
         core.handle(Wish(B), NOW)
-        (word,) = words(core.handle(FromPeer(B, OnHandover(KEY)), NOW + after_s))
-        assert word == ToVehicle(OkHandover(KEY, consent))
+        (word,) = words(from_vehicle(core, HandoverRequest(KEY, Reason.REQUESTED), NOW + after_s))
+        assert word == ToVehicle(OnHandover(KEY, consent, relay=consent is Consent.GRANTED))
 
     def test_asked_for_again_it_stands_anew(self) -> None:
-        core = announced(station(A, asks=True))
+        core = partner(asks=True, ground=False)
         core.handle(Wish(B), NOW)
         core.handle(Wish(B), NOW + 50.0)
-        assert words(core.handle(FromPeer(B, OnHandover(KEY)), NOW + 100.0)) == [ToVehicle(OkHandover(KEY))]
+        asked = words(from_vehicle(core, HandoverRequest(KEY, Reason.REQUESTED), NOW + 100.0))
+        assert asked == [ToVehicle(OnHandover(KEY, relay=True))]
 
     def test_changes_nothing_by_itself(self) -> None:
         core = announced(station(A))

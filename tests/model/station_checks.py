@@ -40,6 +40,10 @@ class StationBooks:
     agreed: TransferKey | None = None
     #: the transfer that the vehicle has given a reason for that needs no operator
     excused: TransferKey | None = None
+    #: and the one before: what is late says it again
+    excused_before: TransferKey | None = None
+    #: the same, said to everybody
+    announced: TransferKey | None = None
     #: whom its operator wished to command
     wished: frozenset[int] = frozenset()
 
@@ -65,8 +69,10 @@ def check_station(
     if isinstance(event, gcs.Wish):
         books = replace(books, wished=books.wished | {event.station})
     excused = _excused(event)
-    if excused is not None:
-        books = replace(books, excused=excused)
+    if isinstance(event, gcs.AuthorityHeard):
+        books = replace(books, announced=excused or books.announced)
+    elif excused is not None and excused != books.excused:
+        books = replace(books, excused=excused, excused_before=books.excused)
     for action in said:
         if not isinstance(action, (gcs.ToVehicle, gcs.ToPeer)):
             continue
@@ -82,7 +88,7 @@ def check_station(
         granting = isinstance(word, (OkHandover, OnHandover)) and word.consent is Consent.GRANTED
         if granting or isinstance(word, DroneConnected):
             agreed = books.agreed == key or key.to_station in books.wished
-            agreed = agreed or (not before.asked and books.excused == key)
+            agreed = agreed or (not before.asked and key in (books.announced, books.excused, books.excused_before))
             demand(agreed, f"{type(word).__name__} without the operator's word")
         if isinstance(word, OkHandover) and granting:
             books = replace(books, granted=key)

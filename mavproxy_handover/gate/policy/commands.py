@@ -28,8 +28,8 @@ class TakeOffRule:
 #: On the ground these need what START needs, whoever commands. Names without their MAV_CMD_.
 TAKE_OFF_RULES: Final = (
     TakeOffRule("COMPONENT_ARM_DISARM", "arms, forced or not; 0 disarms", unless_zero=1),
-    # ArmDisarm (41 before 4.2), with AirMode, and ArmEmergencyStop; the low position disarms
-    TakeOffRule("DO_AUX_FUNCTION", "a switch that arms", unless_zero=2, functions=(41, 153, 154, 165)),
+    # ArmDisarm (41 before 4.2), with AirMode, Turtle, and ArmEmergencyStop; the low position disarms
+    TakeOffRule("DO_AUX_FUNCTION", "a switch that arms", unless_zero=2, functions=(41, 151, 153, 154, 165)),
     TakeOffRule("NAV_TAKEOFF", "takes off"),
     TakeOffRule("NAV_TAKEOFF_LOCAL", "takes off"),
     TakeOffRule("NAV_VTOL_TAKEOFF", "takes off"),

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -167,6 +168,8 @@ def takes_off(frame: Frame, row: Row) -> bool:
     rule = None if row.part is None else _TAKE_OFFS.get(row.part)
     if rule is None:
         return False
-    if rule.functions and field_float(frame, "param1") not in rule.functions:
+    function = field_float(frame, "param1")
+    # the autopilot cuts what is behind the point; what is no number may be anything
+    if rule.functions and isfinite(function) and int(function) not in rule.functions:
         return False
     return rule.unless_zero is None or field_float(frame, f"param{rule.unless_zero}") != 0.0
