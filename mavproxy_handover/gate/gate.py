@@ -38,11 +38,11 @@ from typing import Final, Protocol
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.core.model import AuthorityView, Phase
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
-from mavproxy_handover.gate.latent import LatentStreams, News, State, lines
+from mavproxy_handover.gate.latent import LatentStreams, News, State, arms, lines
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.questions import Questions
@@ -152,6 +152,13 @@ class Gate:
         verdict = judge(frame, port.identity, self.view, self._vehicle)
         if verdict.access is _STREAM:
             verdict = self._latent.limit(frame, verdict, port.sysid, now)
+            if (
+                self.view.phase is Phase.ON_LOAD
+                and not self.view.armed
+                and verdict.fate is Fate.FORWARD
+                and arms(frame)
+            ):
+                verdict = verdict._replace(fate=Fate.DROP, reason=GateReason.NOT_ARMED)
             if self._latent.untold:
                 self._tell_stations(now)
         commands = port.sysid == self.view.commander

@@ -69,6 +69,7 @@ class GateReason(Enum):
     TOO_MANY = "too many questions"  #: of a station that does not command (`questions`)
     FILE_BUSY = "the commander uses file transfer"  #: and the autopilot has only one open (`questions`)
     OTHER_TARGET = "other target"  #: aimed at another system
+    NOT_ARMED = "not armed: sticks could arm"  #: on the ground; to arm needs what START needs
     RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
 

@@ -41,7 +41,7 @@ from mavproxy_handover.gate.policy.messages import MESSAGE_RULES
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.wire.frames import Frame, field_int
 
-__all__ = ["BEATS", "KINDS", "PAUSE_S", "REMIND_S", "LatentStreams", "News", "State", "fuller", "lines"]
+__all__ = ["BEATS", "KINDS", "PAUSE_S", "REMIND_S", "LatentStreams", "News", "State", "arms", "fuller", "lines"]
 
 PAUSE_S: Final = 1.0
 BEATS: Final = 3
@@ -58,6 +58,9 @@ _NAMES: Final = {name: rule.stream for rule in MESSAGE_RULES for name in rule.na
 KINDS: Final[Mapping[int, str]] = {
     msgid: _NAMES[cls.msgname] for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in _NAMES
 }
+
+#: the kinds that stand in a pilot's place: rudder and switches arm by them
+_STICKS: Final = ("RC override", "manual control")
 
 #: Values of a channel of RC_CHANNELS_OVERRIDE that hold nothing: released, or left as it is. 1 to 8, and the others.
 _FREE: Final = frozenset((0, 0xFFFF))
@@ -84,6 +87,11 @@ _RELEASES: Final[Mapping[int, Callable[[Frame], bool]]] = {
     mavlink.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: _no_channel,
     mavlink.MAVLINK_MSG_ID_MANUAL_CONTROL: _no_hand,
 }
+
+
+def arms(frame: Frame) -> bool:
+    """Whether a frame of a stream is one that can arm an aircraft on the ground: sticks that hold something."""
+    return KINDS.get(frame.msgid) in _STICKS and not _releases(frame)
 
 
 def _releases(frame: Frame) -> bool:

@@ -211,6 +211,9 @@ STICKS = [
     """),
 ]
 
+#: of these, what holds a stick even with zeros in all its fields: it can arm an aircraft that is not
+HELD_MESSAGES = listed("MANUAL_CONTROL MANUAL_SETPOINT")
+
 # --- the commander's go to the autopilot, because they load a channel that all share; others are answered here
 RATE_MESSAGES = ["REQUEST_DATA_STREAM"]
 RATE_COMMANDS = [510, 511]
@@ -273,7 +276,7 @@ UNBORN_COMMANDS = {
 ALL_COMMANDS = sorted(n for n, e in mavlink.enums["MAV_CMD"].items() if e.name != "MAV_CMD_ENUM_END")
 
 PASS, BULK, TOLD, SAFEGUARD = "pass", "bulk", "told", "safeguard"
-SILENT, RATE, START, TAKE_OFF = "silent", "rate", "start", "take off"
+SILENT, RATE, START, TAKE_OFF, HELD = "silent", "rate", "start", "take off", "held"
 HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
 MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
 
@@ -293,6 +296,7 @@ OUTCOMES = {
     TAKE_OFF: (_ALLOWED, _NOT_IN_CONTROL),
     SAFEGUARD: (_ALLOWED, _NOT_IN_CONTROL),
     SILENT: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
+    HELD: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
     RATE: (_ALLOWED, (Fate.CONSUME, GateReason.OBSERVER_RATES)),
     LIVENESS: (_ALLOWED, (Fate.CONSUME, GateReason.LIVENESS_NOT_COMMANDER)),
     HANDOVER: (_CONSUMED, _CONSUMED),
@@ -316,6 +320,7 @@ ACCESS = {
     TAKE_OFF: Access.COMMAND,
     SAFEGUARD: Access.SAFEGUARD,
     SILENT: Access.STREAM,
+    HELD: Access.STREAM,
     RATE: Access.ANSWERED,
     LIVENESS: Access.LIVENESS,
     HANDOVER: Access.TRANSFER,
@@ -346,7 +351,8 @@ def kind_of_message(name: str) -> str:
         (PASS, PASS_MESSAGES),
         (BULK, BULK_MESSAGES),
         (TOLD, TOLD_MESSAGES),
-        (SILENT, SILENT_MESSAGES),
+        (HELD, HELD_MESSAGES),
+        (SILENT, [name for name in SILENT_MESSAGES if name not in HELD_MESSAGES]),
         (RATE, RATE_MESSAGES),
         (HANDOVER, HANDOVER_MESSAGES),
         (MAINTENANCE, MAINTENANCE_MESSAGES),
@@ -507,4 +513,6 @@ def expected(
         return ARMED_OTHERS.get(kind, OUTCOMES[kind][1]) if view.armed else OUTCOMES[kind][1]
     if kind in (START, TAKE_OFF) and view.phase is Phase.ON_LOAD:
         return Fate.CONSUME, GateReason.COMPANION
+    if kind == HELD and view.phase is Phase.ON_LOAD and not view.armed:
+        return Fate.DROP, GateReason.NOT_ARMED
     return ARMED.get(kind, OUTCOMES[kind][0]) if view.armed else OUTCOMES[kind][0]

@@ -487,3 +487,33 @@ def test_nobody_needs_to_be_known_for_a_change_of_authority(make: Make) -> None:
     for view in (OF_NOBODY, replace(OF_A, commander=99), OF_NOBODY):
         door.change(view)
     assert door.told == []
+
+
+# ---- on the ground ---------------------------------------------------------------------------------------------------
+
+NOT_ARMED = (Fate.DROP, GateReason.NOT_ARMED)
+ON_GROUND = AuthorityView(Phase.ON_LOAD, GCSA, None, 1, LeaseState.HELD)
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "on_ground"),
+    [
+        (OVERRIDE, {"chan3_raw": 1000, "chan4_raw": 2000}, NOT_ARMED),
+        (OVERRIDE, LET_GO, PASSES),
+        (OVERRIDE, RELEASED, PASSES),
+        ("MANUAL_CONTROL", {"r": 1000}, NOT_ARMED),
+        ("MANUAL_CONTROL", HANDS_OFF, PASSES),
+        ("GPS_RTCM_DATA", {}, PASSES),
+        ("SET_ATTITUDE_TARGET", {}, PASSES),
+    ],
+)
+def test_no_stick_arms_an_aircraft_on_the_ground(
+    sky: Sky, name: str, fields: dict[str, Any], on_ground: tuple[Any, Any]
+) -> None:
+    """Rudder and switches arm by an override as by a pilot's own: to arm needs what START needs, and a command."""
+    sky.door.change(ON_GROUND)
+    assert sky.send(name, GCSA, **fields) == on_ground
+    sky.door.change(replace(ON_GROUND, armed=True))
+    assert sky.send(name, GCSA, **fields) == PASSES
+    sky.door.change(replace(OF_A, armed=False))
+    assert sky.send(name, GCSA, **fields) == PASSES

@@ -39,8 +39,9 @@ def told(bench: Bench) -> list[tuple[str, str, str]]:
 
 @pytest.fixture
 def flight(bench: Bench) -> Bench:
-    """GCSA commands, GCSB is an observer, both have been heard for a while."""
+    """GCSA commands an armed aircraft, GCSB is an observer, both have been heard for a while."""
     bench.connect()
+    bench.autopilot.armed = True
     bench.run(2.0)
     return bench
 
