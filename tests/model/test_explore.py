@@ -41,7 +41,7 @@ STATE_LOST = Setting("state file lost", path=("A", "_A", "AB"), faults=1, kinds=
 def test_whatever_happens_authority_is_where_it_should_be(setting: Setting) -> None:
     report = explore(Graph(setting))
     assert report.found is None, f"\n{report.found}"
-    assert report.complete
+    assert report.complete or setting.depth is not None
     assert report.states >= 200
     # a transfer was under way, and came to its end, in at least some of them
     assert report.station_states >= 50 or setting.standard == "AB"

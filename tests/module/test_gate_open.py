@@ -27,6 +27,9 @@ def flight(bench: Bench) -> Bench:
 
 def test_what_a_lost_commander_had_open_is_closed_before_the_lease_says_so(flight: Bench) -> None:
     """The guard lets the autopilot follow the lease: after it, nobody releases the old commander's sticks."""
+    flight.autopilot.armed = True
+    flight.run(1.5)
+    flight.autopilot.received.clear()
     flight.a.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, *[65535] * 17))
     flight.a.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
     flight.run(0.2)

@@ -142,6 +142,7 @@ def overrides(bench: Bench) -> list[int]:
 
 def test_what_the_commander_streams_goes_out_at_once_and_is_counted_with_the_next_tick(bench: Bench) -> None:
     bench.connect()
+    bench.autopilot.armed = True
     bench.run(2.0)  # known to be there without sticks
     counts = bench.companion.gate.counts[251]
     before = counts[GateReason.ALLOWED]
@@ -155,6 +156,7 @@ def test_what_the_commander_streams_goes_out_at_once_and_is_counted_with_the_nex
 @pytest.mark.parametrize("end", ["commander silent", "fault inside"])
 def test_sticks_are_released_though_they_had_not_been_noted_yet(bench: Bench, end: str) -> None:
     bench.connect()
+    bench.autopilot.armed = True
     bench.run(2.0)
     served(bench, bench.a, sticks())
     if end == "fault inside":

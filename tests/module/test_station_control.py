@@ -180,11 +180,20 @@ class TestWish:
         bench.hear(asked_as_partner(3, epoch=2))
         assert consents(bench) == [("ON_HANDOVER", WAITING)]
 
-    def test_who_gives_it_away_is_not_asked_whether_he_does(self, bench: StationBench) -> None:
+    def test_to_give_it_away_is_no_consent_to_what_the_vehicle_asks_for_another_reason(
+        self, bench: StationBench
+    ) -> None:
+        # about a gift it asks nothing
         bench.mpstate.type("handover give GCSB")
         answer(bench, ACCEPTED)
         bench.sent()
         bench.hear(asked_as_commander(3))
+        assert consents(bench) == [("OK_HANDOVER", WAITING)]
+
+    def test_to_give_it_to_the_one_it_is_asked_about_is_the_answer(self, bench: StationBench) -> None:
+        bench.hear(asked_as_commander(3))
+        bench.sent()
+        bench.mpstate.type("handover give GCSB")
         assert consents(bench) == [("OK_HANDOVER", GRANTED)]
 
     def test_the_wish_is_of_one_station(self, bench: StationBench) -> None:
@@ -194,20 +203,21 @@ class TestWish:
         assert consents(bench) == [("OK_HANDOVER", WAITING)]
 
     def test_it_is_good_for_one_transfer(self, bench: StationBench) -> None:
-        bench.mpstate.type("handover give GCSB")
+        bench.hear(connect_message(epoch=2, commander=252))
+        bench.mpstate.type("handover request")
         bench.sent()
-        bench.hear(asked_as_commander(3))
-        bench.hear(asked_as_commander(3))
-        bench.hear(asked_as_commander(4))
-        assert consents(bench) == [("OK_HANDOVER", GRANTED), ("OK_HANDOVER", GRANTED), ("OK_HANDOVER", WAITING)]
+        for number in (3, 3, 4):
+            bench.hear(asked_as_partner(number, epoch=2))
+        assert consents(bench) == [("ON_HANDOVER", GRANTED), ("ON_HANDOVER", GRANTED), ("ON_HANDOVER", WAITING)]
 
     @pytest.mark.parametrize(("after_s", "consent"), [(59.0, GRANTED), (61.0, WAITING)])
     def test_it_stands_for_a_minute(self, bench: StationBench, after_s: float, consent: int) -> None:
-        bench.mpstate.type("handover give GCSB")
+        bench.hear(connect_message(epoch=2, commander=252))
+        bench.mpstate.type("handover request")
         bench.run(after_s)
         bench.sent()
-        bench.hear(asked_as_commander(3))
-        assert consents(bench) == [("OK_HANDOVER", consent)]
+        bench.hear(asked_as_partner(3, epoch=2))
+        assert consents(bench) == [("ON_HANDOVER", consent)]
 
 
 class TestAfterARestart:
