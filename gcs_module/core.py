@@ -47,6 +47,7 @@ from gcs_module.events import (
     VehicleHeard,
     Wish,
 )
+from mavproxy_handover.core.conductor import READ_S
 from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
@@ -134,6 +135,9 @@ class StationCore:
         self._vehicle_heard = -inf
         self._vehicle_lost = True
         self._part: _Part | None = None
+        #: when a question was last over unanswered, and until when an answer may be meant for that one
+        self._unanswered_at = -inf
+        self._read_until = -inf
         #: until when this station's operator wants control for having asked for it
         self._wished_until = -inf
         #: the newest transfer that the vehicle has spoken of itself, and the one that it says is under way
@@ -181,6 +185,19 @@ class StationCore:
     def handle(self, event: Event, now: float) -> list[Action]:
         """Take in one event at monotonic time `now` (s); returns what to do, in order."""
         actions: list[Action] = []
+        before = self.question
+        self._take(event, now, actions)
+        if self.question != before:
+            self._question_changed(before, isinstance(event, (Answer, Wish)), now)
+        return actions
+
+    def _question_changed(self, before: TransferKey | None, answered: bool, now: float) -> None:
+        if before is not None and not answered:
+            self._unanswered_at = now
+        if self.question is not None:
+            self._read_until = now + READ_S if now - self._unanswered_at < READ_S else -inf
+
+    def _take(self, event: Event, now: float, actions: list[Action]) -> None:
         match event:
             case FromVehicle():
                 self._heard_vehicle(now, actions)
@@ -202,7 +219,6 @@ class StationCore:
                 self._on_answer(event.yes, now, actions)
             case _:
                 assert_never(event)
-        return actions
 
     def tick(self, now: float) -> list[Action]:
         """Time has passed: notices that the vehicle has fallen silent."""
@@ -341,6 +357,9 @@ class StationCore:
             actions.append(Notice("requested", text + self._hint(consent), urgent=True))
         self._say_ready(key, consent, now, actions)
 
+    def _question_in_words(self, part: _Part) -> str:
+        return f"{self.name(part.key.from_station)} -> {self.name(part.key.to_station)}"
+
     @staticmethod
     def _hint(consent: Consent) -> str:
         return " Type 'handover accept' or 'handover deny'." if consent is Consent.WAITING else ""
@@ -430,7 +449,7 @@ class StationCore:
     def _on_wish(self, station: int, now: float, actions: list[Action]) -> None:
         part = self._part
         if part is not None and part.consent is Consent.WAITING and part.key.to_station == station:
-            self._on_answer(True, now, actions)
+            self._settle(part, True, now, actions)
             return
         if station == self._station.sysid:
             self._wished_until = now + self.WISH_S
@@ -440,6 +459,13 @@ class StationCore:
         if part is None or part.consent is not Consent.WAITING:
             actions.append(Notice("question", "There is no question to answer."))
             return
+        if now < self._read_until:
+            text = f"Another question has just taken its place: {self._question_in_words(part)}. Answer that."
+            actions.append(Notice("question", text, urgent=True))
+            return
+        self._settle(part, yes, now, actions)
+
+    def _settle(self, part: _Part, yes: bool, now: float, actions: list[Action]) -> None:
         part.consent = Consent.GRANTED if yes else Consent.DENIED
         actions.append(Notice("consent", "Handover Authorized." if yes else "Handover Denied."))
         if part.as_partner:

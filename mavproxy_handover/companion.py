@@ -23,6 +23,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.autopilot import Autopilot
+from mavproxy_handover.autopilot.orders import commanded
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.vehicle import VehicleConfig
@@ -46,7 +47,7 @@ from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.keeper import StateKeeper
 from mavproxy_handover.wire import codec, status
-from mavproxy_handover.wire.frames import Frame, field_int, parse_one
+from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START
 
 __all__ = ["Companion", "Edge"]
@@ -209,7 +210,7 @@ class Companion:
     def _begins_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """The commander's START, or what else arms or takes off on the ground: that needs no less."""
         orders = self.autopilot.orders
-        if field_int(frame, "command") == MISSION_START:
+        if commanded(frame) == MISSION_START:
             orders.start_asked(port, frame, verdict.what, now)
             return
         needs = self.arbiter.take_off_needs(port.sysid, now)

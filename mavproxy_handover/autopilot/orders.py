@@ -23,11 +23,16 @@ from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.ids import MISSION_START
 
-__all__ = ["Orders"]
+__all__ = ["Orders", "commanded"]
 
 #: names of the conversations
 _START: Final = "start"
 _HOME: Final = "home"
+
+
+def commanded(frame: Frame) -> int | None:
+    """The MAV_CMD of a frame that begins a flight; None if that is no command, but the older SET_MODE."""
+    return None if frame.msgid == mavlink.MAVLINK_MSG_ID_SET_MODE else field_int(frame, "command")
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +95,9 @@ class Orders:
     def refuse_take_off(self, port: StationPort, frame: Frame, needs: tuple[str, ...]) -> None:
         """A command that arms or takes off cannot be: what START still needs."""
         voice, sender = self._ties.voice, (frame.sysid, frame.compid)
-        voice.acknowledge(port, sender, field_int(frame, "command"), mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        command = commanded(frame)
+        if command is not None:
+            voice.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
         voice.say(port, "No take-off: " + ", ".join(needs))
 
     def give_start_up(self, why: str, now: float) -> None:

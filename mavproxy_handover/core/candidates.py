@@ -79,11 +79,15 @@ class Candidates:
         """Stations whose zone holds the aircraft, and that may be asked for this reason now."""
         return [station for station in self._fit(owner, now, actions) if self.paused_s(station, reason, now) <= 0.0]
 
-    def wanted(self, owner: int, now: float, actions: list[Action]) -> tuple[int, Reason] | None:
-        """The station that authority should move to now, and why; None if it should stay. The gravest reason first."""
+    def reasons(self, owner: int, now: float, actions: list[Action]) -> dict[int, Reason]:
+        """The stations that authority could move to now, and why it should."""
         fit = self._fit(owner, now, actions)
         reasons = self.zones.reasons(owner, fit, now, self.links.better(owner, fit, now))
-        open_to = {station: why for station, why in reasons.items() if self.paused_s(station, why, now) <= 0.0}
+        return {station: why for station, why in reasons.items() if self.paused_s(station, why, now) <= 0.0}
+
+    def wanted(self, owner: int, now: float, actions: list[Action]) -> tuple[int, Reason] | None:
+        """The station that authority should move to now, and why; None if it should stay. The gravest reason first."""
+        open_to = self.reasons(owner, now, actions)
         if not open_to:
             return None
         gravest = max(open_to.values(), key=RANKS.__getitem__)

@@ -12,6 +12,8 @@ that nobody's question holds up what the aircraft needs.
 
 from __future__ import annotations
 
+from math import inf
+
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.control import Echo, waiting_s
@@ -31,13 +33,16 @@ from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.results import Results
 from mavproxy_handover.core.transfer import Cause, End, Step, Transfer, cause_of
 
-__all__ = ["Conductor"]
+__all__ = ["READ_S", "Conductor"]
+
+#: nobody has read sooner that a question has taken the place of another
+READ_S = 2.0
 
 
 class Conductor:
     """Conducts the transfer under way, `Authority.transfer`. Times are monotonic seconds."""
 
-    __slots__ = ("_authority", "_candidates", "_flight", "_limits", "_presence", "echo", "results")
+    __slots__ = ("_aborted_at", "_authority", "_candidates", "_flight", "_limits", "_presence", "echo", "results")
 
     def __init__(
         self,
@@ -52,6 +57,8 @@ class Conductor:
         self._presence = presence
         self._candidates = candidates
         self._limits = limits
+        #: when a transfer last came to nothing, but by the commander's word
+        self._aborted_at = -inf
         self.results = Results(limits)
         self.echo = Echo()
 
@@ -88,6 +95,8 @@ class Conductor:
     def _raise(self, transfer: Transfer, reason: Reason, now: float, actions: list[Action]) -> None:
         """The transfer under way is wanted for a graver reason now."""
         transfer.raise_to(reason, now)
+        if self._hurries(transfer, now, actions):
+            transfer.hurry(now)
         text = f"handover {transfer.key.handover_id} is now for {in_words(reason)}"
         actions.append(Record("transfer_raised", text, reason, transfer.key.to_station))
         self._authority.refresh(reason, actions)
@@ -137,6 +146,8 @@ class Conductor:
             forced_until=self._forced_until(now) if forced else None,
             operator_timeout_s=operator_timeout_s,
         )
+        if now - self._aborted_at < READ_S:
+            transfer.read_until = now + READ_S
         self.results.forget((key.from_station, key.to_station))
         if not consented or reason not in (Reason.REQUESTED, Reason.GIVEN):  # it is not by the last request
             self.echo.forget()
@@ -165,15 +176,31 @@ class Conductor:
         cause = cause_of(message, station)
         if cause is None:
             return "not the sender's to say"
+        if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):
+            return None
         relay = isinstance(message, (OnHandover, DroneConnected)) and message.relay
         self.move(cause, now, actions, station=key.to_station, relay=relay)
         return None
 
+    def _hurries(self, transfer: Transfer, now: float, actions: list[Action]) -> bool:
+        """Whether it waits for no partner's operator longer than for a partner: the zone ends, and others are there."""
+        if transfer.forced or transfer.reason is not Reason.ZONE_ENDS:
+            return False
+        reasons = self._candidates.reasons(transfer.key.from_station, now, actions)
+        return any(why is transfer.reason for station, why in reasons.items() if station != transfer.key.to_station)
+
     def cancel(self, station: int, now: float, actions: list[Action]) -> None:
-        """One of its two stations calls the transfer off."""
+        """One of its two stations calls the transfer off; a forced one goes on with whoever else is asked."""
         transfer = self._authority.transfer
         if transfer is not None and station in (transfer.key.from_station, transfer.key.to_station):
-            self.move(Cause.CANCELLED, now, actions)
+            self.move(Cause.PARTNER_REFUSED if transfer.others else Cause.CANCELLED, now, actions)
+
+    def just_changed(self, now: float) -> bool:
+        """Whether the commander's word without a name may be meant for a transfer that is over."""
+        transfer = self._authority.transfer
+        if transfer is None:
+            return now - self._aborted_at < READ_S
+        return not transfer.consented and now < transfer.read_until
 
     def consent(self, now: float, actions: list[Action]) -> None:
         """The commander agrees to the transfer under way by other means than its messages."""
@@ -252,6 +279,8 @@ class Conductor:
             authority.commit(key.to_station)
             self._candidates.moved(key.to_station, now, flying=authority.phase is not Phase.ON_LOAD)
         else:
+            if end.reason is not Reason.COMMANDER_DENIED:  # that answer has come
+                self._aborted_at = now
             for station in transfer.partners:
                 self._candidates.pause(station, transfer.reason, end.reason, now)
             self.echo.forget()

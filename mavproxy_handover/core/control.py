@@ -5,8 +5,9 @@
 `judge_control` is pure and total: the request and what holds now in, an answer and an effect out.
 
 * A request by the commander says whether takeover is allowed from now on; while somebody waits for its consent,
-  allowing it is the consent, and a request without that is the refusal. A request by the commander for another station
-  gives the aircraft to that one.
+  allowing it is the consent, and a request without that is the refusal. It does not say to what: when the transfer
+  that the commander was asked about has just ended, it is neither, and takeover is not allowed by it. A request by the
+  commander for another station gives the aircraft to that one.
 * A request by anyone else starts a transfer to it: at once if takeover is allowed, otherwise the commander is asked
   and the answer is "pending". Nobody can ask for a third station.
 * On the ground it need not hold the vehicle's mission package: it may be about to bring another.
@@ -55,6 +56,7 @@ class ControlFacts:
     and the station that is to have control is one of them, that. `yields`: that transfer gives way to a gift. `unfit`:
     why the station that is to have control could not be a partner, None if it could. `in_zone`: its zone holds the
     aircraft, or no zones are known. `paused_s`: how long its requests have to wait. `position_known`: and fresh.
+    `just_changed`: a transfer has ended, or another has taken its place, so lately that the commander may mean that.
     """
 
     commander: int | None
@@ -69,6 +71,7 @@ class ControlFacts:
     yields: bool = False
     paused_s: float = 0.0
     position_known: bool = True
+    just_changed: bool = False
 
 
 class Effect(Enum):
@@ -116,6 +119,8 @@ def _of_commander(request: ControlRequested, facts: ControlFacts) -> ControlDeci
         at_once = facts.grounded and facts.waiting_for is None
         return ControlDecision(ControlResult.ACCEPTED, Effect.RELEASE if at_once else Effect.OFFER)
     if request.for_station == request.station:
+        if facts.just_changed and (facts.waiting_for is not None or request.takeover):
+            return _denied("the transfer that was asked about is over")
         if facts.waiting_for is not None:
             return ControlDecision(ControlResult.ACCEPTED, Effect.CONSENT if request.takeover else Effect.DENY)
         return ControlDecision(ControlResult.ACCEPTED, Effect.SET_TAKEOVER)

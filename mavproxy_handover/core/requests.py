@@ -74,6 +74,7 @@ class Requests:
             in_zone=zones.holds(station) or not zones.known,
             paused_s=self._candidates.paused_s(station, Reason.REQUESTED, now),
             position_known=self._conductor.position_known(now),
+            just_changed=self._conductor.just_changed(now),
         )
 
     def _take_effect(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:

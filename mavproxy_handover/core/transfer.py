@@ -200,6 +200,7 @@ class Transfer:
         "operator_asked",
         "others",
         "patient",
+        "read_until",
         "ready",
         "reason",
         "retry_at",
@@ -237,6 +238,8 @@ class Transfer:
         self.asking: frozenset[int] = frozenset()
         #: candidates that fell away, and why, for the caller to take
         self.fallen: tuple[tuple[int, Reason], ...] = ()
+        #: a question that came before this one is over so lately that until then an answer may be meant for that
+        self.read_until = -inf
         self.key = key
         self.reason = reason
         self.started_at = now
@@ -296,6 +299,11 @@ class Transfer:
         """The same transfer, now for a graver reason. Whoever was asked is asked anew, at once."""
         self.reason = reason
         self.retry_at = now
+
+    def hurry(self, now: float) -> None:
+        """The partner's operator has no more time than a partner has."""
+        if self.step is Step.REQUEST:
+            self.timeout_at = min(self.timeout_at, now + self._limits.step_timeout_s)
 
     # ---- what happens to it ---------------------------------------------------------------------------------------
 

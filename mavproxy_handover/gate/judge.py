@@ -31,7 +31,7 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 from mavproxy_handover.core.model import AuthorityView, Phase
-from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, Access, Row, classify, takes_off
+from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, Access, Row, classify, takes_off
 from mavproxy_handover.wire.frames import Frame, target, target_places
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START
 
@@ -187,7 +187,9 @@ def _usual_by_id() -> dict[int, _Usual]:
     return {
         msgid: _usual(msgid, row)
         for msgid, row in MESSAGE_ROWS.items()
-        if row.access in same and row.access is not Access.LIVENESS  # there it matters whose heartbeat it is
+        if row.access in same
+        and row.access is not Access.LIVENESS  # there it matters whose heartbeat it is
+        and msgid not in TAKE_OFF_MESSAGES
     }
 
 

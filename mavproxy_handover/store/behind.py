@@ -13,6 +13,7 @@ Rules that live here
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -21,6 +22,7 @@ __all__ = ["CLOSE_S", "Behind"]
 
 #: at the end so long is waited for what has still to be written: the program has two seconds to end
 CLOSE_S = 0.5
+_LOG = logging.getLogger(__name__)
 
 
 class Behind:
@@ -98,5 +100,5 @@ class Behind:
                 self._working = True
             try:
                 job()
-            except Exception:  # its own to tell: whoever gave the job knows what to make of it
-                pass
+            except Exception:  # whoever gave the job knows what to make of it; what it did not foresee is told here
+                _LOG.exception("%s: %s failed", self._name, name)

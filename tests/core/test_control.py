@@ -93,6 +93,7 @@ def yes(effect: Effect) -> ControlDecision:
 SECOND_WAITER = no("another handover is under way")
 NOT_ITS = no("only the commander can release")
 THIRD = no("nobody but the commander can ask for another station")
+IS_OVER = no("the transfer that was asked about is over")
 AWAITED = no("the commander may come back after the restart")
 
 #: what is asked, what holds, and the answer
@@ -106,6 +107,13 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("consents on the ground", asks(A, takeover=True), replace(GROUND, waiting_for=B), yes(Effect.CONSENT)),
     ("denies", asks(A), replace(FLYING, waiting_for=B), yes(Effect.DENY)),
     ("denies on the ground", asks(A), replace(GROUND, waiting_for=B), yes(Effect.DENY)),
+    ("consents to what it has not read", asks(A, takeover=True), replace(FLYING, waiting_for=B, just_changed=True),
+     IS_OVER),
+    ("denies what it has not read", asks(A), replace(FLYING, waiting_for=B, just_changed=True), IS_OVER),
+    ("consents to what is over", asks(A, takeover=True), replace(FLYING, just_changed=True), IS_OVER),
+    ("denies what is over", asks(A), replace(FLYING, just_changed=True), yes(Effect.SET_TAKEOVER)),
+    ("gives to who waits, by name", asks(A, give_to=B), replace(FLYING, waiting_for=B, just_changed=True),
+     yes(Effect.CONSENT)),
     # the commander, for another
     ("gives", asks(A, give_to=B), FLYING, yes(Effect.GIVE)),
     ("gives with takeover set", asks(A, give_to=B, takeover=True), FLYING, yes(Effect.GIVE)),
@@ -781,7 +789,7 @@ class TestTraps:
         bench.give(asks(B, timeout_s=5.0))
         bench.say(B, OnHandover(key(bench)))
         late = key(bench)
-        bench.run(5.5)
+        bench.run(7.5)
         assert bench.arbiter.view.partner is None
         bench.give(asks(A, takeover=True))  # from now on takeover is allowed; the old request is not alive again
         bench.say(B, DroneConnected(late))
@@ -976,6 +984,55 @@ class TestTraps:
         assert bench.arbiter.view.partner is None
         bench.run(1.0)
         assert bench.arbiter.view.partner == B
+
+
+class TestCrossing:
+    """A click of a commander of the standard says yes or no, and not to what: it may cross the next question."""
+
+    @staticmethod
+    def asked_twice() -> Bench:
+        """A is asked whether C may have it, and C's place has just been taken by B, for the zone."""
+        bench = flight(standard={A}, facts=(inside(A), outside(B), inside(C), outside(D)))
+        bench.give(asks(C, timeout_s=60.0))
+        bench.say(C, OnHandover(key(bench)))
+        bench.run(5.0)
+        bench.position(inside(A), inside(B), inside(C), outside(D))
+        bench.say(B, OnHandover(key(bench)))
+        assert bench.arbiter.view.partner == B
+        return bench
+
+    @pytest.mark.parametrize("takeover", [True, False], ids=["yes", "no"])
+    def test_an_answer_to_the_first_question_is_none_to_the_second(self, takeover: bool) -> None:
+        bench = self.asked_twice()
+        bench.run(1.9)
+        assert answers(bench.give(asks(A, takeover=takeover))) == [ControlAnswer(A, DENIED, IS_OVER.text)]
+        assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (A, B)
+        assert not any(isinstance(message, ConnectHandover) for _at, _station, message, _attempt in bench.sent())
+        bench.run(0.2)
+        assert answers(bench.give(asks(A, takeover=takeover))) == [ControlAnswer(A, ACCEPTED)]
+        assert bench.arbiter.view.partner == (B if takeover else None)
+
+    def test_a_late_yes_allows_nobody_to_take_over(self) -> None:
+        bench = flight(standard={A})
+        bench.give(asks(B, timeout_s=10.0))
+        bench.say(B, OnHandover(key(bench)))
+        bench.run(5.0)
+        bench.position(inside(A), outside(B), outside(C), outside(D))
+        assert bench.arbiter.view.partner is None
+        assert answers(bench.give(asks(A, takeover=True))) == [ControlAnswer(A, DENIED, IS_OVER.text)]
+        assert not bench.arbiter.view.takeover_allowed
+        bench.run(2.0)
+        assert answers(bench.give(asks(A, takeover=True))) == [ControlAnswer(A, ACCEPTED)]
+        assert bench.arbiter.view.takeover_allowed
+
+    def test_who_has_allowed_takeover_may_take_that_back_at_once(self) -> None:
+        bench = flight(standard={A}, facts=(inside(A), outside(B), inside(C), outside(D)))
+        bench.give(asks(A, takeover=True))
+        bench.give(asks(C))
+        bench.position(inside(A), inside(B), inside(C), outside(D))
+        assert bench.arbiter.view.partner == B
+        assert answers(bench.give(asks(A))) == [ControlAnswer(A, ACCEPTED)]
+        assert bench.arbiter.view.partner is None
 
 
 class TestNotification:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import pytest
 
 from mavproxy_handover.core.events import (
+    Cancel,
     ControlAnswer,
     ControlResult,
     Fly,
@@ -622,6 +623,23 @@ class TestAskedAtOnce:
             (bench.now, station, HandoverRequest(self.key(station), Reason.COMMANDER_LOST)) for station in (B, C, D)
         ]
         assert begun(bench) == [(bench.now, "handover 1 (forced): GCSA -> GCSB")]
+
+    def test_to_call_it_off_for_one_calls_it_off_for_nobody_else(self) -> None:
+        """The fault: nobody was asked any more for ten seconds, and the aircraft turned home."""
+        bench = self.lost_by_three()
+        bench.give(Cancel(B))
+        assert bench.arbiter.view.partner == C
+        bench.say(D, OnHandover(self.key(D)))
+        bench.say(D, DroneConnected(self.key(D)))
+        assert bench.arbiter.view.commander == D
+        assert bench.flights() == []
+
+    def test_where_nobody_else_is_asked_it_is_off(self) -> None:
+        bench = self.lost_by_three()
+        for station in (B, C, D):
+            assert bench.arbiter.view.partner == station
+            bench.give(Cancel(station))
+        assert bench.arbiter.view.partner is None
 
     def test_the_first_that_is_ready_gets_connect_and_commands(self) -> None:
         """The fault: RTL was ordered in the instant in which the healthy one took over."""

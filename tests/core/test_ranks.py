@@ -90,6 +90,10 @@ def zone_ends(bench: Bench) -> None:
     bench.position(inside(A, exit_s=7.0), inside(B, exit_s=900.0), inside(C, exit_s=6.0))
 
 
+def both_outlast_it(bench: Bench) -> None:
+    bench.position(inside(A, exit_s=7.0), inside(B, exit_s=900.0), inside(C, exit_s=800.0))
+
+
 #: reason -> what leads to it; zones and links choose GCSB, operators GCSC
 LEADS: dict[Reason, Callable[[Bench], None]] = {
     Reason.REQUESTED: request,
@@ -187,6 +191,41 @@ class TestPreemption:
             bench.say(station, word)
         bench.run(2.0)
         assert bench.arbiter.view.commander == B
+
+    def test_nor_does_one_of_the_partner_while_the_zone_ends_and_another_could_take_it(self) -> None:
+        """The fault: the aircraft left the zone while an operator was asked for half a minute."""
+        bench = flight()
+        both_outlast_it(bench)
+        first = key(bench)
+        assert (first.to_station, bench.arbiter.view.why) == (B, Reason.ZONE_ENDS)
+        bench.say(B, OnHandover(first, Consent.WAITING))
+        bench.run(bench.limits.step_timeout_s)
+        both_outlast_it(bench)
+        second = key(bench)
+        assert (second.to_station, bench.arbiter.view.why) == (C, Reason.ZONE_ENDS)
+        for station, word in ((C, OnHandover(second)), (A, OkHandover(second)), (C, DroneConnected(second))):
+            bench.say(station, word)
+        bench.run(2.0)
+        assert bench.arbiter.view.commander == C
+
+    def test_nor_one_who_was_asked_before_the_zone_ended(self) -> None:
+        bench = flight()
+        zone(bench)
+        bench.say(B, OnHandover(key(bench), Consent.WAITING))
+        bench.run(6.0)
+        both_outlast_it(bench)
+        assert (bench.arbiter.view.partner, bench.arbiter.view.why) == (B, Reason.ZONE_ENDS)
+        bench.run(bench.limits.step_timeout_s)
+        both_outlast_it(bench)
+        assert bench.arbiter.view.partner == C
+
+    def test_where_nobody_else_is_there_the_operator_has_the_time(self) -> None:
+        bench = flight()
+        bench.position(inside(A, exit_s=7.0), inside(B, exit_s=900.0), outside(C))
+        first = key(bench)
+        bench.say(B, OnHandover(first, Consent.WAITING))
+        bench.run(bench.limits.operator_timeout_s - 0.1)
+        assert key(bench) == first
 
     def test_the_commander_may_give_while_another_asks(self) -> None:
         bench = flight()

@@ -339,6 +339,11 @@ PARAMETER_DEPENDENT = [
     (400, float("nan"), 0.0, TAKE_OFF),
     (400, 0.0, 21196.0, TOLD),
     *((218, function, 2.0, TAKE_OFF) for function in (41.0, 151.0, 153.0, 153.5, 154.0, 165.0, float("nan"))),
+    *((218, function + 65536.0, 2.0, TAKE_OFF) for function in (41.0, 151.0, 153.0, 154.0, 165.0)),
+    (218, 153.0 - 65536.0, 2.0, TAKE_OFF),
+    (218, 153.0 + 256.0, 2.0, TOLD),
+    *((176, 1.0, mode, TAKE_OFF) for mode in (28.0, 28.5, 284.0, 65564.0, -228.0, float("nan"), float("inf"))),
+    *((176, 1.0, mode, TOLD) for mode in (0.0, 4.0, 27.0, 29.0, 32.0, 12.0, 283.0)),
     (218, 153.0, 1.0, TAKE_OFF),
     (218, 153.0, 0.0, TOLD),
     (218, 4.0, 2.0, TOLD),
@@ -439,6 +444,8 @@ def cases() -> Iterator[Case]:
     for command, first, second, kind in PARAMETER_DEPENDENT:
         for name in ("COMMAND_LONG", "COMMAND_INT"):
             yield Case(name, kind, (("command", command), ("param1", first), ("param2", second)))
+    for mode, kind in ((28, TAKE_OFF), (0xFFFFFF1C, TAKE_OFF), (0, TOLD), (27, TOLD), (29, TOLD), (0x1C00, TOLD)):
+        yield Case("SET_MODE", kind, (("custom_mode", mode),))
     for opcode in range(256):
         payload = ftp_request(opcode)
         yield Case("FILE_TRANSFER_PROTOCOL", kind_of_opcode(opcode), (("payload", payload),))

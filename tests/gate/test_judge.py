@@ -143,7 +143,7 @@ def outcome(frame: Frame, station: StationIdentity, view: AuthorityView = COMMAN
     return judge(frame, station, view, VEHICLE)
 
 
-def test_no_verdict_is_worked_out_beforehand_where_arming_or_the_sender_s_heartbeat_matters(
+def test_no_verdict_is_worked_out_beforehand_where_more_than_the_message_matters(
     make: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     manual, beat, ping = make("MANUAL_CONTROL").msgid, make("HEARTBEAT").msgid, make("PING").msgid
@@ -152,7 +152,8 @@ def test_no_verdict_is_worked_out_beforehand_where_arming_or_the_sender_s_heartb
     assert {manual, ping} <= set(gate_judge._usual_by_id())
     rows = {**MESSAGE_ROWS, manual: Row("MANUAL_CONTROL", Access.SAFEGUARD), ping: Row("PING", Access.BULK)}
     monkeypatch.setattr(gate_judge, "MESSAGE_ROWS", rows)
-    assert sorted(gate_judge._usual_by_id()) == sorted(set(rows) - dear - {manual, beat, ping})
+    by_contents = {make("SET_MODE").msgid}
+    assert sorted(gate_judge._usual_by_id()) == sorted(set(rows) - dear - by_contents - {manual, beat, ping})
 
 
 @pytest.mark.parametrize("name", ["MANUAL_CONTROL", "COMMAND_LONG", "HEARTBEAT"])

@@ -25,6 +25,7 @@ from gcs_module.core import (
     VehicleHeard,
     Wish,
 )
+from mavproxy_handover.core.conductor import READ_S
 from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
@@ -457,7 +458,7 @@ class TestLate:
         from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
         later = TransferKey(A, B, 8, 3)
         from_vehicle(core, HandoverRequest(later))
-        core.handle(Answer(True), NOW)
+        core.handle(Answer(True), NOW + READ_S)
         assert from_vehicle(core, HandoverRequest(KEY, Reason.ZONE)) == []
         assert from_vehicle(core, ConnectHandover(KEY)) == []
         # and the answer given stands
@@ -472,7 +473,7 @@ class TestLate:
         assert core.question == KEY
         later = TransferKey(A, C, 8, 3)
         from_vehicle(core, passed_on(later))
-        core.handle(Answer(True), NOW)
+        core.handle(Answer(True), NOW + READ_S)
         assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
         assert core.handle(FromPeer(B, DroneConnected(KEY)), NOW) == []
         assert from_vehicle(core, passed_on(later)) == [ToVehicle(OkHandover(later))]
@@ -557,6 +558,51 @@ class TestOperator:
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         core.handle(Answer(True), NOW)
         assert core.handle(Answer(False), NOW) == [Notice("question", "There is no question to answer.")]
+
+
+class TestCrossing:
+    """Yes and no name no transfer: one that comes before the new question can have been read is to the old one."""
+
+    NEXT = TransferKey(A, C, 8, 3)
+
+    def asked_twice(self, pause_s: float = 0.0) -> StationCore:
+        core = announced(station(A, asks=True))
+        from_vehicle(core, passed_on(KEY))
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW + 9.0)
+        aborted = HandoverResult(KEY, A, Outcome.ABORTED, Reason.PREEMPTED)
+        from_vehicle(core, aborted, NOW + 9.0)
+        from_vehicle(core, OnHandover(self.NEXT, reason=Reason.REQUESTED, relayed=True), NOW + 9.0 + pause_s)
+        assert core.question == self.NEXT
+        return core
+
+    @pytest.mark.parametrize("yes", [True, False])
+    def test_it_is_not_taken(self, yes: bool) -> None:
+        core = self.asked_twice()
+        text = "Another question has just taken its place: GCSA -> GCSC. Answer that."
+        assert core.handle(Answer(yes), NOW + 10.9) == [Notice("question", text, urgent=True)]
+        assert core.question == self.NEXT
+        consent = OkHandover(self.NEXT) if yes else OkHandover(self.NEXT, Consent.DENIED, Reason.OPERATOR)
+        assert words(core.handle(Answer(yes), NOW + 11.0)) == [ToVehicle(consent)]
+
+    def test_nor_where_the_new_one_replaces_the_old_one(self) -> None:
+        core = announced(station(A, asks=True))
+        from_vehicle(core, passed_on(KEY))
+        from_vehicle(core, OnHandover(self.NEXT, reason=Reason.REQUESTED, relayed=True), NOW + 9.0)
+        assert words(core.handle(Answer(True), NOW + 9.5)) == []
+        assert core.question == self.NEXT
+
+    def test_a_question_after_a_while_or_after_an_answer_is_a_question_of_its_own(self) -> None:
+        core = self.asked_twice(pause_s=2.0)
+        assert words(core.handle(Answer(True), NOW + 11.0)) == [ToVehicle(OkHandover(self.NEXT))]
+        core = announced(station(A, asks=True))
+        from_vehicle(core, passed_on(KEY))
+        core.handle(Answer(False), NOW)
+        from_vehicle(core, OnHandover(self.NEXT, reason=Reason.REQUESTED, relayed=True), NOW)
+        assert words(core.handle(Answer(True), NOW)) == [ToVehicle(OkHandover(self.NEXT))]
+
+    def test_to_give_by_name_is_an_answer(self) -> None:
+        core = self.asked_twice()
+        assert words(core.handle(Wish(C), NOW + 9.1)) == [ToVehicle(OkHandover(self.NEXT))]
 
 
 class TestWish:

@@ -29,7 +29,7 @@ from gcs_module.core import StationCore, _Part
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.conductor import Conductor
+from mavproxy_handover.core.conductor import READ_S, Conductor
 from mavproxy_handover.core.contacts import Contacts
 from mavproxy_handover.core.control import Echo
 from mavproxy_handover.core.flight import Flight
@@ -328,6 +328,7 @@ class Packer:
             patient=plain,
             ready=plain,
             attempt=_Fixed(lambda: 1),
+            read_until=_Ago(0.0),
             consented=plain,
             forced=plain,
             forced_until=time,
@@ -421,6 +422,7 @@ class Packer:
             _candidates=_Shared(),
             _limits=the_limits,
             results=_Object(results),
+            _aborted_at=_Ago(READ_S),
             echo=_Echo(Echo, _request=plain, _until=_Ago(0.0)),
         )
         requests = _Class(
@@ -453,6 +455,8 @@ class Packer:
             _names=names_fixed,
             _peers_heard=_Times(StationCore.PEER_LOST_S, forget=False),
             _vehicle_heard=_Ago(StationCore.VEHICLE_LOST_S),
+            _unanswered_at=_Ago(READ_S),
+            _read_until=_Ago(0.0),
             _vehicle_lost=plain,
             _part=_Object(part),
             _wished_until=_Ago(0.0),

@@ -302,19 +302,23 @@ class Graph(World):
         return draft.done()
 
     def next_quietly(self, state: State) -> Label:
-        """The one step that comes next when nothing goes wrong: what is late, what waits, operators' yes, a tick."""
+        """The one step that comes next when nothing goes wrong: what is late, what waits, operators' yes, a tick.
+
+        A yes that is taken for no answer, because the question is new, is said again after a tick.
+        """
         for channel, event in state.held:
             return "deliver late", channel, event
         for channel, queue in enumerate(state.queues):
             if queue:
                 return "deliver", channel
         for index, each in enumerate(state.stations):
-            if each != DEAD and self.cores.beliefs[each].asked:
-                return "answer", index, True
+            label: Label = ("answer", index, True)
+            if each != DEAD and self.cores.beliefs[each].asked and self.follow(state, label) != state:
+                return label
         for sysid in sorted(self.vehicles[state.vehicle].books.weak):
             return "links good", sysid - PARENT
-        commander = self._standard_in_charge(state)
-        return ("tick",) if commander is None else ("consents", commander)
+        label = ("consents", self._standard_in_charge(state))
+        return ("tick",) if label[1] is None or self.follow(state, label) == state else label
 
     # ---- for people -------------------------------------------------------------------------------------------------
 

@@ -245,6 +245,7 @@ def test_in_flight_the_commanders_mission_start_is_the_autopilots_business(ready
 
 
 TAKE_OFF, AUX, FLY = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_DO_AUX_FUNCTION, mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD
+MODE = mavlink.MAV_CMD_DO_SET_MODE
 
 
 class TestByHand:
@@ -252,8 +253,17 @@ class TestByHand:
 
     @pytest.mark.parametrize(
         ("command", "first", "second"),
-        [(ARM, 1.0, 0.0), (ARM, 1.0, 21196.0), (TAKE_OFF, 0.0, 0.0), (AUX, 153.0, 2.0), (FLY, 0.0, 0.0)],
-        ids=["arm", "arm by force", "take off", "switch", "button"],
+        [
+            (ARM, 1.0, 0.0),
+            (ARM, 1.0, 21196.0),
+            (TAKE_OFF, 0.0, 0.0),
+            (AUX, 153.0, 2.0),
+            (AUX, 153.0 + 65536.0, 2.0),
+            (FLY, 0.0, 0.0),
+            (MODE, 1.0, 28.0),
+            (MODE, 1.0, 28.0 + 256.0),
+        ],
+        ids=["arm", "by force", "take off", "switch", "its number + 2^16", "button", "turtle", "its number + 2^8"],
     )
     def test_without_a_mission_it_is_refused_and_the_operator_reads_why(
         self, bench: Bench, command: int, first: float, second: float
@@ -266,6 +276,14 @@ class TestByHand:
         assert command not in bench.autopilot.commands()
         (entry,) = [entry for entry in bench.journal() if entry["event"] == "refused"]
         assert entry["reason"] == "no mission loaded, outside the zone of GCSA"
+
+    def test_a_mode_that_arms_is_refused_in_whatever_message_it_comes(self, bench: Bench) -> None:
+        bench.connect()
+        bench.a.send(mavlink.MAVLink_set_mode_message(1, 1, 28))
+        bench.a.send(mavlink.MAVLink_set_mode_message(1, 1, 4))
+        bench.run(0.5)
+        assert bench.a.texts() == "No take-off: no mission loaded, outside the zone of GCSA"
+        assert [m.custom_mode for m in bench.autopilot.received if m.get_type() == "SET_MODE"] == [4]
 
     @pytest.mark.parametrize("command", [ARM, TAKE_OFF, AUX])
     def test_with_all_that_start_needs_it_passes(self, ready: Bench, command: int) -> None:

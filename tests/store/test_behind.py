@@ -115,3 +115,20 @@ def test_without_room_for_a_thread_a_job_is_not_taken_and_nothing_raises(
     assert behind.put("b", lambda: done.append("b"))
     assert behind.settle(WAIT_S)
     assert done == ["b"]
+
+
+def test_a_job_that_raises_ends_alone_and_is_told(behind: Behind, caplog: pytest.LogCaptureFixture) -> None:
+    done: list[str] = []
+
+    def broken() -> None:
+        raise ZeroDivisionError("of the job's own")
+
+    assert behind.put("broken", broken)
+    assert behind.settle(WAIT_S)
+    assert behind.put("next", lambda: done.append("next"))
+    assert behind.settle(WAIT_S)
+    assert done == ["next"]
+    (record,) = caplog.records
+    assert record.getMessage() == "test: broken failed"
+    assert record.exc_info is not None
+    assert isinstance(record.exc_info[1], ZeroDivisionError)

@@ -9,27 +9,37 @@ from typing import Final
 
 from mavproxy_handover.gate.policy.access import Access, Rule, names
 
-__all__ = ["COMMAND_RULES", "TAKE_OFF_RULES", "TakeOffRule"]
+__all__ = ["COMMAND_RULES", "MODE_BITS", "TAKE_OFF_RULES", "TURTLE", "TakeOffRule"]
 
 
 @dataclass(frozen=True, slots=True)
 class TakeOffRule:
     """A command by which an aircraft on the ground is armed or takes off, and why it is one.
 
-    `unless_zero`: the number of the parameter that must not be 0 for that. `functions`: what parameter 1 must be.
+    `unless_zero`: the number of the parameter that must not be 0 for that. `values`: what parameter `which` must be, if
+    there are any; the autopilot keeps the last `bits` bits of it, whatever stands above them.
     """
 
     name: str
     why: str
     unless_zero: int | None = None
-    functions: tuple[int, ...] = ()
+    which: int = 1
+    values: tuple[int, ...] = ()
+    bits: int = 16
+
+
+#: ArduCopter's flight mode TURTLE: it arms with hardly a check, and switches the failsafes off.
+TURTLE: Final = 28
+#: A flight mode has so many bits in the autopilot.
+MODE_BITS: Final = 8
 
 
 #: On the ground these need what START needs, whoever commands. Names without their MAV_CMD_.
 TAKE_OFF_RULES: Final = (
     TakeOffRule("COMPONENT_ARM_DISARM", "arms, forced or not; 0 disarms", unless_zero=1),
     # ArmDisarm (41 before 4.2), with AirMode, Turtle, and ArmEmergencyStop; the low position disarms
-    TakeOffRule("DO_AUX_FUNCTION", "a switch that arms", unless_zero=2, functions=(41, 151, 153, 154, 165)),
+    TakeOffRule("DO_AUX_FUNCTION", "a switch that arms", unless_zero=2, values=(41, 151, 153, 154, 165)),
+    TakeOffRule("DO_SET_MODE", "the mode TURTLE arms", which=2, values=(TURTLE,), bits=MODE_BITS),
     TakeOffRule("NAV_TAKEOFF", "takes off"),
     TakeOffRule("NAV_TAKEOFF_LOCAL", "takes off"),
     TakeOffRule("NAV_VTOL_TAKEOFF", "takes off"),

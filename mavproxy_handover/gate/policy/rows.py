@@ -21,7 +21,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.policy.access import ANY
-from mavproxy_handover.gate.policy.commands import TAKE_OFF_RULES, TakeOffRule
+from mavproxy_handover.gate.policy.commands import MODE_BITS, TAKE_OFF_RULES, TURTLE, TakeOffRule
 from mavproxy_handover.gate.policy.files import file_rule
 from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
@@ -44,6 +44,7 @@ __all__ = [
     "Access",
     "Row",
     "classify",
+    "TAKE_OFF_MESSAGES",
     "takes_off",
 ]
 
@@ -163,13 +164,23 @@ _TAKE_OFFS: Final[dict[int, TakeOffRule]] = {
 }
 
 
+#: Messages, not commands, that may begin a flight: what is in them decides.
+TAKE_OFF_MESSAGES: Final = frozenset({mavlink.MAVLINK_MSG_ID_SET_MODE})
+
+
 def takes_off(frame: Frame, row: Row) -> bool:
-    """Whether a command, whose row this is, arms an aircraft on the ground or has it take off."""
+    """Whether a frame, whose row this is, arms an aircraft on the ground or has it take off."""
+    if frame.msgid == mavlink.MAVLINK_MSG_ID_SET_MODE:
+        return _keeps(field_int(frame, "custom_mode"), MODE_BITS) == TURTLE
     rule = None if row.part is None else _TAKE_OFFS.get(row.part)
     if rule is None:
         return False
-    function = field_float(frame, "param1")
+    value = field_float(frame, f"param{rule.which}")
     # the autopilot cuts what is behind the point; what is no number may be anything
-    if rule.functions and isfinite(function) and int(function) not in rule.functions:
+    if rule.values and isfinite(value) and _keeps(int(value), rule.bits) not in rule.values:
         return False
     return rule.unless_zero is None or field_float(frame, f"param{rule.unless_zero}") != 0.0
+
+
+def _keeps(number: int, bits: int) -> int:
+    return number & ((1 << bits) - 1)
