@@ -14,6 +14,19 @@ from mavproxy_handover.wire.codec import AircraftState
 
 __all__ = ["Aircraft"]
 
+#: the MAV_TYPEs that ArduCopter gives itself; flight modes have other numbers everywhere else
+_COPTERS: Final = frozenset(
+    {
+        mavlink.MAV_TYPE_QUADROTOR,
+        mavlink.MAV_TYPE_COAXIAL,
+        mavlink.MAV_TYPE_HELICOPTER,
+        mavlink.MAV_TYPE_HEXAROTOR,
+        mavlink.MAV_TYPE_OCTOROTOR,
+        mavlink.MAV_TYPE_TRICOPTER,
+        mavlink.MAV_TYPE_DODECAROTOR,
+        mavlink.MAV_TYPE_DECAROTOR,
+    }
+)
 _ON_GROUND = mavlink.MAV_LANDED_STATE_ON_GROUND
 
 
@@ -23,6 +36,8 @@ class Aircraft:
     def __init__(self) -> None:
         self.armed = False
         self.custom_mode = 0
+        #: what it is, in words, where that is no ArduCopter: the numbers of its flight modes are not known here
+        self.foreign = ""
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
         self.landed_state_at = -math.inf
         self.position: Any | None = None
@@ -45,6 +60,8 @@ class Aircraft:
         self.heartbeat_at = now
         self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.custom_mode = m.custom_mode
+        ours = m.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and m.type in _COPTERS
+        self.foreign = "" if ours else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}"
 
     def _take_position(self, m: Any, now: float) -> None:
         if m.lat != 0 or m.lon != 0:  # both 0: no position yet
@@ -133,6 +150,11 @@ class Aircraft:
             int(self.armed),
             self.custom_mode,
         )
+
+
+def _words(enum: str, value: int) -> str:
+    entry = mavlink.enums[enum].get(value)
+    return str(value) if entry is None else entry.name.removeprefix(f"{enum}_").lower().replace("_", " ")
 
 
 _TAKE: Final[dict[str, Callable[[Aircraft, Any, float], None]]] = {

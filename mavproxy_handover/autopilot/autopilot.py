@@ -60,7 +60,7 @@ class Autopilot:
         self._lease = LeaseSequence(nonce, None if config.guard_key is None else load_key(config.guard_key))
         #: those with the autopilot that are going on
         talks = self.conversations = Conversations(ties.voice.to_autopilot, ties.fault)
-        copter = Copter(config.sysid, lambda: self.aircraft.status_text)
+        copter = Copter(config.sysid, lambda: self.aircraft.status_text, lambda: self.aircraft.foreign)
         self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight)
         self._streams = Streams(copter, ties.voice.to_autopilot)
         self.orders = Orders(copter, talks, ties)
@@ -128,7 +128,7 @@ class Autopilot:
     def _on_state(self, _message: Any, now: float) -> None:
         aircraft = self.aircraft
         if aircraft.heartbeat_at > -math.inf:  # before that nothing is known of arming: in flight it would read as no
-            self._ties.handle(AutopilotState(aircraft.armed, aircraft.flying), now)
+            self._ties.handle(AutopilotState(aircraft.armed, aircraft.flying, aircraft.foreign), now)
 
     def _on_position(self, _message: Any, now: float) -> None:
         # the second: that message held no position
@@ -179,7 +179,7 @@ class Autopilot:
         if self._on_board is not None and grounded and aircraft.position is not None:
             self._missions.load_on_board(self._on_board, now)
         firmware = None if self.guard_status is None else self.guard_status.firmware
-        self._preflight.each_second(aircraft.heartbeat_at, grounded, arbiter.guard(now), firmware, now)
+        self._preflight.each_second(aircraft, grounded, arbiter.guard(now), firmware, now)
 
 
 def _for_companion(message: Any, sysid: int) -> bool:

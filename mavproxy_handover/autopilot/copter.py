@@ -68,10 +68,12 @@ class NoRoomError(AutopilotError):
 
 @dataclass(frozen=True, slots=True)
 class Copter:
-    """What there is to ask the autopilot of system `sysid`; `heard` returns its last STATUSTEXT, for reasons."""
+    """What there is to ask the autopilot of system `sysid`; `heard` returns its last STATUSTEXT, for reasons, `foreign`
+    what it is, in words, if that is no ArduCopter."""
 
     sysid: int
     heard: Callable[[], str]
+    foreign: Callable[[], str] = str
 
     @property
     def _target(self) -> tuple[int, int]:
@@ -113,7 +115,13 @@ class Copter:
         yield Ask("mode AUTO to show", (), _heartbeat(lambda m: m.custom_mode == AUTO), timeout_s=3.0, tries=1)
 
     def bring_home(self, action: FlightAction) -> Asking:
-        """RTL, and LAND if that cannot be had. Returns the name of the mode that the autopilot took."""
+        """RTL, and LAND if that cannot be had. Returns the name of the mode that the autopilot took.
+
+        What is no ArduCopter is never told a number of a mode, which means another one there (6 is FBWB for a plane).
+        """
+        if self.foreign():
+            yield from self._do("return to launch", mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+            return "return to launch"
         wanted = (RTL, LAND) if action is FlightAction.RETURN else (LAND,)
         trouble = ""
         for mode in wanted:

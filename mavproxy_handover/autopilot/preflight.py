@@ -23,6 +23,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
@@ -34,7 +35,7 @@ __all__ = ["NAMES", "Finding", "Found", "Preflight", "judge", "reading"]
 NAMES = (
     "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
     "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "FS_OPTIONS", "RALLY_LIMIT_KM",
-    "SYSID_ENFORCE", "MAV_OPTIONS",
+    "SYSID_ENFORCE", "MAV_OPTIONS", "FS_THR_ENABLE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
     "ARMING_CHECK", "ARMING_SKIPCHK",
 )  # fmt: skip
 OLDEST, NEWEST = (4, 5), (4, 7)
@@ -69,6 +70,8 @@ class Found:
     guard: GuardState
     #: major and minor version that the guard gives; None while it is silent
     firmware: tuple[int, int] | None = None
+    #: what the vehicle is, in words, if it is no ArduCopter
+    foreign: str = ""
     #: the channel that the guard says leases come in on, when it refuses them for that
     heard_on: int | None = None
 
@@ -116,7 +119,16 @@ def _collector(wanted: list[str], values: dict[str, float], lacking: set[str]) -
 
 # ---- judging ------------------------------------------------------------------------------------------------------
 
+#: fewer, and a script that is slow once is removed
+_INSTRUCTIONS = 10000
+
 Rule = Callable[[Mapping[str, float], Found, Limits], "str | None"]
+
+
+def _vehicle(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    return (
+        f"{found.foreign} is no ArduCopter: START is refused, and so is arming by the guard" if found.foreign else None
+    )
 
 
 def _guard_there(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
@@ -170,6 +182,25 @@ def _lost_time(p: Mapping[str, float], found: Found, limits: Limits) -> str | No
 
 def _s(limits: Limits) -> str:
     return f"up to {limits.forced_timeout_s:g} s"
+
+
+def _instructions(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    count = p.get("SCR_VM_I_COUNT", _INSTRUCTIONS)
+    return (
+        f"is {count:.0f}: below {_INSTRUCTIONS} the guard may be removed in flight" if count < _INSTRUCTIONS else None
+    )
+
+
+def _checksum(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    if found.guard is GuardState.SILENT or p.get("SCR_LD_CHECKSUM", 0) >= 0:
+        return None
+    return "is -1: an SD card that is gone or changed is not noticed at arming; set SCR_DEBUG_OPTS to 32 once"
+
+
+def _pilot(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    if p.get("FS_THR_ENABLE", 1) != 0 or p.get("RC_PROTOCOLS", 1) == 0:
+        return None
+    return "is 0: the guard believes no pilot then; on a vehicle without radio control set RC_PROTOCOLS 0 as well"
 
 
 def _follows(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
@@ -234,6 +265,7 @@ def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
 
 #: parameter to change ("" for none), rule, whether it concerns the guard
 _RULES: tuple[tuple[str, Rule, bool], ...] = (
+    ("", _vehicle, False),
     ("", _guard_there, True),
     ("HNDO_ENABLE", _guard_on, True),
     ("HNDO_CHAN", _channel, True),
@@ -241,6 +273,9 @@ _RULES: tuple[tuple[str, Rule, bool], ...] = (
     ("HNDO_TIMEOUT", _timeout, True),
     ("HNDO_LOST_T", _lost_time, True),
     ("HNDO_SYSID_SW", _follows, True),
+    ("SCR_VM_I_COUNT", _instructions, True),
+    ("SCR_LD_CHECKSUM", _checksum, True),
+    ("FS_THR_ENABLE", _pilot, True),
     ("FS_GCS_ENABLE", _gcs_failsafe, False),
     ("FS_GCS_TIMEOUT", _gcs_timeout, False),
     ("FS_OPTIONS", _options, False),
@@ -297,9 +332,10 @@ class Preflight:
             self._heard_on = int(match[1])
 
     def each_second(
-        self, heartbeat_at: float, grounded: bool, guard: GuardState, firmware: tuple[int, int] | None, now: float
+        self, aircraft: Aircraft, grounded: bool, guard: GuardState, firmware: tuple[int, int] | None, now: float
     ) -> None:
-        """Time has passed. `heartbeat_at`: when the autopilot was heard last; `grounded`: neither armed nor flying."""
+        """Time has passed. `grounded`: neither armed nor flying."""
+        heartbeat_at = aircraft.heartbeat_at
         if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
             self._due_at = now + _SETTLE_S
             self._heard_on, self._unread = None, True
@@ -311,7 +347,7 @@ class Preflight:
         self._due_at, self._unread = math.inf, False
 
         def done(talk: Conversation, now: float) -> None:
-            found = Found(talk.result or {}, guard, firmware, self._heard_on)
+            found = Found(talk.result or {}, guard, firmware, aircraft.foreign, self._heard_on)
             self._conclude(judge(found, self._limits), now)
 
         self._conversations.begin("preflight", reading(self._sysid), done, now)

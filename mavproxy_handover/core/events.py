@@ -74,10 +74,14 @@ class PositionSeen:
 
 @dataclass(frozen=True, slots=True)
 class AutopilotState:
-    """A heartbeat of the autopilot. `flying`: off the ground as far as the autopilot knows."""
+    """A heartbeat of the autopilot. `flying`: off the ground as far as the autopilot knows.
+
+    `foreign`: what it says that it is, in words, if that is no ArduCopter.
+    """
 
     armed: bool
     flying: bool
+    foreign: str = ""
 
 
 @dataclass(frozen=True, slots=True)

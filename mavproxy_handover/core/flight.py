@@ -26,6 +26,7 @@ class Flight:
         "_stale_told",
         "armed",
         "flying",
+        "foreign",
     )
 
     def __init__(self, limits: Limits) -> None:
@@ -33,6 +34,8 @@ class Flight:
         #: None until the autopilot has said it
         self.armed: bool | None = None
         self.flying = False
+        #: what the aircraft is, in words, if it is no ArduCopter
+        self.foreign = ""
         self._autopilot_at = -inf
         self._position_at = -inf
         self._stale_told = False
@@ -45,6 +48,7 @@ class Flight:
         self._autopilot_at = now
         self.armed = event.armed
         self.flying = event.armed and event.flying
+        self.foreign = event.foreign
 
     def position_seen(self, now: float) -> None:
         """A fresh position."""

@@ -23,7 +23,10 @@ __all__ = ["Start", "StartFacts", "start_needs"]
 
 @dataclass(frozen=True, slots=True)
 class StartFacts:
-    """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft."""
+    """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft.
+
+    `foreign`: what the autopilot says that it is, in words, if that is no ArduCopter.
+    """
 
     station: str
     commands: bool
@@ -31,6 +34,7 @@ class StartFacts:
     mission_loaded: bool
     in_transfer: bool
     autopilot_alive: bool
+    foreign: str
     guarded: bool
     position_known: bool
     in_zone: bool
@@ -49,6 +53,8 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append("a handover is under way")
     if not facts.autopilot_alive:
         needs.append("no autopilot")
+    if facts.foreign:
+        needs.append(f"{facts.foreign} is no ArduCopter")
     if not facts.guarded:
         needs.append("the guard does not answer the lease")
     if not facts.position_known:
@@ -84,6 +90,7 @@ class Start:
                 mission_loaded=bool(self._candidates.mission.digest),
                 in_transfer=authority.transfer is not None and not authority.transfer.yields_to(Reason.GIVEN),
                 autopilot_alive=flight.autopilot_alive(now),
+                foreign=flight.foreign,
                 guarded=flight.guarded(now),
                 position_known=flight.position_known(now),
                 in_zone=self._candidates.zones.holds(station),

@@ -144,6 +144,14 @@ def test_the_way_home_is_rtl_seen_in_a_heartbeat(autopilot: Autopilot, copter: C
     assert (made.result, made.failure, autopilot.mode) == ("RTL", None, RTL)
 
 
+def test_what_is_no_arducopter_is_told_no_mode_but_to_return(autopilot: Autopilot) -> None:
+    """Mode 6 is FBWB for a plane, and CIRCLE for a rover."""
+    copter = Copter(1, str, lambda: "ardupilotmega fixed wing")
+    made = talk(copter.bring_home(FlightAction.LAND), autopilot)
+    assert made.result == "return to launch"
+    assert [m.command for m in autopilot.got("COMMAND_LONG")] == [mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH]
+
+
 @pytest.mark.parametrize("how", ["refused", "not answered", "not done"])
 def test_where_rtl_cannot_be_had_it_lands(autopilot: Autopilot, copter: Copter, how: str) -> None:
     original = autopilot._command

@@ -17,6 +17,7 @@ READY = StartFacts(
     mission_loaded=True,
     in_transfer=False,
     autopilot_alive=True,
+    foreign="",
     guarded=True,
     position_known=True,
     in_zone=True,
@@ -41,6 +42,12 @@ def test_with_everything_there_nothing_is_needed() -> None:
 @pytest.mark.parametrize("fact", NEEDS)
 def test_each_fact_alone_is_named(fact: str) -> None:
     assert start_needs(replace(READY, **{fact: not getattr(READY, fact)})) == (NEEDS[fact],)
+
+
+def test_what_is_no_arducopter_does_not_start() -> None:
+    assert start_needs(replace(READY, foreign="ardupilotmega fixed wing")) == (
+        "ardupilotmega fixed wing is no ArduCopter",
+    )
 
 
 def test_without_a_position_nothing_is_said_about_the_zone() -> None:

@@ -363,6 +363,7 @@ class Packer:
             _limits=the_limits,
             armed=plain,
             flying=plain,
+            foreign=plain,
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
             _stale_told=plain,

@@ -32,6 +32,10 @@ GOOD = {
     "FS_GCS_ENABLE": 1.0,
     "FS_GCS_TIMEOUT": 10.0,
     "FS_OPTIONS": 8.0,
+    "FS_THR_ENABLE": 1.0,
+    "RC_PROTOCOLS": 1.0,
+    "SCR_VM_I_COUNT": 10000.0,
+    "SCR_LD_CHECKSUM": 4711.0,
     "RALLY_LIMIT_KM": 0.0,
     "MAV_OPTIONS": 0.0,
     "ARMING_SKIPCHK": 0.0,
@@ -108,9 +112,9 @@ def test_no_more_is_asked_at_once_than_the_autopilot_keeps() -> None:
 
 def found(guard: GuardState = GuardState.LIVE, firmware: tuple[int, int] | None = (4, 7), **changes: Any) -> Found:
     """GOOD with changes; a parameter that is None is not there."""
-    heard_on = changes.pop("heard_on", None)
+    heard_on, foreign = changes.pop("heard_on", None), changes.pop("foreign", "")
     parameters = {name: value for name, value in {**GOOD, **changes}.items() if value is not None}
-    return Found(parameters, guard, firmware, heard_on)
+    return Found(parameters, guard, firmware, foreign, heard_on)
 
 
 def test_what_is_recommended_fits() -> None:
@@ -126,10 +130,34 @@ def test_the_parameter_file_that_ships_fits() -> None:
     assert judge(found(**shipped), Limits()) == ()
 
 
+def test_a_vehicle_without_radio_control_needs_no_radio_failsafe() -> None:
+    assert judge(found(FS_THR_ENABLE=0.0, RC_PROTOCOLS=0.0), Limits()) == ()
+
+
+def test_checksums_are_of_scripts_that_run() -> None:
+    texts = [finding.text for finding in judge(found(guard=GuardState.SILENT, SCR_LD_CHECKSUM=-1.0), Limits())]
+    assert not any("CHECKSUM" in text for text in texts)
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
         ({"HNDO_ENABLE": 0.0}, "the guard is switched off"),
+        (
+            {"foreign": "ardupilotmega fixed wing"},
+            "ardupilotmega fixed wing is no ArduCopter: START is refused, and so is arming by the guard",
+        ),
+        ({"SCR_VM_I_COUNT": 2500.0}, "SCR_VM_I_COUNT is 2500: below 10000 the guard may be removed in flight"),
+        (
+            {"SCR_LD_CHECKSUM": -1.0},
+            "SCR_LD_CHECKSUM is -1: an SD card that is gone or changed is not noticed at arming; set SCR_DEBUG_OPTS to "
+            "32 once",
+        ),
+        (
+            {"FS_THR_ENABLE": 0.0},
+            "FS_THR_ENABLE is 0: the guard believes no pilot then; on a vehicle without radio control set RC_PROTOCOLS "
+            "0 as well",
+        ),
         ({"HNDO_CHAN": -1.0}, "the guard takes leases from any port: whoever reaches one can send them"),
         ({"HNDO_COMPID": 190.0}, "HNDO_COMPID is 190, must be 191"),
         (

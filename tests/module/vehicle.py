@@ -58,6 +58,8 @@ class Autopilot:
         self._beat_at = 0.0
         self._guard_at = 0.0
         self.silent = False
+        #: its MAV_TYPE
+        self.kind = mavlink.MAV_TYPE_QUADROTOR
 
     def say(self, message: Any) -> None:
         """Send a message, as MAVProxy would hand it to modules: packed, and decoded without our dialect."""
@@ -88,7 +90,7 @@ class Autopilot:
 
     def beat(self) -> None:
         base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (128 if self.armed else 0)
-        self.say(stock.MAVLink_heartbeat_message(2, 3, base, self.mode, 4 if self.airborne else 3, 3))
+        self.say(stock.MAVLink_heartbeat_message(self.kind, 3, base, self.mode, 4 if self.airborne else 3, 3))
         self.say(stock.MAVLink_extended_sys_state_message(0, 2 if self.airborne else 1))
 
     def say_position(self, lat: float, lon: float) -> None:
