@@ -58,7 +58,7 @@ from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.phases import PhaseCause
 from mavproxy_handover.core.requests import Requests
-from mavproxy_handover.core.safety import Emergency, Situation
+from mavproxy_handover.core.safety.emergency import Emergency, Situation
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Cause

@@ -97,7 +97,7 @@ def test_every_module_of_the_rules_is_looked_at() -> None:
         "phases.py",
         "presence.py",
         "requests.py",
-        "safety.py",
+        "emergency.py",
         "start.py",
         "transfer.py",
         "zones.py",

@@ -38,7 +38,7 @@ from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.results import Results, _Pending
-from mavproxy_handover.core.safety import Emergency
+from mavproxy_handover.core.safety.emergency import Emergency
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Transfer
 from mavproxy_handover.core.zones import ZoneTracker

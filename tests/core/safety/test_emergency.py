@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.safety import NOTHING_WRONG, Decision, Emergency, Situation
+from mavproxy_handover.core.safety.emergency import NOTHING_WRONG, Decision, Emergency, Situation
 
 FINE = Situation(flying=True, commander_lost=False, out_since=None, now=100.0)
 LOST = Situation(flying=True, commander_lost=True, out_since=None, now=100.0)

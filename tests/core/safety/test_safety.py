@@ -12,7 +12,7 @@ import pytest
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.safety import Decision, Situation, decide
+from mavproxy_handover.core.safety.emergency import Decision, Situation, decide
 
 WARN, RETURN, LAND = FlightAction.WARN, FlightAction.RETURN, FlightAction.LAND
 NONE, LOST, OUT = Reason.NONE, Reason.COMMANDER_LOST, Reason.OUT_OF_COVERAGE
