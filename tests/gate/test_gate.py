@@ -77,6 +77,23 @@ def test_only_what_the_commander_sends_often_waits_to_be_noted(
     assert (door.gate.unnoted, door.gate.counts[GCSA][GateReason.ALLOWED]) == (0, 1)
 
 
+def test_what_the_companion_releases_goes_the_way_of_what_passes(door: Door, make: Make) -> None:
+    """A command that begins a flight is the companion's matter first: that is not to change what becomes of it then."""
+    door.change(replace(OF_A, phase=Phase.ON_LOAD))
+    frame = make("COMMAND_LONG", command=400, param1=1.0)
+    came = door.up(A, frame)
+    assert (came.verdict.fate, came.passed, came.answers) == (Fate.CONSUME, [], [])
+    port, counts = door.ports[GCSA], door.gate.counts[GCSA]
+    verdict = door.gate.release(port, frame, came.verdict, door.now)
+    assert (verdict.fate, verdict.reason, verdict.access) == (Fate.FORWARD, GateReason.ALLOWED, came.verdict.access)
+    assert verdict.what == came.verdict.what
+    assert door.passed == [frame.raw]
+    assert (door.gate.unnoted, counts[GateReason.ALLOWED], counts[GateReason.COMPANION]) == (0, 1, 1)
+    with pytest.raises(AssertionError):
+        door.gate.release(door.ports[GCSB], frame, came.verdict, door.now)
+    assert door.passed == [frame.raw]
+
+
 def test_what_another_station_sends_is_noted_at_once_and_what_came_before_it_too(door: Door, make: Make) -> None:
     door.up(A, make("RC_CHANNELS_OVERRIDE"))
     door.up(B, make("PARAM_REQUEST_READ", sysid=GCSB))
