@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What is done about what is wrong: one pure, total function over a table.
+
+Theory of operation
+-------------------
+A cause asks for what its policy says (`POLICY_LADDERS`), and where that cannot be for the next graver thing that can:
+who cannot hold returns, who can reach no place lands. Before that it looks for what lets the aircraft go on (`FIRST`):
+authority that is on its way to a station, and a gap that the mission declares. So each ladder is a row of rungs, each
+with the fact that it needs; the first whose fact holds is what the cause asks for, and the last needs nothing.
+
+Of all that is asked for, the gravest is done (`Action`), and of two causes that ask for the same the one that stands
+first in `Cause` is named. In which order causes come plays no part.
+
+Above the ladders stand four facts: on the ground, with a pilot who steers, with a failsafe of the autopilot that has
+chosen what is flown, and while the autopilot is not heard, everything is a warning. And beside them two: what returns
+already is not stopped, and what lands already is not sent anywhere (MILDER_THAN).
+
+`Strategy` remembers what was decided: a return or a landing lasts as long as its cause, whatever milder causes come and
+go, and whatever milder that cause would ask for by now. That is the only state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from mavproxy_handover.core.safety.causes import CAUSES, Action, Cause
+
+__all__ = [
+    "FIRST",
+    "MILDER_THAN",
+    "OVERRULE",
+    "POLICY_LADDERS",
+    "Decision",
+    "Fact",
+    "Rung",
+    "Situation",
+    "Strategy",
+    "decide",
+]
+
+
+class Fact(Enum):
+    """What may hold, besides what is wrong."""
+
+    FLYING = "flying"
+    PILOT = "a pilot steers"
+    FAILSAFE = "a failsafe of the autopilot acts"
+    RETURNING = "on the way to the place of a return"
+    LANDING = "landing"
+    AUTOPILOT = "the autopilot is heard"
+    #: a transfer that would mend it is under way, and has time left
+    SUCCESSOR = "a station is about to take the aircraft"
+    #: inside usable coverage, with hold time and energy left, and a position to stand still by
+    MAY_HOLD = "it can stand still here"
+    #: within the limit of a gap that the mission declares
+    GAP = "the mission declares this gap"
+    #: a place can be reached with the energy left
+    PLACE = "a place can be reached"
+
+
+#: The facts of one moment.
+Situation = Set[Fact]
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One thing that a cause may ask for, if `needs` holds."""
+
+    action: Action
+    needs: Fact | None = None
+
+
+_TRANSFER, _CONTINUE = Rung(Action.TRANSFER, Fact.SUCCESSOR), Rung(Action.CONTINUE, Fact.GAP)
+_HOLD, _RETURN = Rung(Action.HOLD, Fact.MAY_HOLD), Rung(Action.RETURN, Fact.PLACE)
+_LAND, _WARN = Rung(Action.LAND), Rung(Action.WARN)
+
+#: What a cause looks for before its policy counts.
+FIRST: Final[Mapping[Cause, tuple[Rung, ...]]] = {
+    Cause.COMMANDER_LOST: (_TRANSFER, _CONTINUE),
+    Cause.NO_STATION: (_TRANSFER, _CONTINUE),
+    Cause.OUT_OF_COVERAGE: (_CONTINUE,),
+    Cause.COVERAGE_ENDS: (_CONTINUE,),
+}
+
+POLICY_LADDERS: Final[Mapping[str, tuple[Rung, ...]]] = {
+    "warn": (_WARN,),
+    "hold": (_HOLD, _RETURN, _LAND),
+    "return": (_RETURN, _LAND),
+    "land": (_LAND,),
+}
+
+#: What comes to nothing more than a warning, whatever is asked for; and what does if it is milder than this.
+OVERRULE: Final = (Fact.PILOT, Fact.FAILSAFE)
+MILDER_THAN: Final[Mapping[Fact, Action]] = {Fact.LANDING: Action.LAND, Fact.RETURNING: Action.RETURN}
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What is done, and why."""
+
+    action: Action
+    cause: Cause
+
+
+def _asked(cause: Cause, policy: str, facts: Situation) -> Action:
+    """What a cause asks for by itself."""
+    rungs = (*FIRST.get(cause, ()), *POLICY_LADDERS[policy])
+    return next(rung.action for rung in rungs if rung.needs is None or rung.needs in facts)
+
+
+def _possible(action: Action, facts: Situation) -> Action:
+    """What of it can be, and need be, done now."""
+    if Fact.FLYING not in facts or Fact.AUTOPILOT not in facts or any(fact in facts for fact in OVERRULE):
+        return Action.WARN
+    if action is Action.TRANSFER:  # nothing is done to the aircraft
+        return action
+    return Action.WARN if any(fact in facts and action < least for fact, least in MILDER_THAN.items()) else action
+
+
+def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) -> Decision | None:
+    """What is done about these causes; None if there are none. `policies`: as configured, for every cause."""
+    order = list(Cause)
+    best: Decision | None = None
+    for cause in sorted(causes, key=order.index):
+        action = _possible(_asked(cause, policies[cause], facts), facts)
+        if best is None or action > best.action:
+            best = Decision(action, cause)
+    return best
+
+
+class Strategy:
+    """The decision in force. Not safe for threads."""
+
+    __slots__ = ("_policies", "decision")
+
+    def __init__(self, policies: Mapping[Cause, str]) -> None:
+        """`policies`: those that differ from the table's."""
+        self._policies = {cause: policies.get(cause, row.policies[0]) for cause, row in CAUSES.items()}
+        self.decision: Decision | None = None
+
+    def judge(self, causes: Set[Cause], facts: Situation) -> Decision | None:
+        """The causes and facts of this moment; returns the decision in force.
+
+        A graver one than they ask for stays while its cause does, unless it cannot be any more.
+        """
+        found, held = decide(causes, facts, self._policies), self.decision
+        if held is not None and held.action >= Action.RETURN and held.cause in causes:
+            graver = found is not None and found.action >= held.action
+            if not graver and _possible(held.action, facts) is held.action:
+                return held
+        self.decision = found
+        return found
+
+    def landed(self) -> None:
+        """The flight is over."""
+        self.decision = None
