@@ -18,7 +18,6 @@ from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.events import MissionLoaded
-from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.zones import ZoneFinder
@@ -65,7 +64,7 @@ class MissionLoader:
         self.finder: ZoneFinder | None = None
         self.delivery: int | None = None
         #: the mission's own policy, None if it has none
-        self.out_of_coverage: FlightAction | None = None
+        self.out_of_coverage: str | None = None
 
     def on_message(
         self, kind: str, message: Any, target: tuple[int, int], welcome: bool
@@ -116,7 +115,7 @@ class MissionLoader:
         self.finder = finder
         self.delivery = package.delivery_waypoint
         word = package.policies.get("on_out_of_coverage")
-        self.out_of_coverage = None if word is None else FlightAction[word.upper()]
+        self.out_of_coverage = word
 
 
 class MissionWriter:

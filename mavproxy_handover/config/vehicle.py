@@ -15,7 +15,8 @@ from typing import Any, Final
 
 from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tables, list_of_tables, read_toml
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Station
+from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 
@@ -83,7 +84,6 @@ LIMIT_RANGES: Final[Ranges] = {
     "exit_soon_s": (0, 120),
     "link_weak_s": (0, 60),
     "link_steady_s": (0, 600),
-    "out_hold_s": (0, 60),
     "position_stale_s": (0.2, 30),
     "autopilot_lost_s": (1.5, 30),
     "guard_lost_s": (1, 30),
@@ -102,28 +102,41 @@ OBSERVER_RANGES: Final[Ranges] = {
     "bytes_per_s": (300, 1_000_000),
     "silence_s": (2, 3600),
 }
-_POLICIES: Final = ("out_of_coverage", "commander_lost")
+#: Causes whose signs nobody looks for yet: their policies are no keys.
+_UNSEEN: Final = (Cause.ENERGY, Cause.FENCE, Cause.OFF_ROUTE)
+_CAUSES: Final = tuple(cause.value for cause in Cause if cause not in _UNSEEN)
+#: hold-off and clearing time of a cause
+_WAIT_S: Final = (0.0, 600.0)
 
 
 def _limits(data: Mapping[str, Any], path: Path, guard_required: bool) -> Limits:
     values: dict[str, Any] = {"guard_required": guard_required}
     values |= Table(data.get("limits", {}), "limits", path, tuple(LIMIT_RANGES)).numbers(LIMIT_RANGES)
-    policy = Table(data.get("policy", {}), "policy", path, _POLICIES)
-    for key in _POLICIES:
-        word = policy.get(key, str)
+    values["policies"] = _policies(Table(data.get("policy", {}), "policy", path, _CAUSES))
+    for name in ("hold_off", "clear"):
+        waits = Table(data.get(name, {}), name, path, _CAUSES).numbers(dict.fromkeys(_CAUSES, _WAIT_S))
+        own = {Cause(key): seconds for key, seconds in waits.items()}
+        values[f"{name}_s"] = {c: own[c] for c in own if own[c] != getattr(CAUSES[c], f"{name}_s")}
+    return Limits(**values)
+
+
+def _policies(table: Table) -> dict[Cause, str]:
+    found = {}
+    for key in _CAUSES:
+        cause, word = Cause(key), table.get(key, str)
+        row = CAUSES[cause]
         if word is None:
             continue
-        if word.upper() not in FlightAction.__members__:
-            raise policy.error(
-                key, f"{word!r} must be one of " + ", ".join(n.lower() for n in FlightAction.__members__)
-            )
-        values[key] = FlightAction[word.upper()]
-    return Limits(**values)
+        if word not in row.policies:
+            raise table.error(key, f"{word!r} must be one of " + ", ".join(row.policies))
+        if word != row.policies[0]:
+            found[cause] = word
+    return found
 
 
 def _check_ranges() -> None:
     described: tuple[tuple[type, set[str]], ...] = (
-        (Limits, {*LIMIT_RANGES, *_POLICIES, "guard_required"}),
+        (Limits, {*LIMIT_RANGES, "policies", "hold_off_s", "clear_s", "guard_required"}),
         (LinkLimits, {*LINK_RANGES}),
         (ObserverLimits, {*OBSERVER_RANGES}),
     )
@@ -136,7 +149,7 @@ _check_ranges()
 
 # ---- the file -----------------------------------------------------------------------------------------------------
 
-_TABLES: Final = ("vehicle", "station", "limits", "policy", "links", "observers")
+_TABLES: Final = ("vehicle", "station", "limits", "policy", "hold_off", "clear", "links", "observers")
 _VEHICLE_KEYS: Final = (
     "name",
     "sysid",

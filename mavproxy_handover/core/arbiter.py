@@ -54,11 +54,14 @@ from mavproxy_handover.core.events import (
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck
-from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, Mission, Phase, Reason, Station
+from mavproxy_handover.core.model import AuthorityView, GuardState, Mission, Phase, Reason, Station
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.phases import PhaseCause
 from mavproxy_handover.core.requests import Requests
-from mavproxy_handover.core.safety.emergency import Emergency, Situation
+from mavproxy_handover.core.safety.causes import CAUSES
+from mavproxy_handover.core.safety.causes import Cause as Wrong
+from mavproxy_handover.core.safety.emergency import Emergency, News
+from mavproxy_handover.core.safety.strategy import Fact
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Cause
@@ -232,7 +235,7 @@ class Arbiter:
         others = (
             None if authority.recover_until == inf else authority.recover_until,
             self._flight.stale_at(),
-            self._emergency.due_at(self._candidates.zones.out_since),
+            self._emergency.due_at(),
         )
         return min([*times, *(time for time in others if time is not None)], default=None)
 
@@ -372,36 +375,50 @@ class Arbiter:
         self._conductor.seek(now, actions)
 
     def _judge_safety(self, now: float, actions: list[Action]) -> None:
-        authority, flying = self._authority, self._flight.flying
         if self._flight.position_lost(now):
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
-        transfer = authority.transfer
+        certain = not self._authority.recovering
+        news = self._emergency.judge(self._signs(), self._facts(now), now, certain=certain)
+        if news is not None:
+            self._on_news(news, now, actions)
+
+    def _signs(self) -> set[Wrong]:
+        """What looks wrong at this moment."""
+        authority, signs = self._authority, set()
+        if authority.lost or (authority.owner is None and self._flight.flying):
+            signs.add(Wrong.COMMANDER_LOST)
+        if self._candidates.zones.out_since is not None:
+            signs.add(Wrong.OUT_OF_COVERAGE)
+        return signs
+
+    def _facts(self, now: float) -> set[Fact]:
+        """What else the decision rests on."""
+        authority, transfer = self._authority, self._authority.transfer
         hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
-        changing = authority.recovering or (transfer is not None and transfer.forced and hurried)
-        # once the aircraft turns home for it, an attempt at another commander does not end the emergency: a commit does
-        changing = changing and self._emergency.reason is not Reason.COMMANDER_LOST
-        lost = (authority.lost and not changing) or (authority.owner is None and flying)
-        situation = Situation(flying, lost, self._candidates.zones.out_since, now)
-        decision = self._emergency.judge(situation, certain=not authority.recovering)
+        facts = {Fact.PLACE, Fact.AUTOPILOT}
+        if self._flight.flying:
+            facts.add(Fact.FLYING)
+        if authority.lost and (authority.recovering or (transfer is not None and transfer.forced and hurried)):
+            facts.add(Fact.SUCCESSOR)
+        return facts
+
+    def _on_news(self, news: News, now: float, actions: list[Action]) -> None:
+        authority, decision = self._authority, news.decision
         if decision is None:
-            return
-        if decision.reason is Reason.NONE:
             actions.append(Record("emergency_over", "the cause of the emergency is gone"))
             authority.move_phase(PhaseCause.RECOVERED)
             authority.resume_transfer_phase()
             authority.refresh(Reason.NONE, actions)
             return
-        warning = decision.action is FlightAction.WARN
-        if not warning:
-            if decision.reason is Reason.OUT_OF_COVERAGE:  # a transfer from a lost commander goes on
+        if not news.warning:
+            if decision.cause is Wrong.OUT_OF_COVERAGE:  # a transfer from a lost commander goes on
                 self._conductor.move(Cause.OUT_OF_COVERAGE, now, actions)
             authority.start_over()
             if authority.phase is Phase.ON_LOAD:
                 self._start.enter_mission("airborne", now, actions)
             authority.move_phase(PhaseCause.EMERGENCY)
-        what = decision.reason.name.lower().replace("_", " ")
-        text = f"{what}: {decision.action.name.lower()}"
-        actions.append(Record("emergency", text, decision.reason, authority.owner))
-        authority.refresh(decision.reason, actions)
-        if not warning:
-            actions.append(Fly(decision.action, decision.reason))
+        text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
+        actions.append(Record("emergency", text, news.reason, authority.owner))
+        authority.refresh(news.reason, actions)
+        if not news.warning:
+            actions.append(Fly(decision.action, news.reason))

@@ -102,7 +102,7 @@ class MissionLoaded:
 
     digest: bytes
     route: tuple[int, ...]
-    out_of_coverage: FlightAction | None = None
+    out_of_coverage: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.safety.causes import Cause
 
 __all__ = ["Limits"]
 
@@ -53,10 +54,10 @@ class Limits:
     #: the commander's links have been weak this long, a partner's good this long: reason enough to move
     link_weak_s: float = 3.0
     link_steady_s: float = 30.0
-    #: outside every zone this long is an emergency
-    out_hold_s: float = 1.0
-    out_of_coverage: FlightAction = FlightAction.RETURN
-    commander_lost: FlightAction = FlightAction.RETURN
+    #: what is done about each cause, and how long its sign has to stay and to be away, where that is not the table's
+    policies: Mapping[Cause, str] = field(default_factory=dict)
+    hold_off_s: Mapping[Cause, float] = field(default_factory=dict)
+    clear_s: Mapping[Cause, float] = field(default_factory=dict)
     #: older position, autopilot heartbeat and guard status count as lost
     position_stale_s: float = 2.0
     autopilot_lost_s: float = 3.0

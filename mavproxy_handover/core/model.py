@@ -66,11 +66,14 @@ class GuardState(IntEnum):
 
 
 class FlightAction(IntEnum):
-    """What the companion commands the autopilot to do in an emergency, mildest first."""
+    """What may be done about what is wrong, mildest first."""
 
     WARN = 0
-    RETURN = 1
-    LAND = 2
+    TRANSFER = 1  #: authority is on its way to a station: the aircraft flies on while that is waited for
+    HOLD = 2  #: stop inside usable coverage and wait
+    CONTINUE = 3  #: fly on through a gap that the mission declares
+    RETURN = 4  #: to the chosen place
+    LAND = 5  #: here and now
 
 
 class Consent(IntEnum):
@@ -121,6 +124,11 @@ class Reason(IntEnum):
     GIVEN = 27  #: the commander's operator gives control away
     ZONE_ENDS = 28  #: the commander's zone has ended or is about to, another still holds the aircraft
     PREEMPTED = 29  #: a transfer for a graver reason took its place
+    NO_STATION = 30  #: inside zones, and no station of theirs could take the aircraft
+    COVERAGE_ENDS = 31  #: the border of the last zone that counts is ahead
+    ENERGY = 32  #: no more energy than the way to a place needs, with the reserve
+    OFF_ROUTE = 33
+    FENCE = 34
 
 
 #: Why a transfer is begun, the least grave reason first, each with its rank: a graver one takes the place of a lesser

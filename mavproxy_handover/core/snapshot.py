@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mavproxy_handover.core.model import FlightAction, Phase
+from mavproxy_handover.core.model import Phase
 
 __all__ = ["Snapshot"]
 
@@ -34,6 +34,6 @@ class Snapshot:
     digest: bytes
     route: tuple[int, ...]
     takeover_allowed: bool = False
-    out_of_coverage: FlightAction | None = None
+    out_of_coverage: str | None = None
     #: there was no change of authority after it
     proven: bool = True

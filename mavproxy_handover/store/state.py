@@ -22,7 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.core.model import FlightAction, Phase
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
@@ -30,7 +31,7 @@ from mavproxy_handover.store.durable import sync_folder
 
 __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
-_FORMAT = 2
+_FORMAT = 3
 _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
@@ -149,7 +150,7 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         digest=digest,
         route=tuple(_whole("route", station, 1, _MAX_SYSID) for station in route),
         takeover_allowed=takeover_allowed,
-        out_of_coverage=None if policy is None else FlightAction(_whole("out_of_coverage", policy, 0, 0xFF)),
+        out_of_coverage=None if policy is None else _policy(policy),
         proven=proven,
     )
 
@@ -158,6 +159,13 @@ def _whole(key: str, value: object, least: int, most: int) -> int:
     if type(value) is not int or not least <= value <= most:
         raise ValueError(f"{key}: {value!r} must be a whole number from {least} to {most}")
     return value
+
+
+def _policy(word: object) -> str:
+    policies = CAUSES[Cause.OUT_OF_COVERAGE].policies
+    if type(word) is not str or word not in policies:
+        raise ValueError(f"out_of_coverage: {word!r} must be one of {', '.join(policies)}")
+    return word
 
 
 def _checksum(body: object) -> str:

@@ -21,9 +21,9 @@ from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import (
     AUTOMATIC,
-    FlightAction,
     Station,
 )
+from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 from mavproxy_handover.resources import DEPLOY
@@ -118,7 +118,7 @@ def test_everything_a_vehicle_can_say(file: Path) -> None:
     assert a.links == ("udpout:127.0.0.1:14551", "udpin:0.0.0.0:14661")
     assert (b.station, b.sysids) == (Station(252, "GCSB"), frozenset({252}))
     assert loaded.limits == Limits(
-        heartbeat_lost_s=3.0, dwell_s=7.5, out_of_coverage=FlightAction.LAND, guard_required=False
+        heartbeat_lost_s=3.0, dwell_s=7.5, policies={Cause.OUT_OF_COVERAGE: "land"}, guard_required=False
     )
     links = LinkLimits(silence_s=2.0, loss=0.4, round_trip_s=2.5, bad_signatures=5.0, hold_s=0.5)
     assert (a.limits, b.limits) == (links, links)
@@ -325,10 +325,25 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
         "[observer]",
         "unknown table [observer]; did you mean [observers]?",
     ),
+    "a cause that there is not": (
+        'out_of_coverage = "land"',
+        'out_of_covrage = "land"',
+        "[policy] out_of_covrage: unknown key; did you mean 'out_of_coverage'?",
+    ),
+    "what cannot be switched off": (
+        'out_of_coverage = "land"',
+        'out_of_coverage = "off"',
+        "[policy] out_of_coverage: 'off' must be one of return, land, warn",
+    ),
+    "a hold-off out of range": (
+        "[observers]",
+        "[hold_off]\nguard_lost = -1.0\n[observers]",
+        "[hold_off] guard_lost: -1 must be 0 to 600",
+    ),
     "unknown policy": (
         'out_of_coverage = "land"',
         'out_of_coverage = "hover"',
-        "[policy] out_of_coverage: 'hover' must be one of warn, return, land",
+        "[policy] out_of_coverage: 'hover' must be one of return, land, warn",
     ),
 }
 

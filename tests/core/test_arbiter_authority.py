@@ -23,6 +23,7 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
+from mavproxy_handover.core.safety.causes import Cause
 from tests.core.bench import (
     DIGEST,
     KEY,
@@ -367,10 +368,10 @@ class TestLoss:
 
     def test_the_policy_may_be_to_land_or_to_warn(self) -> None:
         for policy, flights in (
-            (FlightAction.LAND, [Fly(FlightAction.LAND, Reason.COMMANDER_LOST)]),
-            (FlightAction.WARN, []),
+            ("land", [Fly(FlightAction.LAND, Reason.COMMANDER_LOST)]),
+            ("warn", []),
         ):
-            bench = Bench(replace(Limits(), commander_lost=policy)).on_mission()
+            bench = Bench(Limits(policies={Cause.COMMANDER_LOST: policy})).on_mission()
             bench.alive = {B}
             bench.run(20.0)
             assert bench.flights() == flights

@@ -34,7 +34,8 @@ from mavproxy_handover.core.events import (
     Tick,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Phase
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
@@ -67,10 +68,9 @@ LIMITS = Limits(
     retry_pause_s=0.7,
     result_timeout_s=2.9,
     dwell_s=0.9,
-    out_hold_s=0.7,
+    hold_off_s={Cause.OUT_OF_COVERAGE: 0.7},
     position_stale_s=1.9,
-    commander_lost=FlightAction.WARN,
-    out_of_coverage=FlightAction.LAND,
+    policies={Cause.COMMANDER_LOST: "warn", Cause.OUT_OF_COVERAGE: "land"},
 )
 
 

@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from mavproxy_handover.core.events import Fly, GuardSeen, Record, StartFinished, StartRequested, ViewChanged
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, LeaseState
+from mavproxy_handover.core.safety.causes import Cause
 from tests.core.bench import (
     A,
     B,
@@ -113,7 +112,7 @@ class TestOutOfCoverage:
 
     def test_one_that_begins_as_a_zone_is_entered_again_outlives_it(self) -> None:
         # the loss of the commander is no more than a warning here, so what it flies home for is over in the next zone
-        bench = Bench(replace(Limits(), commander_lost=FlightAction.WARN)).on_mission()
+        bench = Bench(Limits(policies={Cause.COMMANDER_LOST: "warn"})).on_mission()
         bench.alive = {B}
         bench.position(*far(A, B))
         bench.run(6.0)
@@ -130,10 +129,10 @@ class TestOutOfCoverage:
 
     def test_the_policy_may_be_to_land_or_to_warn(self) -> None:
         for policy, flights in (
-            (FlightAction.LAND, [Fly(FlightAction.LAND, Reason.OUT_OF_COVERAGE)]),
-            (FlightAction.WARN, []),
+            ("land", [Fly(FlightAction.LAND, Reason.OUT_OF_COVERAGE)]),
+            ("warn", []),
         ):
-            bench = Bench(replace(Limits(), out_of_coverage=policy)).on_mission()
+            bench = Bench(Limits(policies={Cause.OUT_OF_COVERAGE: policy})).on_mission()
             bench.position(*far(A, B))
             bench.run(20.0)
             assert bench.flights() == flights
@@ -215,7 +214,7 @@ class TestWorse:
         assert bench.flights() == [LOST]
 
     def test_out_of_coverage_lands_after_the_loss_only_warned(self) -> None:
-        limits = replace(Limits(), commander_lost=FlightAction.WARN, out_of_coverage=FlightAction.LAND)
+        limits = Limits(policies={Cause.COMMANDER_LOST: "warn", Cause.OUT_OF_COVERAGE: "land"})
         bench = Bench(limits).on_mission()
         bench.alive = {B}
         bench.run(10.0)

@@ -275,7 +275,7 @@ class TestAfterIt:
         bench = Remembering({A: (5, B), B: (5, B)})
         bench.run(1.0)
         left = bench.arbiter.snapshot()
-        assert left == replace(LEFT, out_of_coverage=FlightAction.RETURN)
+        assert left == replace(LEFT, out_of_coverage="return")
         bench.restart()
         bench.heard(A, B, C, D)
         assert commander(bench) is None

@@ -29,7 +29,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.events import Tick
-from mavproxy_handover.core.model import FlightAction, GuardState, Phase, Reason, Station
+from mavproxy_handover.core.model import GuardState, Phase, Reason, Station
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.memory import Condition, Slots
@@ -53,7 +53,7 @@ STATIONS: Final = (Station(251, "GCSA"), Station(252, "GCSB"))
 UTC_S: Final = 1_795_132_800.0
 LONG_AGO: Final = 37_506_240_000_000 - 86_400 * 100_000
 PACKAGE: Final = packages.load(Path(__file__).resolve().parents[2] / "missions" / "linear")
-GOOD: Final = Snapshot(251, 4, 7, Phase.ON_MISSION, 2, PACKAGE.digest, (251, 252, 251), True, FlightAction.LAND)
+GOOD: Final = Snapshot(251, 4, 7, Phase.ON_MISSION, 2, PACKAGE.digest, (251, 252, 251), True, "land")
 
 
 class Files:
@@ -196,7 +196,7 @@ def check(snapshot: Snapshot) -> None:
     assert all(type(station) is int and 1 <= station <= 255 for station in snapshot.route)
     assert type(snapshot.takeover_allowed) is bool
     assert type(snapshot.proven) is bool
-    assert snapshot.out_of_coverage is None or type(snapshot.out_of_coverage) is FlightAction
+    assert snapshot.out_of_coverage is None or snapshot.out_of_coverage in ("return", "land", "warn")
     arbiter = Arbiter(Identity("drone", STATIONS, 251), restored=snapshot)
     for now in (0.0, 30.0):
         arbiter.handle(Tick(), now)

@@ -38,7 +38,9 @@ from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.results import Results, _Pending
+from mavproxy_handover.core.safety.causes import Cause, CauseWatch
 from mavproxy_handover.core.safety.emergency import Emergency
+from mavproxy_handover.core.safety.strategy import Strategy
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Transfer
 from mavproxy_handover.core.zones import ZoneTracker
@@ -155,6 +157,39 @@ class _Times(_Kind):
 
     def unpack(self, value: Any) -> Any:
         return dict(value)
+
+
+class _Waits(_Kind):
+    """Causes and when each begins or ends."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return tuple(sorted((cause.value, max(at - shift.time_s, NOW)) for cause, at in value.items()))
+
+    def unpack(self, value: Any) -> Any:
+        return {Cause(word): at for word, at in value}
+
+
+class _Gone(_Kind):
+    """Signs that went away, and what is left of the time that they had stayed; what has run back whole is as good as
+    never there."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        left = (
+            (cause.value, stayed - (NOW - (at - shift.time_s)) / CauseWatch.BACK)
+            for cause, (at, stayed) in value.items()
+        )
+        return tuple(sorted(pair for pair in left if pair[1] > 0.0))
+
+    def unpack(self, value: Any) -> Any:
+        return {Cause(word): (NOW, stayed) for word, stayed in value}
+
+
+class _Policies(_Kind):
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return tuple((cause.value, word) for cause, word in value.items())
+
+    def unpack(self, value: Any) -> Any:
+        return {Cause(cause): word for cause, word in value}
 
 
 class _Set(_Kind):
@@ -356,7 +391,7 @@ class Packer:
             _inside=_Set(),
             _limits=the_limits,
             _moved_at=_Ago(limits.dwell_s),
-            out_since=_Time(limits.out_hold_s),
+            out_since=_Time(0.0),
         )
         flight = _Class(
             Flight,
@@ -430,7 +465,19 @@ class Packer:
             Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _conductor=_Shared()
         )
         start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared(), _conductor=_Shared())
-        emergency = _Class(Emergency, _limits=plain, _worst=plain, _judged_at=_Ago(limits.out_hold_s))
+        fresh = Emergency(limits)
+        watch = _Class(
+            CauseWatch,
+            _begins_at=_Waits(),
+            _clear_s=_Fixed(lambda: fresh._watch._clear_s),
+            _ends_at=_Waits(),
+            _gone=_Gone(),
+            _hold_off_s=_Fixed(lambda: fresh._watch._hold_off_s),
+            _off=plain,
+            active=plain,
+        )
+        strategy = _Class(Strategy, decision=plain, policies=_Policies())
+        emergency = _Class(Emergency, _resumed=plain, _strategy=_Object(strategy), _watch=_Object(watch), told=plain)
         self._arbiter = _Class(
             Arbiter,
             _parent=plain,

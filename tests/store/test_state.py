@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mavproxy_handover.core.model import FlightAction, Phase
+from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
@@ -25,8 +25,8 @@ from mavproxy_handover.store.state import Kept, StateError, StateStore
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 DIGEST = bytes(range(32))
-BEFORE = Snapshot(251, 4, 7, Phase.ON_MISSION, 2, DIGEST, (251, 252, 251), True, FlightAction.LAND)
-AFTER = Snapshot(252, 5, 8, Phase.ON_HANDOVER, 3, DIGEST, (251, 252, 251), False, FlightAction.RETURN)
+BEFORE = Snapshot(251, 4, 7, Phase.ON_MISSION, 2, DIGEST, (251, 252, 251), True, "land")
+AFTER = Snapshot(252, 5, 8, Phase.ON_HANDOVER, 3, DIGEST, (251, 252, 251), False, "return")
 
 
 def held(store: StateStore) -> Snapshot | None:
@@ -70,7 +70,7 @@ def signed(body: Any) -> bytes:
 
 def good_body() -> dict[str, Any]:
     return {
-        "format": 2,
+        "format": 3,
         "vehicle": "drone-1",
         "boot": "b1",
         "serial": 12,
@@ -82,7 +82,7 @@ def good_body() -> dict[str, Any]:
         "digest": DIGEST.hex(),
         "route": [251, 252, 251],
         "takeover_allowed": True,
-        "out_of_coverage": 2,
+        "out_of_coverage": "land",
         "proven": True,
     }
 
@@ -263,8 +263,8 @@ class TestNotTrusted:
             {"route": 251},
             {"route": ["GCSA"]},
             {"route_at": None},
-            {"out_of_coverage": 3},
-            {"out_of_coverage": "return"},
+            {"out_of_coverage": 2},
+            {"out_of_coverage": "off"},
             # of its kind, and out of its range
             {"owner": 0},
             {"owner": 256},

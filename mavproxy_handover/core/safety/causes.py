@@ -19,22 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Set
 from dataclasses import dataclass
-from enum import Enum, IntEnum
-from math import inf
+from enum import Enum
 from typing import Final
 
-__all__ = ["CAUSES", "POLICIES", "Action", "Cause", "CauseRow", "CauseWatch", "Ends"]
+from mavproxy_handover.core.model import Reason
 
-
-class Action(IntEnum):
-    """What may be done, mildest first."""
-
-    WARN = 0
-    HOLD = 1  #: stop inside usable coverage and wait
-    TRANSFER = 2  #: authority is on its way to a station: wait for that
-    CONTINUE = 3  #: fly on through a gap that the mission declares
-    RETURN = 4  #: to the chosen place
-    LAND = 5  #: here and now
+__all__ = ["CAUSES", "POLICIES", "Cause", "CauseRow", "CauseWatch", "Ends"]
 
 
 class Cause(Enum):
@@ -67,9 +57,13 @@ POLICIES: Final = ("off", "warn", "hold", "return", "land")
 
 @dataclass(frozen=True, slots=True)
 class CauseRow:
-    """What the table says of a cause: what it is, for people; how long its sign has to stay and to be away (s); when it
-    is over; which policies it can have, the one that it has without a word in the configuration first."""
+    """What the table says of a cause.
 
+    Its number for others, and what it is, for people; how long its sign has to stay, and to be away (s); when it is
+    over; which policies it can have, the one that it has without a word in the configuration first.
+    """
+
+    reason: Reason
     words: str
     hold_off_s: float
     clear_s: float
@@ -77,47 +71,68 @@ class CauseRow:
     policies: tuple[str, ...]
 
 
-_WHILE, _FLIGHT = Ends.WITH_ITS_SIGN, Ends.WITH_THE_FLIGHT
-_ANY = ("hold", "return", "land", "off")
+_SIGN, _FLIGHT = Ends.WITH_ITS_SIGN, Ends.WITH_THE_FLIGHT
+
+
+def _row(reason: Reason, words: str, hold_off_s: float, clear_s: float, ends: Ends, policies: str) -> CauseRow:
+    return CauseRow(reason, words, hold_off_s, clear_s, ends, tuple(policies.split()))
+
 
 CAUSES: Final[Mapping[Cause, CauseRow]] = {
     # less energy does not become more: who has turned back for it does not turn round again
-    Cause.ENERGY: CauseRow("energy for the way home only", 2.0, 0.0, _FLIGHT, ("return", "land", "warn", "off")),
+    Cause.ENERGY: _row(
+        Reason.ENERGY, "energy for the way back only", 2.0, 0.0, _FLIGHT, "return land warn off"),
     # it has been silent for heartbeat_lost_s already
-    Cause.COMMANDER_LOST: CauseRow("commander lost", 0.0, 0.0, _WHILE, ("return", "land", "warn")),
-    Cause.OUT_OF_COVERAGE: CauseRow("outside every zone", 1.0, 0.0, _WHILE, ("return", "land", "warn")),
-    Cause.NO_STATION: CauseRow(
-        "no station here that could take the aircraft", 2.0, 1.0, _WHILE, ("return", "hold", "land", "warn", "off")
-    ),
+    Cause.COMMANDER_LOST: _row(
+        Reason.COMMANDER_LOST, "commander lost", 0.0, 0.0, _SIGN, "return land warn"),
+    Cause.OUT_OF_COVERAGE: _row(
+        Reason.OUT_OF_COVERAGE, "out of coverage", 1.0, 0.0, _SIGN, "return land warn"),
+    Cause.NO_STATION: _row(
+        Reason.NO_STATION, "no station here could take the aircraft", 2.0, 1.0, _SIGN, "return hold land warn off"),
     # the border is ahead: every second of a hold-off is flown towards it
-    Cause.COVERAGE_ENDS: CauseRow("coverage ends ahead", 0.0, 1.0, _WHILE, ("hold", "return", "warn", "off")),
-    Cause.AUTHENTICATION: CauseRow("repeated authentication failures", 0.0, 30.0, _WHILE, ("warn", *_ANY)),
-    Cause.LINKS_WEAK: CauseRow("links weak, and no better station", 10.0, 10.0, _WHILE, ("warn", *_ANY)),
-    Cause.GUARD_LOST: CauseRow("guard lost", 3.0, 1.0, _WHILE, ("warn", *_ANY)),
+    Cause.COVERAGE_ENDS: _row(
+        Reason.COVERAGE_ENDS, "coverage ends ahead", 0.0, 0.0, _SIGN, "hold return warn off"),
+    Cause.AUTHENTICATION: _row(
+        Reason.AUTHENTICATION, "repeated authentication failures", 0.0, 30.0, _SIGN, "warn hold return land off"),
+    Cause.LINKS_WEAK: _row(
+        Reason.LINK_QUALITY, "links weak, and no better station", 10.0, 10.0, _SIGN, "warn hold return land off"),
+    Cause.GUARD_LOST: _row(
+        Reason.GUARD_LOST, "guard lost", 3.0, 1.0, _SIGN, "warn hold return land off"),
     # the autopilot keeps its fence itself
-    Cause.FENCE: CauseRow("outside the fence", 1.0, 3.0, _WHILE, ("warn", "return", "land", "off")),
-    Cause.OFF_ROUTE: CauseRow("off route", 0.0, 0.0, _WHILE, ("warn", *_ANY)),
-    Cause.POSITION_STALE: CauseRow("no fresh position", 0.0, 1.0, _WHILE, ("warn", "land", "off")),
+    Cause.FENCE: _row(
+        Reason.FENCE, "outside the fence", 1.0, 3.0, _SIGN, "warn return land off"),
+    Cause.OFF_ROUTE: _row(
+        Reason.OFF_ROUTE, "off route", 0.0, 0.0, _SIGN, "warn hold return land off"),
+    Cause.POSITION_STALE: _row(
+        Reason.POSITION_STALE, "no fresh position", 0.0, 1.0, _SIGN, "warn land off"),
     # nothing can be commanded: it is for people to know, and for the autopilot's own failsafe
-    Cause.AUTOPILOT_LOST: CauseRow("autopilot not heard", 0.0, 1.0, _WHILE, ("warn", "off")),
-}
+    Cause.AUTOPILOT_LOST: _row(
+        Reason.AUTOPILOT_LOST, "autopilot not heard", 0.0, 1.0, _SIGN, "warn off"),
+}  # fmt: skip
 
 
 class CauseWatch:
     """Which causes there are now. Times are monotonic seconds; not safe for threads."""
 
-    __slots__ = ("_ends_at", "_filled", "_looked_at", "_off", "_signs", "active")
+    __slots__ = ("_begins_at", "_clear_s", "_ends_at", "_gone", "_hold_off_s", "_off", "active")
 
     #: how much slower a hold-off runs back than it runs
     BACK: Final = 4.0
 
-    def __init__(self, off: Set[Cause] = frozenset()) -> None:
-        """`off`: causes that are not looked at."""
+    def __init__(
+        self,
+        off: Set[Cause] = frozenset(),
+        hold_off_s: Mapping[Cause, float] | None = None,
+        clear_s: Mapping[Cause, float] | None = None,
+    ) -> None:
+        """`off`: causes that are not looked at. `hold_off_s`, `clear_s`: where they are not the table's."""
         self._off = frozenset(off)
-        self._looked_at = -inf
-        self._signs: frozenset[Cause] = frozenset()
-        #: of signs that are no causes yet: how long each has stayed, less what has run back (s)
-        self._filled: dict[Cause, float] = {}
+        self._hold_off_s = {cause: row.hold_off_s for cause, row in CAUSES.items()} | dict(hold_off_s or {})
+        self._clear_s = {cause: row.clear_s for cause, row in CAUSES.items()} | dict(clear_s or {})
+        #: of signs that are no causes yet: when each is one if it stays
+        self._begins_at: dict[Cause, float] = {}
+        #: of those that went away before: when, and how long they had stayed (s)
+        self._gone: dict[Cause, tuple[float, float]] = {}
         #: of causes whose sign is away: when they are over
         self._ends_at: dict[Cause, float] = {}
         #: the causes there are
@@ -125,44 +140,34 @@ class CauseWatch:
 
     def look(self, signs: Set[Cause], now: float) -> frozenset[Cause]:
         """The signs of this moment; returns the causes. Between two looks counts what the earlier one saw."""
-        passed_s = max(0.0, now - self._looked_at) if self._looked_at > -inf else 0.0
-        self._looked_at = max(self._looked_at, now)
-        before, self._signs = self._signs, frozenset(signs) - self._off
-        for cause, filled in list(self._filled.items()):
-            self._filled[cause] = filled + (passed_s if cause in before else -passed_s / self.BACK)
-        for cause in self._signs - self.active:
-            self._filled[cause] = max(0.0, self._filled.get(cause, 0.0))
-        begun = {cause for cause in self._signs - self.active if self._filled[cause] >= CAUSES[cause].hold_off_s}
-        self.active = frozenset(begun | {cause for cause in self.active if self._goes_on(cause, now)})
-        self._filled = {
-            cause: filled
-            for cause, filled in self._filled.items()
-            if cause not in self.active and (filled > 0.0 or cause in self._signs)
-        }
+        signs = signs - self._off
+        for cause in [cause for cause in self._begins_at if cause not in signs]:
+            stayed_s = self._hold_off_s[cause] - (self._begins_at.pop(cause) - now)
+            self._gone[cause] = (now, stayed_s)
+        for cause in signs - self.active - self._begins_at.keys():
+            gone_at, stayed_s = self._gone.pop(cause, (now, 0.0))
+            stayed_s = max(0.0, stayed_s - (now - gone_at) / self.BACK)
+            self._begins_at[cause] = now + max(0.0, self._hold_off_s[cause] - stayed_s)
+        begun = {cause for cause, at in self._begins_at.items() if now >= at}
+        self.active = frozenset(begun | {cause for cause in self.active if self._goes_on(cause, signs, now)})
+        for cause in begun:
+            del self._begins_at[cause]
         return self.active
 
-    def _goes_on(self, cause: Cause, now: float) -> bool:
+    def _goes_on(self, cause: Cause, signs: Set[Cause], now: float) -> bool:
         """Whether what was a cause at the last look is one still."""
-        row = CAUSES[cause]
-        if cause in self._signs or row.ends is Ends.WITH_THE_FLIGHT:
+        if cause in signs or CAUSES[cause].ends is Ends.WITH_THE_FLIGHT:
             self._ends_at.pop(cause, None)
             return True
-        if now < self._ends_at.setdefault(cause, now + row.clear_s):
+        if now < self._ends_at.setdefault(cause, now + self._clear_s[cause]):
             return True
         del self._ends_at[cause]
         return False
 
     def landed(self) -> None:
-        """The flight is over, and with it every cause and every sign."""
-        self.active = self._signs = frozenset()
-        self._looked_at = -inf
-        self._filled, self._ends_at = {}, {}
+        """The flight is over, and with it the causes that last as long as it does."""
+        self.active = frozenset(cause for cause in self.active if CAUSES[cause].ends is not Ends.WITH_THE_FLIGHT)
 
     def due_at(self) -> float | None:
         """When a cause begins or ends next if the signs stay as they are; None if none does."""
-        begins = [
-            self._looked_at + CAUSES[cause].hold_off_s - filled
-            for cause, filled in self._filled.items()
-            if cause in self._signs
-        ]
-        return min([*begins, *self._ends_at.values()], default=None)
+        return min([*self._begins_at.values(), *self._ends_at.values()], default=None)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Safety decisions: state in, decision and reason out. One pure, total function, tested as a table.
+"""What of the safety decisions is news: each is told and carried out once.
 
-`decide` says at every moment what is wrong. `Emergency` says what of it is news, so that each is told and acted on
-once: another cause, a stronger action (what was a warning on the ground takes off), and the end.
+`causes.py` says what is wrong, `strategy.py` what is done about it, at every moment anew. News is another cause, a
+graver action (what was a warning on the ground takes off), the end of what held the aircraft back, and the end of it
+all. What waits for a station that is about to take the aircraft (TRANSFER) is none: authority tells of that itself.
 
 Nothing here weakens the autopilot's own failsafes or the RC pilot: a decision is a command that the autopilot may
 refuse, and the guard stands behind it.
@@ -11,101 +12,100 @@ refuse, and the guard stands behind it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import inf
+from collections.abc import Set
+from dataclasses import dataclass
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Reason
+from mavproxy_handover.core.safety.causes import CAUSES, Cause, CauseWatch
+from mavproxy_handover.core.safety.strategy import Decision, Situation, Strategy
 
-__all__ = ["NOTHING_WRONG", "Decision", "Emergency", "Situation", "decide"]
+__all__ = ["Emergency", "News"]
 
-
-@dataclass(frozen=True, slots=True)
-class Situation:
-    """What the decision rests on. `out_since`: when it left the last zone, None while a zone holds the aircraft.
-
-    `now` and `out_since` are monotonic seconds.
-    """
-
-    flying: bool
-    commander_lost: bool
-    out_since: float | None
-    now: float
+#: what is done only as long as it is asked for
+_WHILE_ASKED = (FlightAction.HOLD, FlightAction.CONTINUE)
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
-    """What to do and why; `reason` is NONE when nothing is wrong."""
+class News:
+    """The decision from now on, None if nothing is wrong any more, and the one before it, None if nothing was."""
 
-    action: FlightAction
-    reason: Reason
-
-
-NOTHING_WRONG = Decision(FlightAction.WARN, Reason.NONE)
-
-
-def decide(situation: Situation, limits: Limits) -> Decision:
-    """The strongest action that any trigger asks for; on the ground never more than a warning."""
-    asked = []
-    if situation.commander_lost:
-        asked.append(Decision(limits.commander_lost, Reason.COMMANDER_LOST))
-    if situation.out_since is not None and situation.now >= situation.out_since + limits.out_hold_s:
-        asked.append(Decision(limits.out_of_coverage, Reason.OUT_OF_COVERAGE))
-    if not asked:
-        return NOTHING_WRONG
-    decision = max(asked, key=lambda candidate: candidate.action)
-    if not situation.flying:
-        return Decision(FlightAction.WARN, decision.reason)
-    return decision
-
-
-class Emergency:
-    """The strongest decision since the present emergency began. Times are monotonic seconds."""
-
-    __slots__ = ("_judged_at", "_limits", "_worst")
-
-    def __init__(self, limits: Limits) -> None:
-        self._limits = limits
-        self._worst: Decision = NOTHING_WRONG
-        self._judged_at = -inf
+    decision: Decision | None
+    before: Decision | None
 
     @property
     def reason(self) -> Reason:
-        """Its cause; NONE without one."""
-        return self._worst.reason
+        """Its cause; NONE if nothing is wrong any more."""
+        return Reason.NONE if self.decision is None else CAUSES[self.decision.cause].reason
 
     @property
-    def out_of_coverage(self) -> FlightAction:
-        """The policy in force outside every zone."""
-        return self._limits.out_of_coverage
+    def warning(self) -> bool:
+        """Nothing is commanded for it."""
+        return self.decision is None or self.decision.action is FlightAction.WARN
 
-    def adopt(self, out_of_coverage: FlightAction | None) -> None:
+    @property
+    def resumes(self) -> bool:
+        """The aircraft was held, and is not any more."""
+        held = self.before is not None and self.before.action is FlightAction.HOLD
+        return held and (self.decision is None or self.decision.action < FlightAction.RETURN)
+
+
+class Emergency:
+    """What was told last of what is wrong. Times are monotonic seconds; not safe for threads."""
+
+    __slots__ = ("_resumed", "_strategy", "_watch", "told")
+
+    def __init__(self, limits: Limits) -> None:
+        off = {cause for cause, policy in limits.policies.items() if policy == "off"}
+        self._watch = CauseWatch(off, limits.hold_off_s, limits.clear_s)
+        self._strategy = Strategy(limits.policies)
+        #: None while nothing is wrong
+        self.told: Decision | None = None
+        #: the run before left an emergency behind, and its cause has not been found yet
+        self._resumed = False
+
+    @property
+    def out_of_coverage(self) -> str:
+        """The policy in force outside every zone."""
+        return self._strategy.policies[Cause.OUT_OF_COVERAGE]
+
+    def adopt(self, out_of_coverage: str | None) -> None:
         """The mission brings its own policy; None: it has none, and the one in force stays."""
         if out_of_coverage is not None:
-            self._limits = replace(self._limits, out_of_coverage=out_of_coverage)
+            self._strategy.policies[Cause.OUT_OF_COVERAGE] = out_of_coverage
 
     def resume(self) -> None:
         """A restart in an emergency: its cause is judged anew, and it is over when none is found."""
-        self._worst = Decision(FlightAction.WARN, Reason.RESTARTED)
+        self._resumed = True
 
     def landed(self) -> None:
         """The flight is over. The cause may go on: on the ground that is no news, in the next flight it is acted on."""
-        self._worst = Decision(FlightAction.WARN, self._worst.reason)
+        self._watch.landed()
+        self._strategy.landed()
+        if self.told is not None:
+            self.told = Decision(FlightAction.WARN, self.told.cause)
 
-    def due_at(self, out_since: float | None) -> float | None:
-        """When to judge at the latest, outside every zone since then; None where no moment matters."""
-        if out_since is None:
-            return None
-        held_until = out_since + self._limits.out_hold_s
-        return held_until if held_until > self._judged_at else None
+    def due_at(self) -> float | None:
+        """When to judge at the latest; None where no moment matters."""
+        return self._watch.due_at()
 
-    def judge(self, situation: Situation, *, certain: bool = True) -> Decision | None:
+    def judge(self, signs: Set[Cause], facts: Situation, now: float, *, certain: bool = True) -> News | None:
         """The decision if it is news. `certain` False: that nothing is wrong is not known yet."""
-        self._judged_at = situation.now
-        decision = decide(situation, self._limits)
-        if decision.reason is Reason.NONE and not certain:
+        decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
+        if decision is None or decision.action is FlightAction.TRANSFER:
+            decision = None
+            if not certain or (told is None and not self._resumed):
+                return None
+        elif self._known(decision):
             return None
-        if decision.reason is self._worst.reason and decision.action <= self._worst.action:
-            return None
-        self._worst = decision
-        return decision
+        self.told, self._resumed = decision, False
+        return News(decision, told)
+
+    def _known(self, decision: Decision) -> bool:
+        """Whether it is what was told, or milder while the cause of that goes on."""
+        told = self.told
+        if told is None or told.cause not in self._watch.active:
+            return False
+        if decision.action < told.action:
+            return told.action not in _WHILE_ASKED
+        return decision == told

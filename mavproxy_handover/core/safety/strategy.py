@@ -9,12 +9,12 @@ who cannot hold returns, who can reach no place lands. Before that it looks for 
 authority that is on its way to a station, and a gap that the mission declares. So each ladder is a row of rungs, each
 with the fact that it needs; the first whose fact holds is what the cause asks for, and the last needs nothing.
 
-Of all that is asked for, the gravest is done (`Action`), and of two causes that ask for the same the one that stands
-first in `Cause` is named. In which order causes come plays no part.
+Of all that is asked for, the gravest is done (`FlightAction`), and of two causes that ask for the same the one that
+stands first in `Cause` is named. In which order causes come plays no part.
 
 Above the ladders stand four facts: on the ground, with a pilot who steers, with a failsafe of the autopilot that has
-chosen what is flown, and while the autopilot is not heard, everything is a warning. And beside them two: what returns
-already is not stopped, and what lands already is not sent anywhere (MILDER_THAN).
+chosen what is flown, and while the autopilot is not heard, nothing is commanded: all but to wait is a warning. And
+beside them two: what returns already is not stopped, and what lands already is not sent anywhere (MILDER_THAN).
 
 `Strategy` remembers what was decided: a return or a landing lasts as long as its cause, whatever milder causes come and
 go, and whatever milder that cause would ask for by now. That is the only state.
@@ -27,7 +27,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Final
 
-from mavproxy_handover.core.safety.causes import CAUSES, Action, Cause
+from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
 
 __all__ = [
     "FIRST",
@@ -70,13 +71,13 @@ Situation = Set[Fact]
 class Rung:
     """One thing that a cause may ask for, if `needs` holds."""
 
-    action: Action
+    action: FlightAction
     needs: Fact | None = None
 
 
-_TRANSFER, _CONTINUE = Rung(Action.TRANSFER, Fact.SUCCESSOR), Rung(Action.CONTINUE, Fact.GAP)
-_HOLD, _RETURN = Rung(Action.HOLD, Fact.MAY_HOLD), Rung(Action.RETURN, Fact.PLACE)
-_LAND, _WARN = Rung(Action.LAND), Rung(Action.WARN)
+_TRANSFER, _CONTINUE = Rung(FlightAction.TRANSFER, Fact.SUCCESSOR), Rung(FlightAction.CONTINUE, Fact.GAP)
+_HOLD, _RETURN = Rung(FlightAction.HOLD, Fact.MAY_HOLD), Rung(FlightAction.RETURN, Fact.PLACE)
+_LAND, _WARN = Rung(FlightAction.LAND), Rung(FlightAction.WARN)
 
 #: What a cause looks for before its policy counts.
 FIRST: Final[Mapping[Cause, tuple[Rung, ...]]] = {
@@ -95,30 +96,30 @@ POLICY_LADDERS: Final[Mapping[str, tuple[Rung, ...]]] = {
 
 #: What comes to nothing more than a warning, whatever is asked for; and what does if it is milder than this.
 OVERRULE: Final = (Fact.PILOT, Fact.FAILSAFE)
-MILDER_THAN: Final[Mapping[Fact, Action]] = {Fact.LANDING: Action.LAND, Fact.RETURNING: Action.RETURN}
+MILDER_THAN: Final[Mapping[Fact, FlightAction]] = {Fact.LANDING: FlightAction.LAND, Fact.RETURNING: FlightAction.RETURN}
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
     """What is done, and why."""
 
-    action: Action
+    action: FlightAction
     cause: Cause
 
 
-def _asked(cause: Cause, policy: str, facts: Situation) -> Action:
+def _asked(cause: Cause, policy: str, facts: Situation) -> FlightAction:
     """What a cause asks for by itself."""
     rungs = (*FIRST.get(cause, ()), *POLICY_LADDERS[policy])
     return next(rung.action for rung in rungs if rung.needs is None or rung.needs in facts)
 
 
-def _possible(action: Action, facts: Situation) -> Action:
+def _possible(action: FlightAction, facts: Situation) -> FlightAction:
     """What of it can be, and need be, done now."""
-    if Fact.FLYING not in facts or Fact.AUTOPILOT not in facts or any(fact in facts for fact in OVERRULE):
-        return Action.WARN
-    if action is Action.TRANSFER:  # nothing is done to the aircraft
+    if action is FlightAction.TRANSFER:  # nothing is done to the aircraft
         return action
-    return Action.WARN if any(fact in facts and action < least for fact, least in MILDER_THAN.items()) else action
+    if Fact.FLYING not in facts or Fact.AUTOPILOT not in facts or any(fact in facts for fact in OVERRULE):
+        return FlightAction.WARN
+    return FlightAction.WARN if any(fact in facts and action < least for fact, least in MILDER_THAN.items()) else action
 
 
 def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) -> Decision | None:
@@ -135,11 +136,11 @@ def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) 
 class Strategy:
     """The decision in force. Not safe for threads."""
 
-    __slots__ = ("_policies", "decision")
+    __slots__ = ("decision", "policies")
 
     def __init__(self, policies: Mapping[Cause, str]) -> None:
         """`policies`: those that differ from the table's."""
-        self._policies = {cause: policies.get(cause, row.policies[0]) for cause, row in CAUSES.items()}
+        self.policies = {cause: policies.get(cause, row.policies[0]) for cause, row in CAUSES.items()}
         self.decision: Decision | None = None
 
     def judge(self, causes: Set[Cause], facts: Situation) -> Decision | None:
@@ -147,8 +148,8 @@ class Strategy:
 
         A graver one than they ask for stays while its cause does, unless it cannot be any more.
         """
-        found, held = decide(causes, facts, self._policies), self.decision
-        if held is not None and held.action >= Action.RETURN and held.cause in causes:
+        found, held = decide(causes, facts, self.policies), self.decision
+        if held is not None and held.action >= FlightAction.RETURN and held.cause in causes:
             graver = found is not None and found.action >= held.action
             if not graver and _possible(held.action, facts) is held.action:
                 return held

@@ -18,7 +18,7 @@ TIMES = {
     "commander_lost": (0.0, 0.0, False),
     "out_of_coverage": (1.0, 0.0, False),
     "no_station": (2.0, 1.0, False),
-    "coverage_ends": (0.0, 1.0, False),
+    "coverage_ends": (0.0, 0.0, False),
     "authentication": (0.0, 30.0, False),
     "links_weak": (10.0, 10.0, False),
     "guard_lost": (3.0, 1.0, False),
@@ -127,14 +127,23 @@ def test_energy_does_not_come_back() -> None:
     assert watch.look(set(), 5001.0) == set()
 
 
-def test_after_a_landing_every_hold_off_begins_anew() -> None:
+def test_after_a_landing_what_is_wrong_on_the_ground_too_goes_on() -> None:
     watch = CauseWatch()
-    watch.look({GUARD}, 100.0)
-    watch.look({GUARD}, 102.0)
+    watch.look({GUARD, LOST}, 100.0)
     watch.landed()
-    assert watch.due_at() is None
-    assert watch.look({GUARD}, 103.0) == set()
-    assert watch.due_at() == 106.0
+    assert watch.active == {LOST}
+    assert watch.due_at() == 103.0
+
+
+def test_hold_offs_and_clearing_may_be_others_than_the_tables() -> None:
+    watch = CauseWatch(hold_off_s={LOST: 0.7}, clear_s={LOST: 2.0})
+    # 0.1 + 0.7 is the moment that is handed out; counted as seconds since, it would be a rounding error away
+    assert watch.look({LOST}, 0.1) == set()
+    due = watch.due_at()
+    assert due == 0.1 + 0.7
+    assert watch.look({LOST}, due) == {LOST}
+    assert watch.look(set(), 5.0) == {LOST}
+    assert watch.look(set(), 7.0) == set()
 
 
 def test_a_cause_that_is_off_is_none() -> None:
@@ -149,6 +158,8 @@ def test_a_clock_that_stands_or_goes_back_fills_nothing() -> None:
     for _ in range(100):
         assert watch.look({GUARD}, 100.0) == set()
     assert watch.look({GUARD}, 90.0) == set()
+    assert watch.look(set(), 90.0) == set()
+    assert watch.look({GUARD}, 100.0) == set()
     assert watch.look({GUARD}, 102.9) == set()
     assert watch.look({GUARD}, 103.0) == {GUARD}
 

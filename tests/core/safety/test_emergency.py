@@ -6,58 +6,136 @@ from __future__ import annotations
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.safety.emergency import NOTHING_WRONG, Decision, Emergency, Situation
+from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.safety.emergency import Emergency, News
+from mavproxy_handover.core.safety.strategy import Decision, Fact
 
-FINE = Situation(flying=True, commander_lost=False, out_since=None, now=100.0)
-LOST = Situation(flying=True, commander_lost=True, out_since=None, now=100.0)
-LOST_ON_GROUND = Situation(flying=False, commander_lost=True, out_since=None, now=100.0)
-RETURN = Decision(FlightAction.RETURN, Reason.COMMANDER_LOST)
-WARN = Decision(FlightAction.WARN, Reason.COMMANDER_LOST)
+LOST, OUT, ENDS, GUARD = Cause.COMMANDER_LOST, Cause.OUT_OF_COVERAGE, Cause.COVERAGE_ENDS, Cause.GUARD_LOST
+RETURN = Decision(FlightAction.RETURN, LOST)
+WARN = Decision(FlightAction.WARN, LOST)
+HOLD = Decision(FlightAction.HOLD, ENDS)
+GROUND = frozenset({Fact.AUTOPILOT, Fact.PLACE})
+ALOFT = GROUND | {Fact.FLYING}
+STEADY = ALOFT | {Fact.MAY_HOLD}
+
+
+def decisions(news: list[News | None]) -> list[Decision | str | None]:
+    return [None if each is None else each.decision or "over" for each in news]
 
 
 def test_each_emergency_is_news_once_and_so_is_its_end() -> None:
     emergency = Emergency(Limits())
-    told = [emergency.judge(situation) for situation in (FINE, LOST, LOST, FINE, FINE, LOST)]
-    assert told == [None, RETURN, None, NOTHING_WRONG, None, RETURN]
+    signs = [set(), {LOST}, {LOST}, set(), set(), {LOST}]
+    told = [emergency.judge(each, ALOFT, 100.0 + at) for at, each in enumerate(signs)]
+    assert decisions(told) == [None, RETURN, None, "over", None, RETURN]
+
+
+def test_news_says_why_and_whether_something_is_commanded() -> None:
+    emergency = Emergency(Limits())
+    assert emergency.judge({LOST}, GROUND, 100.0) == News(WARN, None)
+    news = emergency.judge({LOST}, ALOFT, 101.0)
+    assert news == News(RETURN, WARN)
+    assert (news.reason, news.warning, News(WARN, None).warning) == (Reason.COMMANDER_LOST, False, True)
+    over = emergency.judge(set(), ALOFT, 102.0)
+    assert over == News(None, RETURN)
+    assert (over.reason, over.warning, over.resumes) == (Reason.NONE, True, False)
 
 
 def test_what_was_a_warning_on_the_ground_takes_off() -> None:
     emergency = Emergency(Limits())
-    assert [emergency.judge(situation) for situation in (LOST_ON_GROUND, LOST, LOST_ON_GROUND)] == [WARN, RETURN, None]
+    told = [emergency.judge({LOST}, facts, 100.0) for facts in (GROUND, ALOFT, GROUND)]
+    assert decisions(told) == [WARN, RETURN, None]
 
 
 def test_after_the_landing_the_same_cause_is_no_news_and_in_the_next_flight_it_is() -> None:
     emergency = Emergency(Limits())
-    emergency.judge(LOST)
+    emergency.judge({LOST}, ALOFT, 100.0)
     emergency.landed()
-    assert [emergency.judge(situation) for situation in (LOST_ON_GROUND, LOST)] == [None, RETURN]
+    assert decisions([emergency.judge({LOST}, facts, 101.0) for facts in (GROUND, ALOFT)]) == [None, RETURN]
 
 
 def test_while_it_is_not_known_that_nothing_is_wrong_no_emergency_ends() -> None:
     emergency = Emergency(Limits())
     emergency.resume()
-    assert emergency.reason is Reason.RESTARTED
-    assert emergency.judge(FINE, certain=False) is None
-    assert emergency.judge(FINE) == NOTHING_WRONG
+    assert emergency.judge(set(), ALOFT, 100.0, certain=False) is None
+    assert emergency.judge(set(), ALOFT, 101.0) == News(None, None)
+    assert emergency.judge(set(), ALOFT, 102.0) is None
 
 
 def test_what_is_wrong_is_wrong_while_that_is_not_known() -> None:
-    emergency = Emergency(Limits(out_hold_s=1.0))
+    emergency = Emergency(Limits())
     emergency.resume()
-    out = Situation(flying=True, commander_lost=False, out_since=90.0, now=100.0)
-    assert emergency.judge(out, certain=False) == Decision(FlightAction.RETURN, Reason.OUT_OF_COVERAGE)
+    emergency.judge({OUT}, ALOFT, 100.0, certain=False)
+    assert decisions([emergency.judge({OUT}, ALOFT, 101.0, certain=False)]) == [Decision(FlightAction.RETURN, OUT)]
 
 
-def test_the_end_of_the_hold_time_is_due_until_it_was_judged() -> None:
-    emergency = Emergency(Limits(out_hold_s=1.0))
-    assert emergency.due_at(None) is None
-    assert emergency.due_at(100.0) == 101.0
-    emergency.judge(Situation(flying=True, commander_lost=False, out_since=100.0, now=101.0))
-    assert emergency.due_at(100.0) is None
+def test_the_end_of_a_hold_off_is_due_until_it_was_judged() -> None:
+    emergency = Emergency(Limits(hold_off_s={OUT: 0.7}))
+    assert emergency.due_at() is None
+    emergency.judge({OUT}, ALOFT, 0.1)
+    assert emergency.due_at() == 0.1 + 0.7
+    assert emergency.judge({OUT}, ALOFT, 0.1 + 0.7) is not None
+    assert emergency.due_at() is None
+
+
+def test_who_is_about_to_have_a_commander_is_in_no_emergency() -> None:
+    emergency = Emergency(Limits())
+    assert emergency.judge({LOST}, ALOFT | {Fact.SUCCESSOR}, 100.0) is None
+    assert emergency.told is None
+    assert decisions([emergency.judge({LOST}, ALOFT, 102.0)]) == [RETURN]
+    assert emergency.judge({LOST}, ALOFT | {Fact.SUCCESSOR}, 103.0) is None
+    assert emergency.told == RETURN
+
+
+def test_an_emergency_whose_cause_is_gone_is_over_while_another_is_waited_out() -> None:
+    emergency = Emergency(Limits())
+    emergency.judge({OUT}, ALOFT, 100.0)
+    emergency.judge({OUT}, ALOFT, 101.0)
+    assert decisions([emergency.judge({LOST}, ALOFT | {Fact.SUCCESSOR}, 102.0)]) == ["over"]
+
+
+def test_what_was_held_goes_on_when_nothing_holds_it_any_more() -> None:
+    emergency = Emergency(Limits())
+    assert emergency.judge({ENDS}, STEADY, 100.0) == News(HOLD, None)
+    over = emergency.judge(set(), STEADY, 110.0)
+    assert over == News(None, HOLD)
+    assert over.resumes
+
+
+def test_what_was_held_and_comes_home_does_not_go_on_first() -> None:
+    emergency = Emergency(Limits())
+    emergency.judge({ENDS}, STEADY, 100.0)
+    news = emergency.judge({ENDS}, ALOFT, 160.0)
+    assert news == News(Decision(FlightAction.RETURN, ENDS), HOLD)
+    assert not news.resumes
+
+
+def test_what_is_only_warned_of_by_now_ends_a_hold() -> None:
+    emergency = Emergency(Limits())
+    emergency.judge({ENDS}, STEADY, 100.0)
+    news = emergency.judge({ENDS}, STEADY | {Fact.PILOT}, 101.0)
+    assert news == News(Decision(FlightAction.WARN, ENDS), HOLD)
+
+
+def test_a_graver_action_is_told_again_of_another_cause_and_a_milder_one_is_not() -> None:
+    emergency = Emergency(Limits())
+    emergency.judge({LOST, GUARD}, ALOFT, 100.0)
+    assert emergency.judge({LOST, GUARD}, ALOFT, 110.0) is None
+    assert emergency.told == RETURN
+    # what is left is told when the graver cause is gone
+    assert decisions([emergency.judge({GUARD}, ALOFT, 120.0)]) == [Decision(FlightAction.WARN, GUARD)]
+
+
+def test_a_cause_that_is_off_is_none() -> None:
+    emergency = Emergency(Limits(policies={ENDS: "off"}))
+    assert emergency.judge({ENDS}, STEADY, 100.0) is None
 
 
 def test_a_mission_without_a_policy_leaves_the_one_in_force() -> None:
-    emergency = Emergency(Limits(out_of_coverage=FlightAction.RETURN))
-    emergency.adopt(FlightAction.LAND)
+    emergency = Emergency(Limits(policies={OUT: "land"}))
     emergency.adopt(None)
-    assert emergency.out_of_coverage is FlightAction.LAND
+    assert emergency.out_of_coverage == "land"
+    emergency.adopt("warn")
+    assert emergency.out_of_coverage == "warn"
+    emergency.judge({OUT}, ALOFT, 100.0)
+    assert decisions([emergency.judge({OUT}, ALOFT, 101.0)]) == [Decision(FlightAction.WARN, OUT)]
