@@ -331,7 +331,7 @@ class Companion:
         self.narrator.failed_closed(text)
         self._attempt("end of START", self.autopilot.orders.give_start_up, "internal fault", now)
         if self.autopilot.aircraft.flying:
-            self._attempt("way home", self.autopilot.orders.bring_home, FlightAction.RETURN, now)
+            self._attempt("way home", self.autopilot.orders.fly, FlightAction.RETURN, now)
         self._attempt("console", self.narrator.authority_ends, text)
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
@@ -356,7 +356,7 @@ class Companion:
             case events.Record():
                 self.narrator.record(action, now)
             case events.Fly():
-                self.autopilot.orders.bring_home(action.action, now)
+                self.autopilot.orders.fly(action.action, now)
             case events.BeginStart():
                 self.autopilot.orders.start(now)
             case events.StartRefused():

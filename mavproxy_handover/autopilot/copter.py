@@ -132,6 +132,12 @@ class Copter:
                 trouble = str(error)
         raise AutopilotError(f"the autopilot does not obey: {trouble}")
 
+    def hold(self, pause: bool) -> Asking:
+        """Stop where it is, or go on. Returns what it does."""
+        what = "hold" if pause else "go on"
+        yield from self._do(what, mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0 if pause else 1)
+        return what
+
     # ---- mission ------------------------------------------------------------------------------------------------
 
     def load(self, items: Sequence[MissionItem], rally: Sequence[RallyPoint]) -> Asking:

@@ -114,11 +114,14 @@ class Orders:
 
     # ---- the way home ---------------------------------------------------------------------------------------------
 
-    def bring_home(self, action: FlightAction, now: float) -> None:
-        """Have the autopilot fly home, or land."""
-        self.give_start_up("the aircraft is brought home", now)
+    def fly(self, action: FlightAction, now: float) -> None:
+        """Have the autopilot stop, go on, fly home, or land."""
+        pauses = action in (FlightAction.HOLD, FlightAction.CONTINUE)
+        if not pauses:
+            self.give_start_up("the aircraft is brought home", now)
+        asking = self._copter.hold(action is FlightAction.HOLD) if pauses else self._copter.bring_home(action)
 
         def done(talk: Conversation, _now: float) -> None:
             self._ties.narrator.flown(action, talk.result, talk.failure)
 
-        self._conversations.begin(_HOME, self._copter.bring_home(action), done, now)
+        self._conversations.begin(_HOME, asking, done, now)

@@ -82,6 +82,8 @@ LIMIT_RANGES: Final[Ranges] = {
     "leave_margin_m": (0, 1000),
     "dwell_s": (0, 600),
     "exit_soon_s": (0, 120),
+    "hold_lead_s": (1, 60),
+    "hold_s": (0, 3600),
     "link_weak_s": (0, 60),
     "link_steady_s": (0, 600),
     "position_stale_s": (0.2, 30),

@@ -54,14 +54,14 @@ from mavproxy_handover.core.events import (
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck
-from mavproxy_handover.core.model import AuthorityView, GuardState, Mission, Phase, Reason, Station
+from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, Mission, Phase, Reason, Station
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.phases import PhaseCause
 from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.safety.causes import CAUSES
 from mavproxy_handover.core.safety.causes import Cause as Wrong
 from mavproxy_handover.core.safety.emergency import Emergency, News
-from mavproxy_handover.core.safety.strategy import Fact
+from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Cause
@@ -97,6 +97,7 @@ class Arbiter:
         self._requests = Requests(self._authority, self._presence, self._candidates, self._conductor)
         self._start = Start(self._authority, self._flight, self._candidates, self._conductor)
         self._emergency = Emergency(self._limits)
+        self._lookout = Lookout(self._authority, self._flight, self._candidates, self._limits)
         #: the run before ended in a transfer: its zone has still to be served
         self._interrupted = False
         if restored is not None:
@@ -236,6 +237,7 @@ class Arbiter:
             None if authority.recover_until == inf else authority.recover_until,
             self._flight.stale_at(),
             self._emergency.due_at(),
+            self._lookout.due_at(),
         )
         return min([*times, *(time for time in others if time is not None)], default=None)
 
@@ -312,6 +314,7 @@ class Arbiter:
             if station in change.left:
                 self._conductor.move(Cause.LEFT_REGION, now, actions, station=station)
         self._conductor.seek(now, actions)
+        self._lookout.look_around(now)
 
     def _on_autopilot(self, event: AutopilotState, now: float, actions: list[Action]) -> None:
         authority = self._authority
@@ -377,30 +380,11 @@ class Arbiter:
     def _judge_safety(self, now: float, actions: list[Action]) -> None:
         if self._flight.position_lost(now):
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
-        certain = not self._authority.recovering
-        news = self._emergency.judge(self._signs(), self._facts(now), now, certain=certain)
+        signs, facts = self._lookout.signs(now), self._lookout.facts(now)
+        news = self._emergency.judge(signs, facts, now, certain=not self._authority.recovering)
         if news is not None:
+            self._lookout.held_at = now if news.holds else -inf
             self._on_news(news, now, actions)
-
-    def _signs(self) -> set[Wrong]:
-        """What looks wrong at this moment."""
-        authority, signs = self._authority, set()
-        if authority.lost or (authority.owner is None and self._flight.flying):
-            signs.add(Wrong.COMMANDER_LOST)
-        if self._candidates.zones.out_since is not None:
-            signs.add(Wrong.OUT_OF_COVERAGE)
-        return signs
-
-    def _facts(self, now: float) -> set[Fact]:
-        """What else the decision rests on."""
-        authority, transfer = self._authority, self._authority.transfer
-        hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
-        facts = {Fact.PLACE, Fact.AUTOPILOT}
-        if self._flight.flying:
-            facts.add(Fact.FLYING)
-        if authority.lost and (authority.recovering or (transfer is not None and transfer.forced and hurried)):
-            facts.add(Fact.SUCCESSOR)
-        return facts
 
     def _on_news(self, news: News, now: float, actions: list[Action]) -> None:
         authority, decision = self._authority, news.decision
@@ -408,17 +392,23 @@ class Arbiter:
             actions.append(Record("emergency_over", "the cause of the emergency is gone"))
             authority.move_phase(PhaseCause.RECOVERED)
             authority.resume_transfer_phase()
-            authority.refresh(Reason.NONE, actions)
-            return
-        if not news.warning:
-            if decision.cause is Wrong.OUT_OF_COVERAGE:  # a transfer from a lost commander goes on
-                self._conductor.move(Cause.OUT_OF_COVERAGE, now, actions)
-            authority.start_over()
-            if authority.phase is Phase.ON_LOAD:
-                self._start.enter_mission("airborne", now, actions)
-            authority.move_phase(PhaseCause.EMERGENCY)
-        text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
-        actions.append(Record("emergency", text, news.reason, authority.owner))
+        else:
+            if decision.action >= FlightAction.RETURN:
+                self._come_home(decision.cause, now, actions)
+            text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
+            actions.append(Record("emergency", text, news.reason, authority.owner))
         authority.refresh(news.reason, actions)
-        if not news.warning:
+        if news.resumes:
+            actions.append(Fly(FlightAction.CONTINUE, news.reason))
+        elif not news.warning:
+            assert decision is not None
             actions.append(Fly(decision.action, news.reason))
+
+    def _come_home(self, cause: Wrong, now: float, actions: list[Action]) -> None:
+        """The aircraft is about to be brought home, or down."""
+        if cause is Wrong.OUT_OF_COVERAGE:  # a transfer from a lost commander goes on
+            self._conductor.move(Cause.OUT_OF_COVERAGE, now, actions)
+        self._authority.start_over()
+        if self._authority.phase is Phase.ON_LOAD:
+            self._start.enter_mission("airborne", now, actions)
+        self._authority.move_phase(PhaseCause.EMERGENCY)

@@ -8,7 +8,7 @@ attempt at it has just failed. Which of those should is for zones (`zones.py`) a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from mavproxy_handover.core.events import Action, Record
 from mavproxy_handover.core.limits import Limits
@@ -78,6 +78,17 @@ class Candidates:
     def usable(self, owner: int | None, reason: Reason, now: float, actions: list[Action]) -> Sequence[int]:
         """Stations whose zone holds the aircraft, and that may be asked for this reason now."""
         return [station for station in self._fit(owner, now, actions) if self.paused_s(station, reason, now) <= 0.0]
+
+    def ready(self, stations: Iterable[int], owner: int, reason: Reason, now: float) -> list[int]:
+        """Those of `stations` that could take the aircraft from `owner` and may be asked for this reason now."""
+        return [
+            station
+            for station in stations
+            if station != owner
+            and station in self._presence
+            and self.unfit(station, now) is None
+            and self.paused_s(station, reason, now) <= 0.0
+        ]
 
     def reasons(self, owner: int, now: float, actions: list[Action]) -> dict[int, Reason]:
         """The stations that authority could move to now, and why it should."""

@@ -75,7 +75,7 @@ class Conductor:
             return
         if authority.lost:
             self._seek_successor(authority.owner, now, actions)
-        elif authority.phase is Phase.ON_MISSION or (
+        elif authority.phase in (Phase.ON_MISSION, Phase.EMERGENCY) or (
             authority.transfer is not None and authority.transfer.yields_to(Reason.ZONE_ENDS)
         ):
             wanted = self._candidates.wanted(authority.owner, now, actions)

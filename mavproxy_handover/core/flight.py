@@ -81,6 +81,18 @@ class Flight:
         """Whether the guard answers the leases of this companion, or none is required."""
         return not self._limits.guard_required or (self._guard_ours and self.guard(now) is GuardState.LIVE)
 
+    def autopilot_lost_at(self) -> float:
+        """When the autopilot's last word counts no more; -inf without one."""
+        return self._autopilot_at + self._limits.autopilot_lost_s
+
+    def guard_lost_at(self) -> float:
+        """When the guard's last word counts no more; -inf without one."""
+        return self._guard_at + self._limits.guard_lost_s
+
+    def position_lost_at(self) -> float:
+        """When the last position counts no more; -inf without one."""
+        return self._position_at + self._limits.position_stale_s
+
     def stale_at(self) -> float | None:
         """When the position becomes too old in flight; None where that is told already, or does not matter."""
         if not self.flying or self._stale_told:

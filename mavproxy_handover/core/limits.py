@@ -54,6 +54,9 @@ class Limits:
     #: the commander's links have been weak this long, a partner's good this long: reason enough to move
     link_weak_s: float = 3.0
     link_steady_s: float = 30.0
+    #: the last coverage that counts ends this soon along the track: the aircraft is to stop. And so long it is held
+    hold_lead_s: float = 5.0
+    hold_s: float = 60.0
     #: what is done about each cause, and how long its sign has to stay and to be away, where that is not the table's
     policies: Mapping[Cause, str] = field(default_factory=dict)
     hold_off_s: Mapping[Cause, float] = field(default_factory=dict)

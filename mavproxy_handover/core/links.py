@@ -49,6 +49,14 @@ class Links:
             text = f"somebody {'speaks' if event.attacked else 'no longer speaks'} in the name of {name}: {event.text}"
             actions.append(Record("attack", text, Reason.AUTHENTICATION, station))
 
+    def weak(self, station: int) -> bool:
+        """Whether all links of the station are over a limit."""
+        return station in self._weak
+
+    def attacked(self, station: int) -> bool:
+        """Whether somebody else speaks in its name."""
+        return station in self._attacked
+
     def better(self, commander: int, stations: Iterable[int], now: float) -> list[int]:
         """Those of `stations` whose links have long been good, while the commander's have been weak for a while."""
         if now - self._weak.get(commander, inf) < self._limits.link_weak_s:

@@ -217,6 +217,8 @@ class ZoneFact:
     #: seconds until the present track at the present speed leaves the zone; None when it does not within the
     #: horizon, when the aircraft is slower than 0.5 m/s, and when it is outside
     exit_s: float | None
+    #: system ids of the stations whose zones hold the place where it leaves, where that is near
+    beyond: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

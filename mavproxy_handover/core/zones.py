@@ -94,7 +94,7 @@ class ZoneTracker:
         """Entries so far were made on the ground and do not count."""
         self._fresh.clear()
 
-    def _time_left_s(self, station: int) -> float:
+    def time_left_s(self, station: int) -> float:
         """How long the zone will hold the aircraft on its present track; 0 outside, inf when no end is in sight.
 
         Across the border, where the zone still counts as holding it, no time is left, though no end is in sight either.
@@ -103,6 +103,11 @@ class ZoneTracker:
             return 0.0
         exit_s = self._facts[station].exit_s
         return inf if exit_s is None else exit_s
+
+    def beyond(self, station: int) -> frozenset[int]:
+        """Stations whose zones hold the place where the track leaves this station's zone, if that is near."""
+        fact = self._facts.get(station)
+        return frozenset() if fact is None else fact.beyond
 
     def reasons(
         self, commander: int, usable: Sequence[int], now: float, better: Sequence[int] = ()
@@ -114,13 +119,13 @@ class ZoneTracker:
         """
         if now - self._moved_at < self._limits.dwell_s and commander in self._inside:
             return {}
-        left_s = self._time_left_s(commander)
+        left_s = self.time_left_s(commander)
         ends = left_s <= self._limits.exit_soon_s
         found: dict[int, Reason] = {}
         for station in usable:
             if station not in self._inside or station == commander:
                 continue
-            own_s = self._time_left_s(station)
+            own_s = self.time_left_s(station)
             if ends and own_s > left_s:
                 found[station] = Reason.ZONE_ENDS
             # a better link is no reason to go where the zone is about to end: authority would come back at once
@@ -133,7 +138,7 @@ class ZoneTracker:
     def best(self, stations: Sequence[int], route_next: int | None) -> int:
         """Of these, at least one and all held, the station `route_next` that the planned route needs next, then the one
         whose zone keeps the aircraft longest."""
-        return min(stations, key=lambda station: (station != route_next, -self._time_left_s(station), station))
+        return min(stations, key=lambda station: (station != route_next, -self.time_left_s(station), station))
 
     @property
     def known(self) -> bool:

@@ -25,7 +25,7 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.borders import Border, Circle, CircleBorder, PolygonBorder, plane_at
-from mavproxy_handover.mission.geodesy import beside_deg
+from mavproxy_handover.mission.geodesy import beside_deg, wrap_longitude_deg
 
 __all__ = ["Circle", "Zone", "ZoneFinder", "beside", "overlap"]
 
@@ -33,6 +33,8 @@ __all__ = ["Circle", "Zone", "ZoneFinder", "beside", "overlap"]
 SLOWEST_TRACK_MPS = 0.5
 #: how far ahead `exit_s` looks
 HORIZON_S = 300.0
+#: an exit nearer than this is looked at more closely: what holds the place
+NEAR_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +148,7 @@ class ZoneFinder:
         for zone, border in self._borders:
             excess = zone.altitude_excess_m(alt_m)
             margin = border.margin_m(lat_deg, lon_deg, plane)
-            exit_s = None
+            exit_s, beyond = None, frozenset[int]()
             if margin <= 0.0:
                 margin = -math.hypot(margin, excess)
             elif excess > 0.0:
@@ -154,5 +156,8 @@ class ZoneFinder:
             elif margin < reach_m:
                 way = border.exit_m(lat_deg, lon_deg, plane, math.sin(track), math.cos(track), reach_m)
                 exit_s = way / ground_speed_mps if way <= reach_m else None
-            found.append(ZoneFact(zone.station, margin, exit_s))
+                if exit_s is not None and exit_s <= NEAR_S:
+                    north, east = way * math.cos(track) / plane.per_lat, way * math.sin(track) / plane.per_lon
+                    beyond = self.holding(lat_deg + north, wrap_longitude_deg(lon_deg + east), alt_m)
+            found.append(ZoneFact(zone.station, margin, exit_s, beyond))
         return tuple(found)

@@ -128,9 +128,8 @@ class Watch:
         assert (view.lease is LeaseState.TRANSFER) is (view.commander is not None and view.partner is not None)
         assert view.phase is not Phase.ON_HANDOVER or view.partner is not None
         if view.partner is not None:
-            # on the ground a transfer is no phase; and one from a lost commander may begin on the way home
-            elsewhere = (Phase.ON_LOAD,) if view.commander is not None else (Phase.ON_LOAD, Phase.EMERGENCY)
-            assert view.phase is Phase.ON_HANDOVER or view.phase in elsewhere
+            # on the ground a transfer is no phase; and one may begin on the way home
+            assert view.phase in (Phase.ON_HANDOVER, Phase.ON_LOAD, Phase.EMERGENCY)
             assert view.lease is not LeaseState.RECOVERING
             assert view.partner != view.commander
         assert 0 <= view.handover_id <= 0xFFFF

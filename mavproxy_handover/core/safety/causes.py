@@ -104,7 +104,7 @@ CAUSES: Final[Mapping[Cause, CauseRow]] = {
     Cause.OFF_ROUTE: _row(
         Reason.OFF_ROUTE, "off route", 0.0, 0.0, _SIGN, "warn hold return land off"),
     Cause.POSITION_STALE: _row(
-        Reason.POSITION_STALE, "no fresh position", 0.0, 1.0, _SIGN, "warn land off"),
+        Reason.POSITION_STALE, "no fresh position", 1.0, 1.0, _SIGN, "warn land off"),
     # nothing can be commanded: it is for people to know, and for the autopilot's own failsafe
     Cause.AUTOPILOT_LOST: _row(
         Reason.AUTOPILOT_LOST, "autopilot not heard", 0.0, 1.0, _SIGN, "warn off"),

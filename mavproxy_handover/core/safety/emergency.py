@@ -44,10 +44,15 @@ class News:
         return self.decision is None or self.decision.action is FlightAction.WARN
 
     @property
+    def holds(self) -> bool:
+        """The aircraft is to stand still from now on."""
+        return self.decision is not None and self.decision.action is FlightAction.HOLD
+
+    @property
     def resumes(self) -> bool:
         """The aircraft was held, and is not any more."""
         held = self.before is not None and self.before.action is FlightAction.HOLD
-        return held and (self.decision is None or self.decision.action < FlightAction.RETURN)
+        return held and (self.decision is None or self.decision.action < FlightAction.HOLD)
 
 
 class Emergency:

@@ -24,7 +24,7 @@ TIMES = {
     "guard_lost": (3.0, 1.0, False),
     "fence": (1.0, 3.0, False),
     "off_route": (0.0, 0.0, False),
-    "position_stale": (0.0, 1.0, False),
+    "position_stale": (1.0, 1.0, False),
     "autopilot_lost": (0.0, 1.0, False),
 }
 DEFAULTS = {

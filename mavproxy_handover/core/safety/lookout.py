@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What looks wrong at this moment, and what else a decision rests on: signs and facts from what the rules know.
+
+Coverage counts only where a station could take the aircraft: the commander's own zone, and those of stations that may
+be asked now, here or where the commander's zone ends. Where the last of it ends ahead (`hold_lead_s`), the aircraft is
+to stop inside. It then stands still, which looks as if nothing ended: so that sign stays until authority has moved, or
+the flight is over. If its commander has it fly on in spite of it, that is the commander's word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+
+from mavproxy_handover.core.authority import Authority
+from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import GuardState, Reason
+from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.safety.strategy import Fact
+
+__all__ = ["Lookout"]
+
+#: what a guard says that does not watch
+_NO_WATCH = (GuardState.SILENT, GuardState.DISABLED)
+
+
+class Lookout:
+    """Looks at authority, stations and aircraft. Times are monotonic seconds."""
+
+    __slots__ = ("_around", "_authority", "_candidates", "_ended_in", "_flight", "_limits", "held_at", "seen")
+
+    def __init__(self, authority: Authority, flight: Flight, candidates: Candidates, limits: Limits) -> None:
+        self._authority = authority
+        self._flight = flight
+        self._candidates = candidates
+        self._limits = limits
+        #: what the last position showed of coverage
+        self._around: frozenset[Cause] = frozenset()
+        #: the epoch in which coverage came to its end; None if it has not
+        self._ended_in: int | None = None
+        #: since when the aircraft is held for that; -inf if it is not
+        self.held_at = -inf
+        #: the signs of the last look
+        self.seen: frozenset[Cause] = frozenset()
+
+    def look_around(self, now: float) -> None:
+        """A position has come: what does coverage look like from there?"""
+        owner, zones = self._authority.owner, self._candidates.zones
+        found: set[Cause] = set()
+        if owner is not None and self._flight.flying:
+            others = self._candidates.ready(zones.inside(), owner, Reason.ZONE_ENDS, now)
+            if zones.inside() and not zones.holds(owner) and not others:
+                found.add(Cause.NO_STATION)
+            links = self._candidates.links
+            if links.weak(owner) and not links.better(owner, others, now):
+                found.add(Cause.LINKS_WEAK)
+            if self._ends_ahead(owner, others, now):
+                self._ended_in = self._authority.epoch
+        self._around = frozenset(found)
+
+    def _ends_ahead(self, owner: int, others: Sequence[int], now: float) -> bool:
+        """Whether the last coverage that counts ends ahead. `others`: who could take the aircraft here."""
+        zones = self._candidates.zones
+        left_s = zones.time_left_s(owner)
+        if not zones.holds(owner) or left_s > self._limits.hold_lead_s:
+            return False
+        if any(zones.time_left_s(station) > left_s for station in others):
+            return False
+        return not self._candidates.ready(zones.beyond(owner), owner, Reason.ZONE_ENDS, now)
+
+    def signs(self, now: float) -> frozenset[Cause]:
+        """What looks wrong now."""
+        authority, flight = self._authority, self._flight
+        found: set[Cause] = set()
+        if authority.lost or (authority.owner is None and flight.flying):
+            found.add(Cause.COMMANDER_LOST)
+        if self._candidates.zones.out_since is not None:
+            found.add(Cause.OUT_OF_COVERAGE)
+        if flight.flying:
+            found |= self._aloft(now)
+        else:
+            self._ended_in = None
+        self.seen = frozenset(found)
+        return self.seen
+
+    def _aloft(self, now: float) -> set[Cause]:
+        authority, flight = self._authority, self._flight
+        found = set()
+        if not flight.autopilot_alive(now):
+            found.add(Cause.AUTOPILOT_LOST)
+        if self._limits.guard_required and flight.guard(now) in _NO_WATCH:
+            found.add(Cause.GUARD_LOST)
+        if not flight.position_known(now):
+            found.add(Cause.POSITION_STALE)
+        if authority.owner is None or authority.lost:
+            self._ended_in = None
+            return found
+        if self._ended_in == authority.epoch:
+            found.add(Cause.COVERAGE_ENDS)
+        if self._candidates.links.attacked(authority.owner):
+            found.add(Cause.AUTHENTICATION)
+        return found | self._around
+
+    def facts(self, now: float) -> frozenset[Fact]:
+        """What else a decision rests on now."""
+        authority, flight, transfer = self._authority, self._flight, self._authority.transfer
+        hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
+        found = {Fact.PLACE}
+        if flight.flying:
+            found.add(Fact.FLYING)
+        if flight.autopilot_alive(now):
+            found.add(Fact.AUTOPILOT)
+        if authority.lost and (authority.recovering or (transfer is not None and transfer.forced and hurried)):
+            found.add(Fact.SUCCESSOR)
+        held_long = self.held_at > -inf and now >= self.held_at + self._limits.hold_s
+        if flight.position_known(now) and not authority.lost and not held_long:
+            found.add(Fact.MAY_HOLD)
+        return frozenset(found)
+
+    def due_at(self) -> float | None:
+        """When something begins to look wrong without anything being said; None if nothing does."""
+        flight = self._flight
+        if not flight.flying:
+            return None
+        times = [] if self.held_at == -inf else [self.held_at + self._limits.hold_s]
+        if Cause.AUTOPILOT_LOST not in self.seen:
+            times.append(flight.autopilot_lost_at())
+        if Cause.GUARD_LOST not in self.seen and self._limits.guard_required:
+            times.append(flight.guard_lost_at())
+        if Cause.POSITION_STALE not in self.seen:
+            times.append(flight.position_lost_at())
+        return min((time for time in times if time > -inf), default=None)

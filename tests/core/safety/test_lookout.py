@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Where coverage that counts ends, the aircraft stops inside; what else looks wrong, and what comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mavproxy_handover.core.events import Fly, GuardSeen, LinkJudged
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import FlightAction, GuardState, Reason, ZoneFact
+from mavproxy_handover.core.safety.causes import Cause
+from tests.core.bench import (
+    A,
+    B,
+    Bench,
+    C,
+    Consent,
+    DisconnectHandover,
+    DroneConnected,
+    OkHandover,
+    OnHandover,
+    Phase,
+    TransferKey,
+    far,
+    inside,
+    outside,
+)
+
+HOLD = Fly(FlightAction.HOLD, Reason.COVERAGE_ENDS)
+GO_ON = Fly(FlightAction.CONTINUE, Reason.NONE)
+HOME = Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)
+
+
+def ends(exit_s: float, *beyond: int) -> ZoneFact:
+    """GCSA's zone, left in so many seconds; there these stations' zones are."""
+    return replace(inside(A, exit_s=exit_s), beyond=frozenset(beyond))
+
+
+def mission(limits: Limits | None = None, *alive: int) -> Bench:
+    bench = Bench(limits)
+    bench.alive = {A, *alive}
+    bench.on_mission()
+    bench.log.clear()
+    return bench
+
+
+class TestHold:
+    def test_it_stops_before_the_last_coverage_ends(self) -> None:
+        bench = mission()
+        bench.position(ends(5.1), outside(B))
+        assert bench.flights() == []
+        bench.position(ends(5.0), outside(B))
+        assert bench.flights() == [HOLD]
+        # that is no emergency: it goes on looking for a partner
+        assert (bench.arbiter.view.phase, bench.arbiter.view.commander) == (Phase.ON_MISSION, A)
+        assert [record.text for record in bench.records("emergency")] == ["coverage ends ahead: hold"]
+
+    def test_a_zone_that_begins_before_it_ends_is_coverage_if_its_station_could_take_the_aircraft(self) -> None:
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(ends(3.0, A, B), outside(B))
+        assert bench.flights() == []
+        dead = mission()  # the fault: it flew on into the zone of a station that was not there
+        dead.position(ends(3.0, A, B), outside(B))
+        assert dead.flights() == [HOLD]
+
+    def test_so_is_one_that_holds_it_already_and_lasts_longer(self) -> None:
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(ends(3.0, A, B), inside(B, exit_s=40.0))
+        assert bench.flights() == []
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(ends(3.0), inside(B, exit_s=2.0))
+        assert bench.flights() == [HOLD]
+
+    def test_standing_still_it_stays_held_until_authority_has_moved(self) -> None:
+        bench = mission(None, B, C)
+        bench.digests[B] = b""  # it holds another mission, for a while
+        bench.run(2.0)
+        bench.position(ends(4.0, A, B), inside(B))
+        assert bench.flights() == [HOLD]
+        bench.position(inside(A), inside(B))  # it stands: no end is in sight
+        bench.run(20.0)
+        assert bench.flights() == [HOLD]
+        bench.digests[B] = bench.digests[A]
+        bench.position(ends(2.0, A, B), inside(B))
+        bench.run(3.0)
+        view = bench.arbiter.view
+        assert view.partner == B
+        key = TransferKey(A, B, view.handover_id, view.epoch)
+        for station, word in ((B, OnHandover(key)), (A, OkHandover(key)), (B, DroneConnected(key))):
+            bench.say(station, word)
+        assert bench.flights() == [HOLD]
+        bench.say(A, DisconnectHandover(key))
+        assert bench.arbiter.view.commander == B
+        assert bench.flights() == [HOLD, GO_ON]
+
+    def test_when_nobody_has_taken_it_for_a_minute_it_comes_home(self) -> None:
+        bench = mission(Limits(hold_s=60.0))
+        bench.position(ends(4.0), outside(B))
+        held_at = bench.now
+        bench.run(59.9)
+        assert bench.flights() == [HOLD]
+        bench.run(0.2)
+        assert bench.flights() == [HOLD, HOME]
+        assert [at for at, action in bench.log if action == HOME] == [held_at + 60.0]
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        bench.run(300.0)
+        assert bench.flights() == [HOLD, HOME]
+
+    def test_who_is_denied_holds_too(self) -> None:
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(inside(A, exit_s=7.0), inside(B, exit_s=90.0))
+        view = bench.arbiter.view
+        key = TransferKey(A, B, view.handover_id, view.epoch)
+        bench.say(B, OnHandover(key))
+        bench.say(A, OkHandover(key, Consent.DENIED))
+        bench.position(ends(5.0, A, B), inside(B, exit_s=90.0))
+        assert bench.flights() == [HOLD]
+
+    def test_the_loss_of_the_commander_is_graver(self) -> None:
+        bench = mission()
+        bench.position(ends(4.0), outside(B))
+        bench.alive = set()
+        bench.run(10.0)
+        assert bench.flights() == [HOLD, Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
+
+    def test_the_policy_may_be_to_come_home_at_once_or_to_warn_or_not_to_look(self) -> None:
+        for policy, flights, texts in (
+            ("return", [HOME], ["coverage ends ahead: return"]),
+            ("warn", [], ["coverage ends ahead: warn"]),
+            ("off", [], []),
+        ):
+            bench = mission(Limits(policies={Cause.COVERAGE_ENDS: policy}))
+            bench.position(ends(4.0), outside(B))
+            bench.run(2.0)
+            assert bench.flights() == flights
+            assert [record.text for record in bench.records("emergency")] == texts
+
+    def test_on_the_ground_nothing_is_held(self) -> None:
+        bench = Bench().on_ground()
+        bench.log.clear()
+        bench.position(ends(4.0), outside(B))
+        bench.run(5.0)
+        assert bench.flights() == []
+        assert bench.records("emergency") == []
+
+
+class TestNoStation:
+    def test_in_the_zone_of_a_station_that_is_not_there_it_comes_home(self) -> None:
+        bench = mission()
+        entered_at = bench.now
+        bench.position(outside(A), inside(B))
+        bench.run(10.0)
+        assert [(at, action) for at, action in bench.log if isinstance(action, Fly)] == [
+            (entered_at + 2.0, Fly(FlightAction.RETURN, Reason.NO_STATION))
+        ]
+
+    def test_with_a_station_that_could_take_it_that_is_asked(self) -> None:
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(outside(A), inside(B))
+        bench.run(3.0)
+        assert bench.flights() == []
+        assert bench.arbiter.view.partner == B
+
+
+class TestWarnings:
+    """What nothing is done about, unless the configuration says so, is told once, and its end."""
+
+    @staticmethod
+    def texts(bench: Bench) -> list[str]:
+        return [record.text for record in bench.records("emergency") + bench.records("emergency_over")]
+
+    def test_a_guard_that_falls_silent(self) -> None:
+        bench = mission()
+        bench.guard = None
+        silent_at = bench.now
+        bench.run(10.0)
+        assert self.texts(bench) == ["guard lost: warn"]
+        (at,) = [at for at, action in bench.log if action in bench.records("emergency")]
+        assert silent_at + 4.0 < at <= silent_at + 5.0  # guard_lost_s, and the hold-off
+        bench.guard = GuardSeen(GuardState.LIVE, ours=True)
+        bench.run(3.0)
+        assert self.texts(bench) == ["guard lost: warn", "the cause of the emergency is gone"]
+        assert bench.flights() == []
+
+    def test_a_vehicle_without_a_guard_misses_none(self) -> None:
+        bench = mission(Limits(guard_required=False))
+        bench.guard = None
+        bench.run(10.0)
+        assert self.texts(bench) == []
+
+    def test_a_position_that_is_old(self) -> None:
+        bench = mission()
+        bench.facts = None
+        bench.run(10.0)
+        assert self.texts(bench) == ["no fresh position: warn"]
+
+    def test_an_autopilot_that_is_not_heard(self) -> None:
+        bench = mission()
+        bench.autopilot = False
+        bench.run(10.0)
+        assert self.texts(bench) == ["autopilot not heard: warn"]
+
+    def test_what_could_not_be_commanded_is_commanded_when_the_autopilot_is_back(self) -> None:
+        bench = mission()
+        bench.autopilot = False
+        bench.run(4.0)
+        bench.alive = set()
+        bench.run(10.0)
+        assert bench.flights() == []
+        bench.autopilot = True
+        bench.run(2.0)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
+
+    def test_weak_links_and_nobody_with_better_ones(self) -> None:
+        bench = mission()
+        bench.give(LinkJudged(A, weak=True, attacked=False, text="loss"))
+        bench.run(9.0)
+        assert self.texts(bench) == []
+        bench.run(4.0)
+        assert self.texts(bench) == ["links weak, and no better station: warn"]
+
+    def test_somebody_who_speaks_as_the_commander(self) -> None:
+        bench = mission()
+        bench.give(LinkJudged(A, weak=False, attacked=True, text="bad signatures"))
+        bench.run(1.0)
+        assert self.texts(bench) == ["repeated authentication failures: warn"]
+        bench.give(LinkJudged(A, weak=False, attacked=False, text="none"))
+        bench.run(29.0)
+        assert len(self.texts(bench)) == 1
+        bench.run(2.0)
+        assert self.texts(bench)[-1] == "the cause of the emergency is gone"
+
+    @pytest.mark.parametrize("policy", ["return", "land"])
+    def test_the_configuration_may_have_something_done(self, policy: str) -> None:
+        bench = mission(Limits(policies={Cause.GUARD_LOST: policy}))
+        bench.guard = None
+        bench.run(10.0)
+        assert bench.flights() == [Fly(FlightAction[policy.upper()], Reason.GUARD_LOST)]
+
+
+def test_on_the_way_home_authority_still_moves_by_zones() -> None:
+    """The fault: whoever had to come home through another station's zone was nobody's to command there."""
+    bench = mission(Limits(policies={Cause.GUARD_LOST: "return"}), B)
+    bench.guard = None
+    bench.run(10.0)
+    assert bench.arbiter.view.phase is Phase.EMERGENCY
+    bench.position(inside(A), inside(B))
+    assert bench.arbiter.view.partner == B
+    view = bench.arbiter.view
+    key = TransferKey(A, B, view.handover_id, view.epoch)
+    for station, word in (
+        (B, OnHandover(key)),
+        (A, OkHandover(key)),
+        (B, DroneConnected(key)),
+        (A, DisconnectHandover(key)),
+    ):
+        bench.say(station, word)
+    assert (bench.arbiter.view.commander, bench.arbiter.view.phase) == (B, Phase.EMERGENCY)
+
+
+def test_far_from_everything_nothing_ends_ahead() -> None:
+    bench = mission()
+    bench.position(*far(A, B))
+    bench.run(0.5)
+    assert bench.flights() == []
