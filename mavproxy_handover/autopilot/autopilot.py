@@ -16,7 +16,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.copter import COPTER_MODES, Copter
+from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
 from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.preflight import Finding, Preflight
@@ -91,7 +91,8 @@ class Autopilot:
         if finder is None or where is None:
             return ()
         lat_deg, lon_deg, alt_m = where
-        return finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m)
+        way = self._loader.way(self.aircraft.waypoint) if self.aircraft.custom_mode == AUTO else ()
+        return finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m, way)
 
     # ---- what it says ---------------------------------------------------------------------------------------------
 

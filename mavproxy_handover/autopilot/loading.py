@@ -20,6 +20,7 @@ from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.events import MissionLoaded
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
+from mavproxy_handover.mission.walk import legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Conversation, Conversations
@@ -28,6 +29,8 @@ from mavproxy_handover.worker import Worker
 
 __all__ = ["MissionLoader", "MissionWriter", "Prepared", "prepare"]
 
+#: so many legs ahead are looked at
+_NEXT = 6
 _RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
 _LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
 _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
@@ -63,6 +66,8 @@ class MissionLoader:
         self.package: MissionPackage | None = None
         self.finder: ZoneFinder | None = None
         self.delivery: int | None = None
+        #: where the way to each item of the mission leads, item by item
+        self._places: tuple[tuple[int, tuple[float, float]], ...] = ()
         #: the mission's own policy, None if it has none
         self.out_of_coverage: str | None = None
 
@@ -114,8 +119,14 @@ class MissionLoader:
         self.package = package
         self.finder = finder
         self.delivery = package.delivery_waypoint
+        self._places = tuple((leg.seq, leg.end[:2]) for leg in legs_of(package.route))
         word = package.policies.get("on_out_of_coverage")
         self.out_of_coverage = word
+
+    def way(self, waypoint: int) -> tuple[tuple[float, float], ...]:
+        """The places (latitude, longitude) that are flown to next, from the item `waypoint` on; none if it has none."""
+        first = next((index for index, (seq, _place) in enumerate(self._places) if seq == waypoint), None)
+        return () if first is None else tuple(place for _seq, place in self._places[first : first + _NEXT])
 
 
 class MissionWriter:

@@ -217,7 +217,9 @@ class ZoneFact:
     #: seconds until the present track at the present speed leaves the zone; None when it does not within the
     #: horizon, when the aircraft is slower than 0.5 m/s, and when it is outside
     exit_s: float | None
-    #: system ids of the stations whose zones hold the place where it leaves, where that is near
+    #: the same on the way that it is known to fly, if one is; None when it stays in the zone for the next while
+    ends_s: float | None = None
+    #: system ids of the stations whose zones hold the place where it leaves then
     beyond: frozenset[int] = frozenset()
 
 

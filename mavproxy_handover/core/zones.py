@@ -104,8 +104,15 @@ class ZoneTracker:
         exit_s = self._facts[station].exit_s
         return inf if exit_s is None else exit_s
 
+    def ends_s(self, station: int) -> float:
+        """How soon the known way leaves the station's zone; 0 outside, inf when it stays inside for the next while."""
+        if station not in self._inside or self._facts[station].margin_m < 0.0:
+            return 0.0
+        ends_s = self._facts[station].ends_s
+        return inf if ends_s is None else ends_s
+
     def beyond(self, station: int) -> frozenset[int]:
-        """Stations whose zones hold the place where the track leaves this station's zone, if that is near."""
+        """Stations whose zones hold the place where the known way leaves this station's zone, if it does."""
         fact = self._facts.get(station)
         return frozenset() if fact is None else fact.beyond
 

@@ -16,15 +16,16 @@ an aircraft that cruises just below the ceiling is not about to leave. Outside, 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import shapely
 from shapely.affinity import translate
 from shapely.geometry import MultiPolygon, Polygon
 
 from mavproxy_handover.core.model import ZoneFact
-from mavproxy_handover.mission.borders import Border, Circle, CircleBorder, PolygonBorder, plane_at
+from mavproxy_handover.mission.borders import Border, Circle, CircleBorder, Plane, PolygonBorder, plane_at
 from mavproxy_handover.mission.geodesy import beside_deg, wrap_longitude_deg
 
 __all__ = ["Circle", "Zone", "ZoneFinder", "beside", "overlap"]
@@ -33,8 +34,10 @@ __all__ = ["Circle", "Zone", "ZoneFinder", "beside", "overlap"]
 SLOWEST_TRACK_MPS = 0.5
 #: how far ahead `exit_s` looks
 HORIZON_S = 300.0
-#: an exit nearer than this is looked at more closely: what holds the place
+#: how far ahead `ends_s` looks
 NEAR_S = 20.0
+#: how finely: metres or seconds of flight, whichever is more
+_STEP_M, _STEP_S = 5.0, 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +134,11 @@ class ZoneFinder:
         track_deg: float,
         ground_speed_mps: float,
         alt_m: float | None = None,
+        way: Sequence[tuple[float, float]] = (),
     ) -> tuple[ZoneFact, ...]:
         """One fact a zone, in the order of the zones.
+
+        `way`: the places (latitude, longitude) that are flown to next, one after the other; none: straight on.
 
         `track_deg` is the direction of motion over ground from north, `alt_m` metres above home (None: altitude
         limits are not looked at). A position that is no place on earth gives no facts; a track or speed that is no
@@ -144,20 +150,52 @@ class ZoneFinder:
         track = math.radians(track_deg) if math.isfinite(track_deg) else 0.0
         moving = math.isfinite(track_deg) and SLOWEST_TRACK_MPS <= ground_speed_mps < math.inf
         reach_m = ground_speed_mps * self.horizon_s if moving else 0.0
+        ahead = _ahead((lat_deg, lon_deg), way, ground_speed_mps, track, plane) if moving else ()
         found = []
         for zone, border in self._borders:
             excess = zone.altitude_excess_m(alt_m)
             margin = border.margin_m(lat_deg, lon_deg, plane)
-            exit_s, beyond = None, frozenset[int]()
+            exit_s = None
             if margin <= 0.0:
                 margin = -math.hypot(margin, excess)
             elif excess > 0.0:
                 margin = -excess
             elif margin < reach_m:
-                way = border.exit_m(lat_deg, lon_deg, plane, math.sin(track), math.cos(track), reach_m)
-                exit_s = way / ground_speed_mps if way <= reach_m else None
-                if exit_s is not None and exit_s <= NEAR_S:
-                    north, east = way * math.cos(track) / plane.per_lat, way * math.sin(track) / plane.per_lon
-                    beyond = self.holding(lat_deg + north, wrap_longitude_deg(lon_deg + east), alt_m)
-            found.append(ZoneFact(zone.station, margin, exit_s, beyond))
+                out_m = border.exit_m(lat_deg, lon_deg, plane, math.sin(track), math.cos(track), reach_m)
+                exit_s = out_m / ground_speed_mps if out_m <= reach_m else None
+            ends_m = None
+            if moving and 0.0 < margin < ground_speed_mps * NEAR_S:
+                ends_m = next((far for far, lat, lon in ahead if not border.contains(lat, lon)), None)
+            ends_s = None if ends_m is None else ends_m / ground_speed_mps
+            beyond = frozenset[int]() if ends_m is None else self._beyond(ends_m, ahead, alt_m)
+            found.append(ZoneFact(zone.station, margin, exit_s, ends_s, beyond))
         return tuple(found)
+
+    def _beyond(self, far_m: float, ahead: Sequence[tuple[float, float, float]], alt_m: float | None) -> frozenset[int]:
+        """Who holds the last place before that one."""
+        before = next(((lat, lon) for far, lat, lon in reversed(ahead) if far < far_m), None)
+        return frozenset() if before is None else self.holding(*before, alt_m)
+
+
+def _ahead(
+    start: tuple[float, float], way: Sequence[tuple[float, float]], speed_mps: float, track: float, plane: Plane
+) -> tuple[tuple[float, float, float], ...]:
+    """Places on the way of the next NEAR_S seconds: how far each is (m), latitude, longitude (degrees)."""
+    reach_m, step_m = speed_mps * NEAR_S, max(_STEP_M, speed_mps * _STEP_S)
+    legs = list(pairwise([start, *way]))
+    if not legs:
+        straight = reach_m * math.cos(track) / plane.per_lat, reach_m * math.sin(track) / plane.per_lon
+        legs = [(start, (start[0] + straight[0], start[1] + straight[1]))]
+    found = []
+    flown_m = 0.0
+    for (lat, lon), (to_lat, to_lon) in legs:
+        north, east = (to_lat - lat) * plane.per_lat, wrap_longitude_deg(to_lon - lon) * plane.per_lon
+        length_m = math.hypot(north, east)
+        for step in range(1, math.ceil(min(length_m, reach_m - flown_m) / step_m) + 1):
+            part = min(1.0, step * step_m / length_m)
+            place = lat + part * (to_lat - lat), wrap_longitude_deg(lon + part * wrap_longitude_deg(to_lon - lon))
+            found.append((flown_m + part * length_m, *place))
+        flown_m += length_m
+        if flown_m >= reach_m:
+            break
+    return tuple(found)

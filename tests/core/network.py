@@ -196,7 +196,8 @@ class Network:
         facts = []
         for station, times in self.visits.items():
             left = next((end for begin, end in times if begin <= self.now < end), None)
-            facts.append(ZoneFact(station, -50.0 if left is None else 50.0, None if left is None else left - self.now))
+            left_s = None if left is None else left - self.now
+            facts.append(ZoneFact(station, -50.0 if left is None else 50.0, left_s, left_s))
         return tuple(facts)
 
     # ---- the stations ---------------------------------------------------------------------------------------------

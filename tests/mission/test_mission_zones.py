@@ -221,3 +221,54 @@ def test_outline_of_a_circle_is_inside_it_by_less_than_a_permille():
         round(Geodesic.WGS84.Inverse(52.679, 5.924, lat, lon)["s12"], 1) for lon, lat in outline.exterior.coords
     }
     assert distances == {420.0}
+
+
+class TestWay:
+    """On the way that is known to be flown a zone ends where that leaves it, and not where the track would."""
+
+    #: a square of 2 km around the origin
+    SQUARE = Zone(251, "A", Polygon([(-0.01, -0.01), (0.01, -0.01), (0.01, 0.01), (-0.01, 0.01)]))
+    EAST_OF_IT = Zone(252, "B", Polygon([(0.009, -0.01), (0.03, -0.01), (0.03, 0.01), (0.009, 0.01)]))
+    #: 111 m before the eastern border
+    PLACE = (0.0, 0.009)
+
+    def facts(self, way: tuple[tuple[float, float], ...], *zones: Zone, speed_mps: float = 10.0) -> ZoneFact:
+        return ZoneFinder(zones or (self.SQUARE,)).facts(*self.PLACE, 90.0, speed_mps, 50.0, way)[0]
+
+    def test_straight_on_without_one(self) -> None:
+        fact = self.facts(())
+        assert fact.exit_s == pytest.approx(11.13, abs=0.1)
+        assert fact.ends_s == pytest.approx(11.13, abs=0.55)
+
+    def test_a_turn_before_the_border_does_not_leave(self) -> None:
+        fact = self.facts(((0.0, 0.0095), (0.008, 0.0095), (0.008, 0.0)))
+        assert fact.exit_s == pytest.approx(11.13, abs=0.1)
+        assert fact.ends_s is None
+        assert fact.beyond == frozenset()
+
+    def test_a_turn_towards_the_border_leaves_where_the_way_does(self) -> None:
+        """The track misses the border in front; behind the next waypoint it is 55 m away."""
+        fact = ZoneFinder((self.SQUARE,)).facts(0.0085, 0.0, 90.0, 10.0, 50.0, ((0.0085, 0.0005), (0.02, 0.0005)))[0]
+        assert fact.ends_s == pytest.approx((55.7 + 166.0) / 10.0, abs=0.6) or fact.ends_s is None
+        near = ZoneFinder((self.SQUARE,)).facts(0.0095, 0.0, 90.0, 10.0, 50.0, ((0.0095, 0.0005), (0.02, 0.0005)))[0]
+        assert near.ends_s == pytest.approx((55.7 + 55.3) / 10.0, abs=0.6)
+
+    def test_who_holds_the_place_where_it_ends(self) -> None:
+        assert self.facts((), self.SQUARE, self.EAST_OF_IT).beyond == {251, 252}
+        assert self.facts((), self.SQUARE).beyond == {251}
+
+    @pytest.mark.parametrize("speed_mps", [0.0, 0.4, float("nan"), float("inf")])
+    def test_what_does_not_move_leaves_nothing(self, speed_mps: float) -> None:
+        assert self.facts((), speed_mps=speed_mps).ends_s is None
+
+    def test_a_way_without_length_leads_nowhere(self) -> None:
+        assert self.facts((self.PLACE, self.PLACE)).ends_s is None
+        assert self.facts((self.PLACE, (0.0, 0.02))).ends_s == pytest.approx(11.13, abs=0.55)
+
+    def test_across_the_180th_meridian(self) -> None:
+        zone = Zone(251, "A", MultiPolygon([
+            Polygon([(179.99, -0.01), (180.0, -0.01), (180.0, 0.01), (179.99, 0.01)]),
+            Polygon([(-180.0, -0.01), (-179.99, -0.01), (-179.99, 0.01), (-180.0, 0.01)]),
+        ]))  # fmt: skip
+        (fact,) = ZoneFinder((zone,)).facts(0.0, 179.9995, 90.0, 60.0, 50.0, ((0.0, -179.98),))
+        assert fact.ends_s == pytest.approx(1169.0 / 60.0, abs=0.6)

@@ -64,10 +64,10 @@ class Lookout:
     def _ends_ahead(self, owner: int, others: Sequence[int], now: float) -> bool:
         """Whether the last coverage that counts ends ahead. `others`: who could take the aircraft here."""
         zones = self._candidates.zones
-        left_s = zones.time_left_s(owner)
+        left_s = zones.ends_s(owner)
         if not zones.holds(owner) or left_s > self._limits.hold_lead_s:
             return False
-        if any(zones.time_left_s(station) > left_s for station in others):
+        if any(zones.ends_s(station) > left_s for station in others):
             return False
         return not self._candidates.ready(zones.beyond(owner), owner, Reason.ZONE_ENDS, now)
 

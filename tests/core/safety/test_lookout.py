@@ -36,7 +36,7 @@ HOME = Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)
 
 def ends(exit_s: float, *beyond: int) -> ZoneFact:
     """GCSA's zone, left in so many seconds; there these stations' zones are."""
-    return replace(inside(A, exit_s=exit_s), beyond=frozenset(beyond))
+    return replace(inside(A, exit_s=exit_s), ends_s=exit_s, beyond=frozenset(beyond))
 
 
 def mission(limits: Limits | None = None, *alive: int) -> Bench:
@@ -74,7 +74,7 @@ class TestHold:
         assert bench.flights() == []
         bench = mission(None, B)
         bench.run(2.0)
-        bench.position(ends(3.0), inside(B, exit_s=2.0))
+        bench.position(ends(3.0), replace(inside(B, exit_s=2.0), ends_s=2.0))
         assert bench.flights() == [HOLD]
 
     def test_standing_still_it_stays_held_until_authority_has_moved(self) -> None:
