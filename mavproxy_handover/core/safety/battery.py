@@ -1,0 +1,297 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What is left in the batteries, by all that they say, and always the least of it.
+
+Rules:
+
+1. The count is the autopilot's: energy drawn since it began to count, else charge times voltage, else power times time.
+   The percentage is another count of its own. The lower one holds.
+2. The count takes every pack for full at boot. At rest on the ground, with the number of cells known, the voltage says
+   what is in it, to `DOUBT` of the pack: it may hold no more than that, and what is drawn later is taken off there.
+3. Under load the voltage, made up for by the resistance that the take-off showed, has the same say; without a known
+   resistance only a cell below `EMPTY_CELL_V` has one.
+4. In flight what is left never grows: counters that go back, or a percentage that grows, are named and not believed. On
+   the ground, disarmed, they mean another pack.
+5. A fall that no motors can cause is named, and believed when it has been said `PATIENCE` times in a row.
+6. A pack that is silent draws on as it last did, and is named after `SILENT_S`. One that was never heard holds nothing.
+   Several packs feed one aircraft: the emptiest is what the others are taken for.
+
+Source of the voltages: rest voltage of lithium polymer cells as chargers' makers print it; it is flat in the middle,
+which is why it is worth no more than `DOUBT`.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from math import isfinite
+from typing import Final
+
+__all__ = ["DOUBT", "EMPTY_CELL_V", "PATIENCE", "SILENT_S", "Batteries", "Charge", "PackReport", "rest_part"]
+
+#: how far a charge that is read off a voltage may be wrong, as a part of the pack
+DOUBT: Final = 0.1
+EMPTY_CELL_V: Final = 3.3
+PATIENCE: Final = 3
+SILENT_S: Final = 5.0
+#: of what `most_w` gives in the time between two reports, and a part of the pack: percentages are whole numbers
+_SLACK_PART: Final = 0.02
+#: below this current (A) a voltage is one at rest
+_REST_A: Final = 2.0
+#: current (A) from which on the voltage tells the resistance, for so long (s) after the last rest
+_LOAD_A, _LOAD_WITHIN_S = 5.0, 60.0
+#: no more resistance (ohm) for each cell than this is believed
+_MOST_OHM_A_CELL: Final = 0.03
+#: volts of a cell at rest, and the part of the charge that it holds then
+_REST: Final = (
+    (3.27, 0.0),
+    (3.61, 0.05),
+    (3.69, 0.1),
+    (3.73, 0.2),
+    (3.77, 0.3),
+    (3.80, 0.4),
+    (3.84, 0.5),
+    (3.87, 0.6),
+    (3.95, 0.7),
+    (4.02, 0.8),
+    (4.11, 0.9),
+    (4.20, 1.0),
+)
+
+
+def rest_part(cell_v: float) -> float:
+    """The part of the charge, 0 to 1, that a lithium polymer cell holds at that rest voltage."""
+    above = bisect_right(_REST, (cell_v, 2.0))
+    if above == 0:
+        return 0.0
+    if above == len(_REST):
+        return 1.0
+    (low_v, low), (high_v, high) = _REST[above - 1], _REST[above]
+    return low + (high - low) * (cell_v - low_v) / (high_v - low_v)
+
+
+@dataclass(frozen=True, slots=True)
+class PackReport:
+    """What one battery monitor says; None: not known. `used_*` count since the autopilot began to, `remaining` is a
+    part, 0 to 1."""
+
+    used_wh: float | None = None
+    used_mah: float | None = None
+    remaining: float | None = None
+    voltage_v: float | None = None
+    current_a: float | None = None
+
+    def sane(self) -> PackReport:
+        """The same without values that are no numbers, or none that a battery can have."""
+
+        def bounded(value: float | None, low: float, high: float) -> float | None:
+            return value if value is not None and isfinite(value) and low <= value <= high else None
+
+        return PackReport(
+            used_wh=bounded(self.used_wh, 0.0, 1e6),
+            used_mah=bounded(self.used_mah, 0.0, 1e8),
+            remaining=bounded(self.remaining, 0.0, 1.0),
+            voltage_v=bounded(self.voltage_v, 0.5, 1000.0),
+            current_a=bounded(self.current_a, 0.0, 10_000.0),
+        )
+
+    @property
+    def power_w(self) -> float | None:
+        """What is drawn now."""
+        return None if self.voltage_v is None or self.current_a is None else self.voltage_v * self.current_a
+
+
+@dataclass(frozen=True, slots=True)
+class Charge:
+    """What the batteries hold and give together: `left_wh` and `power_w` are None where nothing is known of them."""
+
+    left_wh: float | None
+    power_w: float | None
+    trouble: tuple[str, ...]
+
+
+class _Pack:
+    """One battery. Times are monotonic seconds, energies Wh."""
+
+    def __init__(self, number: int, full_wh: float, cells: float | None, most_w: float) -> None:
+        self._name = f"battery {number}"
+        self._full_wh = full_wh
+        self._cells = cells
+        self._most_w = most_w
+        self.heard_at: float | None = None
+        self.power_w: float | None = None
+        self._left_wh: float | None = None
+        self._before: PackReport | None = None
+        #: drawn in all, None before anything counts
+        self._used_wh: float | None = None
+        #: no more than this was in it when `_used_wh` was the second
+        self._ceiling: tuple[float, float] | None = None
+        self._rested_at: float | None = None
+        self._rest_v: float | None = None
+        self._ohm: float | None = None
+        self._falls = 0
+        self._odd: dict[str, str] = {}
+
+    def take(self, report: PackReport, now: float, on_ground: bool) -> None:
+        """A report of the monitor."""
+        report = report.sane()
+        since_s = 0.0 if self.heard_at is None else max(0.0, now - self.heard_at)
+        self._odd.clear()
+        used_before = self._used_wh
+        self._count(report, since_s, on_ground)
+        self._rest(report, now, on_ground)
+        left = self._least(report, now)
+        if left is not None and self._left_wh is not None:
+            if self._falls_too_fast(left, since_s):
+                self._odd["jump"] = f"{self._name} says that {left:.1f} Wh are left after {self._left_wh:.1f} Wh"
+                self._used_wh = used_before
+                self._left_wh = max(left, self._left_wh - self._last_w() * since_s / 3600.0)
+                self.heard_at = now
+                return
+            if not on_ground:
+                left = min(left, self._left_wh)
+        self._falls = 0
+        if left is not None:
+            self._left_wh = left
+        elif self._left_wh is not None:
+            self._left_wh = max(0.0, self._left_wh - self._last_w() * since_s / 3600.0)
+        if left is None:
+            self._odd["silent"] = f"{self._name} does not say what is left"
+        self.heard_at, self._before, self.power_w = now, report, report.power_w
+
+    def left_wh(self, now: float) -> float | None:
+        """What is left now; silence goes on as it was before it."""
+        if self._left_wh is None or self.heard_at is None:
+            return None
+        return max(0.0, self._left_wh - self._last_w() * max(0.0, now - self.heard_at) / 3600.0)
+
+    def trouble(self, now: float) -> list[str]:
+        """What is odd about it, in words."""
+        if self.heard_at is not None and now - self.heard_at > SILENT_S:
+            return [*self._odd.values(), f"{self._name} has been silent for {now - self.heard_at:.0f} s"]
+        return list(self._odd.values())
+
+    # ---- how it is found out --------------------------------------------------------------------------------------
+
+    def _last_w(self) -> float:
+        return self.power_w or 0.0
+
+    def _count(self, report: PackReport, since_s: float, on_ground: bool) -> None:
+        """What was drawn, by the counter that is there; one that goes back begins anew on the ground alone."""
+        before = self._before
+        begins = self._total(report)
+        if before is None or self._used_wh is None:
+            self._used_wh = begins
+            return
+        drawn = _difference(before.used_wh, report.used_wh)
+        if drawn is None:
+            charge = _difference(before.used_mah, report.used_mah)
+            if charge is not None and report.voltage_v is not None:
+                drawn = charge * report.voltage_v / 1000.0
+        if drawn is None:
+            drawn = (report.power_w or self._last_w()) * since_s / 3600.0
+        grown = _difference(before.remaining, report.remaining)
+        if drawn < 0.0 or (grown is not None and grown > _SLACK_PART):
+            if on_ground and begins is not None:
+                self._used_wh, self._ceiling, self._rested_at, self._left_wh = begins, None, None, None
+                return
+            self._odd["back"] = f"{self._name} counts back in flight"
+        self._used_wh += max(0.0, drawn)
+
+    def _total(self, report: PackReport) -> float | None:
+        """What was drawn since the autopilot began to count."""
+        if report.used_wh is not None:
+            return report.used_wh
+        if report.used_mah is not None and report.voltage_v is not None:
+            return report.used_mah * report.voltage_v / 1000.0
+        return None if report.remaining is None else (1.0 - report.remaining) * self._full_wh
+
+    def _rest(self, report: PackReport, now: float, on_ground: bool) -> None:
+        """Rule 2, and the resistance that the first load after a rest shows."""
+        volts, amperes = report.voltage_v, report.current_a
+        if volts is None or self._cells is None:
+            return
+        if on_ground and (amperes is None or amperes < _REST_A):
+            self._rested_at, self._rest_v = now, volts
+            most = min(1.0, rest_part(volts / self._cells) + DOUBT) * self._full_wh
+            self._ceiling = None if self._used_wh is None else (most, self._used_wh)
+            counted = None if self._used_wh is None else self._full_wh - self._used_wh
+            if counted is not None and counted > most:
+                self._odd["rest"] = (
+                    f"{self._name} counts {counted:.1f} Wh, its rest voltage {volts:.2f} V says {most:.1f} Wh at most"
+                )
+            return
+        rested = self._rested_at is not None and now - self._rested_at <= _LOAD_WITHIN_S
+        if rested and self._rest_v is not None and amperes is not None and amperes >= _LOAD_A:
+            ohm = (self._rest_v - volts) / amperes
+            self._ohm = max(self._ohm or 0.0, min(ohm, _MOST_OHM_A_CELL * self._cells))
+
+    def _least(self, report: PackReport, now: float) -> float | None:
+        """The least of all that is said."""
+        full, said = self._full_wh, []
+        if self._used_wh is not None:
+            said.append(full - self._used_wh)
+            if self._ceiling is not None:
+                most, used = self._ceiling
+                said.append(most - (self._used_wh - used))
+        if report.remaining is not None:
+            said.append(full * report.remaining)
+        loaded = self._under_load(report, now)
+        if loaded is not None:
+            if said and loaded < min(said):
+                self._odd["load"] = f"{self._name} has {report.voltage_v:.2f} V under load: {loaded:.1f} Wh at most"
+            said.append(loaded)
+        return max(0.0, min(said)) if said else None
+
+    def _under_load(self, report: PackReport, now: float) -> float | None:
+        volts, amperes = report.voltage_v, report.current_a
+        if volts is None or self._cells is None or (self._rested_at == now):
+            return None
+        if self._ohm is not None and amperes is not None:
+            return min(1.0, rest_part((volts + amperes * self._ohm) / self._cells) + DOUBT) * self._full_wh
+        return DOUBT / 2.0 * self._full_wh if volts / self._cells < EMPTY_CELL_V else None
+
+    def _falls_too_fast(self, left: float, since_s: float) -> bool:
+        assert self._left_wh is not None
+        likely = self._most_w * since_s / 3600.0 + _SLACK_PART * self._full_wh
+        if self._left_wh - left <= likely or self._falls + 1 >= PATIENCE:
+            return False
+        self._falls += 1
+        return True
+
+
+def _difference(before: float | None, after: float | None) -> float | None:
+    return None if before is None or after is None else after - before
+
+
+class Batteries:
+    """All packs that fly the aircraft.
+
+    `full_wh`: what they give together when full; `count`: how many there are, monitors 0 to count - 1, others are not
+    for flying; `cells`: of each, None: not known; `most_w`: more than all motors together can ever draw.
+    """
+
+    def __init__(self, full_wh: float, count: int, cells: float | None, most_w: float) -> None:
+        self._packs = [_Pack(number, full_wh / count, cells, most_w) for number in range(count)]
+
+    def take(self, number: int, report: PackReport, now: float, on_ground: bool) -> None:
+        """What monitor `number` says. `on_ground`: disarmed, so that what is drawn is next to nothing."""
+        if 0 <= number < len(self._packs):
+            self._packs[number].take(report, now, on_ground)
+
+    def charge(self, now: float) -> Charge:
+        """What they hold now."""
+        heard = [pack for pack in self._packs if pack.heard_at is not None]
+        trouble = [text for pack in self._packs for text in pack.trouble(now)]
+        missing = len(self._packs) - len(heard)
+        if missing:
+            some = f"{missing} of {len(self._packs)} batteries are not heard"
+            trouble.append(some if heard else "no battery is heard")
+        left = [pack.left_wh(now) for pack in heard]
+        known = [wh for wh in left if wh is not None]
+        watts = [pack.power_w for pack in heard if pack.power_w is not None]
+        return Charge(
+            min(known) * len(known) if known else None,
+            sum(watts) if watts and len(watts) == len(heard) else None,
+            tuple(trouble),
+        )

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What is known of an aircraft's energy before it flies: the table [energy] of a mission and of a vehicle.
+
+Both files have the same keys, all may be left out, and the mission's go before the vehicle's: it knows the payload.
+What nobody says is made of what is said, or is a default with its source beside it. Without the energy of the battery,
+or without anything that tells the power in hover, there is no model: the budget is unknown, and says what is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from math import sqrt
+from typing import Final
+
+from mavproxy_handover.core.safety.energy import EnergyModel, Wind
+
+__all__ = ["ENERGY_KEYS", "ENERGY_RANGES", "START_POLICIES", "WHOLE_KEYS", "EnergySettings", "hover_power_w"]
+
+#: what a budget that does not close does to START
+START_POLICIES: Final = ("refuse", "warn", "off")
+
+_GRAVITY_MPSS: Final = 9.80665
+_AIR_KG_M3: Final = 1.225
+#: of motor and propeller in hover: the lower end of what small multicopters are said to have
+_EFFICIENCY: Final = 0.5
+#: W/kg: the upper end of what multicopters draw in hover
+_WORST_W_PER_KG: Final = 165.0
+#: a tenth more than hover is what ArduCopter SITL's quad draws at 10 m/s
+_CRUISE_TO_HOVER: Final = 1.1
+#: 3DR Solo; descending it drew a tenth less than in hover, which is not counted on
+_CLIMB_TO_HOVER: Final = 1.2
+#: ArduCopter's WPNAV_SPEED (m/s), RTL_ALT (m) and lean limit (ANGLE_MAX, degrees)
+_WPNAV_SPEED_MPS, _RTL_ALT_M, _ANGLE_MAX_DEG = 10.0, 15.0, 30.0
+#: a gentle breeze (Beaufort 3): what is taken to blow from ahead where nobody knows
+_HEADWIND_MPS: Final = 3.0
+#: PX4's rule for its return: a tenth more than was computed
+_FACTOR: Final = 1.1
+#: and a fixed part: a fifth of the battery, and a minute of hover
+_RESERVE_PART, _RESERVE_HOVER_S = 0.2, 60.0
+
+#: key -> lowest and highest value allowed
+ENERGY_RANGES: Final[Mapping[str, tuple[float, float]]] = {
+    "battery_wh": (1, 100_000),
+    "batteries": (1, 8),
+    "cells": (1, 28),
+    "mass_kg": (0.1, 1000),
+    "rotor_area_m2": (0.005, 500),
+    "hover_w": (10, 200_000),
+    "cruise_w": (10, 200_000),
+    "climb_factor": (1, 3),
+    "descent_factor": (0.5, 2),
+    "cruise_mps": (1, 40),
+    "airspeed_mps": (1, 60),
+    "headwind_mps": (0, 30),
+    "reserve_factor": (1, 3),
+    "reserve_wh": (0, 50_000),
+    "return_alt_m": (1, 1000),
+    "lean_deg": (10, 60),
+    "drag_per_s": (0, 5),
+    "drag_per_m": (0, 5),
+}
+#: those of them that are whole numbers
+WHOLE_KEYS: Final = frozenset(("batteries", "cells"))
+ENERGY_KEYS: Final = (*ENERGY_RANGES, "start")
+
+
+def hover_power_w(mass_kg: float, rotor_area_m2: float) -> float:
+    """What hovering takes at sea level, by momentum theory: (m g)^1.5 / (efficiency sqrt(2 rho A)).
+
+    `rotor_area_m2` is the area of all rotor discs together. Source: Leishman, Principles of Helicopter Aerodynamics,
+    2.2.
+    """
+    return float((mass_kg * _GRAVITY_MPSS) ** 1.5 / (_EFFICIENCY * sqrt(2.0 * _AIR_KG_M3 * rotor_area_m2)))
+
+
+@dataclass(frozen=True, slots=True)
+class EnergySettings:
+    """The numbers of [energy], as they are configured; None: not given."""
+
+    #: what the full pack gives, all packs together
+    battery_wh: float | None = None
+    #: packs that it comes from, monitors 0 and up; each gives an equal share
+    batteries: float | None = None
+    #: lithium polymer cells in series: with them the voltage has a say too
+    cells: float | None = None
+    #: take-off mass and area of all rotor discs: what hovering takes, where `hover_w` is not given
+    mass_kg: float | None = None
+    rotor_area_m2: float | None = None
+    hover_w: float | None = None
+    #: power at the airspeed `cruise_mps` in level flight
+    cruise_w: float | None = None
+    #: powers of climb and descent at ArduCopter's default speeds, as parts of that of hovering
+    climb_factor: float | None = None
+    descent_factor: float | None = None
+    cruise_mps: float | None = None
+    #: the fastest airspeed that it holds, at its lean limit
+    airspeed_mps: float | None = None
+    #: taken to blow from ahead, wherever it flies, where the wind is not known
+    headwind_mps: float | None = None
+    reserve_factor: float | None = None
+    reserve_wh: float | None = None
+    return_alt_m: float | None = None
+    #: the lean limit, and what leans it in steady flight: g tan(lean) = drag_per_s v + drag_per_m v^2
+    lean_deg: float | None = None
+    drag_per_s: float | None = None
+    drag_per_m: float | None = None
+    #: one of START_POLICIES
+    start: str | None = None
+
+    def over(self, other: EnergySettings) -> EnergySettings:
+        """These, and those of `other` where these are silent."""
+        chosen = {}
+        for entry in fields(self):
+            own = getattr(self, entry.name)
+            chosen[entry.name] = getattr(other, entry.name) if own is None else own
+        return EnergySettings(**chosen)
+
+    @property
+    def missing(self) -> str:
+        """What there is no budget without, in words; "" where all of it is there."""
+        if self.battery_wh is None and self._hover_w is None:
+            return "no [energy] numbers"
+        if self.battery_wh is None:
+            return "[energy] has no battery_wh"
+        return "" if self._hover_w is not None else "[energy] has neither hover_w nor mass_kg"
+
+    @property
+    def start_policy(self) -> str:
+        """What START does: refuse where there is a budget, and nothing was said."""
+        return "off" if self.missing else self.start or "refuse"
+
+    @property
+    def lean_limit_deg(self) -> float:
+        """The lean at which it is as fast as it gets."""
+        return _ANGLE_MAX_DEG if self.lean_deg is None else self.lean_deg
+
+    @property
+    def _hover_w(self) -> float | None:
+        if self.hover_w is not None or self.mass_kg is None:
+            return self.hover_w
+        if self.rotor_area_m2 is None:
+            return self.mass_kg * _WORST_W_PER_KG
+        return hover_power_w(self.mass_kg, self.rotor_area_m2)
+
+    def model(self, wind: Wind | None = None) -> EnergyModel | None:
+        """The model before anything is learned; None where something is `missing`."""
+        battery_wh, hover_w = self.battery_wh, self._hover_w
+        if battery_wh is None or hover_w is None:
+            return None
+        cruise_mps = _WPNAV_SPEED_MPS if self.cruise_mps is None else self.cruise_mps
+        cruise_w = hover_w * _CRUISE_TO_HOVER if self.cruise_w is None else self.cruise_w
+        reserve_wh = _RESERVE_PART * battery_wh + hover_w * _RESERVE_HOVER_S / 3600.0
+        return EnergyModel(
+            battery_wh=battery_wh,
+            hover_w=hover_w,
+            cruise_w=max(hover_w, cruise_w),
+            climb_w=hover_w * (_CLIMB_TO_HOVER if self.climb_factor is None else self.climb_factor),
+            descent_w=hover_w * (1.0 if self.descent_factor is None else self.descent_factor),
+            cruise_mps=cruise_mps,
+            airspeed_mps=cruise_mps if self.airspeed_mps is None else self.airspeed_mps,
+            headwind_mps=_HEADWIND_MPS if self.headwind_mps is None else self.headwind_mps,
+            reserve_factor=_FACTOR if self.reserve_factor is None else self.reserve_factor,
+            reserve_wh=reserve_wh if self.reserve_wh is None else self.reserve_wh,
+            return_alt_m=_RTL_ALT_M if self.return_alt_m is None else self.return_alt_m,
+            wind=wind,
+        )
