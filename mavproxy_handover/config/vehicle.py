@@ -17,6 +17,13 @@ from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tabl
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Station
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.energy_prior import (
+    ENERGY_KEYS,
+    ENERGY_RANGES,
+    START_POLICIES,
+    WHOLE_KEYS,
+    EnergySettings,
+)
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 
@@ -58,6 +65,8 @@ class VehicleConfig:
     guard_key: Path | None = None
     #: what one observer may take of the downlink
     observers: ObserverLimits = field(default_factory=ObserverLimits)
+    #: what the aircraft draws and holds; the mission's numbers go before these
+    energy: EnergySettings = field(default_factory=EnergySettings)
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -136,11 +145,22 @@ def _policies(table: Table) -> dict[Cause, str]:
     return found
 
 
+def _energy(data: Mapping[str, Any], path: Path) -> EnergySettings:
+    table = Table(data.get("energy", {}), "energy", path, ENERGY_KEYS)
+    for key in sorted(WHOLE_KEYS):
+        table.get(key, int)
+    start = table.get("start", str)
+    if start not in (None, *START_POLICIES):
+        raise table.error("start", f"{start!r} must be one of " + ", ".join(START_POLICIES))
+    return EnergySettings(**table.numbers(ENERGY_RANGES), start=start)
+
+
 def _check_ranges() -> None:
     described: tuple[tuple[type, set[str]], ...] = (
         (Limits, {*LIMIT_RANGES, "policies", "hold_off_s", "clear_s", "guard_required"}),
         (LinkLimits, {*LINK_RANGES}),
         (ObserverLimits, {*OBSERVER_RANGES}),
+        (EnergySettings, {*ENERGY_KEYS}),
     )
     for limits, names in described:
         known = {entry.name for entry in fields(limits)}
@@ -151,7 +171,7 @@ _check_ranges()
 
 # ---- the file -----------------------------------------------------------------------------------------------------
 
-_TABLES: Final = ("vehicle", "station", "limits", "policy", "hold_off", "clear", "links", "observers")
+_TABLES: Final = ("vehicle", "station", "limits", "policy", "hold_off", "clear", "links", "observers", "energy")
 _VEHICLE_KEYS: Final = (
     "name",
     "sysid",
@@ -203,6 +223,7 @@ def load_vehicle(path: Path) -> VehicleConfig:
         autopilot_key=vehicle.path("autopilot_key"),
         guard_key=vehicle.path("guard_key"),
         observers=ObserverLimits(**observers.numbers(OBSERVER_RANGES)),
+        energy=_energy(data, path),
     )
 
 

@@ -2,19 +2,23 @@
 
 """`handover check MISSION`: finds before flight what would go wrong in it.
 
-`check` judges, `report_text` prints, `main` is the command. An error is what would leave the aircraft without a
-commander, or with less time for a transfer than it needs; a warning is what costs reserve; an info is worth knowing.
+`check` judges, `report_text` prints, `main` is the command; the energy budget is that of `energy.py`. An error is what
+would leave the aircraft without a commander, with less time for a transfer than it needs, or without the energy to come
+down where it should; a warning is what costs reserve; an info is worth knowing.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from math import isfinite
 from pathlib import Path
 
+from mavproxy_handover.core.safety.energy import Wind
+from mavproxy_handover.mission.energy import Budget, budget_of
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
 from mavproxy_handover.mission.geodesy import distance_m
@@ -55,6 +59,8 @@ class CheckReport:
     findings: tuple[Finding, ...]
     #: what a transfer was taken to need, seconds
     transfer_s: float
+    #: None: the mission has no numbers for it
+    energy: Budget | None = None
 
     def count(self, severity: Severity) -> int:
         """Number of findings that bad."""
@@ -66,12 +72,17 @@ class CheckReport:
         return 1 if self.count(Severity.ERROR) else 0
 
 
-def check(package: MissionPackage, *, transfer_s: float = TRANSFER_S, reach_m: float = REACH_M) -> CheckReport:
+def check(
+    package: MissionPackage, *, transfer_s: float = TRANSFER_S, reach_m: float = REACH_M, wind: Wind | None = None
+) -> CheckReport:
     """Walk the mission and judge it.
 
-    `transfer_s`: time that a transfer needs. `reach_m`: how far off the route a rally point may lie.
+    `transfer_s`: time that a transfer needs. `reach_m`: how far off the route a rally point may lie. `wind`: that the
+    energy is counted with; None: what [energy] has for a wind that is not known.
     """
     walk = package.walk()
+    model = package.energy.model(wind)
+    energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
     findings = [
         *_start(package, walk),
         *_gaps(package, walk),
@@ -79,11 +90,12 @@ def check(package: MissionPackage, *, transfer_s: float = TRANSFER_S, reach_m: f
         *_lonely_zones(package),
         *_rally(package, walk, reach_m),
         *_fence(package, walk),
+        *(() if energy is None else _energy(energy)),
         *(Finding(Severity.WARNING, text) for text in package.route.warnings),
     ]
     order = list(Severity)
     findings.sort(key=lambda finding: order.index(finding.severity))
-    return CheckReport(package, walk, tuple(findings), transfer_s)
+    return CheckReport(package, walk, tuple(findings), transfer_s, energy)
 
 
 def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
@@ -152,6 +164,25 @@ def _fence(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
             return
 
 
+def _energy(budget: Budget) -> Iterator[Finding]:
+    for item in budget.items:
+        if not isfinite(item.need_wh):
+            text = f"energy: the wind does not let the way to item {item.seq} be flown"
+            yield Finding(Severity.ERROR, text)
+            return
+    if budget.budget_wh > budget.model.battery_wh:
+        text = f"energy: the route needs {_of_battery(budget)} with the reserve: it does not close"
+        yield Finding(Severity.ERROR, text)
+    for item in budget.items:
+        if item.back is not None and item.back.margin_wh < 0.0:
+            text = f"energy: from item {item.seq} no place is in reach with the reserve: the best is {item.back.place}"
+            yield Finding(Severity.ERROR, text)
+            return
+    if budget.no_return_m is not None:
+        text = f"energy: from {_way(budget.no_return_m)} on neither home nor a rally point is in reach with the reserve"
+        yield Finding(Severity.INFO, text)
+
+
 # --- words ---
 
 
@@ -176,6 +207,62 @@ def _minutes(seconds: float) -> str:
     return f"{int(seconds) // 60} min {int(seconds) % 60:02d} s"
 
 
+def _of_battery(budget: Budget) -> str:
+    return f"{budget.budget_wh:.1f} Wh of {budget.model.battery_wh:.1f} Wh"
+
+
+def _energy_line(report: CheckReport) -> str:
+    budget = report.energy
+    if budget is None:
+        return f"unknown: {report.package.energy.missing} in {MISSION_FILE}"
+    wind, ahead = budget.model.wind, budget.model.headwind_mps
+    if wind is None:
+        words = f"{ahead:g} m/s from ahead wherever it flies"
+    else:
+        words = f"{wind.speed_mps:g} m/s from {wind.from_deg:g} degrees"
+    if not isfinite(budget.need_wh):
+        return f"the route cannot be flown; wind: {words}"
+    return f"the route takes {budget.need_wh:.1f} Wh, with the reserve {_of_battery(budget)}; wind: {words}"
+
+
+def _wh(energy_wh: float) -> str:
+    """Beyond all numbers is what cannot be flown."""
+    return f"{energy_wh:.1f} Wh" if isfinite(energy_wh) else "-"
+
+
+def _energy_rows(budget: Budget) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [
+        ("to item", "length", "speed", "power", "needs", "left", "back to", "needs", "margin")
+    ]
+    for item in budget.items:
+        made, back = item.made, item.back
+        rows.append(
+            (
+                str(item.seq),
+                f"{item.length_m:.0f} m",
+                f"{made.speed_mps:.1f} m/s" if made is not None else "-",
+                f"{made.power_w:.0f} W" if made is not None and made.speed_mps > 0.0 else "-",
+                _wh(item.need_wh),
+                _wh(item.left_wh),
+                back.place if back is not None else "-",
+                _wh(back.need_wh) if back is not None else "-",
+                _wh(back.margin_wh) if back is not None else "-",
+            )
+        )
+    return rows
+
+
+def _table(rows: list[tuple[str, ...]], words: Collection[int]) -> Iterator[str]:
+    """The rows as lines; the columns of `words` begin on the left, the others are numbers."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        cells = [
+            cell.ljust(width) if column in words else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        yield "  " + "  ".join(cells)
+
+
 def report_text(report: CheckReport) -> str:
     """The report as a table to print, without a line end at its end."""
     package, walk = report.package, report.walk
@@ -189,9 +276,12 @@ def report_text(report: CheckReport) -> str:
         f"{_minutes(walk.duration_s)} at {package.cruise_speed_mps:g} m/s, {len(package.route.rally)} rally points",
         f"coverage    {covered:.1f} % of the route",
         f"commanders  {' -> '.join(names[sysid] for sysid in walk.commanders)}",
+        f"energy      {_energy_line(report)}",
     ]
     if walk.handovers:
-        rows = [("#", "from", "to", "starts at", "along", "after", "to item", "overlap", "time", "needed")]
+        rows: list[tuple[str, ...]] = [
+            ("#", "from", "to", "starts at", "along", "after", "to item", "overlap", "time", "needed")
+        ]
         for number, handover in enumerate(walk.handovers, 1):
             rows.append(
                 (
@@ -207,14 +297,9 @@ def report_text(report: CheckReport) -> str:
                     f"{report.transfer_s:g} s",
                 )
             )
-        widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-        lines.append("")
-        for row in rows:
-            cells = [
-                cell.ljust(width) if column in (1, 2, 3) else cell.rjust(width)
-                for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-            ]
-            lines.append("  " + "  ".join(cells))
+        lines += ["", *_table(rows, (1, 2, 3))]
+    if report.energy is not None:
+        lines += ["", *_table(_energy_rows(report.energy), (6,))]
     if report.findings:
         lines.append("")
         lines += [f"{finding.severity.value + ':':9}{finding.text}" for finding in report.findings]
@@ -233,11 +318,22 @@ def _positive(text: str) -> float:
     return value
 
 
+def _wind(text: str) -> Wind:
+    speed, _comma, direction = text.partition(",")
+    try:
+        wind = Wind(float(speed), float(direction))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} (allowed: SPEED,DIRECTION, as in 8,270)") from None
+    if not (0.0 <= wind.speed_mps <= 60.0 and 0.0 <= wind.from_deg <= 360.0):
+        raise argparse.ArgumentTypeError(f"{text} (allowed: 0 to 60 m/s, 0 to 360 degrees)")
+    return wind
+
+
 def main(args: Sequence[str]) -> int:
     """The command `handover check`. Returns 0 passed, 1 errors found, 2 bad input."""
     parser = argparse.ArgumentParser(
         prog="handover check",
-        description="Check a mission package before flight: coverage, handovers, rally points.",
+        description="Check a mission package before flight: coverage, handovers, rally points, energy.",
         epilog="Exit code: 0 passed, 1 errors found, 2 the mission or the command cannot be read.",
     )
     parser.add_argument("mission", metavar="MISSION", help=f"folder of the mission package, or its {MISSION_FILE}")
@@ -248,6 +344,12 @@ def main(args: Sequence[str]) -> int:
     parser.add_argument(
         "--reach", type=_positive, default=REACH_M, metavar="M", help="metres off the route for rally (%(default)g)"
     )
+    parser.add_argument(
+        "--wind",
+        type=_wind,
+        metavar="SPEED,DIRECTION",
+        help="count the energy with this wind: m/s, degrees that it comes from (else: headwind_mps of [energy])",
+    )
     try:
         options = parser.parse_args(list(args))
     except SystemExit as stop:  # argparse has said what it had to say
@@ -255,7 +357,7 @@ def main(args: Sequence[str]) -> int:
     folder = Path(options.mission)
     try:
         package = load(folder.parent if folder.name == MISSION_FILE else folder)
-        report = check(package, transfer_s=options.transfer, reach_m=options.reach)
+        report = check(package, transfer_s=options.transfer, reach_m=options.reach, wind=options.wind)
         print(report_text(report))
         if options.map:
             from mavproxy_handover.mission.picture import draw

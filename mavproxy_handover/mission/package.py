@@ -23,6 +23,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from mavproxy_handover.core.safety.energy_prior import (
+    ENERGY_KEYS,
+    ENERGY_RANGES,
+    START_POLICIES,
+    WHOLE_KEYS,
+    EnergySettings,
+)
 from mavproxy_handover.mission.corridor import covered_area
 from mavproxy_handover.mission.errors import MissionError, Where
 from mavproxy_handover.mission.geojson import read_zones
@@ -72,6 +79,7 @@ _KEYS = (
     "delivery_waypoint",
     "stations",
     "policy",
+    "energy",
 )
 
 
@@ -104,6 +112,8 @@ class MissionPackage:
     delivery_waypoint: int | None
     #: the [policy] table: what the mission decides about emergencies, before the vehicle's own configuration
     policies: Mapping[str, str]
+    #: the [energy] table: what the aircraft draws and holds, before the vehicle's own configuration
+    energy: EnergySettings
     #: the files of the package by name, line ends as \\n
     files: Mapping[str, bytes] = field(repr=False)
     #: SHA-256 of the canonical form, 32 bytes
@@ -271,6 +281,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         cruise_speed_mps=where.number(speed, "cruise_speed_mps", 0.1, 100.0),
         delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
         policies=_policies(where, mission.get("policy", {})),
+        energy=_energy(where, mission.get("energy", {})),
         files=MappingProxyType(files),
         digest=hashlib.sha256(_plain_form(files)).digest(),
     )
@@ -348,3 +359,18 @@ def _policies(where: Where, value: object) -> Mapping[str, str]:
     table = inside.table(value, "policy")
     inside.known_keys(table, _POLICIES)
     return MappingProxyType({key: inside.choice(word, key, _POLICIES[key]) for key, word in table.items()})
+
+
+def _energy(where: Where, value: object) -> EnergySettings:
+    inside = where.at("[energy]")
+    table = inside.table(value, "energy")
+    inside.known_keys(table, ENERGY_KEYS)
+    numbers: dict[str, float] = {}
+    for key, (low, high) in ENERGY_RANGES.items():
+        if key in table:
+            if key in WHOLE_KEYS:
+                numbers[key] = float(inside.whole(table[key], key, int(low), int(high)))
+            else:
+                numbers[key] = inside.number(table[key], key, low, high)
+    start = inside.choice(table["start"], "start", START_POLICIES) if "start" in table else None
+    return EnergySettings(**numbers, start=start)

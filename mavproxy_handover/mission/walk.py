@@ -20,6 +20,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS, LANDING_BELOW_M, LANDING_MPS
 from mavproxy_handover.mission.geodesy import distance_m, wrap_longitude_deg
 from mavproxy_handover.mission.items import (
     COMMANDS,
@@ -38,8 +39,6 @@ __all__ = ["Gap", "Handover", "Leg", "Sample", "Walk", "commanders_along", "legs
 
 #: WPNAV_SPEED of ArduCopter, for routes that name no speed
 DEFAULT_CRUISE_MPS = 10.0
-#: WPNAV_SPEED_UP, WPNAV_SPEED_DN, LAND_SPEED and LAND_ALT_LOW of ArduCopter
-CLIMB_MPS, DESCENT_MPS, LANDING_MPS, LANDING_BELOW_M = 2.5, 1.5, 0.5, 10.0
 
 STEP_M = 5.0
 #: a longer route gets longer steps: a walk ends in bounded time, whatever plan came over a link
@@ -53,13 +52,17 @@ _HOLDING = (WAYPOINT, LOITER_TIME, _SPLINE_WAYPOINT)
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A straight piece of the path, flown on the way to item `seq`; altitudes above home, `hold_s` at its end."""
+    """A straight piece of the path, flown on the way to item `seq`; altitudes above home, `hold_s` at its end.
+
+    `speed_mps`: the ground speed that the autopilot was told.
+    """
 
     seq: int
     start: tuple[float, float, float]
     end: tuple[float, float, float]
     duration_s: float
     hold_s: float = 0.0
+    speed_mps: float = DEFAULT_CRUISE_MPS
 
     @property
     def length_m(self) -> float:
@@ -179,7 +182,7 @@ def _legs(route: Route, speed_mps: float) -> Iterator[Leg]:
         start, end = (lat, lon, alt), (to_lat, to_lon, to_alt)
         hold = item.param1 if item.command in _HOLDING else max(0.0, item.param1) if item.command == _DELAY else 0.0
         if start != end or hold > 0.0:
-            yield Leg(item.seq, start, end, _duration_s(start, end, speed_mps), max(0.0, hold))
+            yield Leg(item.seq, start, end, _duration_s(start, end, speed_mps), max(0.0, hold), speed_mps)
         lat, lon, alt = end
         if item.command in (LAND, RETURN_TO_LAUNCH, _PAYLOAD_PLACE):
             yield from _down(item.seq, end)

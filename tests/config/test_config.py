@@ -24,6 +24,7 @@ from mavproxy_handover.core.model import (
     Station,
 )
 from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.safety.energy_prior import ENERGY_KEYS, ENERGY_RANGES, EnergySettings
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 from mavproxy_handover.resources import DEPLOY
@@ -168,6 +169,20 @@ def test_the_station_samples_that_ship_are_sound(sample: str) -> None:
     assert load_station(DEPLOY / sample).vehicle == 1
 
 
+def test_the_numbers_of_energy_are_read_and_may_be_left_out(file: Path) -> None:
+    file.write_text(VEHICLE + '[energy]\nbattery_wh = 41\ncells = 3\nhover_w = 354.5\nstart = "warn"\n')
+    assert load_vehicle(file).energy == EnergySettings(battery_wh=41.0, cells=3.0, hover_w=354.5, start="warn")
+    file.write_text(VEHICLE)
+    assert load_vehicle(file).energy == EnergySettings()
+
+
+@pytest.mark.parametrize("key", ENERGY_RANGES)
+def test_a_number_of_energy_may_be_at_either_end_of_its_range(file: Path, key: str) -> None:
+    for value in ENERGY_RANGES[key]:
+        file.write_text(f"{VEHICLE}[energy]\n{key} = {value}\n")
+        assert getattr(load_vehicle(file).energy, key) == value
+
+
 def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(file: Path) -> None:
     """What is written as a comment is a default, spelt rightly and inside its range."""
     text = (DEPLOY / "vehicle.toml").read_text()
@@ -180,6 +195,7 @@ def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(fi
     tables = tomllib.loads(file.read_text())
     for table, (ranges, _) in RANGES.items():
         assert list(tables[table]) == list(ranges), "the sample names every limit"
+    assert list(tables["energy"]) == list(ENERGY_KEYS), "and every number of energy"
 
 
 # ---- mistakes of the vehicle's file -------------------------------------------------------------------------------
@@ -238,6 +254,33 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
         "[[station]] sysid 241 of GCSB is also GCSA's",
     ),
     "two stations on one link": ("14552", "14551", "[[station]] link udpout:127.0.0.1:14551 is given twice"),
+    "an energy key that is none": (
+        "[policy]",
+        "[energy]\nhover = 354\n[policy]",
+        "[energy] hover: unknown key; did you mean 'hover_w'?",
+    ),
+    "energy of the wrong kind": (
+        "[policy]",
+        '[energy]\nhover_w = "354"\n[policy]',
+        "[energy] hover_w: '354' must be a number",
+    ),
+    "energy out of its range": (
+        "[policy]",
+        "[energy]\nhover_w = 9\n[policy]",
+        "[energy] hover_w: 9 must be 10 to 200000",
+    ),
+    "energy that is no number": (
+        "[policy]",
+        "[energy]\nhover_w = nan\n[policy]",
+        "[energy] hover_w: nan must be 10 to 200000",
+    ),
+    "half a cell": ("[policy]", "[energy]\ncells = 3.5\n[policy]", "[energy] cells: 3.5 must be a whole number"),
+    "a start that is none": (
+        "[policy]",
+        '[energy]\nstart = "never"\n[policy]',
+        "[energy] start: 'never' must be one of refuse, warn, off",
+    ),
+    "energy that is no table": ("[vehicle]", "energy = 3\n[vehicle]", "[energy] must be a table"),
     "no links": (
         'links = ["udpout:127.0.0.1:14552"]',
         "",

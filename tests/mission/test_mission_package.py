@@ -170,7 +170,7 @@ def test_refuses_unknown_keys_and_suggests_the_right_one(small):
     assert refusal(small) == (
         "mission.toml: unknown key 'expected_handover', did you mean 'expected_handovers'? (allowed: name, description,"
         " detector, route, zones, corridor_m, expected_handovers, cruise_speed_mps, delivery_waypoint, stations,"
-        " policy)"
+        " policy, energy)"
     )
 
 
@@ -448,10 +448,10 @@ def spoiled_toml(more):
 @pytest.mark.parametrize(
     ("more", "why"),
     [
-        ("a." * 1900 + "a = 1\n", "line 22: 1900 dots (allowed: at most 100)"),
+        ("a." * 1900 + "a = 1\n", "line 30: 1900 dots (allowed: at most 100)"),
         ("a." * 100_000 + "a = 1\n", "characters (allowed: at most 65536)"),
-        ("x = 1" + " " * 5000 + "\n", "line 22: 5005 characters (allowed: at most 4000)"),
-        ("[" + "a." * 101 + "a]\n", "line 22: 101 dots (allowed: at most 100)"),
+        ("x = 1" + " " * 5000 + "\n", "line 30: 5005 characters (allowed: at most 4000)"),
+        ("[" + "a." * 101 + "a]\n", "line 30: 101 dots (allowed: at most 100)"),
         ("x = " + "9" * 400 + "\n", "a number of hundreds of digits"),
     ],
 )

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The energy budget of a mission: what its route costs leg by leg, and the way back from each place of it.
+
+A return may begin at every waypoint. It goes to the best of home, the rally points and the place where the route lands,
+by the way that RTL takes, and the best is the one with the largest margin. The route is flown whole: where it does not
+end on the ground, the return from its end to home is a part of it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import accumulate
+from math import isfinite
+
+from mavproxy_handover.core.safety.energy import (
+    LANDING_BELOW_M,
+    EnergyModel,
+    MadeGood,
+    Piece,
+    point_of_no_return,
+    way_home,
+)
+from mavproxy_handover.mission.geodesy import bearing_deg, distance_m
+from mavproxy_handover.mission.items import LAND, RETURN_TO_LAUNCH
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.walk import Leg, legs_of
+
+__all__ = ["Budget", "ItemBudget", "Place", "Return", "budget_of", "pieces_of", "places_of"]
+
+#: the margin along the route is looked at this often (m), and at no more places than this
+_STEP_M, _MOST_STEPS = 25.0, 4000
+#: places nearer than this to each other are one
+_SAME_PLACE_M = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place to return to; `alt_m` above home is a floor for the return to it."""
+
+    name: str
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """The best return from a place on the route: where to, its need (Wh) without reserve, and the margin (Wh)."""
+
+    place: str
+    need_wh: float
+    margin_wh: float
+
+
+@dataclass(frozen=True, slots=True)
+class ItemBudget:
+    """The way to an item of the route: length (m), how its longest piece is flown (None: straight up or down), need
+    (Wh), what is left at its end (Wh), and the best return from there (None: it has landed)."""
+
+    seq: int
+    length_m: float
+    made: MadeGood | None
+    need_wh: float
+    left_wh: float
+    back: Return | None
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What a route costs (Wh). `no_return_m`: so far along it neither home nor a rally point is in reach any more, with
+    the reserve; None: one always is."""
+
+    model: EnergyModel
+    items: tuple[ItemBudget, ...]
+    need_wh: float
+    no_return_m: float | None
+
+    @property
+    def budget_wh(self) -> float:
+        """The need with its factor, and the reserve."""
+        return self.model.budget_wh(self.need_wh)
+
+
+def places_of(route: Route) -> tuple[Place, ...]:
+    """Home, the rally points, and the place where the route lands if that is another one."""
+    home = Place("home", route.home.lat_deg, route.home.lon_deg, 0.0)
+    places = [home]
+    places += [Place(f"rally {n}", p.lat_deg, p.lon_deg, p.alt_m) for n, p in enumerate(route.rally, 1)]
+    end = _landing(route)
+    if end is not None and all(distance_m(*end, p.lat_deg, p.lon_deg) > _SAME_PLACE_M for p in places):
+        places.append(Place("landing", *end, 0.0))
+    return tuple(places)
+
+
+def _landing(route: Route) -> tuple[float, float] | None:
+    legs = legs_of(route)
+    if not legs or not _lands(route, legs[-1]):
+        return None
+    return legs[-1].end[0], legs[-1].end[1]
+
+
+def _lands(route: Route, last: Leg) -> bool:
+    """Whether the way ends there on the ground."""
+    return route.items[last.seq - 1].command in (LAND, RETURN_TO_LAUNCH)
+
+
+def pieces_of(route: Route, cruise_speed_mps: float | None, return_alt_m: float) -> tuple[Piece, ...]:
+    """The whole way of a route, with the return to home where it does not end on the ground."""
+    legs = legs_of(route, cruise_speed_mps)
+    pieces = [_piece(leg) for leg in legs]
+    if legs and not _lands(route, legs[-1]):
+        pieces += _back(legs[-1].end, places_of(route)[0], return_alt_m)
+    return tuple(pieces)
+
+
+def _piece(leg: Leg) -> Piece:
+    length = leg.length_m
+    rise = leg.end[2] - leg.start[2]
+    # straight down the last metres are a landing
+    landing = max(0.0, min(leg.start[2], LANDING_BELOW_M) - max(leg.end[2], 0.0)) if length == 0.0 else 0.0
+    return Piece(
+        length_m=length,
+        bearing_deg=bearing_deg(*leg.start[:2], *leg.end[:2]) if length > 0.0 else 0.0,
+        climb_m=max(0.0, rise),
+        descent_m=max(0.0, -rise),
+        landing_m=min(landing, max(0.0, -rise)),
+        hold_s=leg.hold_s,
+        speed_mps=leg.speed_mps,
+    )
+
+
+def _back(here: tuple[float, float, float], place: Place, return_alt_m: float) -> tuple[Piece, ...]:
+    """The way that RTL takes from here."""
+    there = (place.lat_deg, place.lon_deg)
+    distance = distance_m(*here[:2], *there)
+    bearing = bearing_deg(*here[:2], *there) if distance > 0.0 else 0.0
+    return way_home(distance, bearing, here[2], place.alt_m, return_alt_m)
+
+
+class _Route:
+    """A route with a model: needs along it, and returns from it."""
+
+    def __init__(self, route: Route, cruise_speed_mps: float | None, model: EnergyModel) -> None:
+        self.legs = legs_of(route, cruise_speed_mps)
+        self.model = model
+        self.places = places_of(route)
+        self.needs = [model.piece_wh(_piece(leg)) for leg in self.legs]
+        #: used and gone, up and down included, before each leg and after the last
+        self.used_wh = list(accumulate(self.needs, initial=0.0))
+        self.gone_m = list(accumulate((leg.size_m for leg in self.legs), initial=0.0))
+
+    def best(self, here: tuple[float, float, float], left_wh: float, places: tuple[Place, ...]) -> Return:
+        """The best return from here."""
+        model, found = self.model, []
+        for place in places:
+            need = model.need_wh(_back(here, place, model.return_alt_m))
+            found.append(Return(place.name, need, left_wh - model.budget_wh(need)))
+        return max(found, key=lambda way: way.margin_wh)
+
+    def margin_wh(self, gone_m: float) -> float:
+        """Of the best return to home or a rally point from there."""
+        number = min(bisect_right(self.gone_m, gone_m), len(self.legs)) - 1
+        leg, size = self.legs[number], self.legs[number].size_m
+        part = min(1.0, (gone_m - self.gone_m[number]) / size) if size > 0.0 else 1.0
+        left = self.model.battery_wh - self.used_wh[number] - part * self.needs[number]
+        places = tuple(place for place in self.places if place.name != "landing")
+        return self.best(leg.at(part), left, places).margin_wh
+
+    def no_return_m(self) -> float | None:
+        """Where the last way back ends, in metres along the route as people count them: horizontally."""
+        step = max(_STEP_M, self.gone_m[-1] / _MOST_STEPS)
+        looked_at = {*self.gone_m, *(n * step for n in range(int(self.gone_m[-1] / step) + 1))}
+        gone = point_of_no_return(self.margin_wh, sorted(looked_at))
+        if gone is None:
+            return None
+        along = 0.0
+        for leg, begins in zip(self.legs, self.gone_m, strict=False):
+            if leg.size_m > 0.0:
+                along += leg.length_m * min(1.0, max(0.0, gone - begins) / leg.size_m)
+        return along
+
+    def items(self) -> Iterator[ItemBudget]:
+        """One for each item that is flown to, in their order."""
+        number = 0
+        while number < len(self.legs):
+            seq, first = self.legs[number].seq, number
+            while number < len(self.legs) and self.legs[number].seq == seq:
+                number += 1
+            legs = self.legs[first:number]
+            piece = _piece(max(legs, key=lambda leg: leg.size_m))
+            level = piece.length_m > 0.0
+            left, end = self.model.battery_wh - self.used_wh[number], legs[-1].end
+            yield ItemBudget(
+                seq,
+                sum(leg.length_m for leg in legs),
+                self.model.made_good(piece.bearing_deg, piece.speed_mps) if level else None,
+                sum(self.needs[first:number]),
+                left,
+                self.best(end, left, self.places) if end[2] > 0.0 else None,
+            )
+
+
+def budget_of(route: Route, cruise_speed_mps: float | None, model: EnergyModel) -> Budget:
+    """The whole budget of a route, with the wind of the model. Takes milliseconds: not for the main loop."""
+    whole = _Route(route, cruise_speed_mps, model)
+    need = model.need_wh(pieces_of(route, cruise_speed_mps, model.return_alt_m))
+    no_return = whole.no_return_m() if isfinite(whole.used_wh[-1]) else None
+    return Budget(model, tuple(whole.items()), need, no_return)

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The energy budget of a mission: the table [energy], the route leg by leg, the ways back, and `handover check`.
+
+The small mission: up to 30 m at longitude 10.001, 445.3 m eastwards at 5 m/s, down. Home is where it takes off, a rally
+point of 30 m lies 167.0 m before its end. Hover 360 W, cruise 440 W at 10 m/s and no faster; climb
+432 W, descent 360 W.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from mavproxy_handover.core.safety.energy import Piece, Wind
+from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
+from mavproxy_handover.mission import MissionError, load
+from mavproxy_handover.mission.check import Severity, check, main, report_text
+from mavproxy_handover.mission.energy import budget_of, pieces_of, places_of
+
+NUMBERS = """
+[energy]
+battery_wh = {battery}
+hover_w = 360
+cruise_w = 440
+headwind_mps = 0
+reserve_factor = 1
+reserve_wh = 2
+return_alt_m = 15
+"""
+
+
+def numbers(small, battery=20.0):
+    """The mission with numbers."""
+    small.toml += NUMBERS.format(battery=battery)
+    return small
+
+
+def budget(small, wind=None, battery=20.0):
+    package = load(numbers(small, battery).write())
+    return budget_of(package.route, package.cruise_speed_mps, package.energy.model(wind))
+
+
+def found(small, severity, **options):
+    report = check(load(small.write()), **options)
+    return [finding.text for finding in report.findings if finding.severity is severity and "energy" in finding.text]
+
+
+# --- the table ---
+
+
+def test_a_mission_without_the_table_has_no_numbers(small):
+    assert load(small.write()).energy == EnergySettings()
+
+
+def test_the_table_is_read(small):
+    small.toml += '[energy]\nbattery_wh = 41\nbatteries = 2\ncells = 6.0\nstart = "warn"\n'
+    assert load(small.write()).energy == EnergySettings(battery_wh=41.0, batteries=2.0, cells=6.0, start="warn")
+
+
+@pytest.mark.parametrize(
+    ("line", "text"),
+    [
+        ("battery_wh = 0.5", "battery_wh is 0.5 (allowed: a number from 1 to 100000)"),
+        ("battery_wh = nan", "battery_wh is nan (allowed: a number from 1 to 100000)"),
+        ('hover_w = "354"', "hover_w is '354' (allowed: a number from 10 to 200000)"),
+        ("hover_w = true", "hover_w is true (allowed: a number from 10 to 200000)"),
+        ("cells = 3.5", "cells is 3.5 (allowed: a whole number from 1 to 28)"),
+        ("batteries = 9", "batteries is 9 (allowed: a whole number from 1 to 8)"),
+        ('start = "never"', "start is 'never' (allowed: refuse, warn, off)"),
+        ("start = 1", "start is 1 (allowed: refuse, warn, off)"),
+        ("hover = 354", "unknown key 'hover', did you mean 'hover_w'? (allowed: battery_wh, batteries, cells,"),
+    ],
+)
+def test_a_wrong_value_is_named_with_what_is_allowed(small, line, text):
+    small.toml += f"[energy]\n{line}\n"
+    with pytest.raises(MissionError) as raised:
+        load(small.write())
+    assert str(raised.value).startswith(f"mission.toml: [energy]: {text}")
+
+
+@pytest.mark.parametrize("key", ENERGY_RANGES)
+def test_both_ends_of_every_range_are_allowed_and_nothing_beyond(small, key):
+    low, high = ENERGY_RANGES[key]
+    before = small.toml
+    for value in (low, high):
+        small.toml = f"{before}[energy]\n{key} = {value}\n"
+        assert getattr(load(small.write()).energy, key) == value
+    for value in (low - 0.01 if low else -0.01, high + 1):
+        small.toml = f"{before}[energy]\n{key} = {value}\n"
+        with pytest.raises(MissionError):
+            load(small.write())
+
+
+def test_a_table_that_is_none_is_refused(small):
+    small.toml = "energy = 3\n" + small.toml
+    with pytest.raises(MissionError, match="energy is 3"):
+        load(small.write())
+
+
+# --- the route ---
+
+
+def test_the_route_as_pieces(small):
+    package = load(small.write())
+    climb, along, down, landing = pieces_of(package.route, package.cruise_speed_mps, 15.0)
+    assert climb == Piece(climb_m=30.0, speed_mps=5.0)
+    assert along == Piece(length_m=pytest.approx(445.28, abs=0.01), bearing_deg=pytest.approx(90.0), speed_mps=5.0)
+    assert down == Piece(descent_m=20.0, speed_mps=10.0)
+    assert landing == Piece(descent_m=10.0, landing_m=10.0, speed_mps=10.0)
+
+
+def test_a_change_of_speed_and_a_hold_are_in_the_pieces(small):
+    small.items[1:1] = [small.item(2, 178, 0, 0, 0)]
+    small.items[1]["params"] = [1, 8, -1, 0, 0, 0, 0]
+    small.items[2]["params"][0] = 12
+    package = load(small.write())
+    along = pieces_of(package.route, package.cruise_speed_mps, 15.0)[1]
+    assert (along.speed_mps, along.hold_s) == (8.0, 12.0)
+
+
+def test_a_route_that_does_not_end_on_the_ground_is_flown_home_from_its_end(small):
+    del small.items[2]
+    package = load(small.write())
+    pieces = pieces_of(package.route, package.cruise_speed_mps, 15.0)
+    assert pieces[2:] == (
+        Piece(climb_m=0.0),
+        Piece(length_m=pytest.approx(445.28, abs=0.01), bearing_deg=pytest.approx(270.0), hold_s=5.0),
+        Piece(descent_m=30.0, landing_m=10.0),
+    )
+
+
+def test_places_to_return_to(small):
+    names = [place.name for place in places_of(load(small.write()).route)]
+    assert names == ["home", "rally 1", "landing"]
+
+
+def test_a_landing_at_home_or_in_the_air_is_no_place_of_its_own(small):
+    small.items[2]["params"][5] = 10.001
+    assert [place.name for place in places_of(load(small.write()).route)] == ["home", "rally 1"]
+    del small.items[2]
+    assert [place.name for place in places_of(load(small.write()).route)] == ["home", "rally 1"]
+
+
+def test_the_budget_item_by_item(small):
+    found = budget(small)
+    rows = [(item.seq, round(item.need_wh, 2), round(item.left_wh, 2)) for item in found.items]
+    # 12 s of climb at 432 W; 89.06 s and 3.33 s at 370 W; 13.33 s and 20 s at 360 W
+    assert rows == [(1, 1.44, 18.56), (2, 9.5, 9.06), (3, 3.33, 5.73)]
+    assert found.need_wh == pytest.approx(14.27, abs=0.01)
+    assert found.budget_wh == pytest.approx(16.27, abs=0.01)
+
+
+def test_the_ways_back_item_by_item(small):
+    backs = [item.back for item in budget(small).items]
+    # home from right above it: the pause of 5 s and the descent; the landing point from right above it
+    assert [(back.place, round(back.need_wh, 2)) for back in backs[:2]] == [("home", 3.83), ("landing", 3.83)]
+    # what was left, less that, less the reserve of 2 Wh
+    assert [round(back.margin_wh, 2) for back in backs[:2]] == [12.73, 3.23]
+    assert backs[2] is None, "it has landed"
+
+
+def test_from_where_on_there_is_no_way_back(small):
+    # of 14 Wh 12.56 - 0.021327 x are left at x m (9.496 Wh over 445.28 m). Home takes 3.833 Wh for the pause and the
+    # descent, 440 W for x / 10 + 6.667 s, and 2 Wh stay: 5.912 - 0.033549 x, which is nothing at 176.2 m
+    small.plan["rallyPoints"]["points"] = []
+    assert budget(small, battery=14.0).no_return_m == pytest.approx(176.2, abs=1.0)
+
+
+def test_a_rally_point_on_the_way_moves_the_point_of_no_return(small):
+    # at 278.3 m, right above it, 0.79 Wh are too many, and from d m behind it, too short a way for 10 m/s, it takes
+    # 440 W for 2 sqrt(d / 1.5) s: 0.79 - 0.0213 d - 0.1996 sqrt(d) is nothing at 9.0 m
+    assert budget(small, battery=14.0).no_return_m == pytest.approx(287.3, abs=1.0)
+
+
+def test_with_enough_in_the_battery_there_always_is_one(small):
+    assert budget(small, battery=100.0).no_return_m is None
+
+
+def test_wind_ahead_costs_and_wind_from_behind_gives_nothing(small):
+    calm = budget(small, Wind(0.0, 0.0)).need_wh
+    small.toml = small.toml.split("\n[energy]")[0] + "\n"
+    behind = budget(small, Wind(4.0, 270.0)).need_wh
+    small.toml = small.toml.split("\n[energy]")[0] + "\n"
+    ahead = budget(small, Wind(7.0, 90.0)).need_wh
+    assert calm <= behind < calm * 1.02, "hovering in it is not free"
+    # 3 m/s over ground at 10 through the air: 148.4 s and 2 s at 440 W instead of 92.4 s at 370 W
+    assert ahead - calm > 8.8
+
+
+# --- handover check ---
+
+
+def test_a_mission_without_numbers_says_that_its_budget_is_unknown(small):
+    report = check(load(small.write()), wind=Wind(12.0, 90.0))
+    assert report.energy is None
+    assert "energy      unknown: no [energy] numbers in mission.toml" in report_text(report).splitlines()
+    assert report.exit_code == 0
+
+
+def test_half_of_the_numbers_says_what_is_missing(small):
+    small.toml += "[energy]\nbattery_wh = 41\n"
+    text = report_text(check(load(small.write())))
+    assert "energy      unknown: [energy] has neither hover_w nor mass_kg in mission.toml" in text.splitlines()
+
+
+def test_a_budget_that_closes_is_no_finding(small):
+    assert found(numbers(small), Severity.ERROR) == []
+    assert check(load(small.write())).exit_code == 0
+
+
+def test_a_route_that_needs_more_than_there_is_is_an_error(small):
+    assert found(numbers(small, battery=15.0), Severity.ERROR) == [
+        "energy: the route needs 16.3 Wh of 15.0 Wh with the reserve: it does not close",
+        "energy: from item 2 no place is in reach with the reserve: the best is landing",
+    ]
+    assert check(load(small.write())).exit_code == 1
+
+
+def test_an_item_with_no_place_in_reach_is_an_error(small):
+    # a return waits 5 s before it comes down: half a watt-hour more than the route takes
+    assert found(numbers(small, battery=16.5), Severity.ERROR) == [
+        "energy: from item 2 no place is in reach with the reserve: the best is landing",
+    ]
+
+
+def test_a_wind_that_cannot_be_flown_against_is_an_error(small):
+    assert found(numbers(small), Severity.ERROR, wind=Wind(10.0, 90.0)) == [
+        "energy: the wind does not let the way to item 2 be flown"
+    ]
+    text = report_text(check(load(small.write()), wind=Wind(10.0, 90.0)))
+    assert "energy      the route cannot be flown; wind: 10 m/s from 90 degrees" in text.splitlines()
+    assert "inf " not in text
+    assert "nan" not in text
+
+
+def test_the_point_of_no_return_is_an_info(small):
+    (text,) = found(numbers(small, battery=17.0), Severity.INFO)
+    assert text.startswith("energy: from ")
+    assert text.endswith(" m along the route on neither home nor a rally point is in reach with the reserve")
+
+
+def test_the_table_of_the_budget(small):
+    lines = report_text(check(load(numbers(small, 100.0).write()))).splitlines()
+    assert lines[5] == (
+        "energy      the route takes 14.3 Wh, with the reserve 16.3 Wh of 100.0 Wh; "
+        "wind: 0 m/s from ahead wherever it flies"
+    )
+    first = next(number for number, line in enumerate(lines) if line.split()[:2] == ["to", "item"])
+    assert [line.split() for line in lines[first + 1 : first + 4]] == [
+        ["1", "0", "m", "-", "-", "1.4", "Wh", "98.6", "Wh", "home", "3.8", "Wh", "92.7", "Wh"],
+        ["2", "445", "m", "5.0", "m/s", "370", "W", "9.5", "Wh", "89.1", "Wh", "landing", "3.8", "Wh", "83.2", "Wh"],
+        ["3", "0", "m", "-", "-", "3.3", "Wh", "85.7", "Wh", "-", "-", "-"],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("option", "words"), [("8,270", "8 m/s from 270 degrees"), ("0,0", "0 m/s from 0 degrees"), ("7.5,90.5", "7.5 m/s")]
+)
+def test_the_option_for_the_wind(small, capsys, option, words):
+    main([str(numbers(small, 100.0).write()), "--wind", option])
+    assert f"wind: {words}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "option", ["8", "8,", ",8", "8,270,1", "-1,270", "61,0", "5,361", "5,-1", "nan,90", "5,nan", "a,b"]
+)
+def test_a_wind_that_is_none_is_bad_usage(small, capsys, option):
+    assert main([str(numbers(small).write()), f"--wind={option}"]) == 2
+    assert "allowed: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian"])
+@pytest.mark.parametrize("wind", [None, Wind(5.0, 0.0), Wind(5.0, 90.0), Wind(5.0, 180.0), Wind(5.0, 270.0)])
+def test_the_missions_that_ship_close_their_budget(missions, name, wind):
+    report = check(load(missions / name), wind=wind)
+    assert report.energy is not None
+    assert report.exit_code == 0
