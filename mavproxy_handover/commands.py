@@ -24,7 +24,7 @@ class VehicleCommands:
         self._companion = companion
         self._show = show
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
-            "status": ("phase, commander, epoch, lease, guard, mission", self._status),
+            "status": ("phase, commander, epoch, lease, guard, mission, energy", self._status),
             "stations": ("every station: link, liveness, what the gate did", self._stations),
             "zones": ("zones of the loaded mission and where the aircraft is", self._zones),
             "cancel": ("call the present transfer off; the commander stays", self._cancel),
@@ -62,6 +62,7 @@ class VehicleCommands:
         digest = arbiter.mission_digest
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
+        self._show(f"energy    {companion.autopilot.energy.words()}")
         if not companion.autopilot.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
             self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")

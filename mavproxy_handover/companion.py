@@ -120,7 +120,7 @@ class Companion:
         self._schedule = Schedule(jobs, self.fault)
         package = self._restart.resume(self.arbiter, self.narrator)
         if package is not None:
-            self.autopilot.adopt(package)
+            self.autopilot.adopt(package, edge.clocks.monotonic())
 
     def _ties(self, clocks: Clocks) -> Ties:
         return Ties(

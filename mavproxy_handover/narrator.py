@@ -22,6 +22,7 @@ from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.events import Record
 from mavproxy_handover.core.messages import TransferMessage
 from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Reason
+from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.latent import News, State
 from mavproxy_handover.link.quality import LinkEvent
@@ -49,6 +50,10 @@ _STREAMS = {
 }
 #: what the arbiter says of a station each time that it is asked
 _ANSWERS = ("control", "start_refused")
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 2)
 
 
 class Narrator:
@@ -289,6 +294,33 @@ class Narrator:
             commander=self._name(commander),
             waypoint=waypoint,
         )
+
+    def energy(self, fact: EnergyFact, *, aloud: bool) -> None:
+        """What is left, and what flying costs. `aloud`: something about it is odd, and that is news."""
+        model = fact.model
+        wind = None if model is None else model.wind
+        self._journal.write(
+            "energy",
+            fact.words(),
+            left_wh=_rounded(fact.left_wh),
+            power_w=_rounded(fact.power_w),
+            hover_w=None if model is None else _rounded(model.hover_w),
+            cruise_w=None if model is None else _rounded(model.cruise_w),
+            airspeed_mps=None if model is None else _rounded(model.airspeed_mps),
+            wind_mps=None if wind is None else _rounded(wind.speed_mps),
+            wind_from_deg=None if wind is None else _rounded(wind.from_deg),
+            wind_source=fact.wind_source or None,
+            learned=fact.learned,
+            trouble=list(fact.trouble) or None,
+        )
+        if aloud:
+            self._tell_sentence(f"energy: {', '.join(fact.trouble)}")
+
+    def energy_warning(self, shortfall: str) -> None:
+        """A budget that does not close, where START is not refused for it; "": it closes again."""
+        text = f"energy: {shortfall}" if shortfall else "energy: the budget of the mission closes"
+        self._journal.write("energy_budget", text, closes=not shortfall)
+        self._tell_sentence(text)
 
     def second_manager(self, component: int) -> None:
         """Somebody else on board claims to manage operator control."""

@@ -17,7 +17,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
-from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter
+from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.preflight import Finding, Preflight
 from mavproxy_handover.autopilot.streams import Streams
@@ -26,6 +27,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.events import AutopilotState, GuardSeen, PositionSeen
 from mavproxy_handover.core.model import AuthorityView, ZoneFact
+from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.stations.port import StationPort
@@ -65,7 +67,8 @@ class Autopilot:
         self._streams = Streams(copter, ties.voice.to_autopilot)
         self.orders = Orders(copter, talks, ties)
         self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
-        self._loader = MissionLoader(config)
+        self._energy = EnergyWatch(config.energy, ties)
+        self._loader = MissionLoader(config, self._adopted)
         self._missions = MissionWriter(self._loader, copter, talks, ties)
         self._heed: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_state,
@@ -73,6 +76,7 @@ class Autopilot:
             "GLOBAL_POSITION_INT": self._on_position,
             "TUNNEL": self._on_tunnel,
             "STATUSTEXT": lambda m, _now: self._preflight.text(m.text),
+            **dict.fromkeys(("ATTITUDE", "BATTERY_STATUS", "WIND"), self._on_energy),
             "MISSION_ITEM_REACHED": self._on_reached,
         }
         self._second_manager_told = False
@@ -84,6 +88,11 @@ class Autopilot:
     def findings(self) -> tuple[Finding, ...] | None:
         """What does not fit, of guard, parameters and firmware; None before they were read."""
         return self._preflight.findings
+
+    @property
+    def energy(self) -> EnergyFact:
+        """What is left, what flying costs, and what is odd about it; made anew each second."""
+        return self._energy.fact
 
     def zone_facts(self) -> tuple[ZoneFact, ...]:
         """Facts about every zone at the last position; none before there are mission and position."""
@@ -145,6 +154,12 @@ class Autopilot:
         self.guard_status = status
         self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce), now)
 
+    def _on_energy(self, message: Any, now: float) -> None:
+        self._energy.take(message, now, on_ground=not self.aircraft.armed)
+
+    def _adopted(self, package: MissionPackage, way: Way, now: float) -> None:
+        self._energy.adopt(package.energy, way, now)
+
     def _on_reached(self, message: Any, _now: float) -> None:
         self._ties.narrator.reached(message.seq, delivery=message.seq == self._loader.delivery)
 
@@ -154,9 +169,9 @@ class Autopilot:
         """Tell the guard who has authority."""
         self._ties.voice.to_autopilot(self._lease.next(view, self._sysid))
 
-    def adopt(self, package: MissionPackage) -> None:
+    def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there."""
-        self._loader.adopt(package, package.zone_finder())
+        self._loader.adopt(package, package.zone_finder(), way_of(package), now)
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
@@ -181,6 +196,7 @@ class Autopilot:
             self._missions.load_on_board(self._on_board, now)
         firmware = None if self.guard_status is None else self.guard_status.firmware
         self._preflight.each_second(aircraft, grounded, arbiter.guard(now), firmware, now)
+        self._energy.each_second(aircraft, grounded, now)
 
 
 def _for_companion(message: Any, sysid: int) -> bool:

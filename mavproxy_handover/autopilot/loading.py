@@ -9,6 +9,7 @@ once only: the commanders that it finds are kept with the state of authority.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,6 +19,8 @@ from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.events import MissionLoaded
+from mavproxy_handover.core.safety.energy import Piece
+from mavproxy_handover.mission.energy import PreparedWay
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.walk import legs_of
@@ -27,7 +30,7 @@ from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.package_transfer import PackageReceiver
 from mavproxy_handover.worker import Worker
 
-__all__ = ["MissionLoader", "MissionWriter", "Prepared", "prepare"]
+__all__ = ["MissionLoader", "MissionWriter", "Prepared", "Way", "prepare", "way_of"]
 
 #: so many legs ahead are looked at
 _NEXT = 6
@@ -41,6 +44,10 @@ _LOAD: Final = "load"
 _ON_BOARD: Final = "on board"
 
 
+#: the pieces of a route, with the return from its end at that height (m) where it does not land
+Way = Callable[[float], Sequence[Piece]]
+
+
 @dataclass(frozen=True, slots=True)
 class Prepared:
     """A package that was read, and what takes time to find out about it."""
@@ -50,18 +57,28 @@ class Prepared:
     finder: ZoneFinder
     #: commanders in the order in which its route needs them
     commanders: tuple[int, ...]
+    #: its route for the energy
+    way: Way
 
 
 def prepare(package: MissionPackage) -> Prepared:
     """Walk the route through the zones. Takes as long as the package makes it: not for the main loop."""
-    return Prepared(package, package.zone_finder(), tuple(package.walk().commanders))
+    return Prepared(package, package.zone_finder(), tuple(package.walk().commanders), way_of(package))
+
+
+def way_of(package: MissionPackage) -> Way:
+    """The way of its route; what takes time is done here."""
+    route = PreparedWay(package.route, package.cruise_speed_mps)
+    return route.pieces
 
 
 class MissionLoader:
     """Receives packages for one vehicle and remembers what the loaded one says."""
 
-    def __init__(self, config: VehicleConfig) -> None:
+    def __init__(self, config: VehicleConfig, adopted: Callable[[MissionPackage, Way, float], None]) -> None:
+        """`adopted` is told of each mission that the autopilot holds."""
         self._config = config
+        self._adopted = adopted
         self._receiver = PackageReceiver()
         self.package: MissionPackage | None = None
         self.finder: ZoneFinder | None = None
@@ -111,10 +128,9 @@ class MissionLoader:
 
     def loaded(self, prepared: Prepared, target: tuple[int, int]) -> Any:
         """The answer to the sender: the autopilot holds the package's mission."""
-        self.adopt(prepared.package, prepared.finder)
         return self._receiver.conclude(prepared.package.digest, _LOADED, "", target)
 
-    def adopt(self, package: MissionPackage, finder: ZoneFinder) -> None:
+    def adopt(self, package: MissionPackage, finder: ZoneFinder, way: Way, now: float) -> None:
         """This is the mission that the autopilot holds."""
         self.package = package
         self.finder = finder
@@ -122,6 +138,7 @@ class MissionLoader:
         self._places = tuple((leg.seq, leg.end[:2]) for leg in legs_of(package.route))
         word = package.policies.get("on_out_of_coverage")
         self.out_of_coverage = word
+        self._adopted(package, way, now)
 
     def way(self, waypoint: int) -> tuple[tuple[float, float], ...]:
         """The places (latitude, longitude) that are flown to next, from the item `waypoint` on; none if it has none."""
@@ -203,10 +220,9 @@ class MissionWriter:
                     port.send(loader.refused(package.digest, talk.failure, port.target))
                 ties.narrator.mission_failed(talk.failure, source)
                 return
+            loader.adopt(package, prepared.finder, prepared.way, now)
             if port is not None:
                 port.send(loader.loaded(prepared, port.target))
-            else:
-                loader.adopt(package, prepared.finder)
             ties.narrator.mission_written()
             ties.keep(package)
             ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)

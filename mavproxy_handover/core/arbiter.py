@@ -37,6 +37,7 @@ from mavproxy_handover.core.events import (
     AutopilotState,
     Cancel,
     ControlRequested,
+    EnergyJudged,
     Event,
     Fly,
     GuardSeen,
@@ -203,6 +204,8 @@ class Arbiter:
                 self._on_autopilot(event, now, actions)
             case GuardSeen():
                 self._on_guard(event, now, actions)
+            case EnergyJudged():
+                self._flight.energy_short = event.shortfall
             case MissionLoaded():
                 self._on_mission(event, actions)
             case StartRequested():

@@ -22,6 +22,7 @@ __all__ = [
     "ControlAnswer",
     "ControlRequested",
     "ControlResult",
+    "EnergyJudged",
     "Event",
     "Fly",
     "GuardSeen",
@@ -90,6 +91,16 @@ class GuardSeen:
 
     state: GuardState
     ours: bool
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyJudged:
+    """What the loaded mission lacks in energy, in words; "": nothing, or nobody asks.
+
+    It counts until the next one: on the ground it is judged each second, and when a mission is loaded.
+    """
+
+    shortfall: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +182,7 @@ Event = (
     | PositionSeen
     | AutopilotState
     | GuardSeen
+    | EnergyJudged
     | MissionLoaded
     | StartRequested
     | TakeOffPassed

@@ -25,6 +25,7 @@ class Flight:
         "_position_at",
         "_stale_told",
         "armed",
+        "energy_short",
         "flying",
         "foreign",
     )
@@ -36,6 +37,8 @@ class Flight:
         self.flying = False
         #: what the aircraft is, in words, if it is no ArduCopter
         self.foreign = ""
+        #: what the loaded mission lacks in energy, in words
+        self.energy_short = ""
         self._autopilot_at = -inf
         self._position_at = -inf
         self._stale_told = False

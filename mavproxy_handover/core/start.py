@@ -25,7 +25,8 @@ __all__ = ["Start", "StartFacts", "start_needs"]
 class StartFacts:
     """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft.
 
-    `foreign`: what the autopilot says that it is, in words, if that is no ArduCopter.
+    `foreign`: what the autopilot says that it is, in words, if that is no ArduCopter. `energy_short`: what the
+    loaded mission lacks in energy, in words.
     """
 
     station: str
@@ -38,6 +39,7 @@ class StartFacts:
     guarded: bool
     position_known: bool
     in_zone: bool
+    energy_short: str = ""
 
 
 def start_needs(facts: StartFacts) -> tuple[str, ...]:
@@ -61,6 +63,8 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append("no position")
     elif not facts.in_zone:
         needs.append(f"outside the zone of {facts.station}")
+    if facts.energy_short:
+        needs.append(f"energy: {facts.energy_short}")
     return tuple(needs)
 
 
@@ -94,6 +98,7 @@ class Start:
                 guarded=flight.guarded(now),
                 position_known=flight.position_known(now),
                 in_zone=self._candidates.zones.holds(station),
+                energy_short=flight.energy_short if self._candidates.mission.digest else "",
             )
         )
 

@@ -28,7 +28,7 @@ from mavproxy_handover.mission.items import LAND, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Leg, legs_of
 
-__all__ = ["Budget", "ItemBudget", "Place", "Return", "budget_of", "pieces_of", "places_of"]
+__all__ = ["Budget", "ItemBudget", "Place", "PreparedWay", "Return", "budget_of", "pieces_of", "places_of"]
 
 #: the margin along the route is looked at this often (m), and at no more places than this
 _STEP_M, _MOST_STEPS = 25.0, 4000
@@ -107,13 +107,25 @@ def _lands(route: Route, last: Leg) -> bool:
     return route.items[last.seq - 1].command in (LAND, RETURN_TO_LAUNCH)
 
 
+class PreparedWay:
+    """The way of a route, to be counted again and again."""
+
+    def __init__(self, route: Route, cruise_speed_mps: float | None) -> None:
+        legs = legs_of(route, cruise_speed_mps)
+        self._pieces = tuple(_piece(leg) for leg in legs)
+        self._end = legs[-1].end if legs and not _lands(route, legs[-1]) else None
+        self._home = places_of(route)[0]
+
+    def pieces(self, return_alt_m: float) -> tuple[Piece, ...]:
+        """All of it, with the return to home at that height where it does not end on the ground."""
+        if self._end is None:
+            return self._pieces
+        return (*self._pieces, *_back(self._end, self._home, return_alt_m))
+
+
 def pieces_of(route: Route, cruise_speed_mps: float | None, return_alt_m: float) -> tuple[Piece, ...]:
     """The whole way of a route, with the return to home where it does not end on the ground."""
-    legs = legs_of(route, cruise_speed_mps)
-    pieces = [_piece(leg) for leg in legs]
-    if legs and not _lands(route, legs[-1]):
-        pieces += _back(legs[-1].end, places_of(route)[0], return_alt_m)
-    return tuple(pieces)
+    return PreparedWay(route, cruise_speed_mps).pieces(return_alt_m)
 
 
 def _piece(leg: Leg) -> Piece:

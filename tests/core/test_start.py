@@ -52,3 +52,9 @@ def test_what_is_no_arducopter_does_not_start() -> None:
 
 def test_without_a_position_nothing_is_said_about_the_zone() -> None:
     assert start_needs(replace(READY, position_known=False, in_zone=False)) == ("no position",)
+
+
+def test_what_is_lacking_in_energy_is_said_in_its_words() -> None:
+    assert start_needs(replace(READY, energy_short="41.0 Wh are needed, 12.0 Wh are left")) == (
+        "energy: 41.0 Wh are needed, 12.0 Wh are left",
+    )

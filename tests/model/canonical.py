@@ -399,6 +399,7 @@ class Packer:
             armed=plain,
             flying=plain,
             foreign=plain,
+            energy_short=plain,
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
             _stale_told=plain,

@@ -12,7 +12,7 @@ from tests.module.conftest import Bench
 
 USAGE = [
     "usage: handover <status|stations|zones|cancel>",
-    "  status    phase, commander, epoch, lease, guard, mission",
+    "  status    phase, commander, epoch, lease, guard, mission, energy",
     "  stations  every station: link, liveness, what the gate did",
     "  zones     zones of the loaded mission and where the aircraft is",
     "  cancel    call the present transfer off; the commander stays",
@@ -49,6 +49,7 @@ def test_status_before_anything_is_heard_says_what_start_lacks(bench: Bench) -> 
         "guard     SILENT",
         "mission   none",
         "zone      none",
+        "energy    unknown: no [energy] numbers",
         "START     not yet: GCSA does not command, no mission loaded, no autopilot, the guard does not answer the "
         "lease, no position",
     ]
@@ -62,8 +63,9 @@ def test_status_when_all_is_ready(bench: Bench, delivery: MissionPackage) -> Non
         "phase     ON_LOAD",
         "commander GCSA, epoch 1, lease HELD",
         "guard     LIVE, firmware 4.6, 0 leases refused",
-        "mission   d4707aecc8c21c5f",
+        "mission   f433d144af77fc76",
         "zone      GCSA",
+        "energy    126.0 Wh of 126.0 Wh left, 0 W, wind not known, 3.0 m/s from ahead, as configured",
         "START     ready",
         "preflight WARNING: the autopilot answers no request for parameters: nothing could be checked",
     ]

@@ -58,6 +58,8 @@ class Autopilot:
         self._beat_at = 0.0
         self._guard_at = 0.0
         self.silent = False
+        #: part of its battery of 10 Ah that is left; None: it says nothing of it
+        self.battery: float | None = 1.0
         #: its MAV_TYPE
         self.kind = mavlink.MAV_TYPE_QUADROTOR
 
@@ -92,9 +94,19 @@ class Autopilot:
         base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (128 if self.armed else 0)
         self.say(stock.MAVLink_heartbeat_message(self.kind, 3, base, self.mode, 4 if self.airborne else 3, 3))
         self.say(stock.MAVLink_extended_sys_state_message(0, 2 if self.airborne else 1))
+        if self.battery is not None:
+            self.say_battery(self.battery)
 
     def say_position(self, lat: float, lon: float) -> None:
         self.say(stock.MAVLink_global_position_int_message(1000, round(lat * 1e7), round(lon * 1e7), 0, 0, 0, 0, 0, 0))
+
+    def say_battery(self, left: float, volts: float = 12.6, amperes: float = 0.0) -> None:
+        """BATTERY_STATUS of 10 Ah at 12.6 V, so much of them left."""
+        used_mah = round((1.0 - left) * 10_000)
+        cells = [round(volts * 1000), *[65535] * 9]
+        used_hj = round(used_mah * 12.6 * 0.036)
+        body = (0, 0, 0, 32767, cells, round(amperes * 100), used_mah, used_hj, round(left * 100))
+        self.say(stock.MAVLink_battery_status_message(*body))
 
     def say_guard(self, state: int) -> None:
         nonce, sequence, epoch = self._lease

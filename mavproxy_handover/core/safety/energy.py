@@ -223,8 +223,8 @@ class EnergyFact:
     """What is known of energy at monotonic time `at` (s).
 
     `left_wh` None: not known. `power_w`: drawn now, None: not measured. `model` None: nothing was configured, or too
-    little; then nothing can be said of any way. `wind_source`: where `model.wind` comes from, in a word, "" without
-    one. `learned`: the model is more than what was configured. `trouble`: what is odd about all that, in words.
+    little (`missing` says what); then nothing can be said of any way. `wind_source`: where `model.wind` comes from, in
+    a word, "" without one. `learned`: the model is more than what was configured. `trouble`: what is odd, in words.
     """
 
     at: float
@@ -234,12 +234,29 @@ class EnergyFact:
     wind_source: str = ""
     learned: bool = False
     trouble: tuple[str, ...] = ()
+    missing: str = ""
 
     def margin_wh(self, way: Iterable[Piece]) -> float | None:
         """The margin of a way that begins here and now; None: not known. See `EnergyModel.margin_wh`."""
         if self.model is None or self.left_wh is None:
             return None
         return self.model.margin_wh(self.left_wh, way)
+
+    def words(self) -> str:
+        """All that for people, in one line."""
+        model = self.model
+        if model is None:
+            return f"unknown: {self.missing}"
+        left = "what is left is not known" if self.left_wh is None else f"{self.left_wh:.1f} Wh"
+        parts = [f"{left} of {model.battery_wh:.1f} Wh left" if self.left_wh is not None else left]
+        if self.power_w is not None:
+            parts.append(f"{self.power_w:.0f} W")
+        if model.wind is not None:
+            parts.append(f"wind {model.wind.speed_mps:.1f} m/s from {model.wind.from_deg:.0f} ({self.wind_source})")
+        else:
+            parts.append(f"wind not known, {model.headwind_mps:.1f} m/s from ahead")
+        parts.append("learned" if self.learned else "as configured")
+        return ", ".join([*parts, *self.trouble])
 
     def shortfall(self, need_wh: float) -> str:
         """Why a way of that need must not be begun, in words; "" where it may."""

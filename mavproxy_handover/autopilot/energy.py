@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the autopilot says of its batteries, the wind and its motion, made into one fact about energy each second.
+
+The rules are in `core/safety/`: what is left, what flying costs, what is learned. Here MAVLink's units and its ways to
+say "unknown" end. On the ground the way of the loaded mission is counted, and the arbiter is told what START lacks.
+Nothing in here raises: a message that breaks something costs that message, a second that breaks leaves the energy
+unknown, which START does not get by.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Sequence
+from math import inf
+from typing import Any, Final
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.events import EnergyJudged
+from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, PackReport
+from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
+
+__all__ = ["EnergyWatch", "pack_report"]
+
+#: journalled this often in flight
+_JOURNAL_S: Final = 10.0
+#: older attitudes and positions teach nothing
+_FRESH_S: Final = 1.5
+#: the need of a mission is counted again this often at most
+_COUNT_S: Final = 5.0
+#: more than the motors can ever draw, in powers of hover
+_MOST_HOVER: Final = 10.0
+_UNKNOWN_MV: Final = 0xFFFF
+_JOULES_A_HECTOJOULE, _JOULES_A_WH = 100.0, 3600.0
+_FAULT: Final = "internal fault"
+
+
+def pack_report(m: Any) -> PackReport:
+    """A BATTERY_STATUS in the units of the rules. -1 and 65535 are MAVLink's words for unknown."""
+    cells_mv = [mv for mv in m.voltages if mv != _UNKNOWN_MV]
+    cells_mv += [mv for mv in getattr(m, "voltages_ext", ()) if mv != _UNKNOWN_MV]
+    volts = sum(cells_mv) / 1000.0
+
+    def known(value: int, scale: float) -> float | None:
+        return value * scale if value >= 0 else None
+
+    return PackReport(
+        used_wh=known(m.energy_consumed, _JOULES_A_HECTOJOULE / _JOULES_A_WH),
+        used_mah=known(m.current_consumed, 1.0),
+        remaining=known(m.battery_remaining, 0.01),
+        voltage_v=volts if volts > 0.0 else None,
+        current_a=known(m.current_battery, 0.01),
+    )
+
+
+class EnergyWatch:
+    """The energy of one aircraft. `settings`: the vehicle's own numbers. Times are monotonic seconds."""
+
+    def __init__(self, settings: EnergySettings, ties: Ties) -> None:
+        self._own = settings
+        self._ties = ties
+        self._settings = EnergySettings()
+        self._learner: Learner | None = None
+        self._batteries: Batteries | None = None
+        #: the last report of each monitor
+        self._reports: dict[int, tuple[PackReport, float]] = {}
+        self._attitude: tuple[Any, float] | None = None
+        #: of the loaded mission: counts its way, at a height of return
+        self._way: Callable[[float], Sequence[Piece]] | None = None
+        self._counted: tuple[EnergyModel, float] | None = None
+        self._counted_at = -inf
+        self._shortfall = ""
+        self._began_at: float | None = None
+        self._told: tuple[object, ...] = ()
+        self._told_at = -inf
+        #: what is known of energy now
+        self.fact = EnergyFact(-inf, missing=settings.missing or "not looked at yet")
+        self._adopt(settings)
+
+    # ---- what comes in --------------------------------------------------------------------------------------------
+
+    def take(self, message: Any, now: float, on_ground: bool) -> None:
+        """ATTITUDE, BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is disarmed."""
+        try:
+            kind = message.get_type()
+            if kind == "ATTITUDE":
+                self._attitude = (message, now)
+            elif kind == "WIND" and self._learner is not None:
+                self._learner.wind_seen(message.speed, message.direction, now)
+            elif kind == "BATTERY_STATUS":
+                self._on_battery(message.id, pack_report(message), now, on_ground)
+        except Exception:
+            self._ties.fault("energy", traceback.format_exc(limit=-3))
+
+    def _on_battery(self, number: int, report: PackReport, now: float, on_ground: bool) -> None:
+        self._reports[number] = report, now
+        if self._batteries is not None:
+            self._batteries.take(number, report, now, on_ground)
+
+    def adopt(self, settings: EnergySettings, way: Callable[[float], Sequence[Piece]], now: float) -> None:
+        """A mission is loaded: its numbers go before the vehicle's. `way`: its pieces, at a height of return."""
+        self._way, self._counted = way, None
+        try:
+            self._adopt(settings.over(self._own))
+            for number, (report, at) in self._reports.items():
+                if self._batteries is not None and now - at < _COUNT_S:
+                    self._batteries.take(number, report, at, True)
+            self._judge(self._observe(now), now)
+        except Exception:
+            self._broke(now)
+
+    def _adopt(self, settings: EnergySettings) -> None:
+        if settings == self._settings:
+            return
+        self._settings = settings
+        prior = settings.model()
+        if prior is None:
+            self._learner = self._batteries = None
+            return
+        self._learner = Learner(settings)
+        most_w = _MOST_HOVER * max(prior.hover_w, prior.cruise_w, prior.climb_w)
+        self._batteries = Batteries(prior.battery_wh, int(settings.batteries or 1), settings.cells, most_w)
+
+    # ---- each second ----------------------------------------------------------------------------------------------
+
+    def each_second(self, aircraft: Aircraft, grounded: bool, now: float) -> None:
+        """Learn, and say what is known now. `grounded`: neither armed nor about to be."""
+        try:
+            self._learn(aircraft, now)
+            fact = self._observe(now)
+            if grounded:
+                self._judge(fact, now)
+            self._tell(fact, aircraft.flying, now)
+        except Exception:
+            self._broke(now)
+
+    def _broke(self, now: float) -> None:
+        self._ties.fault("energy", traceback.format_exc(limit=-3))
+        self.fact = EnergyFact(now, missing=_FAULT)
+        if self._settings.start_policy == "refuse":
+            self._say(_FAULT, now)
+
+    def _learn(self, aircraft: Aircraft, now: float) -> None:
+        position, attitude = aircraft.position, self._attitude
+        if self._learner is None or self._batteries is None or position is None or attitude is None:
+            return
+        message, at = attitude
+        if not aircraft.flying or now - at > _FRESH_S or now - aircraft.position_at > _FRESH_S:
+            return
+        lean, towards = thrust_direction(message.roll, message.pitch, message.yaw)
+        speeds = (position.vx / 100.0, position.vy / 100.0, -position.vz / 100.0)
+        self._learner.fly(Motion(*speeds, lean, towards, self._batteries.charge(now).power_w), now)
+
+    def _observe(self, now: float) -> EnergyFact:
+        if self._learner is None or self._batteries is None:
+            self.fact = EnergyFact(now, missing=self._settings.missing)
+            return self.fact
+        charge: Charge = self._batteries.charge(now)
+        model, source = self._learner.model(now)
+        self.fact = EnergyFact(
+            at=now,
+            left_wh=charge.left_wh,
+            power_w=charge.power_w,
+            model=model,
+            wind_source=source,
+            learned=self._learner.learned,
+            trouble=charge.trouble,
+        )
+        return self.fact
+
+    # ---- START ----------------------------------------------------------------------------------------------------
+
+    def _judge(self, fact: EnergyFact, now: float) -> None:
+        """What START lacks, on the ground."""
+        policy = self._settings.start_policy
+        if policy == "off" or self._way is None or fact.model is None:
+            self._say("", now)
+            return
+        shortfall = fact.shortfall(self._need_wh(fact.model, self._way, now))
+        if policy == "refuse":
+            self._say(shortfall, now)
+        elif bool(shortfall) != bool(self._shortfall):
+            self._ties.narrator.energy_warning(shortfall)
+            self._shortfall = shortfall
+
+    def _need_wh(self, model: EnergyModel, way: Callable[[float], Sequence[Piece]], now: float) -> float:
+        if self._counted is not None:
+            counted, need = self._counted
+            if model == counted or now - self._counted_at < _COUNT_S:
+                return need
+        need = model.need_wh(way(model.return_alt_m))
+        self._counted, self._counted_at = (model, need), now
+        return need
+
+    def _say(self, shortfall: str, now: float) -> None:
+        if shortfall != self._shortfall:
+            self._shortfall = shortfall
+            self._ties.handle(EnergyJudged(shortfall), now)
+
+    # ---- what people read -----------------------------------------------------------------------------------------
+
+    def _tell(self, fact: EnergyFact, flying: bool, now: float) -> None:
+        """At each change of what kind of thing is known, and every few seconds in flight."""
+        self._began_at = now if self._began_at is None else self._began_at
+        if fact.model is not None and fact.left_wh is None and now - self._began_at < SILENT_S:
+            return  # the streams have only just been asked for
+        kinds = tuple("".join(c for c in text if not c.isdigit() and c != ".") for text in fact.trouble)
+        known = (fact.missing, fact.left_wh is None, fact.learned, fact.wind_source, kinds)
+        changed = known != self._told
+        if changed or (flying and fact.model is not None and now - self._told_at >= _JOURNAL_S):
+            news = kinds != (self._told[-1] if self._told else ())
+            self._told, self._told_at = known, now
+            self._ties.narrator.energy(fact, aloud=bool(fact.trouble) and news)

@@ -1,0 +1,328 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Energy in the companion: what the autopilot says becomes one fact, START is refused when the budget does not close.
+
+The delivery takes 44.0 Wh against 3 m/s from ahead wherever it flies; with a tenth more and the reserve, a fifth of 126
+Wh and a minute of hover, that is 79.5 Wh.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as stock
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.learning import Learner
+from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import MISSIONS, Bench
+
+START, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+TOO_LITTLE = "energy: 79.5 Wh are needed with the reserve, 75.6 Wh are left"
+
+
+@pytest.fixture
+def bare(tmp_path: Path) -> MissionPackage:
+    """The delivery without numbers of its own."""
+    folder = tmp_path / "bare"
+    shutil.copytree(MISSIONS / "delivery", folder)
+    text = (folder / "mission.toml").read_text(encoding="utf-8")
+    (folder / "mission.toml").write_text(text[: text.index("[energy]")], encoding="utf-8")
+    return mission_package.load(folder)
+
+
+def get_ready(bench: Bench, package: MissionPackage, left: float | None = 1.0) -> None:
+    """The parent commands, the mission is loaded, so much is left in the battery."""
+    bench.autopilot.battery = left
+    bench.connect()
+    bench.share(package)
+    bench.run(1.5)
+
+
+def needs(bench: Bench) -> tuple[str, ...]:
+    found: tuple[str, ...] = bench.companion.arbiter.start_needs(251, bench.clock.now)
+    return found
+
+
+def refused(bench: Bench) -> str:
+    """What the parent is told when it starts."""
+    bench.a.command(START)
+    bench.run(0.5)
+    assert bench.a.acks(START) == [REJECTED]
+    assert bench.autopilot.commands() == []
+    return str(bench.a.texts())
+
+
+def test_start_is_refused_when_the_budget_does_not_close(bench: Bench, delivery: MissionPackage) -> None:
+    get_ready(bench, delivery, 0.6)
+    assert refused(bench) == f"START refused: {TOO_LITTLE}"
+    (entry,) = bench.journal("start_refused")
+    assert entry["text"] == f"START refused: {TOO_LITTLE}"
+
+
+def test_with_enough_left_it_is_not(bench: Bench, delivery: MissionPackage) -> None:
+    get_ready(bench, delivery, 0.64)
+    assert needs(bench) == ()
+
+
+def test_what_arms_by_hand_needs_the_energy_as_well(bench: Bench, delivery: MissionPackage) -> None:
+    get_ready(bench, delivery, 0.6)
+    bench.a.command(ARM, 1.0)
+    bench.run(0.5)
+    assert bench.a.texts() == f"No take-off: {TOO_LITTLE}"
+    assert ARM not in bench.autopilot.commands()
+
+
+def test_the_answer_changes_with_the_battery(bench: Bench, delivery: MissionPackage) -> None:
+    get_ready(bench, delivery, 0.6)
+    assert needs(bench) == (TOO_LITTLE,)
+    bench.autopilot.battery = 1.0
+    bench.run(2.5)
+    assert needs(bench) == ()
+
+
+def test_a_battery_that_says_nothing_is_not_flown_with(bench: Bench, delivery: MissionPackage) -> None:
+    get_ready(bench, delivery, None)
+    assert refused(bench) == "START refused: energy: 79.5 Wh are needed with the reserve, and what is left is not known"
+    bench.run(5.0)
+    assert bench.mpstate.console.said("Energy: no battery is heard.")
+
+
+def test_a_pack_that_counts_as_full_and_is_not_is_found_before_start(bench: Bench, delivery: MissionPackage) -> None:
+    get_ready(bench, delivery)
+    bench.autopilot.battery = None
+    # 3.84 V a cell: half of it, and a tenth of doubt
+    for _ in range(5):
+        bench.mpstate.deliver(said(mavlink_battery(voltages=[11_520, *[65535] * 9])))
+        bench.run(0.5)
+    assert needs(bench) == (TOO_LITTLE,)
+    entry = bench.journal("energy")[-1]
+    assert entry["trouble"] == ["battery 0 counts 126.0 Wh, its rest voltage 11.52 V says 75.6 Wh at most"]
+
+
+def test_a_mission_is_judged_the_moment_it_is_loaded(bench: Bench, delivery: MissionPackage) -> None:
+    bench.autopilot.battery = 0.6
+    bench.connect()
+    bench.share(delivery)
+    assert TOO_LITTLE in needs(bench)
+
+
+def test_without_numbers_nothing_is_refused_and_the_budget_is_unknown(bench: Bench, bare: MissionPackage) -> None:
+    get_ready(bench, bare, 0.01)
+    assert needs(bench) == ()
+    assert "energy    unknown: no [energy] numbers" in bench.mpstate.type("handover status")
+    (entry,) = bench.journal("energy")
+    assert entry["text"] == "unknown: no [energy] numbers"
+
+
+def energy_table(bench: Bench, more: str) -> None:
+    bench.config.write_text(bench.config.read_text() + f"[energy]\n{more}\n")
+
+
+def test_the_vehicles_numbers_count_where_the_mission_has_none(bench: Bench, bare: MissionPackage) -> None:
+    energy_table(bench, "battery_wh = 126\nhover_w = 354")
+    get_ready(bench, bare, 0.5)
+    (need,) = needs(bench)
+    assert need.startswith("energy: ")
+    assert need.endswith("63.0 Wh are left")
+
+
+def test_the_missions_numbers_go_before_the_vehicles(bench: Bench, delivery: MissionPackage) -> None:
+    energy_table(bench, "battery_wh = 9000\nhover_w = 20")
+    get_ready(bench, delivery, 0.6)
+    assert needs(bench) == (TOO_LITTLE,)
+
+
+def test_start_may_be_told_to_warn_only(bench: Bench, delivery: MissionPackage) -> None:
+    energy_table(bench, 'start = "warn"')
+    get_ready(bench, delivery, 0.6)
+    assert needs(bench) == ()
+    (entry,) = bench.journal("energy_budget")
+    assert (entry["text"], entry["closes"]) == (TOO_LITTLE, False)
+    bench.autopilot.battery = 1.0
+    bench.run(2.5)
+    assert [e["closes"] for e in bench.journal("energy_budget")] == [False, True]
+
+
+def test_start_may_be_told_not_to_look(bench: Bench, delivery: MissionPackage) -> None:
+    energy_table(bench, 'start = "off"')
+    get_ready(bench, delivery, 0.6)
+    assert needs(bench) == ()
+    assert bench.journal("energy_budget") == []
+
+
+# ---- in flight ----------------------------------------------------------------------------------------------------
+
+
+def said(message: Any) -> Any:
+    """A message of the autopilot as MAVProxy hands it over."""
+    raw = message.pack(stock.MAVLink(None, srcSystem=1, srcComponent=1))
+    return stock.MAVLink(None).decode(bytearray(raw))
+
+
+def mavlink_battery(**changes: Any) -> Any:
+    values: dict[str, Any] = {
+        "id": 0,
+        "battery_function": 0,
+        "type": 0,
+        "temperature": 32767,
+        "voltages": [12_600, *[65535] * 9],
+        "current_battery": 0,
+        "current_consumed": 0,
+        "energy_consumed": 0,
+        "battery_remaining": 100,
+    }
+    return stock.MAVLink_battery_status_message(**{**values, **changes})
+
+
+@pytest.fixture
+def flying(bench: Bench, delivery: MissionPackage) -> Bench:
+    get_ready(bench, delivery)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.autopilot.battery = None
+    return bench
+
+
+def hover(bench: Bench, seconds: int, wind: tuple[float, float] = (0.0, -180.0), amperes: float = 30.0) -> None:
+    """So many seconds at rest in the air."""
+    for _ in range(seconds):
+        bench.mpstate.deliver(said(stock.MAVLink_attitude_message(1000, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)))
+        bench.mpstate.deliver(said(stock.MAVLink_wind_message(wind[1], wind[0], 0.0)))
+        bench.mpstate.deliver(
+            said(mavlink_battery(current_battery=round(100 * amperes), current_consumed=80, energy_consumed=36))
+        )
+        bench.run(1.0)
+
+
+def test_power_and_wind_are_learned_from_what_the_autopilot_says(flying: Bench) -> None:
+    hover(flying, 40, wind=(6.0, 90.0))
+    fact = flying.companion.autopilot.energy
+    assert fact.model is not None
+    # 12.6 V and 30 A, seen recently: more than the 354 W that were configured
+    assert fact.model.hover_w == pytest.approx(378.0)
+    assert fact.power_w == pytest.approx(378.0)
+    assert fact.left_wh == pytest.approx(125.0, abs=0.15), "what the last report said, and a second of power"
+    assert (fact.wind_source, fact.learned) == ("autopilot", True)
+    assert fact.model.wind is not None
+    assert (fact.model.wind.speed_mps, fact.model.wind.from_deg) == pytest.approx((6.0, 90.0))
+    (line,) = [line for line in flying.mpstate.type("handover status") if line.startswith("energy")]
+    assert line.endswith(" Wh of 126.0 Wh left, 378 W, wind 6.0 m/s from 90 (autopilot), learned")
+
+
+def test_wind_of_speed_zero_is_no_estimate(flying: Bench) -> None:
+    hover(flying, 20)
+    assert flying.companion.autopilot.energy.wind_source == ""
+
+
+def test_in_flight_the_journal_has_it_every_ten_seconds(flying: Bench) -> None:
+    before = len(flying.journal("energy"))
+    hover(flying, 25)
+    entries = flying.journal("energy")[before:]
+    assert 2 <= len(entries) <= 4
+    assert entries[-1]["left_wh"] == pytest.approx(125.0, abs=0.15)
+    assert entries[-1]["power_w"] == 378.0
+    times = [entry["t"] for entry in entries]
+    assert times == sorted(times)
+
+
+def test_a_battery_that_falls_silent_in_flight_is_told_once(flying: Bench) -> None:
+    hover(flying, 3)
+    flying.run(30.0)
+    fact = flying.companion.autopilot.energy
+    # 378 W go on
+    assert fact.left_wh == pytest.approx(125.0 - 378.0 * 31.0 / 3600.0, abs=0.3)
+    told = [line for line in flying.mpstate.console.lines if "has been silent" in line]
+    assert len(told) == 1
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"voltages": [65535] * 10, "current_battery": -1, "current_consumed": -1, "energy_consumed": -1},
+        {"current_consumed": 2**31 - 1, "energy_consumed": 2**31 - 1},
+        {"current_consumed": -(2**31), "energy_consumed": -(2**31), "current_battery": -(2**15)},
+        {"battery_remaining": -1},
+        {"battery_remaining": -128},
+        {"battery_remaining": 127},
+        {"id": 255},
+        {"voltages": [65534] * 10},
+        {"voltages": [0] * 10},
+    ],
+)
+def test_no_report_of_a_battery_breaks_anything(flying: Bench, changes: dict[str, Any]) -> None:
+    hover(flying, 3)
+    for _ in range(3):
+        flying.mpstate.deliver(said(mavlink_battery(**changes)))
+        flying.run(1.0)
+    assert flying.companion.faults == {}
+    assert flying.companion.autopilot.energy.left_wh is not None
+
+
+# ---- faults -------------------------------------------------------------------------------------------------------
+
+
+def test_what_breaks_in_here_keeps_start_and_is_over_with_the_fault(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    get_ready(bench, delivery)
+
+    def broken(*_arguments: Any) -> Any:
+        raise RuntimeError("planted")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Learner, "model", broken)
+        bench.run(1.5)
+        assert needs(bench) == ("energy: internal fault",)
+        assert "energy    unknown: internal fault" in bench.mpstate.type("handover status")
+        assert bench.companion.faults["energy"] >= 1
+        assert not bench.companion.failed, "it costs no authority"
+    bench.run(1.5)
+    assert needs(bench) == ()
+
+
+def test_a_fault_costs_nothing_where_nobody_asks_for_the_energy(
+    bench: Bench, bare: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    get_ready(bench, bare)
+
+    def broken(*_arguments: Any) -> Any:
+        raise RuntimeError("planted")
+
+    monkeypatch.setattr("mavproxy_handover.autopilot.energy.EnergyFact", broken)
+    monkeypatch.setattr("mavproxy_handover.autopilot.energy.pack_report", broken)
+    bench.run(0.5)
+    assert needs(bench) == ()
+
+
+def test_a_message_that_breaks_something_costs_that_message(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    hover(flying, 3)
+    heard = len(flying.a.got("BATTERY_STATUS"))
+
+    def broken(_message: Any) -> Any:
+        raise RuntimeError("planted")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("mavproxy_handover.autopilot.energy.pack_report", broken)
+        hover(flying, 1)
+    assert flying.companion.faults["energy"] == 1
+    assert len(flying.a.got("BATTERY_STATUS")) == heard + 1, "the commander gets it all the same"
+    hover(flying, 2)
+    assert flying.companion.autopilot.energy.left_wh == pytest.approx(125.0, abs=0.15)
+
+
+def test_after_a_restart_in_flight_the_missions_numbers_are_there_again(flying: Bench) -> None:
+    hover(flying, 3)
+    flying.mpstate.unload("handover")
+    flying.load()
+    hover(flying, 3)
+    fact = flying.companion.autopilot.energy
+    assert fact.model is not None
+    assert fact.model.battery_wh == 126.0
+    assert fact.left_wh == pytest.approx(125.0, abs=0.15), "what the last report said, and a second of power"
