@@ -18,7 +18,7 @@ from pathlib import Path
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
-from sitl.bench import breath, downlink, restart, starve, transfers, uplink, zones
+from sitl.bench import breath, downlink, energy, restart, starve, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table
 from sitl.bench.rig import Rig
@@ -27,7 +27,7 @@ from sitl.vehicles import LaunchError, find_arducopter
 
 __all__ = ["main"]
 
-PARTS = ("uplink", "downlink", "zones", "transfers", "breath", "restart", "starve")
+PARTS = ("uplink", "downlink", "zones", "energy", "transfers", "breath", "restart", "starve")
 Say = Callable[[str], None]
 
 
@@ -43,6 +43,7 @@ class Plans:
     #: number of stations, and whether the stock MAVProxy is as it comes
     downlinks: tuple[tuple[int, bool], ...]
     zones: zones.Plan
+    energy: energy.Plan
     loopback: int
     loopback_limit_s: float
     checked: int
@@ -61,6 +62,7 @@ FULL = Plans(
     downlink.Plan((50, 200), 2.5),
     ((2, False), (2, True), (10, False)),
     zones.Plan((2, 10, 100), (50, 1000), 0.2, 4, 8),
+    energy.Plan(0.2, 4, 8),
     300,
     120.0,
     20,
@@ -78,6 +80,7 @@ QUICK = Plans(
     downlink.Plan((50,), 1.0),
     ((2, False),),
     zones.Plan((2, 10), (50,), 0.05, 1, 2),
+    energy.Plan(0.05, 1, 2),
     20,
     15.0,
     0,
@@ -130,6 +133,10 @@ def _zones(plans: Plans, _folder: Path, say: Say) -> Iterator[Measurement]:
     return zones.measure(plans.zones, say)
 
 
+def _energy(plans: Plans, _folder: Path, say: Say) -> Iterator[Measurement]:
+    return energy.measure(plans.energy, say)
+
+
 def _transfers(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
     for signing in (False, True):
         where = folder / ("loopback-signed" if signing else "loopback")
@@ -161,6 +168,7 @@ _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "uplink": _uplink,
     "downlink": _downlink,
     "zones": _zones,
+    "energy": _energy,
     "transfers": _transfers,
     "breath": _breath,
     "restart": _restart,
@@ -171,7 +179,8 @@ _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m sitl.bench",
-        description="Measure the companion: frames beside stock MAVProxy, zones, transfers, leases, restarts, reads.",
+        description="Measure the companion: frames beside stock MAVProxy, zones, energy, transfers, leases, restarts, "
+        "reads.",
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")

@@ -27,7 +27,7 @@ from sitl.bench.loop import BenchError
 from sitl.bench.numbers import Pair, abba, compare, median, settled
 from sitl.bench.results import Measurement, from_comparison
 
-__all__ = ["Plan", "Row", "measure"]
+__all__ = ["Plan", "Row", "measure", "us_per_call"]
 
 _LAT, _LON = 52.68, 5.92
 _RADIUS_M, _STEP_M = 3000.0, 4000.0
@@ -116,7 +116,7 @@ def _polygon(number: int, corners: int) -> Polygon:
     return Polygon(outline)
 
 
-def _us_per_call(job: Callable[[float], None], places: list[float], seconds: float) -> float:
+def us_per_call(job: Callable[[float], None], places: list[float], seconds: float) -> float:
     """Processor time of a call, over whole rounds of all places, for at least `seconds`; at least one round."""
     calls = 0
     began = time.thread_time()
@@ -138,13 +138,13 @@ def measure(plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
             places = row.places if zones * corners < 5000 else row.places[::7]
             pairs: list[Pair] = []
             for order in abba():
-                found = {ours: _us_per_call(row.check if ours else row.contains, places, plan.turn_s) for ours in order}
+                found = {ours: us_per_call(row.check if ours else row.contains, places, plan.turn_s) for ours in order}
                 pairs.append(Pair(found[True], found[False]))
                 if settled(pairs, plan.least, plan.uncertainty) or len(pairs) >= plan.most:
                     break
             comparison = compare(pairs)
             judge = row.judge_alone(places[len(places) // 2])
-            arbiter_us = median([_us_per_call(judge, places, plan.turn_s / 5) for _ in range(3)])
+            arbiter_us = median([us_per_call(judge, places, plan.turn_s / 5) for _ in range(3)])
             say(f"{zones} zones of {corners} corners: {comparison.ours:.0f} us a check")
             measurement = from_comparison(
                 "zones",

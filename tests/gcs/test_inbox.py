@@ -77,7 +77,7 @@ def test_what_the_vehicle_announced_before_the_offer_came_is_taken_when_it_is_as
     inbox = Inbox(None)
     assert inbox.announced(delivery.digest, disarmed=True) == ""
     sent(inbox, B, delivery)
-    assert inbox.announced(delivery.digest, disarmed=True) == "Mission 'delivery', d4707aec, is the vehicle's: taken."
+    assert inbox.announced(delivery.digest, disarmed=True) == "Mission 'delivery', f433d144, is the vehicle's: taken."
     assert inbox.announced(delivery.digest, disarmed=True) == ""
 
 
@@ -103,7 +103,7 @@ def test_by_name_or_by_the_head_of_its_digest(delivery: MissionPackage, linear: 
     sent(inbox, C, linear)
     short = linear.digest.hex()[:8]
     assert inbox.take("nothing", disarmed=True) == (
-        f"No mission 'nothing' is offered; offered are: delivery (d4707aec), linear ({short})."
+        f"No mission 'nothing' is offered; offered are: delivery (f433d144), linear ({short})."
     )
     assert inbox.take("", disarmed=True).startswith("Several missions are called that; offered are: ")
     assert inbox.take(short, disarmed=True) == f"Mission 'linear', {short}, taken."

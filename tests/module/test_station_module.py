@@ -231,7 +231,7 @@ def test_connect_is_answered_although_mavproxy_does_not_know_the_message(station
     station.hear(connect_message())
     (answer,) = [m for m in station.sent() if m.get_type() == "CONNECT_ACK"]
     assert (answer.nonce, answer.station, answer.commander, answer.epoch, answer.name) == (7, 251, 251, 1, "GCSA")
-    assert bytes(answer.mission_digest).hex().startswith("d4707aecc8c21c5f")
+    assert bytes(answer.mission_digest).hex().startswith("f433d144af77fc76")
     assert station.mpstate.console.said("GCSA is the commander now, epoch 1.")
 
 
@@ -448,7 +448,7 @@ def test_status_in_every_state(station: StationBench) -> None:
     assert station.mpstate.type("handover status")[:3] == [
         "vehicle   not heard, ON_LOAD",
         "commander nobody, epoch 0; this station is observer",
-        "mission   'delivery' d4707aec, the vehicle has not",
+        "mission   'delivery' f433d144, the vehicle has not",
     ]
     station.hear(connect_message())
     assert station.mpstate.type("handover status")[:2] == [
@@ -554,13 +554,13 @@ def test_a_package_of_another_station_counts_once_the_vehicle_announces_it(
     station.load()
     assert offered(station, delivery).result == mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
     assert station.mpstate.console.said(
-        "GCSB: Mission 'delivery' offered, d4707aec: it counts once the vehicle has it, or after 'handover take "
+        "GCSB: Mission 'delivery' offered, f433d144: it counts once the vehicle has it, or after 'handover take "
         "delivery'."
     )
     assert shown(station) == bytes(32)
     assert station.mpstate.type("handover share")[-1].endswith("set mission in [station].")
     assert shown(station, delivery.digest) == delivery.digest
-    assert station.mpstate.console.said("vehicle: Mission 'delivery', d4707aec, is the vehicle's: taken.")
+    assert station.mpstate.console.said("vehicle: Mission 'delivery', f433d144, is the vehicle's: taken.")
 
 
 def test_whoever_sends_a_package_the_one_of_the_own_folder_stays(
@@ -602,8 +602,8 @@ def test_the_operator_may_take_an_offer_by_name(station: StationBench, delivery:
     station.configure(mission=None)
     station.load()
     offered(station, delivery)
-    assert "offered   'delivery' d4707aec: 'handover take delivery'" in station.mpstate.type("handover status")
-    assert station.mpstate.type("handover take delivery")[-1].endswith("Mission 'delivery', d4707aec, taken.")
+    assert "offered   'delivery' f433d144: 'handover take delivery'" in station.mpstate.type("handover status")
+    assert station.mpstate.type("handover take delivery")[-1].endswith("Mission 'delivery', f433d144, taken.")
     assert shown(station) == delivery.digest
     assert station.mpstate.type("handover share")[-1].endswith("Sharing mission 'delivery'.")
 

@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import AuthorityView, Phase
 from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
 from mavproxy_handover.wire.frames import parse_one
-from sitl.bench import zones
+from sitl.bench import energy, zones
 from sitl.bench.autopilot import FakeAutopilot
 from sitl.bench.durations import Committed, read_journal, transfers
 from sitl.bench.loop import BenchError, Loop, cpu_s
@@ -301,6 +301,26 @@ def test_a_station_answers_connect_with_its_nonce_and_digest() -> None:
 def test_waiting_for_what_never_comes_says_what_it_was() -> None:
     with pytest.raises(BenchError, match="the moon: not within 0 s"):
         Loop().run_until(lambda: False, 0.0, "the moon")
+
+
+# ---- energy -------------------------------------------------------------------------------------------------------
+
+
+def test_the_energy_that_is_measured_is_that_of_a_flight_that_has_learned() -> None:
+    pilot = energy.Pilot()
+    for _ in range(60):
+        pilot.second(5.92)
+    fact = pilot.watch.fact
+    assert pilot.faults == []
+    assert (fact.wind_source, fact.learned, fact.power_w) == ("autopilot", True, pytest.approx(360.0))
+    assert fact.left_wh is not None
+    assert 60.0 < fact.left_wh < 126.0
+
+
+def test_energy_is_measured_beside_a_zone_check() -> None:
+    found = list(energy.measure(energy.Plan(0.002, 1, 1), lambda _text: None))
+    assert [(m.judged, m.limit) for m in found] == [("ours", 100.0), ("ours", 100.0), ("ours", None)]
+    assert all(m.ours is not None and m.baseline is not None and m.ours > 0.0 < m.baseline for m in found)
 
 
 # ---- zones --------------------------------------------------------------------------------------------------------

@@ -35,10 +35,11 @@ class Flight:
         self.now = 1000.0
 
     def fly(self, motion: Motion, seconds: int, wind: tuple[float, float] | None = None) -> None:
+        """`wind`: as it is; the autopilot's message says a tenth less."""
         for _ in range(seconds):
             self.now += 1.0
             if wind is not None:
-                self.learner.wind_seen(*wind, self.now)
+                self.learner.wind_seen(wind[0] / 1.1, wind[1], self.now)
             self.learner.fly(motion, self.now)
 
     @property
@@ -154,8 +155,17 @@ def test_wind_of_speed_zero_is_no_estimate(flight: Flight, direction: float) -> 
 
 @pytest.mark.parametrize("wild", [(nan, 90.0), (6.0, nan), (inf, 90.0), (-6.0, 90.0), (61.0, 90.0)])
 def test_wind_that_is_none_is_dropped(flight: Flight, wild: tuple[float, float]) -> None:
-    flight.fly(HOVER, 60, wind=wild)
+    for _ in range(60):
+        flight.now += 1.0
+        flight.learner.wind_seen(*wild, flight.now)
     assert flight.model.wind is None
+
+
+def test_the_autopilots_wind_is_taken_for_a_tenth_stronger(flight: Flight) -> None:
+    for _ in range(10):
+        flight.now += 1.0
+        flight.learner.wind_seen(6.0, 30.0, flight.now)
+    assert flight.model.wind == Wind(pytest.approx(6.6), pytest.approx(30.0))
 
 
 def test_of_the_last_samples_the_strongest_wind_counts(flight: Flight) -> None:

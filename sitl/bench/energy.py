@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What energy costs the main loop: a second of it in flight, the ways back, the way of a mission on the ground.
+
+The baseline is one zone check, of two zones with 50 corners, which the companion makes twenty times a second. A second
+of energy is what comes of the autopilot's messages of that second and the fact that is made of them; all of it is taken
+to come in one tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, Final, cast
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.safety.energy import Piece, way_home
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
+from sitl.bench.loop import BenchError
+from sitl.bench.numbers import Pair, abba, compare, settled
+from sitl.bench.results import Measurement, from_comparison
+from sitl.bench.zones import Row, us_per_call
+
+__all__ = ["Plan", "Pilot", "measure"]
+
+#: what decision and energy may cost a tick
+_MOST_US: Final = 100.0
+_SETTINGS: Final = EnergySettings(
+    battery_wh=126.0, cells=3.0, hover_w=354.0, cruise_w=385.0, drag_per_s=0.284, drag_per_m=0.028
+)
+#: items of the longest mission that there may be, and places to return to
+_ITEMS, _PLACES = 700, 12
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Processor time of one turn, and how many pairs (see `uplink.Plan`)."""
+
+    turn_s: float
+    least: int
+    most: int
+    uncertainty: float = 0.02
+
+
+class Pilot:
+    """An aircraft on its way, and the energy of it. Nobody reads what it says."""
+
+    def __init__(self) -> None:
+        self.faults: list[str] = []
+        quiet = SimpleNamespace(energy=_nobody, energy_warning=_nobody)
+        ties = SimpleNamespace(narrator=quiet, handle=_nobody, fault=lambda _where, text: self.faults.append(text))
+        self.watch = EnergyWatch(_SETTINGS, cast("Ties", ties))
+        self._aircraft = Aircraft()
+        self._now = 1000.0
+        armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        self._aircraft.take(mavlink.MAVLink_heartbeat_message(2, 3, armed, 3, 4, 3), self._now)
+        self._attitude = mavlink.MAVLink_attitude_message(0, 0.0, -0.4, 1.0, 0.0, 0.0, 0.0)
+        self._wind = mavlink.MAVLink_wind_message(100.0, 3.0, 0.0)
+        self._batteries = [self._battery(number) for number in range(100)]
+
+    @staticmethod
+    def _battery(number: int) -> Any:
+        volts = [12_000, *[65535] * 9]
+        return mavlink.MAVLink_battery_status_message(
+            0, 0, 0, 32767, volts, 3_000, 1_000 + 8 * number, 430 + 4 * number, 90 - number // 20
+        )
+
+    def second(self, place: float) -> None:
+        """One second of a flight."""
+        self._now += 1.0
+        number = int(self._now) % 100
+        position = mavlink.MAVLink_global_position_int_message(
+            0, 526_800_000, round(place * 1e7), 45_000, 30_000, 10, 700 + number % 7, 0, 9_000
+        )
+        self._aircraft.take(position, self._now)
+        watch = self.watch
+        for _ in range(4):
+            watch.take(self._attitude, self._now, False)
+        watch.take(self._wind, self._now, False)
+        watch.take(self._batteries[number], self._now, False)
+        watch.each_second(self._aircraft, False, self._now)
+
+    def ways_back(self, _place: float) -> None:
+        """The margin of each place to return to."""
+        fact = self.watch.fact
+        for number in range(_PLACES):
+            fact.margin_wh(way_home(500.0 + 200.0 * number, 30.0 * number, 30.0, 20.0, 15.0))
+
+
+def _nobody(*_words: Any, **_more: Any) -> None:
+    """Told, and gone."""
+
+
+def measure(plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
+    """Each job in turns with a zone check."""
+    pilot, row = Pilot(), Row(2, 50)
+    for place in row.places:  # what it has learned from is full
+        pilot.second(place)
+    if pilot.faults or pilot.watch.fact.model is None or pilot.watch.fact.left_wh is None:
+        raise BenchError(f"energy knows nothing: {pilot.faults[:1] or pilot.watch.fact.words()}")
+    long_way = [Piece(length_m=100.0, bearing_deg=float(item % 360), speed_mps=8.0) for item in range(_ITEMS)]
+    model = pilot.watch.fact.model
+    jobs: tuple[tuple[str, Callable[[float], None], float | None], ...] = (
+        ("a second in flight", pilot.second, _MOST_US),
+        (f"margins of {_PLACES} places", pilot.ways_back, _MOST_US),
+        (
+            f"way of {_ITEMS} items, every 5 s at most, on the ground",
+            lambda _place: _count(model.need_wh, long_way),
+            None,
+        ),
+    )
+    for what, job, limit in jobs:
+        pairs: list[Pair] = []
+        for order in abba():
+            found = {ours: us_per_call(job if ours else row.check, row.places, plan.turn_s) for ours in order}
+            pairs.append(Pair(found[True], found[False]))
+            if settled(pairs, plan.least, plan.uncertainty) or len(pairs) >= plan.most:
+                break
+        comparison = compare(pairs)
+        say(f"energy, {what}: {comparison.ours:.0f} us, {comparison.ratio:.2f} of a zone check")
+        measurement = from_comparison("energy", "CPU", "us", {"job": what}, comparison, limit=limit)
+        yield replace(measurement, judged="ours")
+    if pilot.faults:
+        raise BenchError(f"energy broke on the way: {pilot.faults[0]}")
+
+
+def _count(need_wh: Callable[[list[Piece]], float], way: list[Piece]) -> None:
+    need_wh(way)

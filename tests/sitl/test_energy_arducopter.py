@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Energy predicted against energy used, on ArduCopter in calm and in wind. Needs an ArduCopter SITL program.
+
+The numbers are those of the missions that ship, from flights on ArduCopter that were made before, in other winds, over
+other lengths and in other directions. Two predictions are held against each flight: of all of it, by what is configured
+and the true wind, and of the return, at the turn, by what the autopilot has said by then.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.core.safety.energy import Wind
+from mavproxy_handover.mission import load
+from sitl.vehicles import find_arducopter
+from tests.sitl.energy_flight import fly
+
+DELIVERY = Path(__file__).parents[2] / "missions" / "delivery"
+
+pytestmark = [
+    pytest.mark.sitl,
+    pytest.mark.skipif(
+        find_arducopter() is None,
+        reason="no ArduCopter SITL program: set $ARDUCOPTER or build one in ~/ardupilot (waf copter)",
+    ),
+]
+
+#: metres east and north of home: 358 m in the direction of 296.6 degrees
+OUT = (-320.0, 160.0)
+AHEAD, BEHIND, ACROSS = 296.6, 116.6, 26.6
+WITHIN = 0.10
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    ("speed", "direction"),
+    [(0.0, 0.0), (5.0, AHEAD), (5.0, BEHIND), (5.0, ACROSS), (8.0, AHEAD), (8.0, BEHIND), (8.0, ACROSS)],
+    ids=["calm", "5 ahead", "5 behind", "5 across", "8 ahead", "8 behind", "8 across"],
+)
+def test_what_was_predicted_is_used(tmp_path: Path, speed: float, direction: float) -> None:
+    flown = fly(tmp_path, load(DELIVERY).energy, OUT, Wind(speed, direction))
+    print(
+        f"\nwind {speed:g} m/s from {direction:g}: used {flown.used_wh:.2f} Wh, planned {flown.planned_wh:.2f} Wh "
+        f"({flown.planned_wh / flown.used_wh - 1.0:+.1%}); back {flown.used_back_wh:.2f} Wh, predicted "
+        f"{flown.predicted_back_wh:.2f} Wh ({flown.predicted_back_wh / flown.used_back_wh - 1.0:+.1%})"
+    )
+    assert flown.planned_wh == pytest.approx(flown.used_wh, rel=WITHIN)
+    assert flown.predicted_back_wh == pytest.approx(flown.used_back_wh, rel=WITHIN)
+    assert flown.fact.wind_source == "autopilot"
+    assert flown.fact.trouble == ()
