@@ -15,8 +15,8 @@ Rules:
    and which is taken for stronger by `WIND_READS_LOW`: in five flights of ArduCopter in SITL, in 3 to 9 m/s, the wind
    was 1.00 to 1.25 of what it said, 1.09 in the mean; the lean in steady flight, where the drag of the airframe is
    configured; the lean limit, where the airspeed is the fastest that it holds. Nothing of that for `WIND_S`: the speed
-   last known, or what was configured if that is more, from ahead wherever it flies. Of the last samples the strongest
-   counts.
+   last known, for `REMEMBERED_S`, or what was configured if that is more, from ahead wherever it flies. Of the last
+   samples the strongest counts.
 5. The airspeed that it holds is learned at the lean limit, by the autopilot's wind alone: the others rest on it.
 """
 
@@ -31,13 +31,24 @@ from typing import Final
 from mavproxy_handover.core.safety.energy import EnergyModel, Wind
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 
-__all__ = ["LEAST_PART", "PRIOR_WEIGHT", "RECENT", "WIND_READS_LOW", "WIND_S", "Learner", "Motion", "thrust_direction"]
+__all__ = [
+    "LEAST_PART",
+    "PRIOR_WEIGHT",
+    "RECENT",
+    "REMEMBERED_S",
+    "WIND_READS_LOW",
+    "WIND_S",
+    "Learner",
+    "Motion",
+    "thrust_direction",
+]
 
 RECENT: Final = 15
 PRIOR_WEIGHT: Final = 30
 WIND_READS_LOW: Final = 1.1
 LEAST_PART: Final = 0.5
 WIND_S: Final = 60.0
+REMEMBERED_S: Final = 900.0
 #: samples that a slow mean remembers
 _MEMORY: Final = 120
 #: samples that make a middle value worth its name
@@ -172,7 +183,8 @@ class Learner:
         most = _MOST_AIRSPEED_PART * prior.airspeed_mps
         self._airspeed = _Level(prior.airspeed_mps, LEAST_PART * prior.airspeed_mps, most, -1)
         self._winds = {word: _Winds() for word in (_AUTOPILOT, _LEAN, _LIMIT)}
-        self._last_wind_mps = 0.0
+        #: the last wind that was known: its speed, and when
+        self._last_wind = (0.0, -inf)
         self._before: Motion | None = None
         self._now = -inf
 
@@ -253,7 +265,7 @@ class Learner:
         for word, winds in self._winds.items():
             wind = winds.wind(now)
             if wind is not None:
-                self._last_wind_mps = wind.speed_mps
+                self._last_wind = (wind.speed_mps, now)
                 return wind, word
         return None, ""
 
@@ -261,6 +273,7 @@ class Learner:
         """What flying costs by all that is known, and where its wind comes from, in a word ("": not known)."""
         prior, hover_w = self._prior, self._hover.value
         wind, source = self._wind(now)
+        last_mps, last_at = self._last_wind
         model = replace(
             prior,
             hover_w=hover_w,
@@ -268,7 +281,7 @@ class Learner:
             climb_w=max(hover_w, self._climb.value),
             descent_w=self._descent.value,
             airspeed_mps=self._airspeed.value,
-            headwind_mps=max(prior.headwind_mps, self._last_wind_mps),
+            headwind_mps=max(prior.headwind_mps, last_mps if now - last_at <= REMEMBERED_S else 0.0),
             wind=wind,
         )
         return model, source

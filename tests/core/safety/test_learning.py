@@ -183,6 +183,8 @@ def test_a_wind_of_long_ago_blows_from_ahead_as_strong_as_it_was(flight: Flight)
     flight.fly(HOVER, 61)
     assert (flight.model.wind, flight.source) == (None, "")
     assert flight.model.headwind_mps == pytest.approx(9.0)
+    flight.now += 880.0
+    assert flight.model.headwind_mps == 2.0, "a quarter of an hour later it is forgotten"
 
 
 @pytest.mark.parametrize(
