@@ -393,13 +393,14 @@ class Arbiter:
         authority, decision = self._authority, news.decision
         if decision is None:
             actions.append(Record("emergency_over", "the cause of the emergency is gone"))
-            authority.move_phase(PhaseCause.RECOVERED)
-            authority.resume_transfer_phase()
         else:
-            if decision.action >= FlightAction.RETURN:
-                self._come_home(decision.cause, now, actions)
             text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
             actions.append(Record("emergency", text, news.reason, authority.owner))
+        if decision is not None and decision.action >= FlightAction.RETURN:
+            self._come_home(decision.cause, now, actions)
+        else:  # what is left to warn of is no emergency
+            authority.move_phase(PhaseCause.RECOVERED)
+            authority.resume_transfer_phase()
         authority.refresh(news.reason, actions)
         if news.resumes:
             actions.append(Fly(FlightAction.CONTINUE, news.reason))

@@ -40,6 +40,7 @@ from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.results import Results, _Pending
 from mavproxy_handover.core.safety.causes import Cause, CauseWatch
 from mavproxy_handover.core.safety.emergency import Emergency
+from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.safety.strategy import Strategy
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Transfer
@@ -157,6 +158,16 @@ class _Times(_Kind):
 
     def unpack(self, value: Any) -> Any:
         return dict(value)
+
+
+class _Epoch(_Number):
+    """An epoch, or None."""
+
+    def __init__(self) -> None:
+        super().__init__("epoch", EPOCH)
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return None if value is None else super().pack(value, shift)
 
 
 class _Waits(_Kind):
@@ -329,6 +340,8 @@ def _share(arbiter: Arbiter) -> None:
     arbiter._requests._conductor = conductor
     arbiter._start._authority, arbiter._start._flight, arbiter._start._candidates = authority, flight, candidates
     arbiter._start._conductor = conductor
+    lookout = arbiter._lookout
+    lookout._authority, lookout._flight, lookout._candidates = authority, flight, candidates
 
 
 class Packer:
@@ -479,8 +492,20 @@ class Packer:
         )
         strategy = _Class(Strategy, decision=plain, policies=_Policies())
         emergency = _Class(Emergency, _resumed=plain, _strategy=_Object(strategy), _watch=_Object(watch), told=plain)
+        lookout = _Class(
+            Lookout,
+            _around=plain,
+            _authority=_Shared(),
+            _candidates=_Shared(),
+            _ended_in=_Epoch(),
+            _flight=_Shared(),
+            _limits=the_limits,
+            held_at=_Time(limits.hold_s),
+            seen=plain,
+        )
         self._arbiter = _Class(
             Arbiter,
+            _lookout=_Object(lookout),
             _parent=plain,
             _limits=the_limits,
             _flight=_Object(flight),

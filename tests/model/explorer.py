@@ -163,7 +163,9 @@ class _Settling:
         owed = (books.entered & living) - {view.commander} if vehicle.loaded else set()
         demand(not owed, f"station {view.commander} commands on, though the zones of {sorted(owed)} were entered")
         if books.flying and books.zones:
-            demand(view.phase is Phase.ON_MISSION, f"at rest in {view.phase.name}")
+            # who is in zones whose stations are all gone, and not in its commander's, is brought home
+            expected = Phase.ON_MISSION if view.commander in books.zones else Phase.EMERGENCY
+            demand(view.phase is expected, f"at rest in {view.phase.name}")
 
 
 def explore(world: Graph, progress: Callable[[str], None] | None = None, states_limit: int | None = None) -> Report:

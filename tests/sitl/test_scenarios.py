@@ -55,7 +55,7 @@ PROMISED = {
     *("partner-dead", "commander-dead-before", "commander-dead-during", "commander-dead-after", "ground-link-down"),
     *("operator-denies", "both-dead", "companion-restart", "lossy", "slow", "corridor", "standard-gcs"),
     *("rogue-station", "spoofed-sysid", "replay", "unsigned", "link-failover", "flood", "ground-forgery"),
-    *("latent-sticks", "slow-disk", "southern", "noisy-serial", "transfer-ranks"),
+    *("latent-sticks", "slow-disk", "southern", "noisy-serial", "transfer-ranks", "hold-at-border", "hold-then-home"),
 }
 
 

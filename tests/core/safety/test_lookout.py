@@ -266,6 +266,20 @@ def test_on_the_way_home_authority_still_moves_by_zones() -> None:
     assert (bench.arbiter.view.commander, bench.arbiter.view.phase) == (B, Phase.EMERGENCY)
 
 
+def test_what_is_left_to_warn_of_is_no_emergency() -> None:
+    """The fault: with the guard silent, the return of the commander did not end the emergency of its loss."""
+    bench = mission()
+    bench.alive = set()
+    bench.run(6.0)
+    assert bench.arbiter.view.phase is Phase.EMERGENCY
+    bench.guard = None
+    bench.run(8.0)
+    bench.alive = {A}
+    bench.run(2.0)
+    assert (bench.arbiter.view.commander, bench.arbiter.view.phase) == (A, Phase.ON_MISSION)
+    assert [record.text for record in bench.records("emergency")][-1] == "guard lost: warn"
+
+
 def test_far_from_everything_nothing_ends_ahead() -> None:
     bench = mission()
     bench.position(*far(A, B))
