@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 
 from mavproxy_handover.core.arbiter import Arbiter
@@ -26,6 +26,8 @@ from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.latent import News, State
 from mavproxy_handover.link.quality import LinkEvent
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.plan import FencePart
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.sampling import Sampler
 from mavproxy_handover.wire import codec
@@ -350,9 +352,19 @@ class Narrator:
         """A mission package is here whole, and fit to be loaded."""
         self._journal.write("package_received", f"mission {mission!r} from {station}", station=station)
 
-    def mission_written(self) -> None:
-        """The autopilot holds the mission of the package."""
-        self._journal.write("mission_written", "mission and rally points written, read back, equal")
+    def mission_written(self, package: MissionPackage, fence: Sequence[FencePart], cruise_mps: float) -> None:
+        """The autopilot holds the plan of the package; `fence`, `cruise_mps`: in force now, of the plan or not."""
+        lists = "mission, rally points and geofence" if package.route.fence else "mission and rally points"
+        self._journal.write("mission_written", f"{lists} written, read back, equal", cruise_mps=round(cruise_mps, 3))
+        if fence and not package.route.fence:
+            text = f"the plan has no geofence: the autopilot keeps the one that it has ({len(fence)} areas)"
+            self._journal.write("own_fence", text, areas=len(fence))
+            self._tell_sentence(text)
+        if not package.cruise_speed_named:
+            checked = f"checked at {package.cruise_speed_mps:g}"
+            text = f"the plan names no cruise speed: flown at {cruise_mps:g} m/s, {checked}"
+            self._journal.write("own_speed", text)
+            self._tell_sentence(text)
 
     def mission_failed(self, why: str, source: str) -> None:
         """It does not; `source`: where the package came from."""

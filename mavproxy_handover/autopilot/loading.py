@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.autopilot.copter import Copter, Plan
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.events import MissionLoaded
@@ -223,9 +223,14 @@ class MissionWriter:
             loader.adopt(package, prepared.finder, prepared.way, now)
             if port is not None:
                 port.send(loader.loaded(prepared, port.target))
-            ties.narrator.mission_written()
+            ties.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
             ties.keep(package)
             ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
-        asking = self._copter.load(package.route.upload_items(), package.route.rally)
+        asking = self._copter.load(_plan(package))
         self._conversations.begin(_LOAD, asking, done, now)
+
+
+def _plan(package: MissionPackage) -> Plan:
+    route, named = package.route, package.cruise_speed_named
+    return Plan(route.upload_items(), route.rally, route.fence, package.cruise_speed_mps if named else None)

@@ -91,6 +91,7 @@ def check(
         *_rally(package, walk, reach_m),
         *_fence(package, walk),
         *(() if energy is None else _energy(energy)),
+        *_speed(package),
         *(Finding(Severity.WARNING, text) for text in package.route.warnings),
     ]
     order = list(Severity)
@@ -181,6 +182,13 @@ def _energy(budget: Budget) -> Iterator[Finding]:
     if budget.no_return_m is not None:
         text = f"energy: from {_way(budget.no_return_m)} on neither home nor a rally point is in reach with the reserve"
         yield Finding(Severity.INFO, text)
+
+
+def _speed(package: MissionPackage) -> Iterator[Finding]:
+    if not package.cruise_speed_named:
+        speed = f"{package.cruise_speed_mps:g} m/s"
+        text = f"neither mission nor plan names a cruise speed: checked at {speed}, flown as the autopilot is set"
+        yield Finding(Severity.WARNING, text)
 
 
 # --- words ---

@@ -107,7 +107,10 @@ class MissionPackage:
     zones: tuple[Zone, ...]
     route: Route
     expected_handovers: int
+    #: what the mission, or else its plan, says; DEFAULT_CRUISE_MPS where neither does
     cruise_speed_mps: float
+    #: one of them does
+    cruise_speed_named: bool
     #: item of the route where the delivery happens, if one is named
     delivery_waypoint: int | None
     #: the [policy] table: what the mission decides about emergencies, before the vehicle's own configuration
@@ -279,6 +282,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         route=route,
         expected_handovers=where.whole(where.need(mission, "expected_handovers"), "expected_handovers", 0, 1000),
         cruise_speed_mps=where.number(speed, "cruise_speed_mps", 0.1, 100.0),
+        cruise_speed_named="cruise_speed_mps" in mission or route.cruise_speed_mps is not None,
         delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
         policies=_policies(where, mission.get("policy", {})),
         energy=_energy(where, mission.get("energy", {})),

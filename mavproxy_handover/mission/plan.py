@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from mavproxy_handover.mission.errors import Where, parse_json
 from mavproxy_handover.mission.items import (
@@ -30,10 +31,12 @@ from mavproxy_handover.mission.items import (
     RallyPoint,
 )
 
-__all__ = ["FenceCircle", "FencePolygon", "Home", "Route", "read_route"]
+__all__ = ["FenceCircle", "FencePart", "FencePolygon", "Home", "Route", "read_route"]
 
 #: what a flight controller's mission storage holds, rounded down (Cube Orange: 724 items)
 MAX_ITEMS = 700
+#: what ArduPilot takes for one polygon of a fence
+MAX_CORNERS = 255
 #: far beyond any sensible altitude, near enough to catch centimetres given for metres
 LOWEST_M, HIGHEST_M = -1000.0, 10000.0
 LONGEST_NUMBER = 1e9
@@ -77,6 +80,9 @@ class FenceCircle:
     radius_m: float
 
 
+FencePart: TypeAlias = FencePolygon | FenceCircle
+
+
 @dataclass(frozen=True, slots=True)
 class Route:
     """What the aircraft is to fly. `items[n].seq == n + 1`: item 0 of the autopilot is home."""
@@ -84,7 +90,7 @@ class Route:
     home: Home
     items: tuple[MissionItem, ...]
     rally: tuple[RallyPoint, ...] = ()
-    fence: tuple[FencePolygon | FenceCircle, ...] = ()
+    fence: tuple[FencePart, ...] = ()
     #: speed the plan was made for, if the file says so
     cruise_speed_mps: float | None = None
     #: what is odd but flyable, one line each
@@ -192,16 +198,16 @@ def _rally_points(where: Where, value: object) -> tuple[RallyPoint, ...]:
     return tuple(RallyPoint(*_coordinate(where, point, f"point {number}", 3)) for number, point in enumerate(points, 1))
 
 
-def _fence(where: Where, value: object) -> tuple[FencePolygon | FenceCircle, ...]:
+def _fence(where: Where, value: object) -> tuple[FencePart, ...]:
     fence = where.table(value, "geoFence")
     _version(where, fence, "version", 2)
-    found: list[FencePolygon | FenceCircle] = []
+    found: list[FencePart] = []
     for number, entry in enumerate(where.array(fence.get("polygons", []), "polygons"), 1):
         inside = where.at(f"polygon {number}")
         polygon = inside.table(entry, "the polygon")
         path = inside.array(inside.need(polygon, "polygon"), "polygon")
-        if len(path) < 3:
-            raise inside.error(f"{len(path)} corners (allowed: 3 or more)")
+        if not 3 <= len(path) <= MAX_CORNERS:
+            raise inside.error(f"{len(path)} corners (allowed: 3 to {MAX_CORNERS})")
         corners = [_coordinate(inside, corner, f"corner {n}", 2) for n, corner in enumerate(path, 1)]
         found.append(FencePolygon(polygon.get("inclusion") is not False, tuple((lat, lon) for lat, lon in corners)))
     for number, entry in enumerate(where.array(fence.get("circles", []), "circles"), 1):
@@ -317,7 +323,7 @@ def _finish(
     items: tuple[MissionItem, ...],
     *,
     rally: tuple[RallyPoint, ...] = (),
-    fence: tuple[FencePolygon | FenceCircle, ...] = (),
+    fence: tuple[FencePart, ...] = (),
     cruise_speed_mps: float | None = None,
     warnings: tuple[str, ...] = (),
 ) -> Route:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""An autopilot as far as a measurement needs one: streams at given rates, the mission protocol, and a place in the
-world.
+"""An autopilot as far as a measurement needs one: streams at given rates, the mission protocol, the one parameter that
+is written with a mission, and a place in the world.
 
 It does not fly: its place is set, in one step if need be. It reads the lease, so it knows who commands without asking.
 How its bytes travel is its owner's business (`SerialAutopilot`: a line for one MAVProxy).
@@ -33,6 +33,8 @@ _ASKED = frozenset(
         mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL,
         mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST,
         mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+        mavlink.MAVLINK_MSG_ID_PARAM_SET,
         mavlink.MAVLINK_MSG_ID_TUNNEL,
         mavlink.MAVLINK_MSG_ID_COMMAND_LONG,
     )
@@ -59,6 +61,7 @@ class FakeAutopilot:
         self._send = send
         self._own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=AUTOPILOT)
         self._parser = mavlink.MAVLink(None)
+        self._cruise = {"WPNAV_SPEED": 1000.0}
         self._items: dict[int, list[Any]] = {}
         self._expected: dict[int, int] = {}
         self._timers: list[Timer] = []
@@ -127,6 +130,8 @@ class FakeAutopilot:
                 self.on_lease(m.payload[1], int.from_bytes(m.payload[4:8], "little"))
         elif kind == "COMMAND_LONG":
             self._put(mavlink.MAVLink_command_ack_message(m.command, mavlink.MAV_RESULT_ACCEPTED, 0, 0, *asker))
+        elif kind in ("PARAM_REQUEST_READ", "PARAM_SET"):
+            self._answer_cruise(m, kind)
         elif kind == "MISSION_CLEAR_ALL":
             self._items[m.mission_type] = []
             self._put(mavlink.MAVLink_mission_ack_message(*asker, 0, m.mission_type))
@@ -139,6 +144,15 @@ class FakeAutopilot:
             self._put(mavlink.MAVLink_mission_item_int_message(*asker, *values))
         else:
             self._upload(m, kind, asker)
+
+    def _answer_cruise(self, m: Any, kind: str) -> None:
+        name = m.param_id
+        if name not in self._cruise:
+            return
+        if kind == "PARAM_SET":
+            self._cruise[name] = m.param_value
+        value = self._cruise[name]
+        self._put(mavlink.MAVLink_param_value_message(name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32, 1, 0))
 
     def _upload(self, m: Any, kind: str, asker: tuple[int, int]) -> None:
         if kind == "MISSION_COUNT":

@@ -11,16 +11,11 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.core.model import FlightAction
-from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, NoAnswer
 from tests.module.vehicle import GUIDED, LAND, RTL, Autopilot
 
 MODE, ARM, START = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, mavlink.MAV_CMD_MISSION_START
 DENIED, IN_PROGRESS = mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_IN_PROGRESS
-HOME = MissionItem(0, 16, 0, 0, 0, 0, 0, 52.679, 5.924, 0)
-TAKEOFF = MissionItem(1, 22, 3, 0, 0, 0, 0, 52.679, 5.924, 30)
-WAYPOINT = MissionItem(2, 16, 3, 2, 0, 0, 0, 52.6795, 5.925, 40)
-RALLY = RallyPoint(52.679, 5.923, 30)
 
 
 def talk(conversation: Asking, autopilot: Autopilot, limit_s: float = 60.0) -> Conversation:
@@ -48,91 +43,6 @@ def autopilot() -> Autopilot:
 @pytest.fixture
 def copter() -> Copter:
     return Copter(1, lambda: "PreArm: why")
-
-
-# ---- the mission --------------------------------------------------------------------------------------------------
-
-
-def test_a_mission_is_written_and_read_back(autopilot: Autopilot, copter: Copter) -> None:
-    made = talk(copter.load((HOME, TAKEOFF, WAYPOINT), (RALLY,)), autopilot)
-    assert (made.finished, made.failure) == (True, None)
-    sent = [m.get_type() for m in autopilot.received]
-    assert sent == [
-        "MISSION_COUNT", *["MISSION_ITEM_INT"] * 3,
-        "MISSION_COUNT", "MISSION_ITEM_INT",
-        "MISSION_REQUEST_LIST", *["MISSION_REQUEST_INT"] * 3,
-        "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT",
-    ]  # fmt: skip
-    assert {(m.target_system, m.target_component) for m in autopilot.received} == {(1, 1)}
-    waypoint = autopilot.got("MISSION_ITEM_INT")[2]
-    assert (waypoint.seq, waypoint.frame, waypoint.command, waypoint.param1) == (2, 3, 16, 2.0)
-    assert (waypoint.x, waypoint.y, waypoint.z, waypoint.autocontinue) == (526795000, 59250000, 40.0, 1)
-
-
-def test_without_rally_points_those_of_the_last_flight_are_cleared(autopilot: Autopilot, copter: Copter) -> None:
-    autopilot.items[2] = [object()]
-    made = talk(copter.load((HOME, TAKEOFF), ()), autopilot)
-    assert made.failure is None
-    assert autopilot.items[2] == []
-    (clear,) = autopilot.got("MISSION_CLEAR_ALL")
-    assert clear.mission_type == mavlink.MAV_MISSION_TYPE_RALLY
-
-
-def test_home_is_the_autopilots_own_business(autopilot: Autopilot, copter: Copter) -> None:
-    def spoil(item: Any) -> Any:
-        if item.seq == 0 and item.mission_type == 0:
-            item.x, item.z = 1, 584.0
-        return item
-
-    autopilot.spoil = spoil
-    assert talk(copter.load((HOME, TAKEOFF), ()), autopilot).failure is None
-
-
-def test_an_autopilot_that_holds_another_number_of_items_is_not_believed(autopilot: Autopilot, copter: Copter) -> None:
-    autopilot.count_error = 1
-    made = talk(copter.load((HOME, TAKEOFF), ()), autopilot)
-    assert made.failure == "the autopilot holds 3 items of 2 written"
-
-
-def test_an_autopilot_that_asks_for_an_item_that_is_not_there_ends_the_upload(copter: Copter) -> None:
-    conversation = copter.load((HOME, TAKEOFF), ())
-    next(conversation)
-    with pytest.raises(NoAnswer, match="the autopilot asks for mission item 2 of 2"):
-        conversation.send(mavlink.MAVLink_mission_request_int_message(1, 191, 2, 0))
-
-
-def test_rally_altitudes_may_come_back_in_whole_metres(autopilot: Autopilot, copter: Copter) -> None:
-    def spoil(item: Any) -> Any:
-        item.z = float(int(item.z))
-        return item
-
-    autopilot.spoil = spoil
-    assert talk(copter.load((HOME, TAKEOFF), (RallyPoint(52.679, 5.923, 30.9),)), autopilot).failure is None
-
-
-def test_a_rally_altitude_that_is_another_is_told(autopilot: Autopilot, copter: Copter) -> None:
-    autopilot.spoil = lambda item: setattr(item, "z", 55.0) or item if item.mission_type == 2 else item
-    made = talk(copter.load((HOME, TAKEOFF), (RALLY,)), autopilot)
-    assert made.failure == "rally point 0: altitude 30 m came back as 55 m"
-
-
-def test_rally_points_that_the_autopilot_refuses_are_told_apart_from_the_mission(
-    autopilot: Autopilot, copter: Copter
-) -> None:
-    conversation = copter.load((HOME,), (RALLY,))
-    next(conversation)
-    conversation.send(mavlink.MAVLink_mission_ack_message(1, 191, 0, 0))
-    with pytest.raises(NoAnswer, match="the autopilot refused the rally points: MAV_MISSION_NO_SPACE"):
-        conversation.send(mavlink.MAVLink_mission_ack_message(1, 191, mavlink.MAV_MISSION_NO_SPACE, 2))
-
-
-def test_items_in_the_other_form_of_the_mission_protocol_are_asked_for_and_sent(copter: Copter) -> None:
-    """Older autopilots ask with MISSION_REQUEST; the answer is the same."""
-    conversation = copter.load((HOME, TAKEOFF), ())
-    next(conversation)
-    ask = conversation.send(mavlink.MAVLink_mission_request_message(1, 191, 1, 0))
-    assert ask.messages[0].get_type() == "MISSION_ITEM_INT"
-    assert ask.messages[0].seq == 1
 
 
 # ---- the way home -------------------------------------------------------------------------------------------------

@@ -45,6 +45,13 @@ def test_sound_mission_has_nothing_worse_than_infos(small):
     ]
 
 
+def test_a_speed_that_nobody_names_is_a_warning(small):
+    del small.plan["mission"]["hoverSpeed"]
+    assert warnings(small) == [
+        "neither mission nor plan names a cruise speed: checked at 10 m/s, flown as the autopilot is set"
+    ]
+
+
 def test_gap_in_coverage_is_an_error_with_place_and_length(small):
     move_zones(small, (10.0, 10.002), (10.003, 10.006))
     assert errors(small) == [

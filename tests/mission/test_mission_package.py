@@ -66,9 +66,14 @@ def test_package_holds_what_the_folder_says(small):
 
 
 def test_cruise_speed_is_the_plans_unless_stated(small):
-    assert load(small.write()).cruise_speed_mps == 5.0
+    package = load(small.write())
+    assert (package.cruise_speed_mps, package.cruise_speed_named) == (5.0, True)
     del small.plan["mission"]["hoverSpeed"]
-    assert load(small.write()).cruise_speed_mps == 10.0
+    package = load(small.write())
+    assert (package.cruise_speed_mps, package.cruise_speed_named) == (10.0, False)
+    small.toml = "cruise_speed_mps = 7\n" + small.toml
+    package = load(small.write())
+    assert (package.cruise_speed_mps, package.cruise_speed_named) == (7.0, True)
 
 
 def test_route_may_be_a_waypoint_file(small):

@@ -269,7 +269,15 @@ def test_refuses_a_rally_point_in_centimetres(small):
 
 def test_refuses_a_fence_of_two_corners(small):
     small.plan["geoFence"]["polygons"] = [{"inclusion": True, "polygon": [[1, 2], [3, 4]]}]
-    assert refusal(small.plan) == "small.plan: geoFence, polygon 1: 2 corners (allowed: 3 or more)"
+    assert refusal(small.plan) == "small.plan: geoFence, polygon 1: 2 corners (allowed: 3 to 255)"
+
+
+def test_refuses_a_fence_of_more_corners_than_the_autopilot_counts(small):
+    ring = [[n / 1000, n / 1000] for n in range(256)]
+    small.plan["geoFence"]["polygons"] = [{"inclusion": True, "polygon": ring}]
+    assert refusal(small.plan) == "small.plan: geoFence, polygon 1: 256 corners (allowed: 3 to 255)"
+    small.plan["geoFence"]["polygons"][0]["polygon"].pop()
+    assert len(read(small.plan).fence[0].corners) == 255
 
 
 def test_refuses_a_fence_circle_without_radius(small):

@@ -35,13 +35,58 @@ def test_the_autopilot_holds_mission_and_rally_points_of_the_package(bench: Benc
     assert mission[1] == (22, 526790000, 59240000, 30.0)
     assert mission[2] == (16, 526781460, 59250350, 40.0)
     assert places(bench.autopilot.items[2]) == [(5100, 526796290, 59223740, 30.0), (5100, 526791800, 59319840, 30.0)]
+    corners = [(526760350, 59197120), (526760350, 59353840), (526832240, 59353850), (526832240, 59197120)]
+    fence = [(item.command, item.param1, item.x, item.y) for item in bench.autopilot.items[1]]
+    assert fence == [(5001, 4.0, x, y) for x, y in corners]
     assert bench.companion.arbiter.mission_digest == delivery.digest
+    (written,) = bench.journal("mission_written")
+    assert written["text"] == "mission, rally points and geofence written, read back, equal"
     assert [entry["event"] for entry in bench.journal() if "mission" in entry["event"]] == [
         "mission_written",
         "mission_loaded",
     ]
     (loaded,) = bench.journal("mission_loaded")
     assert loaded["text"] == "mission loaded, commanders along the route: GCSA GCSB GCSA GCSB GCSA"
+
+
+def test_the_mission_s_cruise_speed_is_the_autopilot_s(bench: Bench, delivery: MissionPackage) -> None:
+    bench.autopilot.parameters["WPNAV_SPEED"] = 300.0
+    bench.connect()
+    assert bench.share(delivery).result == LOADED
+    assert bench.autopilot.parameters["WPNAV_SPEED"] == 1000.0
+    assert bench.journal("mission_written")[0]["cruise_mps"] == 10.0
+
+
+def test_a_fence_that_the_autopilot_refuses_is_a_mission_that_is_not_loaded(
+    bench: Bench, delivery: MissionPackage
+) -> None:
+    bench.connect()
+    bench.autopilot.results[1] = mavlink.MAV_MISSION_ERROR
+    sender = bench.share(delivery)
+    assert (sender.result, sender.text) == (REFUSED, "the autopilot refused the geofence: MAV_MISSION_ERROR"[:50])
+    assert bench.companion.arbiter.mission_digest == b""
+
+
+def test_a_plan_without_fence_and_speed_leaves_the_vehicle_its_own_and_says_so(bench: Bench) -> None:
+    """`linear` has no geofence; its speed is taken out here."""
+    linear = mission_package.load(MISSIONS / "linear")
+    files = {name: text.decode() for name, text in linear.files.items()}
+    files["mission.toml"] = files["mission.toml"].replace("cruise_speed_mps = 10.0", "")
+    files["linear.plan"] = files["linear.plan"].replace('"hoverSpeed": 10,', "")
+    silent = replace(linear, files={name: text.encode() for name, text in files.items()})
+    package = mission_package.from_bytes(silent.to_bytes())
+    assert not package.cruise_speed_named
+    bench.connect()
+    assert bench.share(mission_package.load(MISSIONS / "delivery")).result == LOADED
+    bench.autopilot.parameters["WPNAV_SPEED"] = 400.0
+    assert bench.share(package).result == LOADED
+    assert len(bench.autopilot.items[1]) == 4
+    assert bench.autopilot.parameters["WPNAV_SPEED"] == 400.0
+    (fence,) = bench.journal("own_fence")
+    assert fence["text"] == "the plan has no geofence: the autopilot keeps the one that it has (1 areas)"
+    (speed,) = bench.journal("own_speed")
+    assert speed["text"] == "the plan names no cruise speed: flown at 4 m/s, checked at 10"
+    assert bench.mpstate.console.said("The plan has no geofence: the autopilot keeps the one")
 
 
 def test_an_item_that_comes_back_changed_refuses_the_mission(bench: Bench, delivery: MissionPackage) -> None:
@@ -75,7 +120,7 @@ def test_a_rally_point_that_comes_back_elsewhere_refuses_the_mission(bench: Benc
 
 def test_a_mission_that_the_autopilot_refuses_is_refused_to_the_station(bench: Bench, delivery: MissionPackage) -> None:
     bench.connect()
-    bench.autopilot.mission_result = mavlink.MAV_MISSION_NO_SPACE
+    bench.autopilot.results[0] = mavlink.MAV_MISSION_NO_SPACE
     sender = bench.share(delivery)
     assert sender.result == REFUSED
     assert sender.text == "the autopilot refused the mission: MAV_MISSION_NO_"[:50]

@@ -47,7 +47,7 @@ class ParameterAutopilot(Autopilot):
 
     def __init__(self, parameters: dict[str, float]) -> None:
         super().__init__()
-        self.parameters = parameters
+        self.parameters = {"WPNAV_SPEED": 1000.0, **parameters}
         #: requests that get lost before one is answered
         self.deaf_for = 0
         self.asked: list[str] = []
@@ -58,12 +58,14 @@ class ParameterAutopilot(Autopilot):
         if m.get_type() != "PARAM_REQUEST_READ":
             super()._take(m)
             return
+        if m.param_id not in NAMES:
+            self._say_parameter(m.param_id)
+            return
         self.asked.append(m.param_id)
         if self.deaf_for > 0:
             self.deaf_for -= 1
         elif m.param_id in self.parameters:
-            value = self.parameters[m.param_id]
-            self.say(stock.MAVLink_param_value_message(m.param_id.encode(), value, 9, 900, 65535))
+            self._say_parameter(m.param_id)
         elif self.says_error:
             self.say(stock.MAVLink_param_error_message(1, 191, m.param_id.encode(), -1, 1))
 

@@ -42,9 +42,13 @@ class Autopilot:
         #: a STATUSTEXT that comes before the answer to a refused command
         self.reason = ""
         #: mission_type -> items as MISSION_ITEM_INT messages
-        self.items: dict[int, list[Any]] = {0: [], 2: []}
-        #: what the autopilot answers to a whole mission
-        self.mission_result = 0
+        self.items: dict[int, list[Any]] = {0: [], 1: [], 2: []}
+        #: parameters by name; it says nothing to a name that it does not have
+        self.parameters: dict[str, float] = {"WPNAV_SPEED": 1000.0}
+        #: parameters that keep their value whatever is written
+        self.fixed: set[str] = set()
+        #: mission_type -> what the autopilot answers to a whole list
+        self.results: dict[int, int] = {}
         #: changes an item on its way back
         self.spoil: Callable[[Any], Any] = lambda item: item
         #: how many items more than it holds the autopilot says it holds
@@ -152,9 +156,20 @@ class Autopilot:
             self.say(stock.MAVLink_mission_count_message(*asker, held, m.mission_type))
         elif kind == "MISSION_REQUEST_INT":
             self._give_item(m)
+        elif kind == "PARAM_REQUEST_READ":
+            self._say_parameter(m.param_id)
+        elif kind == "PARAM_SET":
+            if m.param_id in self.parameters and m.param_id not in self.fixed:
+                self.parameters[m.param_id] = m.param_value
+            self._say_parameter(m.param_id)
         elif kind == "TUNNEL" and m.payload_type == 47116:
             fields = struct.unpack("<BBBBIIIHH", bytes(m.payload[:20]))
             self._lease = (fields[4], fields[5], fields[6])
+
+    def _say_parameter(self, name: str) -> None:
+        if name in self.parameters:
+            value = self.parameters[name]
+            self.say(stock.MAVLink_param_value_message(name.encode(), value, 9, 900, 65535))
 
     def _ask_item(self, m: Any) -> None:
         asker, kind = (m.get_srcSystem(), m.get_srcComponent()), m.mission_type
@@ -162,7 +177,7 @@ class Autopilot:
         if have < self._expected.get(kind, 0):
             self.say(stock.MAVLink_mission_request_int_message(*asker, have, kind))
         else:
-            self.say(stock.MAVLink_mission_ack_message(*asker, self.mission_result, kind))
+            self.say(stock.MAVLink_mission_ack_message(*asker, self.results.get(kind, 0), kind))
 
     def _give_item(self, m: Any) -> None:
         item = self.spoil(self.items[m.mission_type][m.seq])

@@ -243,6 +243,14 @@ def test_the_autopilot_takes_a_mission_and_gives_it_back() -> None:
     assert wire.say(mavlink.MAVLink_mission_request_list_message(1, 1, 0)).count == 0
 
 
+def test_the_autopilot_takes_the_speed_of_a_mission() -> None:
+    wire = Wire()
+    assert wire.say(mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1)).param_value == 1000.0
+    assert wire.say(mavlink.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", 650.0, 9)).param_value == 650.0
+    assert wire.say(mavlink.MAVLink_param_request_read_message(1, 1, b"WPNAV_SPEED", -1)).param_value == 650.0
+    assert wire.say(mavlink.MAVLink_param_request_read_message(1, 1, b"WP_SPD", -1)) is None
+
+
 def test_what_a_station_says_is_measured_and_not_answered() -> None:
     wire = Wire()
     arrived: list[bytes] = []

@@ -135,6 +135,33 @@ def test_a_fence_is_stored_and_given_back(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
+    "bad",
+    [
+        [(5001, 3), (5001, 3)],
+        [(5001, 2), (5001, 2)],
+        [(5001, 3), (5001, 3), (5002, 3)],
+        [(5001, 3), (5001, 4), (5001, 3)],
+        [(5001, 3), (5003, 50), (5001, 3), (5001, 3)],
+        [(5004, 0)],
+    ],
+    ids=["cut short", "two corners", "another kind", "another number", "a circle inside", "no radius"],
+)
+def test_what_is_no_fence_leaves_the_fence_of_before(bench: Bench, bad: list[tuple[int, float]]) -> None:
+    good = [Item(5003, 0, 50.5, x=526790000, y=59240000, autocontinue=0)]
+    assert bench.upload(good, FENCE) == ACCEPTED
+    assert bench.upload([Item(kind, 0, size, x=526700000, y=59100000) for kind, size in bad], FENCE) == ERROR
+    assert bench.download(FENCE) == good
+
+
+def test_two_polygons_and_a_circle_are_a_fence(bench: Bench) -> None:
+    items = [Item(5002, 0, 3, x=n, y=n, autocontinue=0) for n in range(1, 7)]
+    items.append(Item(5004, 0, 7.5, x=9, y=9, autocontinue=0))
+    assert bench.upload(items, FENCE) == ACCEPTED
+    assert bench.download(FENCE) == items
+    assert bench.vehicle.parameters["FENCE_TOTAL"] == 7
+
+
+@pytest.mark.parametrize(
     ("items", "kind", "result"),
     [
         ([Item(9999)] * 2, MISSION, ACCEPTED + 3),

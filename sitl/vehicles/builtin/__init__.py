@@ -28,7 +28,7 @@ NOT_MODELLED = (
     "radio control: no receiver, no RC failsafe; overrides are taken in and shown, not flown; STABILIZE is refused in "
     "flight",
     "modes other than STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE and SMART_RTL",
-    "geofence: accepted, stored and given back, never enforced",
+    "geofence: accepted, checked, stored and given back, never enforced",
     "mission items beyond take-off, waypoint, loiter (timed, unlimited), delay, land, RTL, speed, home, jump and the "
     "conditions delay and distance: splines are flown straight, payload items count as done, the rest is skipped",
     "GUIDED by attitude, acceleration or local coordinates; place and velocity together",

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-__all__ = ["Cmd", "Item", "Result", "command_name", "is_nav", "stored", "stored_fence", "stored_rally"]
+__all__ = ["Cmd", "Item", "Result", "command_name", "is_nav", "stored", "stored_fence", "stored_rally", "whole_fence"]
 
 
 class Cmd(IntEnum):
@@ -221,6 +221,20 @@ def stored_rally(item: Item) -> Item | Result:
     if item.frame not in _FRAMES or item.frame == 2:
         return Result.UNSUPPORTED_FRAME
     return Item(item.command, _FRAMES[item.frame], x=item.x, y=item.y, z=float(int(item.z)), autocontinue=0)
+
+
+def whole_fence(items: Sequence[Item]) -> bool:
+    """Whether these items are a fence: polygons of three corners or more, each whole, and circles with a radius."""
+    corners_left, of = 0, (0, 0.0)
+    for item in items:
+        kind = item.command, item.param1
+        if item.command in (5001, 5002):
+            if item.param1 < 3 or (corners_left and kind != of):
+                return False
+            corners_left, of = (corners_left or int(item.param1)) - 1, kind
+        elif corners_left or (item.command in (5003, 5004) and not item.param1 > 0):
+            return False
+    return corners_left == 0
 
 
 def stored_fence(item: Item) -> Item | Result:

@@ -5,8 +5,8 @@
 Rules, as in ArduPilot's MissionItemProtocol: one upload per kind at a time, bound to the system and component
 that began it; others are denied until it ends or eight seconds pass without an item; that station itself may
 begin again. Items are asked for with MISSION_REQUEST, again every second. A refused item ends the upload. An
-upload truncates what was stored at once; a fence is swapped when it is complete. While an upload runs, nobody
-downloads that kind.
+upload truncates what was stored at once; a fence is swapped when it is complete, and kept as it was when what came is
+none. While an upload runs, nobody downloads that kind.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles.builtin.autopilot import Autopilot
-from sitl.vehicles.builtin.items import Cmd, Item, Result, stored, stored_fence, stored_rally
+from sitl.vehicles.builtin.items import Cmd, Item, Result, stored, stored_fence, stored_rally, whole_fence
 from sitl.vehicles.builtin.link import Link
 from sitl.vehicles.builtin.mission import MAX_ITEMS
 from sitl.vehicles.builtin.telemetry import mission_current
@@ -196,13 +196,22 @@ class MissionProtocol:
         return Result.ACCEPTED
 
     def _finish(self, store: _Store, link: Link, message: dialect.MAVLink_message) -> None:
-        if store.kind == _FENCE:
-            self._copter.fence[:] = store.incoming
-            self._copter.listener.stored("FENCE_TOTAL")
+        if store.kind == _FENCE and not self._swap_fence(store.incoming):
+            self._ack(link, message, Result.ERROR)
+            self._end(store)
+            return
         self._ack(link, message, Result.ACCEPTED)
         if store.kind == _MISSION:
             self._copter.say(6, "Flight plan received")
         self._end(store)
+
+    def _swap_fence(self, items: list[Item]) -> bool:
+        """Whole or not at all: one that is no fence leaves the fence of before."""
+        if not whole_fence(items):
+            return False
+        self._copter.fence[:] = items
+        self._copter.listener.stored("FENCE_TOTAL")
+        return True
 
     def _end(self, store: _Store) -> None:
         store.link = store.peer = None

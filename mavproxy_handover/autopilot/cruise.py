@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The mission's cruise speed: the one that `handover check` walked with is the one that is flown.
+
+It is written as the autopilot's own parameter for the speed between waypoints, on the ground, with the mission. A
+DO_CHANGE_SPEED would do as well only until the aircraft leaves AUTO: after a while in GUIDED, or a return that was
+called off, the mission would go on at whatever the parameter says. The parameter holds in every mode, and when every
+computer above the autopilot is dead; a return is flown by it too. DO_CHANGE_SPEED in the mission stays what it is: an
+item.
+
+Sources: ArduPilot's AC_WPNav (`_check_wp_speed_change`) and ModeAuto::init, which forgets every DO_CHANGE_SPEED.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.mission_protocol import AutopilotError
+from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
+
+__all__ = ["held_cruise", "write_cruise"]
+
+#: name of the parameter -> its units in one m/s: up to firmware 4.6, and from 4.7 on
+_UNITS: Final = {"WPNAV_SPEED": 100.0, "WP_SPD": 1.0}
+#: parameters have 24 bits
+_ROUNDED: Final = 1e-4
+
+
+def held_cruise(sysid: int) -> Asking:
+    """Returns the speed between waypoints (m/s) that the autopilot has. Raises NoAnswer."""
+    message = yield from _read(sysid)
+    return message.param_value / _UNITS[message.param_id]
+
+
+def write_cruise(sysid: int, cruise_mps: float) -> Asking:
+    """Have the autopilot fly missions at `cruise_mps`, and see that it will. Raises NoAnswer, AutopilotError."""
+    message = yield from _read(sysid)
+    name, wanted = message.param_id, cruise_mps * _UNITS[message.param_id]
+    if _equal(message.param_value, wanted):
+        return
+    order = mavlink.MAVLink_param_set_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), wanted, message.param_type)
+    try:
+        # an answer with another value may be one to somebody else's question of before
+        yield Ask(name, (order,), _value_of((name,), lambda value: _equal(value, wanted)))
+    except NoAnswer:
+        raise AutopilotError(f"the autopilot does not take {name} {wanted:g}, the mission's cruise speed") from None
+
+
+def _read(sysid: int) -> Asking:
+    requests = tuple(
+        mavlink.MAVLink_param_request_read_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), -1) for name in _UNITS
+    )
+    message = yield Ask(" or ".join(_UNITS), requests, _value_of(tuple(_UNITS), lambda value: 0.0 < value < 1e6))
+    return message
+
+
+def _value_of(names: tuple[str, ...], fits: Callable[[float], bool]) -> Callable[[Any], Any]:
+    def answer(m: Any) -> Any:
+        known = m.get_type() == "PARAM_VALUE" and m.param_id in names
+        return m if known and fits(m.param_value) else None
+
+    return answer
+
+
+def _equal(value: float, wanted: float) -> bool:
+    return abs(value - wanted) <= _ROUNDED * wanted
