@@ -21,7 +21,7 @@ from __future__ import annotations
 __all__ = ["NOT_MODELLED"]
 
 NOT_MODELLED = (
-    "air: wind, drag, gusts, ground effect",
+    "air: drag, gusts, ground effect; of the wind only that it slows the aircraft and carries it away",
     "attitude dynamics: lean angles are reported, not flown; no motor, vibration or thrust loss",
     "sensors and estimator: no noise, no drift, no GPS or EKF failure; ready ten seconds after the start",
     "terrain: the ground is flat at the height of the start; terrain altitudes count from there",

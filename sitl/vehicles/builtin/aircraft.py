@@ -132,6 +132,15 @@ class Aircraft:
             return Location(lat, lon, item.z, frame)
         return Location(lat, lon, default.alt_m, default.frame)
 
+    def wind(self) -> tuple[float, float]:
+        """Where the air moves to at this height (north, east, m/s), by SITL's parameters: less below SIM_WIND_T_ALT."""
+        p, height_m = self.parameters, self.body.position[2] - self.body.ground_m
+        speed, full_m = max(p["SIM_WIND_SPD"], 0.0), p["SIM_WIND_T_ALT"]
+        if p["SIM_WIND_T"] == 0 and height_m < full_m:
+            speed *= math.sqrt(max(height_m, 0.0) / full_m)
+        away = math.radians(p["SIM_WIND_DIR"] + 180.0)
+        return speed * math.cos(away), speed * math.sin(away)
+
     def limits(self, speed_m_s: float = 0.0) -> Limits:
         """Limits of waypoint flight from the WPNAV parameters; `speed_m_s` above zero replaces the speed."""
         p = self.parameters

@@ -93,6 +93,7 @@ class Copter(Aircraft):
         self.time_s += dt
         if self.origin is None and self.time_s >= ORIGIN_AFTER_S:
             self._find_origin()
+        self.body.wind = self.wind() if self.armed and not self.land_complete else (0.0, 0.0)
         self.mission.restart = self.parameters["MIS_RESTART"] == 1
         if self.armed:
             self.mode.run(dt)

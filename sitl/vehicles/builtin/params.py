@@ -37,6 +37,7 @@ _DEFAULTS: dict[int, dict[str, float]] = {
         "RALLY_INCL_HOME": 1,
         "RALLY_TOTAL": 0,
         "SCR_ENABLE": 0,
+        "SIM_WIND_T": 0,
         "WP_YAW_BEHAVIOR": 2,
     },
     INT16: {
@@ -77,6 +78,9 @@ _DEFAULTS: dict[int, dict[str, float]] = {
         "RTL_CONE_SLOPE": 3,
         "SIM_BATT_VOLTAGE": 12.6,
         "SIM_SPEEDUP": 1,
+        "SIM_WIND_DIR": 180,
+        "SIM_WIND_SPD": 0,
+        "SIM_WIND_T_ALT": 60,
         "SRTL_ACCURACY": 2,
         "WPNAV_ACCEL": 250,
         "WPNAV_ACCEL_C": 0,

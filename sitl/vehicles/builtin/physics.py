@@ -3,9 +3,12 @@
 """The airframe: a point mass that can change its velocity only so fast.
 
 A velocity command comes in, the velocity follows it inside an acceleration limit, the position follows the
-velocity. The ground is a plane at height 0. Heading turns at a limited rate. There is no air: no wind, no drag,
-no lift-off weight. Roll and pitch are what a multicopter would need to hold the acceleration; they are only
-reported.
+velocity. The ground is a plane at height 0. Heading turns at a limited rate. There is no drag and no lift-off weight.
+Roll and pitch are what a multicopter would need to hold the acceleration; they are only reported.
+
+Of the wind there is what it takes to be carried away by it: through the air the aircraft makes MAX_AIRSPEED_M_S, which
+is what ArduCopter's lean limit allows in SITL. Where that is too little for what is wanted, it goes slower the same way
+over ground; where it is too little to stand still, it is carried along. In calm air nothing is limited.
 """
 
 from __future__ import annotations
@@ -15,9 +18,10 @@ from dataclasses import dataclass, field
 
 from sitl.vehicles.builtin.frame import Vector, bearing_deg
 
-__all__ = ["Body", "MAX_YAW_RATE_DEG_S"]
+__all__ = ["MAX_AIRSPEED_M_S", "MAX_YAW_RATE_DEG_S", "Body", "made_good"]
 
 MAX_YAW_RATE_DEG_S = 60.0
+MAX_AIRSPEED_M_S = 10.0
 _GRAVITY = 9.80665
 #: Below this speed the direction of flight says nothing about the heading (ArduPilot's look-ahead threshold).
 _HEADING_MIN_SPEED_M_S = 1.0
@@ -33,6 +37,8 @@ class Body:
     heading_deg: float = 0.0
     yaw_rate_deg_s: float = 0.0
     ground_m: float = 0.0
+    #: where the air moves to: north, east, m/s
+    wind: tuple[float, float] = (0.0, 0.0)
     #: Set while the model stands still: then nothing is integrated.
     resting: bool = field(default=True)
 
@@ -55,7 +61,8 @@ class Body:
         """Let the velocity follow `command` (m/s) for `dt` seconds, within both acceleration limits (m/s^2)."""
         self.resting = False
         vn, ve, vu = self.velocity
-        dn, de = command[0] - vn, command[1] - ve
+        north, east = made_good((command[0], command[1]), self.wind)
+        dn, de = north - vn, east - ve
         change = math.hypot(dn, de)
         room = accel_ne * dt
         if change > room:
@@ -90,3 +97,17 @@ class Body:
         forward = an * math.cos(heading) + ae * math.sin(heading)
         right = -an * math.sin(heading) + ae * math.cos(heading)
         return math.atan2(right, _GRAVITY), -math.atan2(forward, _GRAVITY)
+
+
+def made_good(wanted: tuple[float, float], wind: tuple[float, float]) -> tuple[float, float]:
+    """What becomes of a velocity over ground (north, east, m/s) in a wind."""
+    strength = math.hypot(*wind)
+    if strength == 0.0 or math.hypot(wanted[0] - wind[0], wanted[1] - wind[1]) <= MAX_AIRSPEED_M_S:
+        return wanted
+    if strength > MAX_AIRSPEED_M_S:
+        share = 1.0 - MAX_AIRSPEED_M_S / strength
+        return wind[0] * share, wind[1] * share
+    # the largest share of `wanted` that needs no more than that through the air: |share * wanted - wind| = the most
+    square, along = wanted[0] ** 2 + wanted[1] ** 2, wanted[0] * wind[0] + wanted[1] * wind[1]
+    share = (along + math.sqrt(along**2 + square * (MAX_AIRSPEED_M_S**2 - strength**2))) / square
+    return wanted[0] * share, wanted[1] * share
