@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.core import Answer, Event, StationCore, Wish
 from gcs_module.narrator import StationNarrator
 from gcs_module.package_desk import PackageDesk
+from gcs_module.route_watch import StationRouteWatch
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, command_long
@@ -31,6 +32,7 @@ class Host(Protocol):
     config: StationConfig
     core: StationCore
     desk: PackageDesk
+    route: StationRouteWatch
     view: View
     narrator: StationNarrator
     faults: Counter[str]
@@ -190,6 +192,8 @@ class StationCommands:
             "the vehicle has the same" if core.digest and core.digest == core.vehicle_digest else "the vehicle has not"
         )
         show(f"mission   {'none' if held is None else f'{held.name!r} {held.digest.hex()[:8]}, {same}'}")
+        if module.route.track is not None:
+            show(f"route     {module.route.track.text}{', OFF ROUTE' if module.route.off_route else ''}")
         for offer in module.desk.inbox.waiting:
             show(f"offered   {offer.name!r} {offer.digest.hex()[:8]}: 'handover take {offer.name}'")
         for peer in module.config.peers:

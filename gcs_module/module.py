@@ -39,6 +39,7 @@ from gcs_module.core import (
 from gcs_module.means import Means
 from gcs_module.narrator import StationNarrator
 from gcs_module.package_desk import PackageDesk
+from gcs_module.route_watch import StationRouteWatch
 from gcs_module.uplink import UplinkChoice
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.clocks import Clocks
@@ -86,6 +87,8 @@ class HandoverGcsModule(mp_module.MPModule):
         stations = tuple(peer.station for peer in config.peers)
         self.core = StationCore(config.station, f"vehicle {config.vehicle}", stations, automatic=config.automatic)
         self.desk = PackageDesk(means.held)
+        #: the aircraft against its route
+        self.route = StationRouteWatch(config.route)
         self.view = View(self.core, config.station.name, self.console, self._speak)
         self.narrator = StationNarrator(means.journal, self.core, self.view)
         self._ground = ground = means.ground
@@ -173,6 +176,8 @@ class HandoverGcsModule(mp_module.MPModule):
         frame = parse_one(bytes(m.get_msgbuf()))
         if frame is None or not frame.known or frame.sysid != self.config.vehicle:
             return
+        if frame.compid == AUTOPILOT_COMPID:
+            self._guarded("route check", lambda: self._notice(self.route.on_autopilot(m, time.monotonic())))
         if frame.compid == COMPANION_COMPID:
             if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._handle(VehicleHeard())
@@ -248,6 +253,11 @@ class HandoverGcsModule(mp_module.MPModule):
         if every_s > 0 and now - self._telemetry_shown_at >= every_s:
             self._telemetry_shown_at = now
             self.view.line(telemetry_line(message, zone))
+        self._guarded("route check", lambda: self._notice(self.route.on_telemetry(message, now)))
+
+    def _notice(self, notice: Notice | None) -> None:
+        if notice is not None:
+            self.narrator.notice(notice)
 
     def _on_package(self, frame: Frame, message: Any) -> None:
         now = time.monotonic()
@@ -265,6 +275,8 @@ class HandoverGcsModule(mp_module.MPModule):
         held = self.desk.held
         if held is not None and held.digest != self.core.digest:
             self._handle(MissionHeld(held.digest))
+        same = held is not None and held.digest == self.core.vehicle_digest
+        self.route.compare_to(held if same else None)
 
     def _read_ground(self) -> None:
         frames = self._ground.read()

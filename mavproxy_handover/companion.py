@@ -70,6 +70,13 @@ _MISSION_WRITES: Final = (
     "MISSION_WRITE_PARTIAL_LIST",
     "FILE_TRANSFER_PROTOCOL/",
 )
+#: of these, what may change the route: not fences, nor rally points
+_ROUTE_WRITES: Final = frozenset(
+    {
+        *(f"{word}/{kind}" for word in _MISSION_WRITES[:3] for kind in ("MISSION", "ALL")),
+        *(f"FILE_TRANSFER_PROTOCOL/{word}" for word in ("CreateFile", "OpenFileWO", "Rename")),
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +196,8 @@ class Companion:
         self.narrator.accepted(port.name, what)
         if what.startswith(_MISSION_WRITES) and self.view.phase is Phase.ON_LOAD and self.arbiter.mission_digest:
             self.handle(events.MissionLoaded(b"", ()), now)
+        if what in _ROUTE_WRITES:
+            self.autopilot.overwritten()
 
     def _station_told(self, news: News, now: float) -> None:
         self.narrator.stream(self.ports[news.station].name, news, now)

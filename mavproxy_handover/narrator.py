@@ -23,6 +23,7 @@ from mavproxy_handover.core.events import Record
 from mavproxy_handover.core.messages import TransferMessage
 from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Reason
 from mavproxy_handover.core.safety.energy import EnergyFact
+from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.gate.flush import Closing
 from mavproxy_handover.gate.latent import News, State
 from mavproxy_handover.link.quality import LinkEvent
@@ -323,6 +324,14 @@ class Narrator:
         text = f"energy: {shortfall}" if shortfall else "energy: the budget of the mission closes"
         self._journal.write("energy_budget", text, closes=not shortfall)
         self._tell_sentence(text)
+
+    def route(self, news: RouteNews) -> None:
+        """The aircraft is off its route, or no more."""
+        fact = news.fact
+        values = {} if fact is None else {"waypoint": fact.seq, "cross_track_m": round(fact.cross_track_m, 1)}
+        course = None if fact is None or fact.course_off_deg is None else round(fact.course_off_deg)
+        self._journal.write("off_route" if news.off else "on_route", news.text, course_off_deg=course, **values)
+        self._tell_sentence(f"WARNING: {news.text}" if news.off else news.text)
 
     def second_manager(self, component: int) -> None:
         """Somebody else on board claims to manage operator control."""

@@ -21,6 +21,7 @@ from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.preflight import Finding, Preflight
+from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
@@ -69,7 +70,9 @@ class Autopilot:
         self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
         self._energy = EnergyWatch(config.energy, ties)
         self._loader = MissionLoader(config, self._adopted)
-        self._missions = MissionWriter(self._loader, copter, talks, ties)
+        #: the aircraft against its route
+        self.route = RouteWatch(config.route, self.aircraft, ties)
+        self._missions = MissionWriter(self._loader, copter, talks, ties, self._flies_by)
         self._heed: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_state,
             "EXTENDED_SYS_STATE": self._on_state,
@@ -134,6 +137,7 @@ class Autopilot:
             return
         self._streams.position_seen()
         self._ties.handle(PositionSeen(self.zone_facts()), now)
+        self.route.look(now)
 
     def _on_state(self, _message: Any, now: float) -> None:
         aircraft = self.aircraft
@@ -172,6 +176,14 @@ class Autopilot:
     def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there."""
         self._loader.adopt(package, package.zone_finder(), way_of(package), now)
+        self._flies_by(package)
+
+    def overwritten(self) -> None:
+        """Somebody else begins to write a mission: what the autopilot holds is not known here any more."""
+        self._flies_by(None)
+
+    def _flies_by(self, package: MissionPackage | None) -> None:
+        self.route.adopt(None if package is None else package.route)
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""

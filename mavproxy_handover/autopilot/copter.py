@@ -21,7 +21,7 @@ from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import FencePart
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COPTER_AUTO, MISSION_START
 
 __all__ = [
     "AUTO",
@@ -36,7 +36,7 @@ __all__ = [
     "STREAMS",
 ]
 
-GUIDED, AUTO, RTL, LAND = 4, 3, 6, 9
+GUIDED, AUTO, RTL, LAND = 4, COPTER_AUTO, 6, 9
 COPTER_MODES = {
     0: "STABILIZE", 2: "ALT_HOLD", 3: "AUTO", 4: "GUIDED", 5: "LOITER", 6: "RTL", 7: "CIRCLE", 9: "LAND",
     16: "POSHOLD", 17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL", 27: "AUTO_RTL",

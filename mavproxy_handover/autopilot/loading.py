@@ -147,13 +147,24 @@ class MissionLoader:
 
 
 class MissionWriter:
-    """Takes packages from the stations and from on board to the autopilot. What takes time is the `worker`'s."""
+    """Takes packages from the stations and from on board to the autopilot. What takes time is the `worker`'s.
 
-    def __init__(self, loader: MissionLoader, copter: Copter, conversations: Conversations, ties: Ties) -> None:
+    `flies_by` is told which package the autopilot holds from now on, None while it holds none.
+    """
+
+    def __init__(
+        self,
+        loader: MissionLoader,
+        copter: Copter,
+        conversations: Conversations,
+        ties: Ties,
+        flies_by: Callable[[MissionPackage | None], None],
+    ) -> None:
         self._loader = loader
         self._copter = copter
         self._conversations = conversations
         self._ties = ties
+        self._flies_by = flies_by
         self._worker = Worker()
         self._on_board_at = 0.0
 
@@ -212,6 +223,7 @@ class MissionWriter:
         ties, loader, package = self._ties, self._loader, prepared.package
         if ties.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
             ties.handle(MissionLoaded(b"", ()), now)
+        self._flies_by(None)
         source = _ON_BOARD if port is None else port.name
 
         def done(talk: Conversation, now: float) -> None:
@@ -225,6 +237,7 @@ class MissionWriter:
                 port.send(loader.loaded(prepared, port.target))
             ties.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
             ties.keep(package)
+            self._flies_by(package)
             ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
         asking = self._copter.load(_plan(package))

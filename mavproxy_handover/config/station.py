@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from mavproxy_handover.config.route import route_limits
 from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, read_toml
 from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, Station
+from mavproxy_handover.core.safety.route import RouteLimits
 
 __all__ = ["PeerConfig", "StationConfig", "load_station"]
 
@@ -44,13 +46,15 @@ class StationConfig:
     peers: tuple[PeerConfig, ...] = field(default=())
     #: file of the key that this station signs with; None: it signs nothing
     key: Path | None = None
+    #: from when on the aircraft is off its route
+    route: RouteLimits = field(default_factory=RouteLimits)
 
 
 def load_station(path: Path) -> StationConfig:
     """Read and check a station's configuration. Raises ConfigError."""
     path = path.resolve()
     data = read_toml(path)
-    check_tables(data, path, ("station", "ground", "peer"), ("station",))
+    check_tables(data, path, ("station", "ground", "peer", "route"), ("station",))
     table = Table(data["station"], "station", path, _STATION_KEYS)
     station = Station(table.sysid("sysid"), table.name("name"))
     vehicle = table.sysid("vehicle", required=False, default=1)
@@ -88,6 +92,7 @@ def load_station(path: Path) -> StationConfig:
         ground_key=ground_key,
         peers=peers,
         key=table.path("key"),
+        route=route_limits(data, path),
     )
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
+from mavproxy_handover.config.route import ROUTE_RANGES, route_limits
 from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tables, list_of_tables, read_toml
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Station
@@ -24,6 +25,7 @@ from mavproxy_handover.core.safety.energy_prior import (
     WHOLE_KEYS,
     EnergySettings,
 )
+from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 
@@ -67,6 +69,8 @@ class VehicleConfig:
     observers: ObserverLimits = field(default_factory=ObserverLimits)
     #: what the aircraft draws and holds; the mission's numbers go before these
     energy: EnergySettings = field(default_factory=EnergySettings)
+    #: from when on the aircraft is off its route
+    route: RouteLimits = field(default_factory=RouteLimits)
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -161,6 +165,7 @@ def _check_ranges() -> None:
         (LinkLimits, {*LINK_RANGES}),
         (ObserverLimits, {*OBSERVER_RANGES}),
         (EnergySettings, {*ENERGY_KEYS}),
+        (RouteLimits, {*ROUTE_RANGES}),
     )
     for limits, names in described:
         known = {entry.name for entry in fields(limits)}
@@ -171,7 +176,18 @@ _check_ranges()
 
 # ---- the file -----------------------------------------------------------------------------------------------------
 
-_TABLES: Final = ("vehicle", "station", "limits", "policy", "hold_off", "clear", "links", "observers", "energy")
+_TABLES: Final = (
+    "vehicle",
+    "station",
+    "limits",
+    "policy",
+    "hold_off",
+    "clear",
+    "links",
+    "observers",
+    "energy",
+    "route",
+)
 _VEHICLE_KEYS: Final = (
     "name",
     "sysid",
@@ -224,6 +240,7 @@ def load_vehicle(path: Path) -> VehicleConfig:
         guard_key=vehicle.path("guard_key"),
         observers=ObserverLimits(**observers.numbers(OBSERVER_RANGES)),
         energy=_energy(data, path),
+        route=route_limits(data, path),
     )
 
 

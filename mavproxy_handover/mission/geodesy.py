@@ -21,6 +21,7 @@ __all__ = [
     "beside_deg",
     "degree_lengths_m",
     "distance_m",
+    "east_north_m",
     "offset",
     "wrap_longitude_deg",
 ]
@@ -52,20 +53,20 @@ def beside_deg(lon_deg: float, middle_deg: float) -> float:
     return lon_deg if abs(away) <= 180.0 else lon_deg - 360.0 * round(away / 360.0)
 
 
-def _mid_plane_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> tuple[float, float]:
-    """East and north from point 1 to point 2, by the scales at the latitude between them."""
+def east_north_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> tuple[float, float]:
+    """East and north from point 1 to point 2 in metres, by the scales at the latitude between them."""
     per_lat, per_lon = degree_lengths_m((lat1_deg + lat2_deg) / 2.0)
     return wrap_longitude_deg(lon2_deg - lon1_deg) * per_lon, (lat2_deg - lat1_deg) * per_lat
 
 
 def distance_m(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
     """Geodesic distance in metres; error below 0.01 % to 50 km and 80 degrees of latitude."""
-    return math.hypot(*_mid_plane_m(lat1_deg, lon1_deg, lat2_deg, lon2_deg))
+    return math.hypot(*east_north_m(lat1_deg, lon1_deg, lat2_deg, lon2_deg))
 
 
 def bearing_deg(lat1_deg: float, lon1_deg: float, lat2_deg: float, lon2_deg: float) -> float:
     """Direction of point 2 as seen from point 1, in degrees from north, clockwise, 0 up to 360."""
-    east, north = _mid_plane_m(lat1_deg, lon1_deg, lat2_deg, lon2_deg)
+    east, north = east_north_m(lat1_deg, lon1_deg, lat2_deg, lon2_deg)
     # meridians converge: the direction at the start differs from that in the middle by half of it
     half_turn = wrap_longitude_deg(lon2_deg - lon1_deg) * math.sin(math.radians((lat1_deg + lat2_deg) / 2.0)) / 2.0
     return (math.degrees(math.atan2(east, north)) - half_turn) % 360.0

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 __all__ = [
     "AUTOPILOT_COMPID",
     "COMPANION_COMPID",
+    "COPTER_AUTO",
     "EVERYBODY",
     "FTP_ACK",
     "FTP_CREATE",
@@ -52,6 +53,9 @@ STATION_COMPID: Final[int] = mavlink.MAV_COMP_ID_MISSIONPLANNER
 
 #: ids of the messages of `handover.xml`
 OUR_MESSAGES: Final = range(47100, 47132)
+
+#: the flight mode in which ArduCopter flies a mission
+COPTER_AUTO: Final = 3
 
 #: TUNNEL payload types: the lease (companion to guard) and the guard's status (guard to companion)
 LEASE_TUNNEL: Final = 47116

@@ -17,6 +17,7 @@ from mavproxy_handover.config.files import (
     load_station,
     load_vehicle,
 )
+from mavproxy_handover.config.route import ROUTE_RANGES
 from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import (
@@ -25,6 +26,7 @@ from mavproxy_handover.core.model import (
 )
 from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.safety.energy_prior import ENERGY_KEYS, ENERGY_RANGES, EnergySettings
+from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.link.quality import LinkLimits
 from mavproxy_handover.resources import DEPLOY
@@ -71,6 +73,12 @@ message_hz = 2
 bytes_per_s = 1000
 silence_s = 60
 
+[route]
+off_route_m = 12
+off_heading_deg = 45
+off_hold_s = 1.5
+off_clear_s = 4
+
 [policy]
 out_of_coverage = "land"
 """
@@ -92,6 +100,12 @@ key = "keys/ground.key"
 name = "GCSB"
 sysid = 252
 link = "udpout:127.0.0.1:15552"
+
+[route]
+off_route_m = 12
+off_heading_deg = 45
+off_hold_s = 1.5
+off_clear_s = 4
 """
 
 
@@ -124,6 +138,7 @@ def test_everything_a_vehicle_can_say(file: Path) -> None:
     links = LinkLimits(silence_s=2.0, loss=0.4, round_trip_s=2.5, bad_signatures=5.0, hold_s=0.5)
     assert (a.limits, b.limits) == (links, links)
     assert loaded.observers == ObserverLimits(message_hz=2.0, bytes_per_s=1000.0, silence_s=60.0)
+    assert loaded.route == RouteLimits(off_route_m=12.0, off_heading_deg=45.0, off_hold_s=1.5, off_clear_s=4.0)
 
 
 def test_the_least_a_vehicle_must_say(file: Path) -> None:
@@ -137,6 +152,7 @@ def test_the_least_a_vehicle_must_say(file: Path) -> None:
     assert loaded.limits.guard_required is True
     assert [entry.limits for entry in loaded.stations] == [LinkLimits()]
     assert loaded.observers == ObserverLimits()
+    assert loaded.route == RouteLimits(off_route_m=30.0, off_heading_deg=60.0, off_hold_s=3.0, off_clear_s=3.0)
 
 
 def test_everything_a_station_can_say(file: Path) -> None:
@@ -149,6 +165,7 @@ def test_everything_a_station_can_say(file: Path) -> None:
     assert loaded.ground == "udpin:127.0.0.1:15551"
     (peer,) = loaded.peers
     assert (peer.station, peer.link) == (Station(252, "GCSB"), "udpout:127.0.0.1:15552")
+    assert loaded.route == RouteLimits(off_route_m=12.0, off_heading_deg=45.0, off_hold_s=1.5, off_clear_s=4.0)
 
 
 def test_the_least_a_station_must_say(file: Path) -> None:
@@ -156,6 +173,7 @@ def test_the_least_a_station_must_say(file: Path) -> None:
     loaded = load_station(file)
     assert (loaded.vehicle, loaded.automatic, loaded.mission) == (1, frozenset(AUTOMATIC), None)
     assert (loaded.journal, loaded.ground, loaded.peers) == (file.parent / "A.jsonl", None, ())
+    assert loaded.route == RouteLimits()
 
 
 @pytest.mark.parametrize("sample", ["vehicle.toml", "demo/handover.toml"])
@@ -422,6 +440,7 @@ RANGES = {
     "limits": (LIMIT_RANGES, Limits()),
     "links": (LINK_RANGES, LinkLimits()),
     "observers": (OBSERVER_RANGES, ObserverLimits()),
+    "route": (ROUTE_RANGES, RouteLimits()),
 }
 
 
@@ -476,6 +495,16 @@ def test_a_required_key_that_is_misspelt_is_named_and_not_only_missed(file: Path
 # ---- mistakes of the station's file -------------------------------------------------------------------------------
 
 STATION_MISTAKES: dict[str, tuple[str, str, str]] = {
+    "a route that is never off": (
+        "off_route_m = 12",
+        "off_route_m = 1001",
+        "[route] off_route_m: 1001 must be 5 to 1000",
+    ),
+    "misspelt key of the route": (
+        "off_heading_deg",
+        "off_heading",
+        "[route] off_heading: unknown key; did you mean 'off_heading_deg'?",
+    ),
     "no sysid": ("sysid = 251\n", "", "[station] sysid: is missing; it must be a whole number"),
     "the vehicle's sysid": ("vehicle = 7", "vehicle = 251", "[station] vehicle: 251 is the station's own sysid"),
     "vehicle 0": ("vehicle = 7", "vehicle = 0", "[station] vehicle: 0 must be a MAVLink system id, 1 to 255"),

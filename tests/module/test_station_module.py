@@ -582,6 +582,28 @@ def test_whoever_sends_a_package_the_one_of_the_own_folder_stays(
     assert station.mpstate.type("handover share")[-1].endswith("Sharing mission 'delivery'.")
 
 
+def test_a_deviation_from_the_mission_that_the_vehicle_has_is_the_operator_s_warning(
+    station: StationBench, delivery: MissionPackage
+) -> None:
+    """Known by the vehicle's telemetry, and of another mission than its own a station says nothing."""
+    station.load()
+
+    def fly(times: int) -> list[str]:
+        for place, waypoint in [((52.679, 5.924), 1), *[((52.6786, 5.9252), 2)] * times]:
+            lat, lon = (round(value * 1e7) for value in place)
+            values = (0, 0, 12600, 90, lat, lon, 0, 30000, 0, 0, 0, 0, 0, 0, 0, 0, waypoint, 0, 251, 1, 3)
+            station.hear(mavlink.MAVLink_handover_telemetry_message(251, 190, *values))
+            station.run(1.0)
+        return [entry["text"] for entry in station.journal("off_route")]
+
+    station.hear(connect_message(digest=bytes(32)))
+    assert fly(10) == []
+    station.hear(connect_message(digest=delivery.digest))
+    station.hear(mavlink.MAVLink_handover_telemetry_message(251, 190, *[0] * 20, 3))
+    assert fly(10) == ["Off route: 39 m left of the leg to waypoint 2, as this station sees it."]
+    assert any("OFF ROUTE" in line for line in station.mpstate.type("handover status"))
+
+
 def test_in_flight_nothing_replaces_what_is_held(station: StationBench, delivery: MissionPackage) -> None:
     """A partner whose package was swapped could not be partner any more."""
     station.configure(mission=None)

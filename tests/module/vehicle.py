@@ -29,6 +29,8 @@ class Autopilot:
         self.mode = 0
         self.armed = False
         self.airborne = False
+        #: the item of the mission that it says it flies to
+        self.waypoint: int | None = None
         self.position: tuple[float, float] | None = HOME
         #: least time between two positions
         self.slow_s = 0.0
@@ -100,6 +102,8 @@ class Autopilot:
         self.say(stock.MAVLink_extended_sys_state_message(0, 2 if self.airborne else 1))
         if self.battery is not None:
             self.say_battery(self.battery)
+        if self.waypoint is not None:
+            self.say(stock.MAVLink_mission_current_message(self.waypoint))
 
     def say_position(self, lat: float, lon: float) -> None:
         self.say(stock.MAVLink_global_position_int_message(1000, round(lat * 1e7), round(lon * 1e7), 0, 0, 0, 0, 0, 0))

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The route check on the vehicle: the aircraft against the mission that the companion has written.
+
+It tells journal, console and stations, and offers what it knows; it orders nothing. A mission that somebody has written
+since is not known here, and so is nothing expected of the aircraft then.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.track import Motion, RouteTracker
+from mavproxy_handover.wire.ids import COPTER_AUTO
+
+__all__ = ["RouteWatch"]
+
+#: a position comes 20 times a second; what is judged over seconds needs fewer
+_LOOK_S: Final = 0.18
+
+
+class RouteWatch:
+    """`look` after each position. Times are monotonic seconds."""
+
+    def __init__(self, limits: RouteLimits, aircraft: Aircraft, ties: Ties) -> None:
+        self._aircraft = aircraft
+        self._ties = ties
+        self._check = RouteCheck(limits)
+        self._tracker: RouteTracker | None = None
+        self._looked_at = -math.inf
+        #: where the aircraft is on its leg, as of the last look; None: no leg is flown
+        self.track: TrackFact | None = None
+
+    @property
+    def deviation(self) -> TrackFact | None:
+        """The same while the aircraft is off its route; None while it is not."""
+        return self._check.deviation
+
+    def adopt(self, route: Route | None) -> None:
+        """The autopilot holds this route; None: nobody knows which one."""
+        self._tracker = None if route is None else RouteTracker(route)
+
+    def look(self, now: float) -> None:
+        """Compare the last position to the leg that is flown, if there was none just now."""
+        if now - self._looked_at < _LOOK_S:
+            return
+        self._looked_at = now
+        motion = self._motion()
+        self.track = None if self._tracker is None or motion is None else self._tracker.follow(motion, now)
+        news = self._check.look(self.track, now)
+        if news is None:
+            return
+        self._ties.narrator.route(news)
+        for port in self._ties.voice.ports.values():
+            self._ties.voice.say(port, news.text)
+
+    def _motion(self) -> Motion | None:
+        aircraft = self._aircraft
+        if aircraft.where is None:
+            return None
+        lat_deg, lon_deg, _alt_m = aircraft.where
+        on_mission = aircraft.flying and aircraft.custom_mode == COPTER_AUTO and not aircraft.foreign
+        return Motion(lat_deg, lon_deg, *aircraft.track, aircraft.waypoint, on_mission)

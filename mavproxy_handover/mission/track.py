@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which leg of its mission the aircraft flies, and where it is with respect to that: facts for `core/safety/route.py`.
+
+The route says where legs should be, the autopilot where they are. ArduCopter flies a leg from the last waypoint if it
+was reached; after a change of mode, or when somebody chose another item, from where it came to rest then. So:
+
+* the item that follows the last one, once that was come near: the leg of the route;
+* behind a take-off: from where the aircraft was then, which need not be the home of the plan;
+* anything else (AUTO taken up in flight, an item that was skipped or chosen, a circle left): nothing is expected for
+  `_JOIN_S`, until it has turned there; then the leg is from where it is.
+
+Nothing is expected either in take-off, at a spline or a circle, in a delay, in a return, and at the end of a leg that
+ends in a landing. In a turn the leg behind counts as well as the one ahead, so a corner that is cut costs nothing, and
+the course counts for nothing, as it does below `_SLOW_MPS`: a pause or a hover has none. A hovering aircraft still has
+a place, and that has to be on the leg.
+
+Distances are those of the ellipsoid. ArduCopter's straight lines and ours differ by their middle: 1 m for a leg of
+10 km, 30 m for one of 50 km, across both north and east at 52 degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+from mavproxy_handover.core.safety.route import TrackFact
+from mavproxy_handover.mission.geodesy import east_north_m
+from mavproxy_handover.mission.items import COMMANDS, LAND, LOITER_TIME, LOITER_UNLIMITED, TAKEOFF, WAYPOINT
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.walk import legs_of
+
+__all__ = ["Motion", "RouteTracker"]
+
+_LOITER_TO_ALT, _LOITER_TURNS, _PAYLOAD_PLACE = 31, 18, 94
+#: commands that are flown to in a straight line; those that land at its end
+_LANDS: Final = frozenset((LAND, _PAYLOAD_PLACE))
+_STRAIGHT: Final = frozenset((WAYPOINT, LOITER_TIME, LOITER_UNLIMITED, _LOITER_TO_ALT)) | _LANDS
+#: behind these the aircraft is not where the item was
+_LEFT_ELSEWHERE: Final = frozenset((_LOITER_TURNS,))
+#: what ArduCopter needs to stop and to turn at 15 m/s, seconds
+_JOIN_S: Final = 5.0
+#: a turn begins and ends that near a waypoint: metres, or seconds of flight if that is more
+_TURN_M, _TURN_S = 15.0, 3.0
+#: below this speed (m/s) the course over ground is that of gusts
+_SLOW_MPS: Final = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What the aircraft does: place (degrees), course over ground (degrees), ground speed (m/s), and the item of the
+    mission that it flies to; `on_mission`: in the air, in AUTO."""
+
+    lat_deg: float
+    lon_deg: float
+    course_deg: float
+    speed_mps: float
+    waypoint: int
+    on_mission: bool
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Latitude and longitude."""
+        return self.lat_deg, self.lon_deg
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """A straight piece of the flight, in degrees."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+
+    def measure(self, place: tuple[float, float]) -> tuple[float, float, float]:
+        """How far a place is along the line, how far beside it (right above 0), and the length: metres.
+
+        Before the beginning and behind the end it is the distance from that which counts.
+        """
+        east, north = east_north_m(*self.start, *self.end)
+        length = math.hypot(east, north)
+        away_east, away_north = east_north_m(*self.start, *place)
+        if length < 1.0:
+            return 0.0, math.hypot(away_east, away_north), length
+        along = (away_east * east + away_north * north) / length
+        across = (away_east * north - away_north * east) / length
+        over = max(-along, along - length, 0.0)
+        return along, math.copysign(math.hypot(across, over), across), length
+
+    @property
+    def bearing_deg(self) -> float:
+        """Direction of the line at its middle."""
+        return math.degrees(math.atan2(*east_north_m(*self.start, *self.end)))
+
+
+class RouteTracker:
+    """Follows one flight along one route. Times are monotonic seconds."""
+
+    def __init__(self, route: Route) -> None:
+        """`route`: with at most MAX_ITEMS items, so this takes a few milliseconds."""
+        flown = [item for item in route.items if COMMANDS[item.command].flown]
+        ends = {leg.seq: leg.end[:2] for leg in legs_of(route)}
+        place = (route.home.lat_deg, route.home.lon_deg)
+        #: where each flown item ends
+        self._places: dict[int, tuple[float, float]] = {}
+        for item in flown:
+            place = self._places[item.seq] = ends.get(item.seq, place)
+        self._commands = {item.seq: item.command for item in flown}
+        self._follower = {item.seq: after.seq for item, after in pairwise(flown)}
+        self._seq: int | None = None
+        #: where the aircraft was seen last, and when
+        self._place, self._seen_at = place, -math.inf
+        self._line: _Line | None = None
+        #: the leg before that one
+        self._behind: _Line | None = None
+        #: when the leg begins that has no beginning yet
+        self._joins_at = -math.inf
+        self._landing = False
+
+    def follow(self, motion: Motion, now: float) -> TrackFact | None:
+        """What the aircraft does now; returns where it is on its leg, None where nothing is expected."""
+        if not motion.on_mission or not all(map(math.isfinite, (*motion.place, motion.course_deg, motion.speed_mps))):
+            if not motion.on_mission:
+                self._seq = None
+            return None
+        if motion.waypoint != self._seq:
+            self._next(motion, now)
+        self._place, self._seen_at = motion.place, now
+        if self._landing or self._commands.get(motion.waypoint) not in _STRAIGHT:
+            return None
+        if self._line is None:
+            if now < self._joins_at:
+                return None
+            self._line = _Line(motion.place, self._places[motion.waypoint])
+        return self._fact(self._line, motion)
+
+    def _next(self, motion: Motion, now: float) -> None:
+        """Another item is flown to."""
+        before, self._seq = self._seq, motion.waypoint
+        start = None if before is None else self._start(before, motion, now)
+        self._behind, self._line = self._line, None
+        self._landing = False
+        if start is None:
+            self._behind, self._joins_at = None, now + _JOIN_S
+        elif motion.waypoint in self._places:
+            self._line = _Line(start, self._places[motion.waypoint])
+
+    def _start(self, before: int, motion: Motion, now: float) -> tuple[float, float] | None:
+        """Where the leg begins behind the item `before`; None if that is not where the route has it begin."""
+        if self._follower.get(before) != motion.waypoint:
+            return None
+        command = self._commands[before]
+        if command == TAKEOFF:
+            return self._place
+        if command in _LEFT_ELSEWHERE:
+            return None
+        if self._line is not None and not self._landing:
+            along, _across, length = self._line.measure(self._place)
+            if length - along > _turn_m(motion) + motion.speed_mps * (now - self._seen_at):
+                return None  # it was told to go on before it was there
+        return self._places[before]
+
+    def _fact(self, line: _Line, motion: Motion) -> TrackFact | None:
+        along, across, length = line.measure(motion.place)
+        turn = _turn_m(motion)
+        if self._commands[motion.waypoint] in _LANDS and length - along < turn:
+            self._landing = True
+            return None
+        if self._behind is not None and along < turn:
+            behind = self._behind.measure(motion.place)[1]
+            across = behind if abs(behind) < abs(across) else across
+        in_turn = along < turn or length - along < turn
+        course = None if in_turn or motion.speed_mps < _SLOW_MPS else _difference(motion.course_deg, line.bearing_deg)
+        return TrackFact(motion.waypoint, across, course, along, length)
+
+
+def _turn_m(motion: Motion) -> float:
+    return max(_TURN_M, _TURN_S * motion.speed_mps)
+
+
+def _difference(course_deg: float, bearing_deg: float) -> float:
+    return (course_deg - bearing_deg + 180.0) % 360.0 - 180.0

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The route check in the companion: seen in flight, journalled, shown, and told to the stations once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.mission.geodesy import offset
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import Bench
+from tests.module.vehicle import AUTO, GUIDED, HOME
+
+START = mavlink.MAV_CMD_MISSION_START
+#: waypoint 2 of `delivery`, 70 m east and 95 m south of home
+SECOND = (52.678146, 5.925035)
+
+
+def beside(part: float, across_m: float) -> tuple[float, float]:
+    """A place along the leg to waypoint 2, and so far to its right."""
+    lat, lon = (a + part * (b - a) for a, b in zip(HOME, SECOND, strict=True))
+    return offset(lat, lon, -0.805 * across_m, -0.593 * across_m)
+
+
+def take_off(bench: Bench, delivery: MissionPackage) -> Bench:
+    """Off the ground, and on the way to waypoint 2."""
+    bench.connect()
+    bench.share(delivery)
+    bench.run(2.0)
+    bench.a.command(START)
+    bench.autopilot.waypoint = 1
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.run(2.0)
+    bench.autopilot.waypoint = 2
+    bench.run(1.0)
+    return bench
+
+
+@pytest.fixture
+def flown(bench: Bench, delivery: MissionPackage) -> Bench:
+    return take_off(bench, delivery)
+
+
+def told(bench: Bench) -> list[tuple[str, str]]:
+    return [(e["event"], e["text"]) for e in bench.journal() if e["event"] in ("off_route", "on_route")]
+
+
+OFF = "off route: 41 m right of the leg to waypoint 2"
+
+
+def test_a_deviation_is_told_once_to_everybody_and_so_is_its_end(flown: Bench) -> None:
+    flown.autopilot.position = beside(0.5, 41.0)
+    flown.run(2.5)
+    assert told(flown) == []
+    flown.run(20.0)
+    assert told(flown) == [("off_route", OFF)]
+    (entry,) = flown.journal("off_route")
+    assert (entry["waypoint"], entry["cross_track_m"], entry.get("course_off_deg")) == (
+        2,
+        pytest.approx(41, abs=0.2),
+        None,
+    )
+    assert flown.mpstate.console.said("WARNING: off route: 41 m right of the leg to waypoint 2.")
+    assert flown.a.texts().count(OFF) == 1
+    assert flown.b.texts().count(OFF) == 1
+    route = flown.companion.autopilot.route
+    assert route.deviation == route.track
+    flown.mpstate.type("handover status")
+    assert "route     41 m right of the leg to waypoint 2, OFF ROUTE" in flown.mpstate.console.lines
+    flown.autopilot.position = beside(0.5, 2.0)
+    flown.run(10.0)
+    back = "on the route again: 2 m right of the leg to waypoint 2"
+    assert told(flown) == [("off_route", OFF), ("on_route", back)]
+    assert flown.a.texts().count(back) == 1
+    assert route.deviation is None
+
+
+def test_the_limits_are_the_configuration_s(bench: Bench, delivery: MissionPackage) -> None:
+    bench.config.write_text(bench.config.read_text() + "\n[route]\noff_route_m = 50\n")
+    assert bench.load() is not None
+    assert bench.companion.config.route.off_route_m == 50.0
+    take_off(bench, delivery)
+    bench.autopilot.position = beside(0.5, 41.0)
+    bench.run(20.0)
+    assert told(bench) == []
+
+
+def test_in_another_mode_there_is_no_route(flown: Bench) -> None:
+    flown.autopilot.mode = GUIDED
+    flown.run(1.5)
+    flown.autopilot.position = beside(0.5, 41.0)
+    flown.run(20.0)
+    assert told(flown) == []
+    assert flown.companion.autopilot.route.track is None
+    flown.autopilot.mode = AUTO  # from here it flies straight to its waypoint
+    flown.run(20.0)
+    assert told(flown) == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        mavlink.MAVLink_mission_count_message(1, 1, 3, 0),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 255),
+        mavlink.MAVLink_mission_write_partial_list_message(1, 1, 2, 3, 0),
+        mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, list(bytes([0, 0, 0, 6]) + bytes(247))),
+    ],
+    ids=["upload", "clear", "clear all", "partial", "file"],
+)
+def test_a_mission_of_somebody_else_is_no_route_that_is_known(flown: Bench, message: Any) -> None:
+    flown.a.send(message)
+    flown.run(0.5)
+    flown.autopilot.position = beside(0.5, 41.0)
+    flown.run(20.0)
+    assert told(flown) == []
+
+
+@pytest.mark.parametrize(
+    "message",
+    [mavlink.MAVLink_mission_count_message(1, 1, 3, 2), mavlink.MAVLink_mission_clear_all_message(1, 1, 1)],
+    ids=["rally points", "fence"],
+)
+def test_other_lists_are_no_mission(flown: Bench, message: Any) -> None:
+    flown.a.send(message)
+    flown.run(0.5)
+    flown.autopilot.position = beside(0.5, 41.0)
+    flown.run(20.0)
+    assert told(flown) == [("off_route", OFF)]
+
+
+def test_a_check_that_breaks_leaves_the_zones_alone(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    route = flown.companion.autopilot.route
+    monkeypatch.setattr(route, "look", lambda _now: 1 / 0)
+    flown.autopilot.position = (52.678146, 5.95)  # east of every zone
+    flown.run(5.0)
+    assert flown.companion.faults["zone check"] > 0
+    assert [entry["reason"] for entry in flown.journal("emergency")] == ["out_of_coverage"]
