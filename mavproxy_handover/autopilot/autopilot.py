@@ -20,6 +20,7 @@ from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.autopilot.preflight import Finding, Preflight
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.streams import Streams
@@ -184,6 +185,7 @@ class Autopilot:
 
     def _flies_by(self, package: MissionPackage | None) -> None:
         self.route.adopt(None if package is None else package.route)
+        self._preflight.planned(None if package is None else plan_facts(package.route))
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""

@@ -6,6 +6,8 @@ Nothing here refuses a flight: what START needs is the arbiter's to say. These a
 otherwise than planned when something fails: a failsafe that is off, one that acts before its turn, rally points that
 are ignored, a guard that listens at the wrong port.
 
+What concerns the autopilot's own failsafes is in `own_failsafes.py`.
+
 Three parts: `reading` asks (a conversation), `judge` knows (a table of pure rules), `Preflight` decides when.
 
 ArduPilot does not answer a request for a parameter that it does not have, so the names that it lacks cost a time-out;
@@ -23,7 +25,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot import own_failsafes
 from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.own_failsafes import PlanFacts
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
@@ -36,7 +40,7 @@ NAMES = (
     "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
     "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "FS_OPTIONS", "RALLY_LIMIT_KM",
     "SYSID_ENFORCE", "MAV_OPTIONS", "FS_THR_ENABLE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
-    "ARMING_CHECK", "ARMING_SKIPCHK",
+    "ARMING_CHECK", "ARMING_SKIPCHK", *own_failsafes.NAMES,
 )  # fmt: skip
 OLDEST, NEWEST = (4, 5), (4, 7)
 
@@ -74,6 +78,8 @@ class Found:
     foreign: str = ""
     #: the channel that the guard says leases come in on, when it refuses them for that
     heard_on: int | None = None
+    #: of the mission that the autopilot holds; None without one
+    plan: PlanFacts | None = None
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------
@@ -298,8 +304,16 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
             continue
         text = rule(found.parameters, found, limits)
         if text is not None:
-            findings.append(Finding(parameter, f"{parameter} {text}" if text.startswith("is ") else text))
+            findings.append(_finding(parameter, text))
+    for parameter, own in own_failsafes.RULES:
+        text = own(found.parameters, found.plan)
+        if text is not None:
+            findings.append(_finding(parameter, text))
     return tuple(findings)
+
+
+def _finding(parameter: str, text: str) -> Finding:
+    return Finding(parameter, f"{parameter} {text}" if text.startswith("is ") else text)
 
 
 # ---- when ---------------------------------------------------------------------------------------------------------
@@ -324,6 +338,12 @@ class Preflight:
         self._due_at = math.inf
         self._unread = True
         self._heard_on: int | None = None
+        self._plan: PlanFacts | None = None
+        self._replanned = False
+
+    def planned(self, plan: PlanFacts | None) -> None:
+        """The autopilot holds another mission, or none: once it has been read, it is read again for one."""
+        self._plan, self._replanned = plan, plan is not None
 
     def text(self, text: str) -> None:
         """A STATUSTEXT of the autopilot: the guard names the channel that it refuses leases from."""
@@ -342,12 +362,14 @@ class Preflight:
         self._heard_at = heartbeat_at
         if self._unread and guard is not GuardState.SILENT:
             self._due_at = now
+        if self._replanned and self.findings is not None and "preflight" not in self._conversations:
+            self._replanned, self._due_at = False, now
         if now < self._due_at or not grounded or now - heartbeat_at > _REBOOT_S or "preflight" in self._conversations:
             return
         self._due_at, self._unread = math.inf, False
 
         def done(talk: Conversation, now: float) -> None:
-            found = Found(talk.result or {}, guard, firmware, aircraft.foreign, self._heard_on)
+            found = Found(talk.result or {}, guard, firmware, aircraft.foreign, self._heard_on, self._plan)
             self._conclude(judge(found, self._limits), now)
 
         self._conversations.begin("preflight", reading(self._sysid), done, now)

@@ -12,11 +12,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 
+from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.preflight import NAMES, Finding, Found, judge, reading
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.mission.package import MissionPackage, load
 from tests.autopilot.test_copter import talk
-from tests.module.conftest import Bench, Clock
+from tests.module.conftest import MISSIONS, Bench, Clock
 from tests.module.vehicle import Autopilot
 
 PARAMETER_FILE = Path(__file__).parents[2] / "ardupilot_lua" / "handover.parm"
@@ -39,6 +41,22 @@ GOOD = {
     "RALLY_LIMIT_KM": 0.0,
     "MAV_OPTIONS": 0.0,
     "ARMING_SKIPCHK": 0.0,
+    "HNDO_ACTION": 1.0,
+    "BATT_MONITOR": 4.0,
+    "BATT_FS_LOW_ACT": 2.0,
+    "BATT_FS_CRT_ACT": 1.0,
+    "BATT_LOW_VOLT": 10.5,
+    "BATT_LOW_MAH": 0.0,
+    "FENCE_ENABLE": 1.0,
+    "FENCE_AUTOENABLE": 0.0,
+    "FENCE_TYPE": 4.0,
+    "FENCE_ACTION": 1.0,
+    "FENCE_OPTIONS": 0.0,
+    "FENCE_RADIUS": 300.0,
+    "FENCE_ALT_MAX": 100.0,
+    "RTL_ALT_M": 15.0,
+    "RTL_ALT_FINAL_M": 0.0,
+    "RALLY_INCL_HOME": 1.0,
 }
 
 
@@ -114,9 +132,9 @@ def test_no_more_is_asked_at_once_than_the_autopilot_keeps() -> None:
 
 def found(guard: GuardState = GuardState.LIVE, firmware: tuple[int, int] | None = (4, 7), **changes: Any) -> Found:
     """GOOD with changes; a parameter that is None is not there."""
-    heard_on, foreign = changes.pop("heard_on", None), changes.pop("foreign", "")
+    heard_on, foreign, plan = changes.pop("heard_on", None), changes.pop("foreign", ""), changes.pop("plan", None)
     parameters = {name: value for name, value in {**GOOD, **changes}.items() if value is not None}
-    return Found(parameters, guard, firmware, foreign, heard_on)
+    return Found(parameters, guard, firmware, foreign, heard_on, plan)
 
 
 def test_what_is_recommended_fits() -> None:
@@ -208,6 +226,116 @@ def test_checksums_are_of_scripts_that_run() -> None:
 )
 def test_each_thing_that_does_not_fit_is_said_alone(changes: dict[str, Any], text: str) -> None:
     assert [finding.text for finding in judge(found(**changes), Limits())] == [text]
+
+
+#: a route of 800 m, up to 50 m, with one area to stay inside, and with two
+PLAN, TWO = PlanFacts(True, 1, 800.0, 50.0), PlanFacts(True, 2, 800.0, 50.0)
+NO_FENCE = PlanFacts(False, 0, 800.0, 50.0)
+SMART = "SMART_RTL flies back the way it came, and to no rally point"
+AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes to no rally point"
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"BATT_MONITOR": 0.0}, "BATT_MONITOR is 0: nobody measures the battery"),
+        (
+            {"BATT_FS_LOW_ACT": 0.0},
+            "BATT_FS_LOW_ACT is 0: nothing brings the aircraft home when the battery is low",
+        ),
+        (
+            {"BATT_LOW_VOLT": 0.0},
+            "BATT_LOW_VOLT is 0, and so is BATT_LOW_MAH: the battery's failsafe never acts",
+        ),
+        ({"BATT_FS_LOW_ACT": 3.0}, f"BATT_FS_LOW_ACT is 3: {SMART}"),
+        ({"BATT_FS_LOW_ACT": 4.0}, f"BATT_FS_LOW_ACT is 4: {SMART}"),
+        ({"BATT_FS_LOW_ACT": 5.0, "BATT_FS_CRT_ACT": 0.0}, "BATT_FS_LOW_ACT is 5: stops the motors in the air"),
+        ({"BATT_FS_LOW_ACT": 6.0}, f"BATT_FS_LOW_ACT is 6: {AUTO_RTL}"),
+        ({"BATT_FS_CRT_ACT": 5.0}, "BATT_FS_CRT_ACT is 5: stops the motors in the air"),
+        ({"BATT_FS_CRT_ACT": 7.0}, "BATT_FS_CRT_ACT is 7: never acts after BATT_FS_LOW_ACT 2"),
+        ({"BATT_FS_LOW_ACT": 1.0, "BATT_FS_CRT_ACT": 2.0}, "BATT_FS_CRT_ACT is 2: never acts after BATT_FS_LOW_ACT 1"),
+        ({"FS_GCS_ENABLE": 3.0}, f"FS_GCS_ENABLE is 3: {SMART}"),
+        ({"FS_GCS_ENABLE": 4.0}, f"FS_GCS_ENABLE is 4: {SMART}"),
+        ({"FS_GCS_ENABLE": 6.0}, f"FS_GCS_ENABLE is 6: {AUTO_RTL}"),
+        ({"FS_THR_ENABLE": 4.0}, f"FS_THR_ENABLE is 4: {SMART}"),
+        ({"FS_THR_ENABLE": 5.0}, f"FS_THR_ENABLE is 5: {SMART}"),
+        ({"FS_THR_ENABLE": 6.0}, f"FS_THR_ENABLE is 6: {AUTO_RTL}"),
+        ({"HNDO_ACTION": 2.0}, f"HNDO_ACTION is 2: {SMART}"),
+        ({"FENCE_ACTION": 3.0}, f"FENCE_ACTION is 3: {SMART}"),
+        ({"FENCE_ACTION": 5.0}, f"FENCE_ACTION is 5: {SMART}"),
+        ({"FENCE_ACTION": 0.0}, "FENCE_ACTION is 0: leaving the geofence is reported, and nothing is done"),
+        ({"FENCE_ENABLE": 0.0, "plan": PLAN}, "FENCE_ENABLE is 0: the plan's geofence is stored, and not kept to"),
+        (
+            {"FENCE_TYPE": 8.0, "plan": PLAN},
+            "FENCE_TYPE is 8: without bit 2 the plan's geofence is stored, and not kept to",
+        ),
+        (
+            {"FENCE_OPTIONS": 2.0, "plan": TWO},
+            "FENCE_OPTIONS is 2: bit 1 makes one area of those to stay inside; the plan was checked against each",
+        ),
+        (
+            {"FENCE_TYPE": 6.0, "plan": PLAN},
+            "FENCE_RADIUS is 300 m, and the route goes 800 m from home: take bit 1 out of FENCE_TYPE",
+        ),
+        (
+            {"FENCE_TYPE": 2.0, "plan": NO_FENCE},
+            "FENCE_RADIUS is 300 m, and the route goes 800 m from home: take bit 1 out of FENCE_TYPE",
+        ),
+        (
+            {"FENCE_TYPE": 5.0, "FENCE_ALT_MAX": 45.0, "plan": PLAN},
+            "FENCE_ALT_MAX is 45 m, and the route climbs to 50 m",
+        ),
+        (
+            {"FENCE_TYPE": 5.0, "RTL_ALT_M": 120.0},
+            "RTL_ALT_M is 120 m, above FENCE_ALT_MAX: a return is flown at 100 m",
+        ),
+        (
+            {"FENCE_TYPE": 5.0, "RTL_ALT_M": None, "RTL_ALT": 12000.0},
+            "RTL_ALT is 120 m, above FENCE_ALT_MAX: a return is flown at 100 m",
+        ),
+        ({"RTL_ALT_FINAL_M": 5.0}, "RTL_ALT_FINAL_M is 5: a return ends hovering at 5 m, not landed"),
+        (
+            {"RTL_ALT_FINAL_M": None, "RTL_ALT_FINAL": 500.0},
+            "RTL_ALT_FINAL is 500: a return ends hovering at 5 m, not landed",
+        ),
+        (
+            {"RALLY_INCL_HOME": 0.0},
+            "RALLY_INCL_HOME is 0: with a rally point anywhere a return never goes home, however near that is",
+        ),
+    ],
+)
+def test_each_of_the_autopilot_s_own_failsafes_that_does_not_fit_is_said_alone(
+    changes: dict[str, Any], text: str
+) -> None:
+    assert [finding.text for finding in judge(found(**changes), Limits())] == [text]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"BATT_MONITOR": 4.0, "BATT_FS_LOW_ACT": 7.0, "BATT_FS_CRT_ACT": 7.0},
+        {"BATT_LOW_VOLT": 0.0, "BATT_LOW_MAH": 600.0},
+        {"BATT_FS_CRT_ACT": 0.0},
+        {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 3.0, "plan": PLAN},
+        {"FENCE_ENABLE": 0.0, "FENCE_TYPE": 7.0, "FENCE_ACTION": 0.0, "plan": NO_FENCE},
+        {"FENCE_ENABLE": None, "FENCE_AUTOENABLE": None, "FENCE_TYPE": None, "plan": PLAN},
+        {"FENCE_TYPE": 8.0, "plan": NO_FENCE},
+        {"FENCE_OPTIONS": 2.0, "plan": PLAN},
+        {"FENCE_TYPE": 7.0, "FENCE_RADIUS": 801.0, "FENCE_ALT_MAX": 51.0, "plan": PLAN},
+        {"FENCE_TYPE": 6.0, "FENCE_ALT_MAX": 10.0, "FENCE_RADIUS": 801.0, "plan": PLAN},
+    ],
+)
+def test_what_is_no_trouble_is_not_said(changes: dict[str, Any]) -> None:
+    """A critical action as grave as the low one acts; a fence that is off limits nothing; and so on."""
+    assert judge(found(**changes), Limits()) == ()
+
+
+def test_the_facts_of_a_plan() -> None:
+    facts = plan_facts(load(MISSIONS / "delivery").route)
+    assert (facts.fence, facts.inclusions, facts.highest_m) == (True, 1, 50.0)
+    assert facts.farthest_m == pytest.approx(546.3, abs=0.5)  # waypoint 8: 195 m north, 510 m east
+    corridor = plan_facts(load(MISSIONS / "corridor").route)
+    assert (corridor.fence, corridor.inclusions) == (False, 0)
 
 
 def without_guard(**changes: Any) -> Found:
@@ -313,7 +441,7 @@ def test_a_reading_that_a_start_overtakes_is_finished(flown: Bench) -> None:
     flown.connect()
     flown.until(lambda: "preflight" in flown.companion.autopilot.conversations)
     flown.autopilot.armed = True
-    flown.run(3.0)
+    flown.run(5.0)
     assert len(said(flown)) == 1
 
 
@@ -329,3 +457,16 @@ def test_an_autopilot_that_was_started_anew_is_read_again(flown: Bench) -> None:
         "guard, parameters and firmware fit",
         "FS_GCS_ENABLE is 0: nothing brings the aircraft home if companion and guard both fail",
     ]
+
+
+def test_a_mission_with_a_geofence_is_a_reason_to_look_again(flown: Bench, delivery: MissionPackage) -> None:
+    flown.autopilot.parameters["FENCE_ENABLE"] = 0.0
+    flown.connect()
+    flown.run(20.0)
+    assert said(flown) == [("guard, parameters and firmware fit", True)]
+    flown.share(delivery)
+    flown.run(8.0)
+    assert said(flown)[1:] == [("FENCE_ENABLE is 0: the plan's geofence is stored, and not kept to", False)]
+    flown.autopilot.parameters["FENCE_ENABLE"] = 1.0
+    flown.run(40.0)
+    assert said(flown)[2:] == [("guard, parameters and firmware fit", True)]

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the autopilot does by itself when something is wrong: battery, geofence, the way home. Do its parameters fit?
+
+Rules for `preflight.py`, each one of a table. What they rest on: plain RTL alone goes to the rally points (SMART_RTL
+flies back the way it came, AUTO_RTL along the mission's landing sequence); a fence that is stored and not switched on
+keeps nothing in; and ArduCopter's own fences, around home and above it, end a mission that leaves them.
+
+Names and units differ by firmware: RTL_ALT and RTL_ALT_FINAL are centimetres, RTL_ALT_M and RTL_ALT_FINAL_M (from 4.7
+on) metres.
+Sources: ArduCopter's Parameters.cpp, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.walk import legs_of
+
+__all__ = ["NAMES", "RULES", "PlanFacts", "plan_facts"]
+
+#: what is read for these rules; of two names in a row a firmware has one
+NAMES: Final = (
+    "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
+    "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
+    "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RALLY_INCL_HOME", "HNDO_ACTION",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class PlanFacts:
+    """What of a plan concerns the autopilot's own limits."""
+
+    #: it has a geofence
+    fence: bool
+    #: areas of that to stay inside
+    inclusions: int
+    #: how far from home the route goes, and how high above it: metres
+    farthest_m: float
+    highest_m: float
+
+
+def plan_facts(route: Route) -> PlanFacts:
+    """The facts of a route. It has at most MAX_ITEMS items, so this takes a few milliseconds."""
+    home = route.home.lat_deg, route.home.lon_deg
+    legs = legs_of(route)
+    farthest_m = max(distance_m(*home, *leg.end[:2]) for leg in legs)
+    highest_m = max(leg.end[2] for leg in legs)
+    return PlanFacts(bool(route.fence), sum(part.inclusion for part in route.fence), farthest_m, highest_m)
+
+
+Parameters = Mapping[str, float]
+Rule = Callable[[Parameters, "PlanFacts | None"], "str | None"]
+
+# ---- the way home -------------------------------------------------------------------------------------------------
+
+_SMART, _AUTO, _MOTORS_OFF = (
+    "SMART_RTL flies back the way it came, and to no rally point",
+    "AUTO_RTL follows the mission's landing sequence, and goes to no rally point",
+    "stops the motors in the air",
+)
+_BATTERY_WAYS: Final = {3: _SMART, 4: _SMART, 5: _MOTORS_OFF, 6: _AUTO}
+#: parameter -> its values that end otherwise than at a rally point or with a landing
+_WAYS: Final[Mapping[str, Mapping[int, str]]] = {
+    "HNDO_ACTION": {2: _SMART},
+    "FS_GCS_ENABLE": {3: _SMART, 4: _SMART, 6: _AUTO},
+    "FS_THR_ENABLE": {4: _SMART, 5: _SMART, 6: _AUTO},
+    "BATT_FS_LOW_ACT": _BATTERY_WAYS,
+    "BATT_FS_CRT_ACT": _BATTERY_WAYS,
+    "FENCE_ACTION": {3: _SMART, 5: _SMART},
+}
+
+
+def _way(name: str) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        value = int(p.get(name, 0))
+        way = _WAYS[name].get(value)
+        return None if way is None else f"is {value}: {way}"
+
+    return rule
+
+
+def _hover(name: str, unit_m: float) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        final = p.get(name, 0.0)
+        return f"is {final:g}: a return ends hovering at {final * unit_m:g} m, not landed" if final > 0 else None
+
+    return rule
+
+
+def _return_height(name: str, unit_m: float) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        height_m, most_m = p.get(name, 0.0) * unit_m, p.get("FENCE_ALT_MAX", 0.0)
+        if not _fence_on(p, _CEILING) or height_m <= most_m:
+            return None
+        return f"is {height_m:g} m, above FENCE_ALT_MAX: a return is flown at {most_m:g} m"
+
+    return rule
+
+
+def _home(p: Parameters, plan: PlanFacts | None) -> str | None:
+    if p.get("RALLY_INCL_HOME", 1) != 0:
+        return None
+    return "is 0: with a rally point anywhere a return never goes home, however near that is"
+
+
+# ---- battery ------------------------------------------------------------------------------------------------------
+
+#: ArduCopter's order of actions, the gravest first; what is not in it comes behind all of them. A later failsafe acts
+#: only if it is as grave as the one before
+_GRAVITY: Final = {5: 0, 1: 1, 2: 2, 4: 3, 3: 4, 0: 5}
+_LEAST: Final = 6
+
+
+def _monitor(p: Parameters, plan: PlanFacts | None) -> str | None:
+    return "is 0: nobody measures the battery" if p.get("BATT_MONITOR", 1) == 0 else None
+
+
+def _low(p: Parameters, plan: PlanFacts | None) -> str | None:
+    if p.get("BATT_MONITOR", 1) == 0 or p.get("BATT_FS_LOW_ACT", 2) != 0:
+        return None
+    return "is 0: nothing brings the aircraft home when the battery is low"
+
+
+def _low_when(p: Parameters, plan: PlanFacts | None) -> str | None:
+    acts = p.get("BATT_MONITOR", 0) != 0 and p.get("BATT_FS_LOW_ACT", 0) != 0
+    if not acts or p.get("BATT_LOW_VOLT", 1.0) > 0 or p.get("BATT_LOW_MAH", 1.0) > 0:
+        return None
+    return "is 0, and so is BATT_LOW_MAH: the battery's failsafe never acts"
+
+
+def _critical(p: Parameters, plan: PlanFacts | None) -> str | None:
+    low, critical = int(p.get("BATT_FS_LOW_ACT", 0)), int(p.get("BATT_FS_CRT_ACT", 0))
+    if critical == 0 or _GRAVITY.get(critical, _LEAST) <= _GRAVITY.get(low, _LEAST):
+        return None
+    return f"is {critical}: never acts after BATT_FS_LOW_ACT {low}"
+
+
+# ---- the fence ----------------------------------------------------------------------------------------------------
+
+_CEILING, _CIRCLE, _POLYGON = 1, 2, 4
+_UNION: Final = 0b10
+
+
+def _fence_on(p: Parameters, kind: int = 0) -> bool:
+    """Whether the fence is on in flight, and this kind of it configured."""
+    on = p.get("FENCE_ENABLE", 0) != 0 or p.get("FENCE_AUTOENABLE", 0) != 0
+    return on and int(p.get("FENCE_TYPE", 0)) & kind == kind
+
+
+def _enabled(p: Parameters, plan: PlanFacts | None) -> str | None:
+    if plan is None or not plan.fence or "FENCE_ENABLE" not in p or _fence_on(p):
+        return None
+    return "is 0: the plan's geofence is stored, and not kept to"
+
+
+def _kinds(p: Parameters, plan: PlanFacts | None) -> str | None:
+    if plan is None or not plan.fence or not _fence_on(p) or _fence_on(p, _POLYGON):
+        return None
+    return f"is {p.get('FENCE_TYPE', 0):.0f}: without bit 2 the plan's geofence is stored, and not kept to"
+
+
+def _reported(p: Parameters, plan: PlanFacts | None) -> str | None:
+    if not _fence_on(p) or p.get("FENCE_ACTION", 1) != 0:
+        return None
+    return "is 0: leaving the geofence is reported, and nothing is done"
+
+
+def _union(p: Parameters, plan: PlanFacts | None) -> str | None:
+    options = int(p.get("FENCE_OPTIONS", 0))
+    if plan is None or plan.inclusions < 2 or not _fence_on(p, _POLYGON) or not options & _UNION:
+        return None
+    return f"is {options}: bit 1 makes one area of those to stay inside; the plan was checked against each"
+
+
+def _radius(p: Parameters, plan: PlanFacts | None) -> str | None:
+    radius_m = p.get("FENCE_RADIUS", 0.0)
+    if plan is None or not _fence_on(p, _CIRCLE) or plan.farthest_m < radius_m:
+        return None
+    return f"is {radius_m:g} m, and the route goes {plan.farthest_m:.0f} m from home: take bit 1 out of FENCE_TYPE"
+
+
+def _ceiling(p: Parameters, plan: PlanFacts | None) -> str | None:
+    most_m = p.get("FENCE_ALT_MAX", 0.0)
+    if plan is None or not _fence_on(p, _CEILING) or plan.highest_m < most_m:
+        return None
+    return f"is {most_m:g} m, and the route climbs to {plan.highest_m:.0f} m"
+
+
+#: parameter to change, rule; the gravest first
+RULES: Final[tuple[tuple[str, Rule], ...]] = (
+    ("BATT_MONITOR", _monitor),
+    ("BATT_FS_LOW_ACT", _low),
+    ("BATT_LOW_VOLT", _low_when),
+    *((name, _way(name)) for name in _WAYS),
+    ("BATT_FS_CRT_ACT", _critical),
+    ("FENCE_ENABLE", _enabled),
+    ("FENCE_TYPE", _kinds),
+    ("FENCE_ACTION", _reported),
+    ("FENCE_OPTIONS", _union),
+    ("FENCE_RADIUS", _radius),
+    ("FENCE_ALT_MAX", _ceiling),
+    ("RTL_ALT", _return_height("RTL_ALT", 0.01)),
+    ("RTL_ALT_M", _return_height("RTL_ALT_M", 1.0)),
+    ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01)),
+    ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0)),
+    ("RALLY_INCL_HOME", _home),
+)
