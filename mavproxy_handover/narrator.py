@@ -389,6 +389,12 @@ class Narrator:
         """START is under way."""
         self._journal.write("start_sequence", "GUIDED, arm, AUTO", station=station)
 
+    def speed(self, speed_mps: float, failure: str | None) -> None:
+        """What came of having the aircraft fly at the mission's speed again."""
+        text = failure or f"{speed_mps:g} m/s again, as the mission has it here"
+        self._journal.write("speed", text, speed_mps=speed_mps, obeyed=failure is None)
+        self._tell_sentence(text)
+
     def flown(self, action: FlightAction, mode: str | None, failure: str | None) -> None:
         """What came of an order in an emergency: the mode that the autopilot took, or why it did not."""
         text = failure or f"the autopilot flies {mode}"

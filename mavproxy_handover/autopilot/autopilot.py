@@ -32,6 +32,7 @@ from mavproxy_handover.core.model import AuthorityView, ZoneFact
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.walk import speed_at
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.wire.conversation import Conversations
@@ -83,6 +84,8 @@ class Autopilot:
             **dict.fromkeys(("ATTITUDE", "BATTERY_STATUS", "WIND"), self._on_energy),
             "MISSION_ITEM_REACHED": self._on_reached,
         }
+        #: the package that the autopilot holds, as far as is known
+        self._flown: MissionPackage | None = None
         self._second_manager_told = False
         self._zones_at = 0.0
 
@@ -112,12 +115,14 @@ class Autopilot:
     def take(self, message: Any, now: float) -> None:
         """A message of the autopilot itself."""
         aircraft, narrator = self.aircraft, self._ties.narrator
-        waypoint, mode = aircraft.waypoint, aircraft.custom_mode
+        waypoint, mode, known = aircraft.waypoint, aircraft.custom_mode, aircraft.heartbeat_at > -math.inf
         aircraft.take(message, now)
         if self.conversations and _for_companion(message, self._sysid):
             self.conversations.on_message(message, now)
         if aircraft.custom_mode != mode:
             narrator.mode(COPTER_MODES.get(aircraft.custom_mode, f"mode {aircraft.custom_mode}"))
+            if known:
+                self._mode_changed(now)
         if aircraft.waypoint != waypoint:
             narrator.waypoint(aircraft.waypoint)
         heed = self._heed.get(message.get_type())
@@ -139,6 +144,13 @@ class Autopilot:
         self._streams.position_seen()
         self._ties.handle(PositionSeen(self.zone_facts()), now)
         self.route.look(now)
+
+    def _mode_changed(self, now: float) -> None:
+        """In AUTO again, in flight: it has forgotten what a DO_CHANGE_SPEED had set before the aircraft left it."""
+        aircraft, package = self.aircraft, self._flown
+        resumes = aircraft.custom_mode == AUTO and aircraft.flying and not aircraft.foreign
+        speed_mps = speed_at(package.route, aircraft.waypoint) if resumes and package is not None else None
+        self.orders.resume_speed(speed_mps, now)
 
     def _on_state(self, _message: Any, now: float) -> None:
         aircraft = self.aircraft
@@ -184,6 +196,7 @@ class Autopilot:
         self._flies_by(None)
 
     def _flies_by(self, package: MissionPackage | None) -> None:
+        self._flown = package
         self.route.adopt(None if package is None else package.route)
         self._preflight.planned(None if package is None else plan_facts(package.route))
 

@@ -57,6 +57,8 @@ STREAMS: dict[int, float] = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
 }
 
+_GROUND_SPEED = 1
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -125,6 +127,10 @@ class Copter:
         yield Ask("arming to show", (), _heartbeat(lambda m: bool(m.base_mode & armed)), timeout_s=3.0, tries=1)
         yield from self._do("MISSION_START", MISSION_START)
         yield Ask("mode AUTO to show", (), _heartbeat(lambda m: m.custom_mode == AUTO), timeout_s=3.0, tries=1)
+
+    def set_speed(self, speed_mps: float) -> Asking:
+        """Fly the mission at that speed over ground until it leaves AUTO."""
+        yield from self._do(f"speed {speed_mps:g} m/s", mavlink.MAV_CMD_DO_CHANGE_SPEED, _GROUND_SPEED, speed_mps, -1)
 
     def bring_home(self, action: FlightAction) -> Asking:
         """RTL, and LAND if that cannot be had. Returns the name of the mode that the autopilot took.

@@ -5,8 +5,8 @@
 It is written as the autopilot's own parameter for the speed between waypoints, on the ground, with the mission. A
 DO_CHANGE_SPEED would do as well only until the aircraft leaves AUTO: after a while in GUIDED, or a return that was
 called off, the mission would go on at whatever the parameter says. The parameter holds in every mode, and when every
-computer above the autopilot is dead; a return is flown by it too. DO_CHANGE_SPEED in the mission stays what it is: an
-item.
+computer above the autopilot is dead; a return is flown by it too. A DO_CHANGE_SPEED in the mission stays what it is, an
+item, and the companion says it again when the aircraft comes back to AUTO behind it.
 
 Sources: ArduPilot's AC_WPNav (`_check_wp_speed_change`) and ModeAuto::init, which forgets every DO_CHANGE_SPEED.
 """

@@ -28,6 +28,7 @@ __all__ = ["Orders", "commanded"]
 #: names of the conversations
 _START: Final = "start"
 _HOME: Final = "home"
+_SPEED: Final = "speed"
 
 
 def commanded(frame: Frame) -> int | None:
@@ -111,6 +112,22 @@ class Orders:
         self._ties.voice.acknowledge(asker.port, asker.sender, MISSION_START, result)
         if why:
             self._ties.voice.say(asker.port, why)
+
+    # ---- the mission's speed --------------------------------------------------------------------------------------
+
+    def resume_speed(self, speed_mps: float | None, now: float) -> None:
+        """The aircraft flies its mission again: at the speed that the mission itself had set by then.
+
+        None: it does not fly it, or the mission had set none.
+        """
+        self._conversations.drop(_SPEED)
+        if speed_mps is None:
+            return
+
+        def done(talk: Conversation, _now: float) -> None:
+            self._ties.narrator.speed(speed_mps, talk.failure)
+
+        self._conversations.begin(_SPEED, self._copter.set_speed(speed_mps), done, now)
 
     # ---- the way home ---------------------------------------------------------------------------------------------
 

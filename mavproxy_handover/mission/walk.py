@@ -35,7 +35,7 @@ from mavproxy_handover.mission.items import (
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.zones import ZoneFinder
 
-__all__ = ["Gap", "Handover", "Leg", "Sample", "Walk", "commanders_along", "legs_of"]
+__all__ = ["Gap", "Handover", "Leg", "Sample", "Walk", "commanders_along", "legs_of", "speed_at"]
 
 #: WPNAV_SPEED of ArduCopter, for routes that name no speed
 DEFAULT_CRUISE_MPS = 10.0
@@ -164,11 +164,21 @@ def legs_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Leg, .
     return tuple(_legs(route, cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS))
 
 
+def speed_at(route: Route, seq: int) -> float | None:
+    """The speed (m/s) that the route itself has set by the time that item `seq` is flown to; None: it has set none."""
+    speeds = (_new_speed(item) for item in route.items if item.seq < seq)
+    return next((speed for speed in reversed(list(speeds)) if speed is not None), None)
+
+
+def _new_speed(item: MissionItem) -> float | None:
+    changes = item.command == _CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0
+    return item.param2 if changes else None
+
+
 def _legs(route: Route, speed_mps: float) -> Iterator[Leg]:
     lat, lon, alt = route.home.lat_deg, route.home.lon_deg, 0.0
     for item in route.items:
-        if item.command == _CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0:
-            speed_mps = item.param2
+        speed_mps = _new_speed(item) or speed_mps
         if not COMMANDS[item.command].flown:
             continue
         if item.command == RETURN_TO_LAUNCH:

@@ -10,7 +10,7 @@ import pytest
 from shapely.geometry import Polygon
 
 from mavproxy_handover.mission import Circle, Zone, ZoneFinder, commanders_along, load, read_route
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.walk import legs_of, speed_at
 
 A, B, C = 251, 252, 253
 
@@ -42,6 +42,17 @@ def test_path_goes_up_along_and_down(small):
     ]
     # 30 m at 2.5 m/s; 445.278 m at the plan's 5 m/s; 20 m at 1.5 m/s; 10 m at 0.5 m/s
     assert [leg.duration_s for leg in legs] == [12.0, near(89.056), near(13.333), 20.0]
+
+
+def test_the_speed_that_the_route_has_set_by_an_item(small):
+    """Items 2 and 4 change it; climbs (type 2) and a speed of 0 do not."""
+    items = small.plan["mission"]["items"]
+    first, *rest = items
+    change = {**first, "command": 178, "frame": 2}
+    speeds = [{**change, "params": [*pair, -1, 0, 0, 0, 0]} for pair in ([1, 6], [2, 3], [0, 4], [1, 0])]
+    small.plan["mission"]["items"] = [first, *speeds, *rest]
+    route = read_route("small.plan", json.dumps(small.plan))
+    assert [speed_at(route, seq) for seq in range(8)] == [None, None, None, 6.0, 6.0, 4.0, 4.0, 4.0]
 
 
 def test_speed_given_goes_before_the_plans_and_a_speed_command_before_both(small):
