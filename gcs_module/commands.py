@@ -192,8 +192,9 @@ class StationCommands:
             "the vehicle has the same" if core.digest and core.digest == core.vehicle_digest else "the vehicle has not"
         )
         show(f"mission   {'none' if held is None else f'{held.name!r} {held.digest.hex()[:8]}, {same}'}")
-        if module.route.track is not None:
-            show(f"route     {module.route.track.text}{', OFF ROUTE' if module.route.off_route else ''}")
+        route = module.route.words(now)
+        if route:
+            show(f"route     {route}")
         for offer in module.desk.inbox.waiting:
             show(f"offered   {offer.name!r} {offer.digest.hex()[:8]}: 'handover take {offer.name}'")
         for peer in module.config.peers:

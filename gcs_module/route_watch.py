@@ -7,7 +7,9 @@ Rules that live here
 --------------------
 * Only the mission that the vehicle announces is compared to; a station that holds another one, or none, checks nothing.
 * HANDOVER_TELEMETRY goes before what the autopilot itself is heard to say: it is signed, and all its values are of one
-  moment. An observer, who is sent none, goes by GLOBAL_POSITION_INT, MISSION_CURRENT and HEARTBEAT.
+  moment. An observer, who is sent none, goes by GLOBAL_POSITION_INT, MISSION_CURRENT and HEARTBEAT. It gets the second
+  of them only if it asks for it, and where one of the three is not fresh nothing is judged: the item that was flown to
+  when it was heard last is none that the aircraft could be off.
 * The operator is warned once for each deviation, and told when it is over.
 """
 
@@ -26,8 +28,10 @@ from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["StationRouteWatch"]
 
-#: telemetry that comes once a second has stopped
-_TELEMETRY_S: Final = 3.0
+#: what comes once a second has stopped
+_STOPPED_S: Final = 3.0
+#: so long (s) the last that is known is worth showing
+_SHOWN_S: Final = 5.0
 #: positions of the autopilot come at whatever rate somebody has asked for
 _LOOK_S: Final = 0.18
 
@@ -41,15 +45,16 @@ class StationRouteWatch:
         self._tracker: RouteTracker | None = None
         self._telemetry_at = self._looked_at = -math.inf
         #: of the autopilot's own messages
-        self._in_auto = False
-        self._waypoint: int | None = None
+        self._in_auto, self._mode_at = False, -math.inf
+        self._waypoint, self._waypoint_at = 0, -math.inf
         #: where the aircraft is on its leg, as of the last look; None: no leg is flown, or nothing is known
         self.track: TrackFact | None = None
 
-    @property
-    def off_route(self) -> bool:
-        """The aircraft is off its route."""
-        return self._check.deviation is not None
+    def words(self, now: float) -> str:
+        """Where the aircraft is on its leg, for people; "" where that is not known, or none is flown."""
+        if self.track is None or now - self._looked_at > _SHOWN_S:
+            return ""
+        return f"{self.track.text}{'' if self._check.deviation is None else ', OFF ROUTE'}"
 
     def compare_to(self, package: MissionPackage | None) -> None:
         """The vehicle flies this package; None: this station does not hold the one that it flies."""
@@ -68,17 +73,17 @@ class StationRouteWatch:
         kind = m.get_type()
         if kind == "HEARTBEAT":
             armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            self._in_auto = armed and m.custom_mode == COPTER_AUTO
+            self._in_auto, self._mode_at = armed and m.custom_mode == COPTER_AUTO, now
         elif kind == "MISSION_CURRENT":
-            self._waypoint = m.seq
-        elif kind == "GLOBAL_POSITION_INT" and self._waypoint is not None and self._position_counts(m, now):
+            self._waypoint, self._waypoint_at = m.seq, now
+        elif kind == "GLOBAL_POSITION_INT" and self._position_counts(m, now):
             motion = _motion(m.lat, m.lon, m.vx / 100.0, m.vy / 100.0, self._waypoint, self._in_auto)
             return self._look(motion, now)
         return None
 
     def _position_counts(self, m: Any, now: float) -> bool:
-        known = m.lat != 0 or m.lon != 0
-        return known and now - self._telemetry_at > _TELEMETRY_S and now - self._looked_at > _LOOK_S
+        known = (m.lat != 0 or m.lon != 0) and now - min(self._mode_at, self._waypoint_at) < _STOPPED_S
+        return known and now - self._telemetry_at > _STOPPED_S and now - self._looked_at > _LOOK_S
 
     def _look(self, motion: Motion, now: float) -> Notice | None:
         self._looked_at = now

@@ -63,9 +63,9 @@ class VehicleCommands:
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
         self._show(f"energy    {companion.autopilot.energy.words()}")
-        route = companion.autopilot.route
-        if route.track is not None:
-            self._show(f"route     {route.track.text}{'' if route.deviation is None else ', OFF ROUTE'}")
+        route = companion.autopilot.route.words(now)
+        if route:
+            self._show(f"route     {route}")
         if not companion.autopilot.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
             self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")

@@ -48,6 +48,7 @@ class Aircraft:
         self._battery_voltage = 0xFFFF
         self._battery_remaining = -1
         self.waypoint = 0
+        self.waypoint_at = -math.inf
         self.waypoint_distance_m = math.nan
 
     def take(self, m: Any, now: float) -> None:
@@ -77,8 +78,8 @@ class Aircraft:
     def _take_landed(self, m: Any, now: float) -> None:
         self.landed_state, self.landed_state_at = m.landed_state, now
 
-    def _take_waypoint(self, m: Any, _now: float) -> None:
-        self.waypoint = m.seq
+    def _take_waypoint(self, m: Any, now: float) -> None:
+        self.waypoint, self.waypoint_at = m.seq, now
 
     def _take_distance(self, m: Any, _now: float) -> None:
         self.waypoint_distance_m = float(m.wp_dist)

@@ -22,6 +22,10 @@ __all__ = ["RouteWatch"]
 
 #: a position comes 20 times a second; what is judged over seconds needs fewer
 _LOOK_S: Final = 0.18
+#: what comes once a second, or oftener, has stopped
+_STOPPED_S: Final = 3.0
+#: so long (s) the last that is known is worth showing
+_SHOWN_S: Final = 5.0
 
 
 class RouteWatch:
@@ -41,13 +45,20 @@ class RouteWatch:
         """The same while the aircraft is off its route; None while it is not."""
         return self._check.deviation
 
+    def words(self, now: float) -> str:
+        """Where the aircraft is on its leg, for people; "" where that is not known, or none is flown."""
+        if self.track is None or now - self._looked_at > _SHOWN_S:
+            return ""
+        return f"{self.track.text}{'' if self.deviation is None else ', OFF ROUTE'}"
+
     def adopt(self, route: Route | None) -> None:
         """The autopilot holds this route; None: nobody knows which one."""
         self._tracker = None if route is None else RouteTracker(route)
 
     def look(self, now: float) -> None:
         """Compare the last position to the leg that is flown, if there was none just now."""
-        if now - self._looked_at < _LOOK_S:
+        heard_at = min(self._aircraft.waypoint_at, self._aircraft.heartbeat_at)
+        if now - self._looked_at < _LOOK_S or now - heard_at > _STOPPED_S:  # what it flies to is not known
             return
         self._looked_at = now
         motion = self._motion()

@@ -109,8 +109,8 @@ class RouteTracker:
         self._commands = {item.seq: item.command for item in flown}
         self._follower = {item.seq: after.seq for item, after in pairwise(flown)}
         self._seq: int | None = None
-        #: where the aircraft was seen last, and when
-        self._place, self._seen_at = place, -math.inf
+        #: where the aircraft was seen last, how fast it was, and when that was
+        self._place, self._speed_mps, self._seen_at = place, 0.0, -math.inf
         self._line: _Line | None = None
         #: the leg before that one
         self._behind: _Line | None = None
@@ -126,7 +126,7 @@ class RouteTracker:
             return None
         if motion.waypoint != self._seq:
             self._next(motion, now)
-        self._place, self._seen_at = motion.place, now
+        self._place, self._speed_mps, self._seen_at = motion.place, motion.speed_mps, now
         if self._landing or self._commands.get(motion.waypoint) not in _STRAIGHT:
             return None
         if self._line is None:
@@ -157,13 +157,14 @@ class RouteTracker:
             return None
         if self._line is not None and not self._landing:
             along, _across, length = self._line.measure(self._place)
-            if length - along > _turn_m(motion) + motion.speed_mps * (now - self._seen_at):
+            speed_mps = max(motion.speed_mps, self._speed_mps)  # a gust may have stopped it since
+            if length - along > _turn_m(speed_mps) + speed_mps * (now - self._seen_at):
                 return None  # it was told to go on before it was there
         return self._places[before]
 
     def _fact(self, line: _Line, motion: Motion) -> TrackFact | None:
         along, across, length = line.measure(motion.place)
-        turn = _turn_m(motion)
+        turn = _turn_m(motion.speed_mps)
         if self._commands[motion.waypoint] in _LANDS and length - along < turn:
             self._landing = True
             return None
@@ -175,8 +176,8 @@ class RouteTracker:
         return TrackFact(motion.waypoint, across, course, along, length)
 
 
-def _turn_m(motion: Motion) -> float:
-    return max(_TURN_M, _TURN_S * motion.speed_mps)
+def _turn_m(speed_mps: float) -> float:
+    return max(_TURN_M, _TURN_S * speed_mps)
 
 
 def _difference(course_deg: float, bearing_deg: float) -> float:

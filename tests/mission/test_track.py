@@ -218,6 +218,14 @@ def test_what_was_not_seen_for_a_while_was_flown_as_planned() -> None:
     near(flight.fly(3, 40, 1002, 90), -2, 0, 40, 1000, 3)
 
 
+def test_a_gust_that_stops_it_behind_a_waypoint_makes_no_leg_of_its_own() -> None:
+    """It was 35 m before the corner at 10 m/s when it was heard last, and is slow now, being blown off the next leg."""
+    flight = Flight(TRIANGLE).up()
+    flight.fly(2, 0, 965)
+    near(flight.fly(3, 5, 990, 180, 3), 5, None, 5, 1000, 3)
+    near(flight.fly(3, 60, 940, 180, 4), 60, 90, 60, 1000, 3)
+
+
 def test_an_item_out_of_turn_makes_a_leg_from_there() -> None:
     flight = Flight(TRIANGLE).up()
     flight.fly(2, 0, 995)

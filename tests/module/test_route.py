@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The route check in the companion: seen in flight, journalled, shown, and told to the stations once."""
+"""The route check in the companion: seen in flight, journalled, shown, and told to the stations once. The mission's
+speed when the aircraft comes back to it."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
@@ -133,6 +137,15 @@ def test_other_lists_are_no_mission(flown: Bench, message: Any) -> None:
     assert told(flown) == [("off_route", OFF)]
 
 
+def test_an_item_that_is_not_told_any_more_is_none_to_be_off(flown: Bench) -> None:
+    """The stream of MISSION_CURRENT has stopped: it flies on, 60 m behind what was waypoint 2."""
+    flown.autopilot.waypoint = None
+    flown.run(4.0)
+    flown.autopilot.position = beside(1.5, 0.0)
+    flown.run(20.0)
+    assert told(flown) == []
+
+
 def test_a_check_that_breaks_leaves_the_zones_alone(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     route = flown.companion.autopilot.route
     monkeypatch.setattr(route, "look", lambda _now: 1 / 0)
@@ -140,3 +153,69 @@ def test_a_check_that_breaks_leaves_the_zones_alone(flown: Bench, monkeypatch: p
     flown.run(5.0)
     assert flown.companion.faults["zone check"] > 0
     assert [entry["reason"] for entry in flown.journal("emergency")] == ["out_of_coverage"]
+
+
+# ---- the mission's speed ------------------------------------------------------------------------------------------
+
+CHANGE_SPEED = mavlink.MAV_CMD_DO_CHANGE_SPEED
+
+
+def with_slow_end(delivery: MissionPackage) -> MissionPackage:
+    """`delivery`, with a change to 6 m/s behind waypoint 2: the items behind are one number higher."""
+    files = {name: text.decode() for name, text in delivery.files.items()}
+    plan = json.loads(files["delivery.plan"])
+    items = plan["mission"]["items"]
+    items.insert(2, {**items[2], "command": CHANGE_SPEED, "frame": 2, "params": [1, 6, -1, 0, 0, 0, 0]})
+    files["delivery.plan"] = json.dumps(plan)
+    changed = replace(delivery, files={name: text.encode() for name, text in files.items()})
+    return mission_package.from_bytes(changed.to_bytes())
+
+
+def speeds(bench: Bench) -> list[tuple[float, float]]:
+    return [(m.param1, m.param2) for m in bench.autopilot.got("COMMAND_LONG", 1) if m.command == CHANGE_SPEED]
+
+
+def leave_and_come_back(bench: Bench, waypoint: int) -> None:
+    bench.autopilot.waypoint = waypoint
+    bench.run(1.5)
+    bench.autopilot.mode = GUIDED
+    bench.run(3.0)
+    bench.autopilot.mode = AUTO
+    bench.run(3.0)
+
+
+def test_back_in_auto_the_speed_is_what_the_mission_had_set_by_then(bench: Bench, delivery: MissionPackage) -> None:
+    take_off(bench, with_slow_end(delivery))
+    bench.run(2.0)
+    assert speeds(bench) == []
+    leave_and_come_back(bench, 2)
+    assert speeds(bench) == [], "before the item that changes it the cruise speed holds"
+    leave_and_come_back(bench, 5)
+    assert speeds(bench) == [(1.0, 6.0)]
+    (entry,) = bench.journal("speed")
+    assert (entry["text"], entry["obeyed"]) == ("6 m/s again, as the mission has it here", True)
+
+
+def test_a_speed_that_is_refused_is_told(bench: Bench, delivery: MissionPackage) -> None:
+    take_off(bench, with_slow_end(delivery))
+    bench.autopilot.script[CHANGE_SPEED] = mavlink.MAV_RESULT_FAILED
+    leave_and_come_back(bench, 5)
+    assert [e["text"] for e in bench.journal("speed")] == ["speed 6 m/s refused (MAV_RESULT_FAILED)"]
+
+
+def test_who_leaves_auto_meanwhile_is_not_told_a_speed_any_more(bench: Bench, delivery: MissionPackage) -> None:
+    take_off(bench, with_slow_end(delivery))
+    bench.autopilot.script[CHANGE_SPEED] = None
+    leave_and_come_back(bench, 5)
+    asked = len(speeds(bench))
+    assert asked > 1
+    bench.autopilot.mode = GUIDED
+    bench.run(1.5)
+    asked = len(speeds(bench))
+    bench.run(5.0)
+    assert len(speeds(bench)) == asked
+
+
+def test_a_mission_without_a_change_of_speed_is_left_alone(flown: Bench) -> None:
+    leave_and_come_back(flown, 5)
+    assert speeds(flown) == []
