@@ -192,7 +192,8 @@ def _refusals(evidence: Evidence) -> str:
 def _decisions(evidence: Evidence) -> str:
     words = {
         "authority", "authority_lost", "emergency", "emergency_over", "fly", "guard", "start_refused", "start_failed",
-        "started", "transfer_aborted", "partner_unfit", "position_stale", "failed_closed", "landed", "fault",
+        "started", "transfer_aborted", "partner_unfit", "position_stale", "off_route", "on_route",
+        "failed_closed", "landed", "fault",
     }  # fmt: skip
     rows = [
         ("", (_clock(evidence, entry), entry.who, entry.text or entry.event.replace("_", " ")))

@@ -6,13 +6,15 @@ It must not disturb what it watches, so it sends no heartbeat and no command tha
 things, under the vehicle's own system id and a free component id, addressed to the autopilot so that nothing is
 passed on to other ports: the firmware's version and the landed state at 5 Hz. The question is needed for more than
 its answer: ArduPilot sends STATUSTEXT only to ports on which it has heard something. The streams themselves come from
-the vehicle's parameters.
+the vehicle's parameters. Where a scenario changes the world (wind, say) it sets the simulation's parameter, likewise.
 """
 
 from __future__ import annotations
 
+import math
 import socket
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +44,10 @@ class Observer:
         self._parser.robust_parsing = True
         self._journal = journal.open("w", encoding="utf-8", buffering=1)
         self._ask_at = 0.0
+        #: parameters of the simulation that were set: what is wanted, and what the vehicle says
+        self._wanted: dict[str, float] = {}
+        self._said: dict[str, float] = {}
+        self._set_at = 0.0
         self.connected = True
 
     def fileno(self) -> int:
@@ -64,7 +70,10 @@ class Observer:
                 break
             for message in self._parser.parse_buffer(data) or ():
                 found += self.watch.take(message, now)
+                if message.get_type() == "PARAM_VALUE" and message.param_id in self._wanted:
+                    self._said[message.param_id] = message.param_value
         self._ask()
+        self._set()
         for entry in found:
             self._journal.write(entry.to_line() + "\n")
         return found
@@ -81,9 +90,34 @@ class Observer:
             _LANDED_STATE_INTERVAL_US,
         )
 
+    def change_world(self, name: str, value: float) -> Callable[[], bool]:
+        """Set a parameter of the simulation, again until the vehicle has it; the function tells whether it has."""
+        self._wanted[name] = value
+        self._said.pop(name, None)
+        self._set_at = 0.0
+        return lambda: self._has(name)
+
+    def _has(self, name: str) -> bool:
+        return abs(self._said.get(name, math.inf) - self._wanted[name]) <= 1e-4 * abs(self._wanted[name])
+
+    def _set(self) -> None:
+        now = time.monotonic()
+        if now < self._set_at or not self.connected:
+            return
+        self._set_at = now + _ASK_INTERVAL_S
+        for name, value in self._wanted.items():
+            if not self._has(name):
+                kind = mavlink.MAV_PARAM_TYPE_REAL32
+                target = (self._sysid, mavlink.MAV_COMP_ID_AUTOPILOT1)
+                self._send(mavlink.MAVLink_param_set_message(*target, name.encode("ascii"), value, kind))
+
     def _command(self, number: int, first: float, second: float) -> None:
         autopilot = mavlink.MAV_COMP_ID_AUTOPILOT1
-        message = mavlink.MAVLink_command_long_message(self._sysid, autopilot, number, 0, first, second, 0, 0, 0, 0, 0)
+        self._send(
+            mavlink.MAVLink_command_long_message(self._sysid, autopilot, number, 0, first, second, 0, 0, 0, 0, 0)
+        )
+
+    def _send(self, message: Any) -> None:
         try:
             self._socket.send(message.pack(self._parser))
         except OSError:

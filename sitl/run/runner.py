@@ -184,6 +184,11 @@ class _Flight:
             raise StepFailed("no link goes through the proxy: say so by [impair]")
         return give_orders(self.processes[IMPAIRMENT], self._impaired, orders)
 
+    def change_world(self, name: str, value: float) -> Callable[[], bool]:
+        self._begin_anew()
+        assert self._observer is not None
+        return self._observer.change_world(name, value)
+
     # ---- the three parts of a run ---------------------------------------------------------------------------------
 
     def set_up(self) -> None:

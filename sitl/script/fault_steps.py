@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The words of a scenario's timeline that break things, and mend them: processes and links.
+"""The words of a scenario's timeline that break things, and mend them: processes, links, and the world around.
 
 Links are known by name where `[impair]` puts the proxy between the two ends: `air-GCSA` from the vehicle to a station
 (`air-GCSA-wifi` where it has several), `ground-GCSA-GCSB` from one station to another, one direction only. A `*` in a
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from sitl.script.steps import Deed, Running, Stage, done_at_once
 
-__all__ = ["FAULT_STEPS", "Crash", "Impair", "Kill", "Restart"]
+__all__ = ["FAULT_STEPS", "Crash", "Impair", "Kill", "Restart", "World"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,5 +87,29 @@ class Impair(Deed):
         return Running(answered)
 
 
+@dataclass(frozen=True, slots=True)
+class World(Deed):
+    """The world changes: a parameter of the simulation itself (SIM_*), set past everybody who commands."""
+
+    name: str
+    value: float
+
+    def __post_init__(self) -> None:
+        if not self.name.startswith("SIM_"):
+            raise ValueError(f"name: {self.name!r} must begin with SIM_: others are somebody's to command")
+
+    def describe(self) -> str:
+        return f"{self.name} is {self.value:g}"
+
+    def begin(self, stage: Stage) -> Running:
+        return Running(stage.change_world(self.name, self.value))
+
+
 #: word in the file -> step
-FAULT_STEPS: Mapping[str, type[Deed]] = {"kill": Kill, "crash": Crash, "restart": Restart, "impair": Impair}
+FAULT_STEPS: Mapping[str, type[Deed]] = {
+    "kill": Kill,
+    "crash": Crash,
+    "restart": Restart,
+    "impair": Impair,
+    "world": World,
+}

@@ -23,6 +23,8 @@ Before the steps stands what the flight is made of, where that differs from the 
     rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
     fsync_s = 2.0                  each time that the companion waits for its disk takes so long
 
+`world` among the steps sets a parameter of the simulation itself (SIM_*), wind for instance.
+
 Places are metres north and east of home, so that a scenario goes with more than one mission; `{name}` in a typed line
 stands for a place's latitude and longitude. Unknown keys, stations and places are refused with file and key.
 """

@@ -73,6 +73,9 @@ class Stage(Protocol):
     def impair(self, orders: Sequence[str]) -> Callable[[], bool]:
         """Give the proxies orders; the function tells whether all are carried out. Both raise StepFailed."""
 
+    def change_world(self, name: str, value: float) -> Callable[[], bool]:
+        """Set a parameter of the simulation; the function tells whether it is set. Raises StepFailed."""
+
 
 @dataclass(slots=True)
 class Running:

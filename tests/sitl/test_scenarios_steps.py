@@ -11,7 +11,7 @@ import pytest
 from sitl.report.journal_reader import Entry
 from sitl.report.matching import Match
 from sitl.report.watch import Sample, Watch
-from sitl.script.fault_steps import Crash, Impair, Kill, Restart
+from sitl.script.fault_steps import Crash, Impair, Kill, Restart, World
 from sitl.script.steps import (
     Pause,
     Steady,
@@ -66,6 +66,10 @@ class FakeStage:
         self.deeds += [("impairment", order) for order in orders]
         return lambda: len(self.journal) > 0
 
+    def change_world(self, name: str, value: float) -> Callable[[], bool]:
+        self.deeds.append(("world", f"{name} {value:g}"))
+        return lambda: len(self.journal) > 0
+
     def note(self, event: str, **fields: object) -> None:
         self.journal.append(Entry(float(len(self.journal)), "drone-1", event, "", fields))
 
@@ -106,6 +110,19 @@ def test_orders_to_the_links_are_done_when_the_proxy_says_so(stage: FakeStage) -
     assert not running.done()
     stage.note("anything")
     assert running.done()
+
+
+def test_the_world_has_changed_when_the_vehicle_says_so(stage: FakeStage) -> None:
+    running = World("SIM_WIND_SPD", 17.0).begin(stage)
+    assert stage.deeds == [("world", "SIM_WIND_SPD 17")]
+    assert not running.done()
+    stage.note("anything")
+    assert running.done()
+
+
+def test_what_is_somebody_s_to_command_is_not_the_world() -> None:
+    with pytest.raises(ValueError, match="'RTL_ALT' must begin with SIM_"):
+        World("RTL_ALT", 0.0)
 
 
 def test_an_order_to_no_link_is_refused() -> None:
