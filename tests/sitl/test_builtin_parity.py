@@ -63,6 +63,27 @@ RALLY = [(3, 5100, (1, 2, 3, 4), (526796000, 59240000), 20.7), (0, 5100, (0, 0, 
 FENCE = [(3, 5001, (4, 0, 0, 0), place, 0.0) for place in ((52670, 591), (52670, 594), (52690, 594), (52690, 591))]
 FENCE = [(frame, cmd, p, (x * 10000, y * 100000), z) for frame, cmd, p, (x, y), z in FENCE]
 
+
+def area(*corners: tuple[int, float]) -> list[Any]:
+    """Items of a fence: (command, parameter 1) for each, all at places of their own."""
+    return [
+        (0, command, (size, 0, 0, 0), (526700000 + n * 1000, 59100000 + n * n * 1000), 0.0)
+        for n, (command, size) in enumerate(corners)
+    ]
+
+
+#: Whole ones, and some that are none: what is answered, and what is kept then.
+FENCES = [
+    area(*[(5002, 3)] * 6, (5003, 750.5), (5004, 25)),
+    area(*[(5001, 3)] * 2),
+    area(*[(5001, 2)] * 2),
+    area((5001, 3), (5001, 3), (5002, 3)),
+    area((5001, 3), (5001, 4), (5001, 3)),
+    area((5001, 3), (5003, 50), (5001, 3), (5001, 3)),
+    area((5004, 0)),
+    area((5003, 900), *[(5001, 4)] * 4),
+]
+
 #: Commands tried on the ground before arming, as (command, param1, param2, ...).
 GROUND_COMMANDS = [
     (176, 1, 6),
@@ -216,6 +237,7 @@ def fly(session: Session) -> dict[str, Any]:
     )
     session.until(lambda: session.now_s > 30, 60)
     found["ground"] = [(c[0], c[1:2], session.command(*c)) for c in GROUND_COMMANDS]
+    found["fences"] = [(session.upload(fence, 1), session.download(1)) for fence in FENCES]
     found["uploads"] = [session.upload(MISSION, 0), session.upload(FENCE, 1), session.upload(RALLY, 2)]
     found["mission"], found["fence"], found["rally"] = (session.download(kind) for kind in (0, 1, 2))
     bad = [(3, 9999, (0, 0, 0, 0), (0, 0), 0.0)] * 2
@@ -261,7 +283,19 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Session, d
 
 Both = dict[str, tuple[Session, dict[str, Any]]]
 
-SAME = ["ground", "uploads", "fence", "rally", "refused", "start", "in flight", "paused", "continue", "guided"]
+SAME = [
+    "ground",
+    "fences",
+    "uploads",
+    "fence",
+    "rally",
+    "refused",
+    "start",
+    "in flight",
+    "paused",
+    "continue",
+    "guided",
+]
 
 
 @pytest.mark.parametrize("what", [*SAME, "texts", "second texts", "beats", "reached"])
