@@ -6,7 +6,7 @@ The route says where legs should be, the autopilot where they are. ArduCopter fl
 was reached; after a change of mode, or when somebody chose another item, from where it came to rest then. So:
 
 * the item that follows the last one, once that was come near: the leg of the route;
-* behind a take-off: from where the aircraft was then, which need not be the home of the plan;
+* behind a take-off, or a landing in between: from where the aircraft was then, which need not be the place of the plan;
 * anything else (AUTO taken up in flight, an item that was skipped or chosen, a circle left): nothing is expected for
   `_JOIN_S`, until it has turned there; then the leg is from where it is.
 
@@ -151,11 +151,11 @@ class RouteTracker:
         if self._follower.get(before) != motion.waypoint:
             return None
         command = self._commands[before]
-        if command == TAKEOFF:
+        if command == TAKEOFF or self._landing:
             return self._place
         if command in _LEFT_ELSEWHERE:
             return None
-        if self._line is not None and not self._landing:
+        if self._line is not None:
             along, _across, length = self._line.measure(self._place)
             speed_mps = max(motion.speed_mps, self._speed_mps)  # a gust may have stopped it since
             if length - along > _turn_m(speed_mps) + speed_mps * (now - self._seen_at):

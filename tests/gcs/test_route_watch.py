@@ -57,8 +57,8 @@ def heartbeat(mode: int, armed: bool = True) -> Any:
 class Watch:
     """A station on the way of the aircraft from take-off to waypoint 2."""
 
-    def __init__(self, package: MissionPackage | None) -> None:
-        self.watch = StationRouteWatch(RouteLimits())
+    def __init__(self, package: MissionPackage | None, hold_s: float = 3.0) -> None:
+        self.watch = StationRouteWatch(RouteLimits(off_hold_s=hold_s))
         self.watch.compare_to(package)
         self.now = 100.0
         self.told: list[Notice] = []
@@ -172,7 +172,7 @@ def test_where_the_aircraft_was_on_its_leg_is_not_shown_for_long(delivery: Missi
 
 
 def test_telemetry_goes_before_what_the_autopilot_is_heard_to_say(delivery: MissionPackage) -> None:
-    station = Watch(delivery)
+    station = Watch(delivery, hold_s=0.5)
     station.telemetry(telemetry(HOME, 1), 3)
     for _ in range(20):
         station.telemetry(telemetry(beside(0.5, 2.0), 2))
