@@ -23,12 +23,13 @@ end
 read_globals = {
     "millis",
     "Parameter",
-    vehicle = methods("set_mode", "get_mode", "get_control_mode_reason", "get_likely_flying"),
+    vehicle = methods("set_mode", "get_mode", "get_control_mode_reason", "get_likely_flying", "is_landing",
+                      "has_ekf_failsafed"),
     arming = methods("is_armed", "disarm", "get_aux_auth_id", "set_aux_auth_passed", "set_aux_auth_failed"),
     param = methods("get", "set", "add_table", "add_param"),
     gcs = methods("send_text"),
     rc = methods("has_valid_input"),
     logger = methods("write"),
     mavlink = methods("init", "register_rx_msgid", "receive_chan", "send_chan", "block_command"),
-    FWVersion = methods("major", "minor"),
+    FWVersion = methods("type", "major", "minor"),
 }

@@ -6,15 +6,6 @@
 -- times a second, in a "lease". This script watches the lease. Without a live one the vehicle does not arm; in flight
 -- it returns home, even when every computer above the flight controller has died. See handover_guard.md.
 --
--- Parameters
---   HNDO_ENABLE     0: off, 1: on
---   HNDO_TIMEOUT    seconds without a lease until it counts as lost
---   HNDO_LOST_T     seconds that a lease may say "nobody commands" in flight
---   HNDO_ACTION     1: RTL, 2: SMART_RTL, 3: LAND
---   HNDO_CHAN       MAVLink channel of the companion, -1: any
---   HNDO_COMPID     component id of the companion
---   HNDO_SYSID_SW   1: the autopilot's GCS id follows the commander
---
 -- How to use
 --   1. copy this file to the scripts directory of the autopilot's SD card (APM/scripts)
 --   2. load handover.parm, set HNDO_CHAN to the port of the companion, reboot
@@ -32,12 +23,13 @@
 -- Numbers: Lua integers have 32 bits on the autopilot and 64 on a desktop. Everything that comes from the wire or the
 -- clock is masked to 32 bits and compared by serial_ahead() or elapsed(), which are right in both.
 
--- Constants and state stand in tables: ArduPilot's Lua allows 100 local variables in a function, this file being one.
+-- ArduPilot's Lua allows 100 local variables in a function, this file being one: constants and state stand in tables,
+-- and so do the functions of what only some vehicles need (`key`, `gcs_id`).
 
 local MAV_SEVERITY = {EMERGENCY=0, ALERT=1, CRITICAL=2, ERROR=3, WARNING=4, NOTICE=5, INFO=6, DEBUG=7}
 
 local TEXT = {
-    VERSION = "0.1",
+    VERSION = "0.2",
     PREFIX = "HNDO: ",
     BYTES = 50,                     -- one STATUSTEXT
     AUTH_BYTES = 41,                -- longest reason that the arming check shows
@@ -51,6 +43,10 @@ local MS = {
     SECOND = 1000,                  -- registrations, ids and log
     LANDED = 3000,                  -- after a flight, this long on the ground before the motors are stopped
     TAMPER_HOLD = 10000,            -- no arming for this long after the registrations were wiped
+    AUX = 1000,                     -- after a DO_AUX_FUNCTION or a full queue no mode counts as the pilot's
+    RADIO = 2000,                   -- a pilot whose radio has been gone for this long does not fly any more
+    FAILSAFE = 10000,               -- a failsafe, or traffic avoidance that is over, may hold the aircraft this long
+    TYPE = 60000,                   -- an unknown vehicle type is said again
 }
 
 -- Work per call. A script that uses more than 10000 VM instructions in a call is removed for good, pcall or not; a
@@ -60,31 +56,39 @@ local WORK = {
     FRAMES_PER_CALL = 12,
     SUMS_PER_CALL = 3,              -- CRCs and tags; the frame that reaches it is read to its end
     CATCH_UP_CALLS = 13,            -- after a stall: empties a full queue of leases before anything is judged (0.15 s)
+    READ_ON_CALLS = 6,              -- to the end of the queue, before a pilot is believed (0.06 s)
 }
 
-local MODE = {LAND=9, RTL=6, SMART_RTL=21}
+-- FWVersion:type() of the vehicles whose mode numbers and reasons are those below: both are ArduCopter
+local VEHICLES = {[2]="Copter", [13]="Heli"}
+
+local MODE = {AUTO=3, RTL=6, LAND=9, SMART_RTL=21}
 local RETURN_MODES = {[6]="RTL", [21]="SMART_RTL", [27]="AUTO_RTL"}
--- modes in which a pilot steers by hand: STABILIZE ACRO ALT_HOLD LOITER DRIFT SPORT FLIP POSHOLD FLOWHOLD
-local MANUAL_MODES = {[0]=true, [1]=true, [2]=true, [5]=true, [11]=true, [13]=true, [14]=true, [16]=true, [22]=true}
+-- modes in which a pilot steers by hand: STABILIZE ACRO ALT_HOLD LOITER DRIFT SPORT FLIP AUTOTUNE POSHOLD FLOWHOLD
+-- SYSTEMID
+local MANUAL_MODES = {[0]=true, [1]=true, [2]=true, [5]=true, [11]=true, [13]=true, [14]=true, [15]=true, [16]=true,
+                      [22]=true, [25]=true}
 
 -- ModeReason of the firmware: who chose the present flight mode
-local PILOT_REASONS = {[1]=true, [18]=true, [42]=true, [53]=true}       -- RC, toy, RC telemetry, RC auxiliary switch
+local REASON = {AVOIDANCE=14, AVOIDANCE_RECOVERY=15}
+-- RC switch, throttle escape, toy, RC telemetry, RC auxiliary switch; DO_AUX_FUNCTION comes with 53 (4.5: 1) as well
+local PILOT_REASONS = {[1]=true, [9]=true, [18]=true, [42]=true, [53]=true}
+-- radio, battery, GCS, EKF, GPS glitch, fence, terrain, avoidance, termination, crash, general, dead reckoning
 local FAILSAFE_REASONS = {[3]=true, [4]=true, [5]=true, [6]=true, [7]=true, [10]=true, [11]=true, [14]=true,
-                          [17]=true, [19]=true, [25]=true, [50]=true}   -- radio, battery, GCS, EKF, fence, terrain, ...
-local COMMAND_REASONS = {[2]=true, [32]=true, [52]=true}                -- GCS, a script, DDS
+                          [17]=true, [19]=true, [25]=true, [50]=true}
+local COMMAND_REASONS = {[2]="command", [32]="script", [52]="DDS command"}
 
 -- what is tried in flight, in this order: mode, its number in the status, and the wait after a refusal. A refused mode
 -- costs a STATUSTEXT, an error in the log and a buzzer, hence the pauses.
 local ACTION = {NONE=0, RTL=1, SMART_RTL=2, LAND=3, DISARM=4}
 local LADDERS = {}
 do
-    local rtl_1 = {mode=MODE.RTL, action=ACTION.RTL, name="RTL", wait_ms=1000}
-    local rtl_2 = {mode=MODE.RTL, action=ACTION.RTL, name="RTL", wait_ms=2000}
-    local rtl_3 = {mode=MODE.RTL, action=ACTION.RTL, name="RTL", wait_ms=0}
-    local smart = {mode=MODE.SMART_RTL, action=ACTION.SMART_RTL, name="SMART_RTL", wait_ms=0}
-    local land = {mode=MODE.LAND, action=ACTION.LAND, name="LAND", wait_ms=2000}
+    local function rung(name, wait_ms)
+        return {mode=MODE[name], action=ACTION[name], name=name, wait_ms=wait_ms}
+    end
+    local rtl_1, rtl_2, rtl_3, land = rung("RTL", 1000), rung("RTL", 2000), rung("RTL", 0), rung("LAND", 2000)
     LADDERS[ACTION.RTL] = {rtl_1, rtl_2, rtl_3, land}
-    LADDERS[ACTION.SMART_RTL] = {smart, rtl_1, rtl_2, rtl_3, land}
+    LADDERS[ACTION.SMART_RTL] = {rung("SMART_RTL", 0), rtl_1, rtl_2, rtl_3, land}
     LADDERS[ACTION.LAND] = {land}
 end
 
@@ -95,6 +99,7 @@ local MAV = {
     COMMAND_ACK = 77,
     CRC_EXTRA = {[385]=147, [76]=152, [75]=158},
     CMD_SCRIPTING = 42701,
+    CMD_AUX_FUNCTION = 218,
     RESULT_DENIED = 2,
     AUTOPILOT_COMPID = 1,
     MAGIC_2 = 0xFD,
@@ -104,19 +109,18 @@ local MAV = {
 
 -- the lease and the answer to it
 local LEASE = {TYPE=47116, BYTES=20, VERSION=1, HELD=1, TRANSFER=2, LOST=3, RECOVERING=4, TAG_BYTES=8, TAGGED=1}
-local STATUS = {TYPE=47117, BYTES=20, VERSION=1}
+local STATUS = {TYPE=47117, BYTES=20, VERSION=1, ENFORCING=1, ARMED=2, FLYING=4, TAMPERED=8, UNKNOWN_VEHICLE=16}
 local STATE = {DISABLED=0, WAITING=1, LIVE=2, EXPIRED=3, LOST=4}
 
 -- ------------------------------------------------------------------------------------------------ parameters
 
 local PARAM_TABLE_KEY = 147
-local PARAM_TABLE_PREFIX = "HNDO_"
-local HNDO = {}
-assert(param:add_table(PARAM_TABLE_KEY, PARAM_TABLE_PREFIX, 7), "HNDO: could not add param table")
+local HNDO = {PREFIX="HNDO_"}
+assert(param:add_table(PARAM_TABLE_KEY, HNDO.PREFIX, 7), "HNDO: could not add param table")
 
 local function bind_add_param(name, idx, default_value)
     assert(param:add_param(PARAM_TABLE_KEY, idx, name, default_value), "HNDO: could not add param " .. name)
-    return Parameter(PARAM_TABLE_PREFIX .. name)
+    return Parameter(HNDO.PREFIX .. name)
 end
 
 --[[
@@ -160,7 +164,7 @@ HNDO.ACTION = bind_add_param("ACTION", 4, 1)
 --[[
   // @Param: HNDO_CHAN
   // @DisplayName: Handover companion channel
-  // @Description: MAVLink channel the companion is wired to, counted over the ports that speak MAVLink: on a Cube Orange 0 is USB, 1 TELEM1, 2 TELEM2. Leases from other channels are refused. -1 takes the first channel that brings a good lease.
+  // @Description: MAVLink channel the companion is wired to, counted over the ports that speak MAVLink: on a Cube Orange 0 is USB, 1 TELEM1, 2 TELEM2. Leases from other channels are refused. -1 takes the first channel that brings a good lease. The guard answers only where it has heard something.
   // @Range: -1 15
   // @User: Standard
 --]]
@@ -187,15 +191,29 @@ HNDO.SYSID_SW = bind_add_param("SYSID_SW", 7, 1)
 -- ------------------------------------------------------------------------------------------------ state
 
 local config = {enable=true, timeout_ms=3000, lost_ms=1000, action=ACTION.RTL, chan=1, compid=191, sysid_sw=true}
-local lease = {seen=false, live=false, nonce=0, sequence=0, epoch=0, state=0, commander=0, ttl_ms=0, at=0, chan=-1}
-local retired = {}                  -- nonces of earlier companion runs, newest last
+local lease = {seen=false, live=false, nonce=0, sequence=0, epoch=0, state=0, commander=0, ttl_ms=0, at=0, chan=-1,
+               retired={}}          -- retired: nonces of earlier companion runs, newest last
 local refused = {count=0, reason=nil}
 local state = STATE.WAITING
-local loss = {active=false, action=ACTION.NONE, resorted=false}
-local craft = {armed=false, flying=false, flown=false, flown_at=0, disarm_tried=false, disarm_at=0}
 local tampering = {seen=false, at=nil}
-local own_sysid = 1
-local said_at = {}
+
+-- the autopilot: fs_thr is its parameter FS_THR_ENABLE, if there is one
+local autopilot = {sysid=1, type=nil, known=false, major=0, minor=0, fs_thr=nil}
+pcall(function()
+    autopilot.major, autopilot.minor = FWVersion:major(), FWVersion:minor()
+    autopilot.type = FWVersion:type()
+end)
+autopilot.known = VEHICLES[autopilot.type or 0] ~= nil
+do
+    local there, parameter = pcall(Parameter, "FS_THR_ENABLE")
+    autopilot.fs_thr = there and parameter or nil
+end
+
+-- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
+-- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came; own: its
+-- table of ids is as large as the guard has made it; blind: too small for commands.
+local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
+            aux_by="", own=false, blind=false}
 
 local function clock()
     return millis():toint()
@@ -216,20 +234,37 @@ local function serial_ahead(a, b)
     return d > 0 and d <= 0x7FFFFFFF
 end
 
-local since = {}                    -- instants
+local since = {said={}}             -- instants; said: of the texts, by kind
 since.start = clock()
 since.last_run, since.status, since.second, since.lost = since.start, since.start, since.start, since.start
-local grace_over = false            -- a guard that has just started gives the companion HNDO_TIMEOUT to appear
-local catch_up = 0
+-- grace_over: a guard that has just started has given the companion HNDO_TIMEOUT to appear; catch_up: calls that only read
+local run = {grace_over=false, catch_up=0}
+
+local ENFORCEMENT = {CALM=0, MISSING=1, ORDERING=2, RETURNING=3, LANDING=4, PILOT=5, FAILSAFE=6}
+local SEEN = {AUTHORITY=1, DISARMED=2, GROUND=3, RETURN=4, LANDS=5, LAND_ORDER=6, KEPT=7, OVER=8, HELD=9, UNREAD=10,
+              HANDS=11, SWITCH=12, OTHER=13}
+
+local enforcement = ENFORCEMENT.CALM
+-- The aircraft. at: last look; changes: how often mode or reason have changed; before: when the former ones were seen
+-- last; unread: calls left to read on before the pilot is believed (by_pilot) or not (why_not); radio_at: the radio
+-- lived; avoided_at: traffic was avoided, less than 10 s ago.
+local craft = {armed=false, flying=false, flown=false, flown_at=0, disarm_tried=false, disarm_at=0, mode=nil,
+               reason=nil, changes=0, at=since.start, before=since.start, unread=0, by_pilot=false, why_not="",
+               radio=false, radio_at=since.start, avoided_at=nil}
+
+-- The loss. action: for the status; mode: what the guard has set or left alone, since when; changes: those of craft
+-- when it first acted; resorted: see last_resort.
+local loss = {action=ACTION.NONE, mode=nil, since=0, changes=0, attempts=0, wait_ms=0, tried_at=0, resorted=false}
 
 -- at most one text of a kind in gap_ms
 local function say(severity, kind, gap_ms, text)
     local now = clock()
-    local before = said_at[kind]
-    if before and elapsed(now, before) < gap_ms then
+    local before = since.said[kind]
+    local ago = before and (now - before) & 0xFFFFFFFF
+    if ago and ago >= 0 and ago < gap_ms then       -- negative with 32 bits: 24.8 days and more
         return
     end
-    said_at[kind] = now
+    since.said[kind] = now
     gcs:send_text(severity, string.sub(TEXT.PREFIX .. text, 1, TEXT.BYTES))
 end
 
@@ -250,16 +285,16 @@ local function value_of(parameter, low, high)
     return v
 end
 
-local function read_config(now)
+function config.read(now)
     local enable = value_of(HNDO.ENABLE, 0, 1) >= 0.5
     if enable ~= config.enable then
         config.enable = enable
-        since.start, grace_over = now, false
+        since.start, run.grace_over = now, false
         if not enable then
             say(MAV_SEVERITY.WARNING, "disabled", 2000, "guard disabled")
         end
     end
-    config.timeout_ms = math.floor(value_of(HNDO.TIMEOUT, 0.5, 60) * 1000)
+    config.timeout_ms = math.floor(value_of(HNDO.TIMEOUT, 1, 30) * 1000)
     config.lost_ms = math.floor(value_of(HNDO.LOST_T, 0, 60) * 1000)
     config.action = math.floor(value_of(HNDO.ACTION, ACTION.RTL, ACTION.LAND))
     config.chan = math.floor(value_of(HNDO.CHAN, -1, 15))
@@ -269,17 +304,12 @@ end
 
 -- ------------------------------------------------------------------------------------------------ who commands
 
--- HELD and TRANSFER name a commander. A lease without one says that nobody has authority, whatever state it claims.
-local function nobody_commands()
-    return lease.state == LEASE.LOST or lease.commander == 0
-end
-
 local function judge(now)
     if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then
         lease.live = false          -- latched: only a newly accepted lease revives it
     end
-    if not grace_over and elapsed(now, since.start) >= config.timeout_ms then
-        grace_over = true
+    if not run.grace_over and elapsed(now, since.start) >= config.timeout_ms then
+        run.grace_over = true
     end
     local before = state
     if not config.enable then
@@ -288,7 +318,7 @@ local function judge(now)
         state = STATE.WAITING
     elseif not lease.live then
         state = STATE.EXPIRED
-    elseif nobody_commands() then
+    elseif lease.state == LEASE.LOST or lease.commander == 0 then   -- without a commander, whatever state it claims
         state = STATE.LOST
     else
         state = STATE.LIVE
@@ -298,20 +328,15 @@ local function judge(now)
     end
 end
 
--- whether authority is missing, for longer than it may
-local function authority_missing(now)
-    if state == STATE.WAITING or state == STATE.EXPIRED then
-        return grace_over
-    end
-    if state == STATE.LOST then     -- a loss that began with silence does not end with a lease that says LOST
-        return loss.active or elapsed(now, since.lost) >= config.lost_ms
-    end
-    return false
-end
-
 local function arming_objection(now)
     if state == STATE.DISABLED then
         return nil
+    end
+    if not autopilot.known then
+        return string.format("vehicle type %s not supported", autopilot.type or "?")
+    end
+    if rx.blind then
+        return "MAVLink rx taken by a script"
     end
     if craft.armed then             -- see permit_arming
         return "guard stopped while armed"
@@ -357,14 +382,173 @@ local function permit_arming(now)
     end
 end
 
--- ------------------------------------------------------------------------------------------------ enforcement
+-- ------------------------------------------------------------------------------------------------ what is seen
 
-local function mode_reason()
-    if vehicle.get_control_mode_reason then
-        return vehicle:get_control_mode_reason()
+--[[
+Theory of operation
+
+Every call looks at the vehicle once (observe), takes it for one of SEEN (look), and takes one step of TRANSITIONS: state
+and what is seen give the next state and what is done (DEED). Nothing else changes the state. A pair that is not there is
+a fault of this script; the guard then asks for the way home.
+
+  state       authority  the guard
+  CALM        is there   does nothing
+  MISSING     missing    has not seen the aircraft fly in this loss: it stays disarmed or is disarmed
+  ORDERING    missing    asks for the way home, again with pauses while it is refused (LADDERS)
+  RETURNING   missing    watches a return, whoever chose it
+  LANDING     missing    watches a landing: LAND, or AUTO while it comes down
+  PILOT       missing    stands back for a pilot whose radio lives
+  FAILSAFE    missing    stands back for a failsafe that holds the aircraft, 10 s, longer with a failed EKF; for traffic
+                         avoidance, and 10 s after it
+
+  seen, the first that fits
+  AUTHORITY   authority is there, or the guard is switched off
+  DISARMED    the motors are off
+  GROUND      armed, not flying
+  RETURN      a mode that returns
+  LANDS       a landing, or one that was left alone before
+  LAND_ORDER  a landing that a command has chosen since, without a companion that says LOST
+  KEPT        the mode that the guard stands back for, as long as PATIENCE has it
+  OVER        the same mode, longer than that
+  HELD        a failsafe's mode that neither returns nor lands
+  UNREAD      a mode with the pilot's reason; the queue may still hold the DO_AUX_FUNCTION that chose it
+  HANDS       a pilot's mode to steer by hand
+  SWITCH      any other mode that a pilot has chosen since the loss
+  OTHER       everything else: a station, a script, DO_AUX_FUNCTION, a switch without a radio failsafe
+--]]
+-- authority is missing, for longer than it may
+local function authority_missing(now)
+    if state == STATE.WAITING or state == STATE.EXPIRED then
+        return run.grace_over
     end
-    return nil
+    if state == STATE.LOST then     -- a loss that began with silence does not end with a lease that says LOST
+        return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms
+    end
+    return false
 end
+
+-- With FS_THR_ENABLE 0 the firmware calls any radio valid for ever.
+local function radio_lives()
+    return autopilot.fs_thr ~= nil and (autopilot.fs_thr:get() or 0) > 0 and rc ~= nil and rc:has_valid_input()
+end
+
+-- A firmware that cannot tell who has chosen the mode: it may be the pilot.
+local function may_be_pilots(reason)
+    return reason == nil or PILOT_REASONS[reason] ~= nil
+end
+
+-- Whether the pilot chose the mode that has just been seen: not if a DO_AUX_FUNCTION came up to a second before, or may
+-- have been lost because the queue was full.
+local function judge_pilot()
+    if rx.blind then
+        craft.why_not = "rx taken"
+    elseif rx.aux_at and elapsed(craft.before, rx.aux_at) < MS.AUX then
+        craft.why_not = "DO_AUX of " .. rx.aux_by
+    elseif not rx.ended or (rx.full_at and elapsed(craft.before, rx.full_at) < MS.AUX) then
+        craft.why_not = "rx flooded"
+    else
+        craft.by_pilot = true
+    end
+    craft.unread = 0
+end
+
+local function observe(now)
+    craft.armed = arming:is_armed()
+    craft.flying = craft.armed and vehicle:get_likely_flying()
+    if not craft.armed then
+        craft.flown, craft.disarm_tried = false, false
+    elseif craft.flying then
+        craft.flown, craft.flown_at = true, now
+    end
+    craft.radio = radio_lives()
+    if craft.radio then
+        craft.radio_at = now
+    end
+    local mode, reason = vehicle:get_mode(), nil
+    if vehicle.get_control_mode_reason then
+        reason = vehicle:get_control_mode_reason()
+    end
+    local judging = craft.unread > 0
+    if judging then
+        craft.unread = craft.unread - 1
+    end
+    if mode ~= craft.mode or reason ~= craft.reason then
+        craft.mode, craft.reason, craft.changes, craft.before = mode, reason, craft.changes + 1, craft.at
+        craft.by_pilot, rx.ended = false, false
+        if not may_be_pilots(reason) then
+            craft.unread, judging = 0, false
+        elseif not judging then     -- who changes it again and again gains no time
+            craft.unread = WORK.READ_ON_CALLS
+        end
+    end
+    if judging and (rx.ended or craft.unread == 0) then
+        judge_pilot()
+    end
+    if reason == REASON.AVOIDANCE then
+        craft.avoided_at = now
+    elseif craft.avoided_at and elapsed(now, craft.avoided_at) >= MS.FAILSAFE then
+        craft.avoided_at = nil
+    end
+    craft.at = now
+end
+
+-- whether what the guard stands back for goes on
+local PATIENCE = {
+    [ENFORCEMENT.PILOT] = function(now)
+        return elapsed(now, craft.radio_at) < MS.RADIO
+    end,
+    [ENFORCEMENT.FAILSAFE] = function(now)
+        return elapsed(now, loss.since) < MS.FAILSAFE or craft.avoided_at ~= nil or
+            (vehicle.has_ekf_failsafed ~= nil and vehicle:has_ekf_failsafed())
+    end,
+}
+
+local function look(now)
+    if not authority_missing(now) then
+        return SEEN.AUTHORITY
+    end
+    if not craft.armed then
+        return SEEN.DISARMED
+    end
+    if not craft.flying then
+        return SEEN.GROUND
+    end
+    local mode, reason = craft.mode, craft.reason
+    if RETURN_MODES[mode] then
+        return SEEN.RETURN
+    end
+    if mode == MODE.LAND or (mode == MODE.AUTO and vehicle.is_landing and vehicle:is_landing()) then
+        if COMMAND_REASONS[reason] and mode ~= loss.mode and state ~= STATE.LOST then
+            return SEEN.LAND_ORDER
+        end
+        return SEEN.LANDS
+    end
+    if mode == loss.mode then       -- the mode decides: its reason is overwritten when it is ordered again
+        local patience = PATIENCE[enforcement]
+        return patience and patience(now) and SEEN.KEPT or SEEN.OVER
+    end
+    if FAILSAFE_REASONS[reason] or (reason == REASON.AVOIDANCE_RECOVERY and craft.avoided_at) then
+        return SEEN.HELD
+    end
+    if may_be_pilots(reason) then
+        if craft.unread > 0 then
+            return SEEN.UNREAD
+        end
+        if craft.by_pilot and craft.radio then
+            if MANUAL_MODES[mode] then
+                return SEEN.HANDS
+            end
+            if craft.changes ~= loss.changes then
+                return SEEN.SWITCH
+            end
+        end
+    end
+    return SEEN.OTHER
+end
+
+-- ------------------------------------------------------------------------------------------------ what is done
+
+local DEED = {}
 
 local function loss_name()
     if state == STATE.LOST then
@@ -373,52 +557,42 @@ local function loss_name()
     return lease.seen and "lease lost" or "no lease"
 end
 
-local function forget_flight()
-    loss.looked = false             -- has this loss been looked at in this flight
-    loss.engaged = false            -- has a mode of the guard been accepted, or nothing been needed
-    loss.mode = nil                 -- mode that this loss has settled in
-    loss.first_mode = nil
-    loss.attempts = 0
-    loss.wait_ms = 0
-    loss.tried_at = 0
-    loss.stands_back = false
-end
-forget_flight()
-
-local function begin_loss()
-    loss.active = true
-    forget_flight()
-    if not craft.armed then
-        say(MAV_SEVERITY.NOTICE, "loss", 2000, loss_name())
+local function mode_name(mode)
+    if mode == MODE.AUTO then
+        return "AUTO, landing"
     end
+    return mode == MODE.LAND and "LAND" or RETURN_MODES[mode]
 end
 
-local function end_loss()
-    loss.active = false
-    loss.action = ACTION.NONE
-    if state ~= STATE.LIVE or not craft.flying then
-        return
+local function settle(now, text)
+    if loss.mode ~= craft.mode then
+        say(MAV_SEVERITY.NOTICE, "settle", 2000, loss_name() .. ", " .. text)
+        loss.mode, loss.since = craft.mode, now
     end
-    if loss.mode == MODE.LAND then
-        say(MAV_SEVERITY.NOTICE, "back", 1000, "authority back, staying in LAND")
-    elseif RETURN_MODES[loss.mode] then
-        say(MAV_SEVERITY.NOTICE, "back", 1000, "authority back, staying in " .. RETURN_MODES[loss.mode])
-    else
-        say(MAV_SEVERITY.NOTICE, "back", 1000, "authority back")
-    end
-end
-
-local function settle(mode, stands_back, text)
-    say(MAV_SEVERITY.NOTICE, "settle", 2000, loss_name() .. ", " .. text)
-    loss.engaged, loss.mode = true, mode
-    loss.stands_back = stands_back
     loss.attempts = 0
 end
 
-local function send_home(now, undoing)
-    loss.stands_back = false
-    if loss.attempts > 0 and elapsed(now, loss.tried_at) < loss.wait_ms then
-        return
+-- who has chosen the mode that is undone
+local function culprit()
+    if COMMAND_REASONS[craft.reason] then
+        return COMMAND_REASONS[craft.reason] .. " undone"
+    end
+    if not PILOT_REASONS[craft.reason] then
+        return "mode change undone"
+    end
+    if not craft.by_pilot then
+        return craft.why_not .. " undone"
+    end
+    if autopilot.fs_thr and (autopilot.fs_thr:get() or 0) > 0 then
+        return "switch undone, no radio"
+    end
+    return "switch undone, FS_THR_ENABLE 0"
+end
+
+-- Tries the next rung of the ladder once its pause is over; returns it if the autopilot accepts the mode.
+local function send_home(now)
+    if not craft.flying or (loss.attempts > 0 and elapsed(now, loss.tried_at) < loss.wait_ms) then
+        return nil
     end
     local ladder = LADDERS[config.action] or LADDERS[ACTION.RTL]
     local try = ladder[math.min(loss.attempts + 1, #ladder)]
@@ -426,64 +600,31 @@ local function send_home(now, undoing)
     loss.tried_at, loss.wait_ms = now, try.wait_ms
     if not vehicle:set_mode(try.mode) then
         say(MAV_SEVERITY.CRITICAL, "refused", 1000, loss_name() .. ", " .. try.name .. " refused")
-        return
+        return nil
     end
-    loss.engaged, loss.mode, loss.action = true, try.mode, try.action
-    loss.attempts = 0
-    if undoing then
-        say(MAV_SEVERITY.WARNING, "undone", 2000, "no authority, mode change undone")
-    else
-        say(MAV_SEVERITY.CRITICAL, "action", 1000, loss_name() .. ", " .. try.name)
-    end
+    loss.mode, loss.action, loss.attempts = try.mode, try.action, 0
+    return try
 end
 
--- A pilot who takes over by RC after the guard has acted is not fought. One who already steers by hand when authority
--- is lost keeps the aircraft: the loss concerns the stations, and the radio failsafe watches over the pilot's own link.
-local function pilot_has_it(mode, reason)
-    if not PILOT_REASONS[reason] then
-        return false
-    end
-    if loss.engaged or mode ~= loss.first_mode then
-        return true
-    end
-    return MANUAL_MODES[mode] and rc ~= nil and rc:has_valid_input()
+function DEED.tell()
+    say(MAV_SEVERITY.NOTICE, "loss", 2000, loss_name())
 end
 
-local function enforce_in_flight(now)
-    local mode, reason = vehicle:get_mode(), mode_reason()
-    local first = not loss.looked
-    if first then
-        loss.looked, loss.first_mode = true, mode
+function DEED.forget()
+    loss.mode, loss.attempts, loss.wait_ms = nil, 0, 0
+end
+
+function DEED.finish()
+    loss.action = ACTION.NONE
+    if state == STATE.LIVE and craft.flying then
+        local stays = (loss.mode == MODE.LAND or RETURN_MODES[loss.mode]) and ", staying in " .. mode_name(loss.mode)
+        say(MAV_SEVERITY.NOTICE, "back", 1000, "authority back" .. (stays or ""))
     end
-    if mode == loss.mode then       -- what was set or found; the mode decides, its reason may be overwritten
-        return
-    end
-    if RETURN_MODES[mode] then
-        settle(mode, false, "in " .. RETURN_MODES[mode])
-        return
-    end
-    -- LAND may have been chosen before the loss, by a failsafe, by the pilot, or by the companion that says LOST
-    if mode == MODE.LAND and (first or not COMMAND_REASONS[reason] or state == STATE.LOST) then
-        settle(mode, false, "in LAND")
-        return
-    end
-    if FAILSAFE_REASONS[reason] then
-        settle(mode, true, "failsafe acts")
-        return
-    end
-    if pilot_has_it(mode, reason) then
-        settle(mode, true, "pilot flies")
-        return
-    end
-    if reason == nil and loss.engaged then  -- firmware that cannot tell who: it may be the pilot
-        settle(mode, true, "mode left alone")
-        return
-    end
-    send_home(now, loss.engaged)
+    DEED.forget()
 end
 
 -- A script's disarm stops the motors in the air as well: be sure of the ground.
-local function enforce_on_ground(now)
+function DEED.disarm(now)
     if craft.flown and elapsed(now, craft.flown_at) < MS.LANDED then
         return
     end
@@ -497,34 +638,78 @@ local function enforce_on_ground(now)
     end
 end
 
-local function observe(now)
-    craft.armed = arming:is_armed()
-    craft.flying = craft.armed and vehicle:get_likely_flying()
-    if not craft.armed then
-        craft.flown, craft.disarm_tried = false, false
-    elseif craft.flying then
-        craft.flown, craft.flown_at = true, now
+function DEED.watch(now)
+    settle(now, "in " .. mode_name(craft.mode))
+end
+
+function DEED.stand_back(now)
+    if enforcement == ENFORCEMENT.PILOT then
+        settle(now, "pilot flies")
+    else
+        settle(now, craft.avoided_at and "traffic avoidance" or "failsafe acts")
     end
+end
+
+function DEED.order(now, why)
+    local done = send_home(now)
+    if done then
+        why = why and ", " .. why or ""
+        say(MAV_SEVERITY.CRITICAL, "action", 1000, loss_name() .. why .. ", " .. done.name)
+    end
+end
+
+function DEED.undo(now)
+    local text = culprit()
+    if send_home(now) then
+        say(MAV_SEVERITY.WARNING, "undone", 2000, loss_name() .. ", " .. text)
+    end
+end
+
+-- ------------------------------------------------------------------------------------------------ enforcement
+
+-- State and what is seen: next state (none: it stays), what is done, and why. The columns are those of SEEN.
+local TRANSITIONS = {}
+do
+    local E, D = ENFORCEMENT, DEED
+    local calm, told, gone = {to=E.CALM}, {to=E.MISSING, deed=D.tell}, {to=E.MISSING, deed=D.disarm}
+    local over, down, off, stay, miss = {to=E.CALM, deed=D.finish}, {to=E.MISSING, deed=D.forget}, {deed=D.disarm}, {},
+        {to=E.MISSING}
+    local home, land = {to=E.RETURNING, deed=D.watch}, {to=E.LANDING, deed=D.watch}
+    local hand, fail = {to=E.PILOT, deed=D.stand_back}, {to=E.FAILSAFE, deed=D.stand_back}
+    local call, undo = {to=E.ORDERING, deed=D.order}, {to=E.ORDERING, deed=D.undo}
+    local left = {to=E.ORDERING, deed=D.order, why="landing left"}
+    local dead = {to=E.ORDERING, deed=D.order, why="radio gone"}
+    local held = {to=E.ORDERING, deed=D.order, why="held 10 s"}
+    --                        AUTHORITY  GROUND   LANDS          KEPT          HELD          HANDS         OTHER
+    --                              DISARMED RETURN  LAND_ORDER       OVER           UNREAD        SWITCH
+    TRANSITIONS[E.CALM] =      {calm, told, gone, home, land, land, call, call, fail, miss, hand, call, call}
+    TRANSITIONS[E.MISSING] =   {over, down, off,  home, land, land, call, call, fail, stay, hand, call, call}
+    TRANSITIONS[E.ORDERING] =  {over, down, off,  home, land, call, call, call, fail, stay, hand, hand, call}
+    TRANSITIONS[E.RETURNING] = {over, down, off,  home, land, undo, call, call, fail, stay, hand, hand, undo}
+    TRANSITIONS[E.LANDING] =   {over, down, off,  home, land, land, call, left, fail, stay, hand, hand, undo}
+    TRANSITIONS[E.PILOT] =     {over, down, off,  home, land, undo, stay, dead, fail, stay, hand, hand, undo}
+    TRANSITIONS[E.FAILSAFE] =  {over, down, off,  home, land, undo, stay, held, fail, stay, hand, hand, undo}
 end
 
 local function enforce(now)
     judge(now)
     observe(now)
-    local missing = authority_missing(now)
-    if missing and not loss.active then
-        begin_loss()
-    elseif loss.active and not missing then
-        end_loss()
-    end
-    if not loss.active then
+    if not autopilot.known then     -- its modes are not those above: none is set
         return
     end
-    if not craft.armed then
-        forget_flight()
-    elseif craft.flying then
-        enforce_in_flight(now)
-    else
-        enforce_on_ground(now)
+    local seen = look(now)
+    local row = TRANSITIONS[enforcement]
+    local move = row and row[seen]
+    if not move then                -- the way home is asked for, unless the aircraft is on the ground
+        say(MAV_SEVERITY.ERROR, "entry", 10000, string.format("fault, no entry %d/%d", enforcement, seen))
+        move = {to=ENFORCEMENT.ORDERING, deed=DEED.order}
+    end
+    if enforcement <= ENFORCEMENT.MISSING then
+        loss.changes = craft.changes
+    end
+    enforcement = move.to or enforcement
+    if move.deed then
+        move.deed(now, move.why)
     end
 end
 
@@ -533,7 +718,7 @@ local function last_resort(now)
     judge(now)
     if not authority_missing(now) then
         loss.resorted = false
-    elseif not loss.resorted and arming:is_armed() then
+    elseif not loss.resorted and autopilot.known and arming:is_armed() then
         loss.resorted = true
         if not RETURN_MODES[vehicle:get_mode()] then
             vehicle:set_mode(MODE.RTL)
@@ -586,9 +771,9 @@ end
 --   * its epoch is older: stale, refused while armed. On the ground, with the old lease dead, it is accepted: the
 --     journal was wiped or the computer exchanged, and nothing flies on it.
 -- A nonce that was replaced never comes back (the last eight are remembered).
-local function newcomer_objection(nonce, epoch)
-    for i = 1, #retired do
-        if retired[i] == nonce then
+function lease.newcomer_objection(nonce, epoch)
+    for i = 1, #lease.retired do
+        if lease.retired[i] == nonce then
             return "old nonce"
         end
     end
@@ -601,7 +786,7 @@ local function newcomer_objection(nonce, epoch)
     return "nonce"
 end
 
-local function freshness_objection(nonce, sequence, epoch)
+function lease.freshness_objection(nonce, sequence, epoch)
     if nonce == 0 then
         return "nonce"
     end
@@ -609,7 +794,7 @@ local function freshness_objection(nonce, sequence, epoch)
         return nil
     end
     if nonce ~= lease.nonce then
-        return newcomer_objection(nonce, epoch)
+        return lease.newcomer_objection(nonce, epoch)
     end
     if not serial_ahead(sequence, lease.sequence) then
         return "sequence"
@@ -620,7 +805,7 @@ local function freshness_objection(nonce, sequence, epoch)
     return nil
 end
 
-local function channel_objection(chan)
+function lease.channel_objection(chan)
     if config.chan >= 0 then
         if chan ~= config.chan then
             return string.format("channel %d not %d", chan, config.chan)
@@ -631,11 +816,11 @@ local function channel_objection(chan)
     return nil
 end
 
-local function accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms)
+function lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms)
     if lease.seen and nonce ~= lease.nonce then
-        retired[#retired + 1] = lease.nonce
-        if #retired > 8 then
-            table.remove(retired, 1)
+        lease.retired[#lease.retired + 1] = lease.nonce
+        if #lease.retired > 8 then
+            table.remove(lease.retired, 1)
         end
     end
     lease.seen, lease.live = true, true
@@ -690,7 +875,7 @@ end
 -- no tag is asked for. A file that cannot be used: no lease is good, because somebody wanted them checked.
 local key = {required=false, k0=nil, k1=nil}
 
-local function read_key()
+function key.read()
     for _, path in ipairs({"/APM/scripts/handover.key", "scripts/handover.key"}) do
         local file = io and io.open(path, "r")
         if file then
@@ -712,7 +897,7 @@ local function read_key()
 end
 
 -- The tag covers payload type, target and the lease: what is right for one vehicle is wrong for any other.
-local function tag_objection(body, flags)
+function key.objection(body, flags)
     if not key.required then
         return nil
     end
@@ -731,9 +916,9 @@ end
 
 -- returns how many sums were computed
 local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
-    local objection = channel_objection(chan)
+    local objection = lease.channel_objection(chan)
     if not objection then
-        if sysid ~= own_sysid then
+        if sysid ~= autopilot.sysid then
             objection = string.format("system %d", sysid)
         elseif compid ~= config.compid then
             objection = string.format("component %d", compid)
@@ -755,7 +940,7 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     local _, target, component, length, version, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms =
         string.unpack("<I2BBBBBBBI4I4I4I2", body)
     local tagged = flags & LEASE.TAGGED
-    if target ~= own_sysid or component ~= MAV.AUTOPILOT_COMPID then
+    if target ~= autopilot.sysid or component ~= MAV.AUTOPILOT_COMPID then
         objection = "target"
     elseif length ~= LEASE.BYTES + LEASE.TAG_BYTES * tagged or len > MAV.TUNNEL_HEAD_BYTES + length then
         objection = "length"
@@ -764,26 +949,32 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     elseif lease_state < LEASE.HELD or lease_state > LEASE.RECOVERING then
         objection = string.format("state %d", lease_state)
     else
-        objection = tag_objection(body, flags) or freshness_objection(nonce, sequence, epoch)
+        objection = key.objection(body, flags) or lease.freshness_objection(nonce, sequence, epoch)
     end
     if objection then
         refuse(objection)
     else
-        accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms)
+        lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms)
     end
     return key.required and 2 or 1
 end
 
--- MAV_CMD_SCRIPTING would stop this script. The firmware ignores it without an answer once it is blocked; answer here.
-local function read_command(msg, chan, crc, magic, len, msgid, sysid, compid)
-    if string.unpack("<I2", msg, 41) ~= MAV.CMD_SCRIPTING then
+-- MAV_CMD_SCRIPTING would stop this script: the firmware ignores it without an answer once it is blocked, so it is
+-- answered here. DO_AUX_FUNCTION goes on to the firmware and is remembered: it changes the mode as a pilot's switch does.
+local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid, compid)
+    local command = string.unpack("<I2", msg, 41)
+    if command ~= MAV.CMD_SCRIPTING and command ~= MAV.CMD_AUX_FUNCTION then
         return 0
     end
     if not crc_fits(msg, magic, len, msgid, crc) then
         return 1
     end
-    mavlink:send_chan(chan, MAV.COMMAND_ACK, string.pack("<I2BBi4BB", MAV.CMD_SCRIPTING, MAV.RESULT_DENIED, 0, 0,
-                                                     sysid, compid))
+    if command == MAV.CMD_AUX_FUNCTION then
+        rx.aux_at = stamp and stamp:toint() or now
+        rx.aux_by = string.format("%d/%d", sysid, compid)
+        return 1
+    end
+    mavlink:send_chan(chan, MAV.COMMAND_ACK, string.pack("<I2BBi4BB", command, MAV.RESULT_DENIED, 0, 0, sysid, compid))
     tampering.seen = true
     say(MAV_SEVERITY.WARNING, "command", 10000, string.format("scripting command of %d/%d denied", sysid, compid))
     return 1
@@ -798,18 +989,24 @@ local function read_frame(now, msg, chan, stamp)
         return read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     end
     if msgid == MAV.COMMAND_LONG or msgid == MAV.COMMAND_INT then
-        return read_command(msg, chan, crc, magic, len, msgid, sysid, compid)
+        return read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid, compid)
     end
     return 0
 end
 
 -- returns true when frames may be left
-local function read_frames(now)
+function rx.read(now)
     local sums = 0
     for _ = 1, WORK.FRAMES_PER_CALL do
         local msg, chan, stamp = mavlink:receive_chan()
         if not msg then
+            rx.run, rx.ended = 0, true
             return false
+        end
+        rx.heard[chan] = true
+        rx.run = math.min(rx.run + 1, WORK.QUEUE_FRAMES)
+        if rx.run == WORK.QUEUE_FRAMES then
+            rx.full_at = now        -- it was full, and may have lost what came then
         end
         sums = sums + read_frame(now, msg, chan, stamp)
         if sums >= WORK.SUMS_PER_CALL then
@@ -821,27 +1018,31 @@ end
 
 -- ------------------------------------------------------------------------------------------------ standing orders
 
-local rx_ids = {MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}
-
 -- The receive table is common to all scripts, and init() with more ids than its first caller asked for writes past its
--- end: it is called with three only where nobody has called it yet, which receive_chan() tells by raising.
-local function take_rx()
+-- end (4.6): it is called with three only where nobody has called it yet, which receive_chan() tells by raising.
+function rx.take()
     if not pcall(mavlink.receive_chan, mavlink) then
-        mavlink:init(WORK.QUEUE_FRAMES, #rx_ids)
+        rx.own = true
+        mavlink:init(WORK.QUEUE_FRAMES, #rx.ids)
     else
         say(MAV_SEVERITY.NOTICE, "shared", 0, "MAVLink rx was in use before")
     end
 end
 
--- Registers again what another script may have wiped. No free entry: take the first one, for the lease alone.
-local function assert_registrations(now, at_start)
-    for i = 1, #rx_ids do
-        local ok, was_missing = pcall(mavlink.register_rx_msgid, mavlink, rx_ids[i])
+-- Registers again what another script may have wiped. No free entry: empty the table, and where it is not the guard's
+-- own take one entry, for the lease alone. That works on 4.6; a second init() on 4.5 and 4.7 changes nothing.
+function rx.register(now, at_start)
+    for i = 1, #rx.ids do
+        local ok, was_missing = pcall(mavlink.register_rx_msgid, mavlink, rx.ids[i])
         if not ok then
             notice_tampering(now, "MAVLink rx taken by another script")
-            rx_ids = {MAV.TUNNEL}
-            mavlink:init(WORK.QUEUE_FRAMES, 1)
-            mavlink:register_rx_msgid(MAV.TUNNEL)
+            if not rx.own then
+                rx.ids, rx.blind = {MAV.TUNNEL}, true
+            end
+            mavlink:init(WORK.QUEUE_FRAMES, #rx.ids)
+            for k = 1, #rx.ids do
+                pcall(mavlink.register_rx_msgid, mavlink, rx.ids[k])
+            end
             break
         elseif was_missing and not at_start then
             notice_tampering(now, "MAVLink rx was reset by a script")
@@ -862,8 +1063,8 @@ end
 
 -- The new station has to be heard within FS_GCS_TIMEOUT of this: the firmware goes on counting from the old one's last
 -- heartbeat. Firmware that accepts a range of ids has it closed, or stations between the two would count as well.
-local function follow_commander()
-    if not config.sysid_sw or state ~= STATE.LIVE or lease.commander == 0 then
+function gcs_id.follow()
+    if not (config.sysid_sw and autopilot.known) or state ~= STATE.LIVE or lease.commander == 0 then
         return
     end
     local present = param:get(gcs_id.name)
@@ -886,70 +1087,88 @@ local function follow_commander()
     end
 end
 
-local firmware = {major=0, minor=0}
-pcall(function()
-    firmware.major, firmware.minor = FWVersion:major(), FWVersion:minor()
-end)
+-- What makes a status go out at once, and a log record with it, as it was sent last.
+local status = {state=-1, action=-1, flags=-1, epoch=0, nonce=0, enforcement=-1, commander=0}
 
-local function status_flags()
+function status.flags_now()
     local flags = 0
-    if loss.active and craft.armed and not loss.stands_back then flags = flags | 1 end
-    if craft.armed then flags = flags | 2 end
-    if craft.flying then flags = flags | 4 end
-    if tampering.seen then flags = flags | 8 end
+    local stands_back = enforcement == ENFORCEMENT.PILOT or enforcement == ENFORCEMENT.FAILSAFE
+    if enforcement ~= ENFORCEMENT.CALM and craft.armed and not stands_back then flags = flags | STATUS.ENFORCING end
+    if craft.armed then flags = flags | STATUS.ARMED end
+    if craft.flying then flags = flags | STATUS.FLYING end
+    if tampering.seen then flags = flags | STATUS.TAMPERED end
+    if not autopilot.known then flags = flags | STATUS.UNKNOWN_VEHICLE end
     return flags
 end
 
--- what makes a status go out at once, and a log record with it
-local sent = {state=-1, action=-1, flags=-1, epoch=0, nonce=0}
-
-local function report(now)
-    local flags = status_flags()
-    local changed = sent.state ~= state or sent.action ~= loss.action or sent.flags ~= flags or
-        sent.epoch ~= lease.epoch or sent.nonce ~= lease.nonce
-    if not changed and elapsed(now, since.status) < MS.STATUS then
-        return false
-    end
+-- Firmware before the end of 2025 dies of a message to a channel without a port: only one that was heard is answered.
+-- Returns whether the message has gone, or cannot go at all.
+function status.send(flags)
     local chan = config.chan
     if chan < 0 then
         chan = lease.chan           -- -1 until a lease has come: nobody to tell
     end
-    if chan >= 0 then
-        local answer = string.pack("<I2BBBBBBBI4I4I4I2BB", STATUS.TYPE, own_sysid, config.compid, STATUS.BYTES,
-                                   STATUS.VERSION, state, loss.action, flags, lease.nonce, lease.sequence, lease.epoch,
-                                   refused.count, firmware.major, firmware.minor)
-        if not mavlink:send_chan(chan, MAV.TUNNEL, answer .. string.rep("\0", MAV.TUNNEL_BYTES - #answer)) then
-            return false            -- no room on the link: next call
-        end
+    if not rx.heard[chan] then
+        return true
     end
-    sent.state, sent.action, sent.flags, sent.epoch, sent.nonce = state, loss.action, flags, lease.epoch, lease.nonce
+    local text = string.pack("<I2BBBBBBBI4I4I4I2BB", STATUS.TYPE, autopilot.sysid, config.compid, STATUS.BYTES,
+                             STATUS.VERSION, state, loss.action, flags, lease.nonce, lease.sequence, lease.epoch,
+                             refused.count, autopilot.major, autopilot.minor)
+    text = text .. string.rep("\0", MAV.TUNNEL_BYTES - #text)
+    local ok, room = pcall(mavlink.send_chan, mavlink, chan, MAV.TUNNEL, text)
+    if not ok then
+        say(MAV_SEVERITY.ERROR, "answer", math.maxinteger, string.format("no answer on channel %d", chan))
+    end
+    return not ok or room
+end
+
+function status.report(now)
+    local flags = status.flags_now()
+    local changed = status.state ~= state or status.action ~= loss.action or status.flags ~= flags or
+        status.epoch ~= lease.epoch or status.nonce ~= lease.nonce or status.enforcement ~= enforcement
+    if not changed and elapsed(now, since.status) < MS.STATUS then
+        return false
+    end
+    if not status.send(flags) then
+        return false                -- no room on the link: next call
+    end
+    status.state, status.enforcement, status.action, status.flags = state, enforcement, loss.action, flags
+    status.epoch, status.nonce = lease.epoch, lease.nonce
     since.status = now
     return changed
 end
 
-local function log(now)
+function status.log(now)
     if not logger or not logger.write then
         return
     end
     local age_ms = lease.seen and elapsed(now, lease.at) or 0
-    logger:write("HNDO", "St,Ac,Fl,Cmd,LSt,Ep,Seq,Age,Rej", "BBBBBIIIH", "-------s-", "-------C-", state, loss.action,
-                 status_flags(), lease.commander, lease.state, lease.epoch, lease.sequence, age_ms, refused.count)
+    logger:write("HNDO", "St,Ac,Fl,Cmd,LSt,Ep,Seq,Age,Rej,En", "BBBBBIIIHB", "-------s--", "-------C--", state,
+                 loss.action, status.flags_now(), lease.commander, lease.state, lease.epoch, lease.sequence, age_ms,
+                 refused.count, enforcement)
 end
 
 local function second(now)
-    own_sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)
-    assert_registrations(now, false)
-    follow_commander()
+    autopilot.sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)
+    if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then
+        rx.aux_at = nil             -- before the clock has gone half-way round
+    end
+    if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then
+        rx.full_at = nil
+    end
+    if not autopilot.known then
+        say(MAV_SEVERITY.ERROR, "type", MS.TYPE, string.format("vehicle type %s not supported", autopilot.type or "?"))
+    end
+    rx.register(now, false)
+    gcs_id.follow()
 end
-
-local announced = 0
 
 local function announce_commander()
     local commander = state == STATE.LIVE and lease.commander or 0
-    if commander ~= announced and commander ~= 0 then
+    if commander ~= status.commander and commander ~= 0 then
         say(MAV_SEVERITY.INFO, "commander", 500, string.format("lease live, %d commands", commander))
     end
-    announced = commander
+    status.commander = commander
 end
 
 local function housekeeping(now)
@@ -957,15 +1176,15 @@ local function housekeeping(now)
     permit_arming(now)
     announce_commander()
     if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander then
-        follow_commander()
+        gcs_id.follow()
     end
-    local changed = report(now)
+    local changed = status.report(now)
     local due = elapsed(now, since.second) >= MS.SECOND
     if due then
         since.second = now
     end
     if changed or due then
-        log(now)
+        status.log(now)
     end
     if due then
         second(now)
@@ -975,11 +1194,11 @@ end
 -- ------------------------------------------------------------------------------------------------ running
 
 local function protected(f, now)
-    local ok, answer = pcall(f, now)
+    local ok, result = pcall(f, now)
     if ok then
-        return true, answer
+        return true, result
     end
-    pcall(say, MAV_SEVERITY.ERROR, "fault", 10000, "fault " .. tostring(answer))
+    pcall(say, MAV_SEVERITY.ERROR, "fault", 10000, "fault " .. tostring(result))
     return false, nil
 end
 
@@ -987,34 +1206,34 @@ local function update()
     local now = clock()
     local stalled = elapsed(now, since.last_run) > MS.STALL
     since.last_run = now
-    protected(read_config, now)
+    protected(config.read, now)
     if stalled then
-        catch_up = WORK.CATCH_UP_CALLS
+        run.catch_up = WORK.CATCH_UP_CALLS
     end
     local _, more
-    if catch_up > 0 then            -- leases may be waiting, oldest first: hear them all before judging
-        _, more = protected(read_frames, now)
-        catch_up = more and catch_up - 1 or 0
+    if run.catch_up > 0 then            -- leases may be waiting, oldest first: hear them all before judging
+        _, more = protected(rx.read, now)
+        run.catch_up = more and run.catch_up - 1 or 0
     end
-    if catch_up == 0 then
+    if run.catch_up == 0 then
         if not protected(enforce, now) then
             protected(last_resort, now)
         end
         if not stalled then
-            _, more = protected(read_frames, now)
+            _, more = protected(rx.read, now)
         end
     end
     protected(housekeeping, now)
-    if more then
+    if more or craft.unread > 0 then
         return update, MS.BUSY
     end
     return update, MS.UPDATE
 end
 
-read_key()
-take_rx()
-assert_registrations(since.start, true)
-own_sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)
+key.read()
+rx.take()
+rx.register(since.start, true)
+autopilot.sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)
 say(MAV_SEVERITY.INFO, "loaded", 0, "handover guard " .. TEXT.VERSION .. (key.required and " loaded, key" or " loaded"))
 
 return update, MS.UPDATE

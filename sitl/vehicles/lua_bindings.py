@@ -10,8 +10,9 @@ of the guard use the same layer, so that what the tests see is what flies there.
 
 What is kept of ArduPilot (its `libraries/AP_Scripting` and `AP_Arming::aux_auth_checks`):
 
-- one receive queue and one table of message ids for all scripts; `mavlink:init` wipes the table, whose memory
-  is never freed or enlarged; a full queue drops the newcomer;
+- one receive queue and one table of message ids for all scripts; a second `mavlink:init` wipes the table, whose memory
+  is never freed or enlarged (4.6 and 4.7-dev; 4.5 and 4.7 leave it alone); a full queue drops the newcomer;
+- a message to a channel without a port ends the process (before 4.7), one past the buffers raises;
 - known messages reach a script even when their CRC is wrong; those for another system or component do not;
 - 10 000 VM instructions a call, and no `pcall` saves a script that exceeds them;
 - a script that raises is removed for good, and the error blocks arming;

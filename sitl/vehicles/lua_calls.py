@@ -5,8 +5,10 @@
 `ScriptCalls` holds what the autopilot keeps for its scripts: the receive queue, the table of message ids,
 blocked commands, arming authorisations, parameter tables and log formats. A binding that refuses its
 arguments raises `ScriptFault`, which becomes a Lua error. Where ArduPilot itself would be damaged (memory
-over-read or overrun, the halt of SITL on a log message defined twice) the fault is raised in Python, past
-every `pcall` of the script.
+over-read or overrun, a null pointer, the halt of SITL on a log message defined twice) the fault is raised in Python,
+past every `pcall` of the script.
+
+Where firmware versions differ, `VehicleHost.firmware` decides; 4.7.0 is the development version of 2025.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ MODE_REASON_SCRIPTING = 32
 MAX_AUX_AUTHS = 3
 AUX_AUTH_TEXT_BYTES = 41
 PARAMETER_NAME_BYTES = 16
+_4_6, _4_7_DEV = (4, 6, 0), (4, 7, 0)
 
 
 class ScriptFault(Exception):
@@ -143,6 +146,14 @@ class ScriptCalls:
         return self._host.likely_flying()
 
     @_binding
+    def is_landing(self) -> bool:
+        return self._host.is_landing()
+
+    @_binding
+    def has_ekf_failsafed(self) -> bool:
+        return self._host.has_ekf_failsafed()
+
+    @_binding
     def get_time_flying_ms(self) -> int:
         return self._host.time_flying_ms()
 
@@ -243,6 +254,10 @@ class ScriptCalls:
         return self._host.rc_valid()
 
     @_binding
+    def fw_type(self) -> int:
+        return self._host.firmware_type()
+
+    @_binding
     def fw_major(self) -> int:
         return self._host.firmware()[0]
 
@@ -259,9 +274,11 @@ class ScriptCalls:
         queue_size, count = _whole(queue, 0, 25), _whole(msgids, 0, 25)
         if self.queue is None:
             self.queue, self.queue_size, self._allocated = deque(), queue_size, count
-        if count > self._allocated:
-            raise RuntimeError(f"mavlink:init overruns the table of {self._allocated} message ids")
-        self.msgids = [None] * count
+            self.msgids = [None] * count
+        elif _4_6 <= self._host.firmware() <= _4_7_DEV:  # before and after, a second call changes nothing
+            if count > self._allocated:
+                raise RuntimeError(f"mavlink:init overruns the table of {self._allocated} message ids")
+            self.msgids = [None] * count
         return ()
 
     @_binding
@@ -290,13 +307,19 @@ class ScriptCalls:
 
     @_binding
     def mavlink_send_chan(self, channel: object, msgid: object, payload: object) -> bool:
-        chan, number = _whole(channel, 0, 15), _whole(msgid, 0, (1 << 24) - 1)
+        firmware = self._host.firmware()
+        buffers = 7 if firmware < _4_6 else 8 if firmware <= _4_7_DEV else 16
+        chan, number = _whole(channel, 0, buffers - 1), _whole(msgid, 0, (1 << 24) - 1)
         data = _text(payload).encode("latin-1")
         wanted = payload_size(number)
         if wanted is None:
             raise ScriptFault(f"Unknown MAVLink message ID ({number})")
         if len(data) < wanted:
             raise RuntimeError(f"message {number}: payload of {len(data)} bytes, {wanted} are read")
+        if not self._host.has_port(chan):
+            if firmware <= _4_7_DEV:
+                raise RuntimeError(f"the autopilot's process dies: no port has channel {chan} (packet_overhead_chan)")
+            return False
         return self._host.send_message(chan, number, data[:wanted])
 
     @_binding

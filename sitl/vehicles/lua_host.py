@@ -36,6 +36,12 @@ class VehicleHost(Protocol):
     def likely_flying(self) -> bool:
         """ArduCopter: not landed. False in the first moments of a take-off."""
 
+    def is_landing(self) -> bool:
+        """ArduCopter: in LAND, in the last part of RTL and SMART_RTL, and in AUTO while a landing item goes down."""
+
+    def has_ekf_failsafed(self) -> bool:
+        """Whether the EKF failsafe is on: the position is not to be trusted."""
+
     def time_flying_ms(self) -> int:
         """Milliseconds since the vehicle began to fly; 0 on the ground."""
 
@@ -63,6 +69,9 @@ class VehicleHost(Protocol):
         The payload has the message's full length. False when there is no room or no such channel.
         """
 
+    def has_port(self, channel: int) -> bool:
+        """Whether a port belongs to the MAVLink channel."""
+
     def gcs_last_seen_ms(self) -> int:
         """When the last heartbeat of the GCS id arrived; not reset when the id changes. 0: never."""
 
@@ -74,3 +83,6 @@ class VehicleHost(Protocol):
 
     def firmware(self) -> tuple[int, int, int]:
         """Firmware version: major, minor, patch."""
+
+    def firmware_type(self) -> int:
+        """The kind of vehicle that the firmware was built for: Rover 1, Copter 2, Plane 3, Heli 13, ..."""

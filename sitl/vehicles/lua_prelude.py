@@ -148,6 +148,8 @@ add("set_mode", 1, forward(py.set_mode))
 add("get_mode", 0, forward(py.get_mode))
 add("get_control_mode_reason", 0, forward(py.get_control_mode_reason))
 add("get_likely_flying", 0, forward(py.get_likely_flying))
+add("is_landing", 0, forward(py.is_landing))
+add("has_ekf_failsafed", 0, forward(py.has_ekf_failsafed))
 add("get_time_flying_ms", 0, function() return new((pass(4, py.get_time_flying_ms()))) end)
 
 local arming
@@ -230,6 +232,7 @@ if absent["logger.write"] then logger.write = nil end
 
 local version
 version, add = object("FWVersion")
+add("type", 0, forward(py.fw_type))
 add("major", 0, forward(py.fw_major))
 add("minor", 0, forward(py.fw_minor))
 add("patch", 0, forward(py.fw_patch))

@@ -24,7 +24,12 @@ from sitl.vehicles.lua_bindings import LuaScripting
 GUARD = Path(os.environ.get("PLANTED_GUARD") or Path(__file__).parents[2] / "ardupilot_lua" / "handover_guard.lua")
 
 STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE, SMART_RTL, AUTO_RTL = 0, 3, 4, 5, 6, 9, 17, 21, 27
-BY_RC, BY_GCS, BY_BATTERY, BY_EKF, BY_FENCE, BY_AVOIDANCE_END, BY_SCRIPT = 1, 2, 4, 6, 10, 15, 32
+BY_RC, BY_GCS, BY_BATTERY, BY_EKF, BY_FENCE, BY_SCRIPT, BY_AUX = 1, 2, 4, 6, 10, 32, 53
+BY_ESCAPE, BY_AVOIDANCE, BY_AVOIDANCE_END = 9, 14, 15
+#: FWVersion:type()
+ROVER, COPTER, PLANE, SUB, HELI = 1, 2, 3, 7, 13
+#: states of the guard's enforcement, field En of its log
+CALM, MISSING, ORDERING, RETURNING, LANDING, PILOT, FAILSAFE = range(7)
 
 HELD, TRANSFER, LOST, RECOVERING = 1, 2, 3, 4
 #: of the guard
@@ -52,9 +57,15 @@ class FakeVehicle:
         self.mode = STABILIZE
         self.reason = BY_RC
         self.rc = False
+        self.landing = False
+        self.ekf_failed = False
+        #: MAVLink channels with a port; one that a frame comes from has one
+        self.ports = {0, 1, 2}
+        self.type = COPTER
         self.refused_modes: set[int] = set()
         self.disarm_works = True
         self.parameters: dict[str, float] = {"SCR_ENABLE": 1.0, "MAV_SYSID": 1.0, "MAV_GCS_SYSID": 255.0}
+        self.parameters["FS_THR_ENABLE"] = 1.0
         self.saved: list[str] = []
         self.link_open = True
         self.firmware_version = (4, 7, 0)
@@ -101,6 +112,12 @@ class FakeVehicle:
     def likely_flying(self) -> bool:
         return self.flying
 
+    def is_landing(self) -> bool:
+        return self.landing
+
+    def has_ekf_failsafed(self) -> bool:
+        return self.ekf_failed
+
     def time_flying_ms(self) -> int:
         return 0
 
@@ -130,6 +147,9 @@ class FakeVehicle:
             self.messages.append((channel, msgid, payload))
         return self.link_open
 
+    def has_port(self, channel: int) -> bool:
+        return channel in self.ports
+
     def gcs_last_seen_ms(self) -> int:
         return 0
 
@@ -141,6 +161,9 @@ class FakeVehicle:
 
     def firmware(self) -> tuple[int, int, int]:
         return self.firmware_version
+
+    def firmware_type(self) -> int:
+        return self.type
 
 
 @dataclass(frozen=True)
@@ -227,6 +250,16 @@ class Companion:
         return bytes(message.pack(self.packer))
 
 
+def command_frame(command: int, *, as_int: bool = False, force_mavlink1: bool = False) -> bytes:
+    """A COMMAND_LONG or COMMAND_INT of station 66, component 190."""
+    packer = dialect.MAVLink(None, srcSystem=66, srcComponent=190)
+    if as_int:
+        message = dialect.MAVLink_command_int_message(1, 1, 0, command, 0, 0, 2, 0, 0, 0, 0, 0, 0)
+    else:
+        message = dialect.MAVLink_command_long_message(1, 1, command, 0, 2, 0, 0, 0, 0, 0, 0)
+    return bytes(message.pack(packer, force_mavlink1=force_mavlink1))
+
+
 class Bench:
     """Guard, vehicle and companion on one clock. `run` lets time pass; leases go out at 5 Hz while `sending`."""
 
@@ -241,7 +274,9 @@ class Bench:
         earlier_script: str = "",
         count_instructions: bool = False,
         guard: Path = GUARD,
+        heard: bool = True,
     ) -> None:
+        """`heard`: something has come in on the companion's channel, so that the guard answers there."""
         self.vehicle = FakeVehicle()
         self.vehicle.now_ms = boot_ms
         self.vehicle.firmware_version = firmware
@@ -257,6 +292,8 @@ class Bench:
         self.most_instructions = 0
         self._lease_due_ms = self.vehicle.now_ms
         self.run(0)
+        if heard:
+            self.hear()
 
     def run(self, duration_ms: int, step_ms: int = 10) -> None:
         """Let time pass in small steps."""
@@ -272,7 +309,17 @@ class Bench:
             self.vehicle.now_ms += step_ms
 
     def receive(self, frame: bytes, channel: int = COMPANION_CHANNEL) -> bool:
+        self.vehicle.ports.add(channel)
         return self.scripting.deliver(frame, channel)
+
+    def hear(self, channel: int = COMPANION_CHANNEL) -> None:
+        """Something of no importance comes in on a channel; the guard answers where it has heard something."""
+        self.receive(self.companion.tunnel(b"", kind=0), channel)
+
+    def pilot_chooses(self, mode: int, reason: int = BY_RC) -> None:
+        """By the switch of a transmitter that is heard."""
+        self.vehicle.rc = True
+        self.vehicle.mode, self.vehicle.reason = mode, reason
 
     def with_lease(self) -> Bench:
         """The companion is up and its lease is live."""
@@ -323,6 +370,13 @@ class Bench:
                 assert (system, component, length) == (1, 191, 20)
                 found.append(Status(*struct.unpack_from(STATUS_LAYOUT, payload, 5)))
         return found
+
+    @property
+    def enforcement(self) -> int:
+        """The guard's state, as its newest log record has it."""
+        name, record = self.vehicle.records[-1]
+        assert name == "HNDO"
+        return int(str(record["En"]))
 
     @property
     def status(self) -> Status:

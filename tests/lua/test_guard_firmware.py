@@ -94,7 +94,7 @@ class TestStart:
         assert any(said in text for text in bench.texts)
         assert "HNDO" in (bench.refusal or "")
 
-    @pytest.mark.parametrize("name", ["param.get", "gcs.send_text", "mavlink.init", "mavlink.register_rx_msgid"])
+    @pytest.mark.parametrize("name", ["param.get", "gcs.send_text", "mavlink.init"])
     def test_what_no_guard_can_do_without_is_missed_at_the_start_and_the_vehicle_does_not_arm(self, name: str) -> None:
         bench = Bench(absent=[name])
         assert bench.vehicle.removed[0].startswith("handover_guard.lua")

@@ -28,17 +28,18 @@ EXPIRED_STATE, LOST_STATE, LIVE_STATE = 3, 4, 2
 #: flight modes of ArduCopter in which a pilot steers by hand
 BY_HAND = {
     **{"STABILIZE": 0, "ACRO": 1, "ALT_HOLD": 2, "LOITER": 5, "DRIFT": 11, "SPORT": 13, "FLIP": 14, "POSHOLD": 16},
-    "FLOWHOLD": 22,
+    **{"FLOWHOLD": 22, "AUTOTUNE": 15, "SYSTEMID": 25},
 }
-#: those in which nobody does: AUTO, GUIDED, CIRCLE, AUTOTUNE, BRAKE, THROW, AVOID_ADSB, GUIDED_NOGPS, FOLLOW, ZIGZAG
-BY_ITSELF = (3, 4, 7, 15, 17, 18, 19, 20, 23, 24)
+#: those in which nobody does: AUTO, GUIDED, CIRCLE, BRAKE, THROW, AVOID_ADSB, GUIDED_NOGPS, FOLLOW, ZIGZAG
+BY_ITSELF = (3, 4, 7, 17, 18, 19, 20, 23, 24)
 #: ArduPilot's reasons of a mode
-PILOT = {"RC_COMMAND": 1, "TOY_MODE": 18, "FRSKY_COMMAND": 42, "AUX_FUNCTION": 53}
+PILOT = {"RC_COMMAND": 1, "THROTTLE_LAND_ESCAPE": 9, "TOY_MODE": 18, "FRSKY_COMMAND": 42, "AUX_FUNCTION": 53}
 FAILSAFE = {
     **{"RADIO_FAILSAFE": 3, "BATTERY_FAILSAFE": 4, "GCS_FAILSAFE": 5, "EKF_FAILSAFE": 6, "GPS_GLITCH": 7},
     **{"FENCE_BREACHED": 10, "TERRAIN_FAILSAFE": 11, "AVOIDANCE": 14, "TERMINATE": 17, "CRASH_FAILSAFE": 19},
     **{"FAILSAFE": 25, "DEADRECKON_FAILSAFE": 50},
 }
+UNDONE = {2: "command", 32: "script", 52: "DDS command"}
 COMMAND = {"GCS_COMMAND": 2, "SCRIPTING": 32, "DDS_COMMAND": 52}
 ENFORCING, ARMED, FLYING = 1, 2, 4
 
@@ -202,7 +203,7 @@ class TestRefusedMode:
         bench.fly()
         bench.lose_lease()
         bench.until(lambda: len(bench.vehicle.mode_requests) == 2)
-        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.pilot_chooses(LOITER)
         bench.run(200)
         bench.vehicle.refused_modes = set()
         bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
@@ -214,7 +215,7 @@ class TestRefusedMode:
         bench.fly()
         bench.lose_lease()
         bench.until(lambda: bool(bench.vehicle.mode_requests))
-        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.pilot_chooses(LOITER)
         bench.vehicle.mode_requests.clear()
         bench.run(10_000)
         assert bench.vehicle.mode_requests == []
@@ -237,22 +238,22 @@ class TestNothingToDo:
     def test_a_failsafe_that_acted_before_wins(self, bench: Bench, reason: int) -> None:
         bench.fly(BRAKE, reason)
         bench.lose_lease()
-        bench.run(20_000)
+        bench.run(12_500)
         assert bench.vehicle.mode_requests == []
-        assert bench.texts == ["HNDO: lease lost, failsafe acts"]
+        assert bench.texts == [f"HNDO: lease lost, {'traffic avoidance' if reason == 14 else 'failsafe acts'}"]
         assert bench.status.flags == ARMED | FLYING
 
-    @pytest.mark.parametrize("mode", [LAND, BRAKE])
+    @pytest.mark.parametrize(("mode", "run_ms"), [(LAND, 60_000), (BRAKE, 9500)])
     @pytest.mark.parametrize("reason", FAILSAFE.values(), ids=FAILSAFE)
-    def test_a_failsafe_that_acts_afterwards_wins(self, bench: Bench, reason: int, mode: int) -> None:
+    def test_a_failsafe_that_acts_afterwards_wins(self, bench: Bench, reason: int, mode: int, run_ms: int) -> None:
         lost_in_flight(bench)
         bench.vehicle.mode, bench.vehicle.reason = mode, reason
-        bench.run(20_000)
+        bench.run(run_ms)
         assert bench.vehicle.mode_requests == []
 
     @pytest.mark.parametrize("reason", sorted({*range(56)} - {*FAILSAFE.values(), *PILOT.values()}))
     def test_no_other_reason_is_a_failsafe_or_a_pilot(self, bench: Bench, reason: int) -> None:
-        """The end of a mission, of a brake, of an avoidance, a fence that gives the mode back, ..."""
+        """The end of a mission, of a brake, of an avoidance long ago, a fence that gives the mode back, ..."""
         lost_in_flight(bench)
         bench.vehicle.mode, bench.vehicle.reason = AUTO, reason
         bench.run(100)
@@ -262,7 +263,7 @@ class TestNothingToDo:
 class TestPilot:
     def test_pilot_takes_over_after_rtl_and_keeps_it(self, bench: Bench) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.pilot_chooses(LOITER)
         bench.run(60_000)
         assert bench.vehicle.mode_requests == []
         assert bench.texts == ["HNDO: lease lost, pilot flies"]
@@ -270,13 +271,13 @@ class TestPilot:
 
     def test_pilot_may_choose_an_automatic_mode_after_rtl(self, bench: Bench) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_RC
+        bench.pilot_chooses(AUTO)
         bench.run(10_000)
         assert bench.vehicle.mode == AUTO
 
     def test_a_station_may_not_take_it_from_the_pilot(self, bench: Bench) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.pilot_chooses(LOITER)
         bench.run(1000)
         bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
         bench.run(100)
@@ -284,9 +285,11 @@ class TestPilot:
         assert bench.status.flags == ENFORCING | ARMED | FLYING
 
     def test_the_next_flight_is_another_matter(self, bench: Bench) -> None:
+        """A mode that was a take-over once is what any aircraft may be found in."""
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.pilot_chooses(AUTO)
         bench.run(1000)
+        assert bench.vehicle.mode == AUTO
         bench.vehicle.armed = bench.vehicle.flying = False
         bench.run(1000)
         bench.vehicle.armed = bench.vehicle.flying = True
@@ -296,7 +299,7 @@ class TestPilot:
     @pytest.mark.parametrize("reason", PILOT.values(), ids=PILOT)
     def test_whichever_way_the_pilot_takes_over(self, bench: Bench, reason: int) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = LOITER, reason
+        bench.pilot_chooses(LOITER, reason)
         bench.run(10_000)
         assert bench.vehicle.mode_requests == []
 
@@ -332,7 +335,7 @@ class TestStationDuringTheLoss:
         bench.vehicle.mode, bench.vehicle.reason = mode, reason
         bench.run(60)
         assert bench.vehicle.mode == RTL
-        assert bench.texts == ["HNDO: no authority, mode change undone"]
+        assert bench.texts == [f"HNDO: lease lost, {UNDONE[reason]} undone"]
 
     def test_it_is_undone_as_often_as_it_is_sent(self, bench: Bench) -> None:
         lost_in_flight(bench)
@@ -433,7 +436,7 @@ class TestAuthorityBack:
 
     def test_a_pilot_is_told_without_a_mode(self, bench: Bench) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_RC
+        bench.pilot_chooses(LOITER)
         bench.run(1000)
         bench.sending = True
         bench.run(1000)
@@ -514,20 +517,27 @@ class TestOlderFirmware:
         bench.lose_lease()
         bench.run(4000)
         assert bench.vehicle.mode == RTL
-        bench.vehicle.mode = LOITER
+        bench.pilot_chooses(LOITER)
         bench.run(5000)
         assert bench.vehicle.mode == LOITER
         assert not any("fault" in text for text in bench.texts)
+        bench.vehicle.rc = False  # there is no pilot whom it could be
+        bench.run(2100)
+        assert bench.vehicle.mode == RTL
+        bench.vehicle.mode = LOITER
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts[-1] == "HNDO: lease lost, mode change undone"
 
     def test_without_mode_reason_a_change_out_of_a_return_that_was_found_is_not_fought_either(self) -> None:
         bench = Bench(absent=["vehicle.get_control_mode_reason"])
         bench.fly(RTL)
         bench.lose_lease()
         bench.run(6000)
-        bench.vehicle.mode = AUTO
+        bench.pilot_chooses(AUTO)
         bench.run(5000)
         assert bench.vehicle.mode == AUTO
-        assert bench.texts == ["HNDO: lease lost, in RTL", "HNDO: lease lost, mode left alone"]
+        assert bench.texts == ["HNDO: lease lost, in RTL", "HNDO: lease lost, pilot flies"]
 
     def test_without_flying_estimate_it_still_returns(self) -> None:
         bench = Bench(absent=["vehicle.get_likely_flying"])
@@ -559,7 +569,10 @@ class TestOlderFirmware:
         bench.run(10_000)
         assert bench.vehicle.mode_requests == []
 
-    @pytest.mark.parametrize("name", ["FWVersion", "logger", "logger.write", "mavlink.block_command", "rc"])
+    @pytest.mark.parametrize(
+        "name",
+        ["logger", "logger.write", "mavlink.block_command", "rc", "vehicle.is_landing", "vehicle.has_ekf_failsafed"],
+    )
     def test_it_works_without(self, name: str) -> None:
         bench = Bench(absent=[name])
         bench.fly()

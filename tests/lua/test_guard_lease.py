@@ -361,7 +361,8 @@ class TestChannelAny:
     def bench(self) -> Bench:
         return Bench(parameters={"HNDO_CHAN": -1.0})
 
-    def test_any_negative_number_means_any_and_the_largest_channel_is_15(self, bench: Bench) -> None:
+    def test_any_negative_number_means_any_and_the_largest_channel_is_15(self) -> None:
+        bench = Bench(parameters={"HNDO_CHAN": -1.0}, firmware=(4, 7, 1))
         bench.vehicle.parameters["HNDO_CHAN"] = -7.0
         bench.receive(bench.companion.lease(), channel=15)
         bench.run(600)

@@ -16,6 +16,8 @@ from sitl.vehicles.builtin.telemetry import FIRMWARE
 __all__ = ["ScriptHost"]
 
 _WRAP = 1 << 32
+#: `FWVersion:type()` of ArduCopter
+_COPTER = 2
 
 
 class ScriptHost:
@@ -61,6 +63,12 @@ class ScriptHost:
     def likely_flying(self) -> bool:
         return not self._copter.land_complete
 
+    def is_landing(self) -> bool:
+        return self._copter.mode.landing
+
+    def has_ekf_failsafed(self) -> bool:
+        return False
+
     def time_flying_ms(self) -> int:
         since_s = self._copter.flying_since_s
         return 0 if since_s is None else round((self._copter.time_s - since_s) * 1000)
@@ -91,6 +99,9 @@ class ScriptHost:
             return False
         return link.send(_RawMessage(msgid, payload))
 
+    def has_port(self, channel: int) -> bool:
+        return channel in self._links
+
     def gcs_last_seen_ms(self) -> int:
         seen_s = self._autopilot.failsafes.gcs_seen_at_s
         return 0 if seen_s is None else round(seen_s * 1000)
@@ -104,6 +115,9 @@ class ScriptHost:
 
     def firmware(self) -> tuple[int, int, int]:
         return FIRMWARE
+
+    def firmware_type(self) -> int:
+        return _COPTER
 
 
 class _RawMessage(dialect.MAVLink_message):  # type: ignore[misc]

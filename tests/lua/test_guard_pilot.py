@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Whom the guard takes for a pilot: a switch of a transmitter that the radio failsafe watches, and no station."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.lua.stub import (
+    AUTO,
+    BY_AUX,
+    BY_ESCAPE,
+    BY_GCS,
+    BY_RC,
+    GUIDED,
+    LAND,
+    LOITER,
+    PILOT,
+    RETURNING,
+    RTL,
+    STABILIZE,
+    Bench,
+    command_frame,
+)
+
+DO_AUX_FUNCTION = 218
+ALT_HOLD = 2
+
+
+@pytest.fixture
+def bench() -> Bench:
+    bench = Bench()
+    bench.vehicle.rc = True
+    return bench
+
+
+def going_home(bench: Bench) -> Bench:
+    bench.fly(AUTO)
+    bench.lose_lease()
+    bench.until(lambda: bench.vehicle.mode == RTL)
+    bench.run(500)
+    assert bench.enforcement == RETURNING
+    bench.vehicle.texts.clear()
+    bench.vehicle.mode_requests.clear()
+    return bench
+
+
+class TestRadio:
+    """With FS_THR_ENABLE 0 the firmware calls any radio valid, one without a transmitter as well."""
+
+    @pytest.mark.parametrize("firmware", [(4, 5, 7), (4, 7, 1)])
+    def test_without_a_radio_failsafe_nobody_steers_by_hand(self, firmware: tuple[int, int, int]) -> None:
+        bench = Bench(parameters={"FS_THR_ENABLE": 0.0}, firmware=firmware)
+        bench.vehicle.rc = True
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+
+    def test_and_nobody_takes_over(self, bench: Bench) -> None:
+        bench.vehicle.parameters["FS_THR_ENABLE"] = 0.0
+        going_home(bench).pilot_chooses(STABILIZE)
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts == ["HNDO: lease lost, switch undone, FS_THR_ENABLE 0"]
+
+    def test_firmware_without_the_parameter_has_no_radio_failsafe(self) -> None:
+        bench = Bench(without=["FS_THR_ENABLE"])
+        bench.vehicle.rc = True
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+        assert not any("fault" in text for text in bench.texts)
+
+    def test_a_switch_without_a_radio_is_undone(self, bench: Bench) -> None:
+        """A receiver that puts out its stored positions."""
+        going_home(bench).pilot_chooses(LOITER)
+        bench.vehicle.rc = False
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts == ["HNDO: lease lost, switch undone, no radio"]
+
+    def test_a_radio_that_falters_for_less_than_two_seconds_stays_the_pilots(self, bench: Bench) -> None:
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        for _ in range(20):
+            bench.vehicle.rc = False
+            bench.run(1900)
+            bench.vehicle.rc = True
+            bench.run(100)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT, [])
+
+    def test_a_radio_failsafe_that_is_switched_off_ends_it(self, bench: Bench) -> None:
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        bench.vehicle.parameters["FS_THR_ENABLE"] = 0.0
+        bench.run(2100)
+        assert bench.vehicle.mode == RTL
+
+    def test_the_radio_failsafe_of_the_autopilot_comes_first(self, bench: Bench) -> None:
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        bench.vehicle.rc = False
+        bench.run(1000)
+        bench.vehicle.mode, bench.vehicle.reason = LAND, 3
+        bench.run(10_000)
+        assert bench.vehicle.mode_requests == []
+
+    def test_a_pilot_on_the_way_home_needs_no_radio_any_more(self, bench: Bench) -> None:
+        going_home(bench)
+        bench.vehicle.rc = False
+        bench.run(10_000)
+        assert bench.vehicle.mode_requests == []
+
+
+class TestThrottleEscape:
+    """PILOT_THR_BHV bit 1: throttle up leaves a descent, with reason 9."""
+
+    @pytest.mark.parametrize("mode", [LOITER, ALT_HOLD])
+    @pytest.mark.parametrize("descent", [RTL, LAND])
+    def test_is_not_fought(self, bench: Bench, mode: int, descent: int) -> None:
+        bench.fly(descent)
+        bench.lose_lease()
+        bench.run(4000)
+        bench.vehicle.mode, bench.vehicle.reason = mode, BY_ESCAPE
+        bench.run(10_000)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT, [])
+
+    def test_out_of_a_landing_of_auto(self, bench: Bench) -> None:
+        bench.fly(AUTO)
+        bench.vehicle.landing = True
+        bench.lose_lease()
+        bench.run(4000)
+        bench.vehicle.landing = False
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_ESCAPE
+        bench.run(10_000)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT, [])
+
+
+class TestAuxFunction:
+    """DO_AUX_FUNCTION changes the mode with the pilot's reason: 53, on 4.5 the mode switch's 1."""
+
+    @pytest.mark.parametrize("reason", [BY_AUX, BY_RC])
+    @pytest.mark.parametrize("shape", ["long", "int", "long in MAVLink 1", "int in MAVLink 1"])
+    def test_of_a_station_is_undone_and_the_sender_named(self, bench: Bench, shape: str, reason: int) -> None:
+        going_home(bench)
+        bench.receive(
+            command_frame(DO_AUX_FUNCTION, as_int=shape.startswith("int"), force_mavlink1=shape.endswith("1")),
+            channel=2,
+        )
+        bench.pilot_chooses(STABILIZE, reason)
+        bench.until(lambda: bench.vehicle.mode == RTL, 200)
+        bench.run(5000)
+        assert bench.vehicle.mode_requests == [RTL]
+        assert bench.texts == ["HNDO: lease lost, DO_AUX of 66/190 undone"]
+
+    @pytest.mark.parametrize("delay_ms", [0, 10, 200, 900])
+    def test_it_may_act_later(self, bench: Bench, delay_ms: int) -> None:
+        """The way back to the mode of the switch is debounced for 0.2 s."""
+        going_home(bench)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.run(delay_ms)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+
+    def test_a_second_later_a_pilot_is_believed_again(self, bench: Bench) -> None:
+        going_home(bench)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.run(1200)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(5000)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT, [])
+
+    def test_one_of_long_ago_does_not_count_when_the_clock_has_gone_half_way_round(self, bench: Bench) -> None:
+        bench.fly(AUTO)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.run(15_000)
+        bench.vehicle.now_ms += 0x90000000
+        bench.with_lease()
+        going_home(bench).pilot_chooses(STABILIZE)
+        bench.run(5000)
+        assert bench.vehicle.mode_requests == []
+
+    def test_with_a_wrong_checksum_is_none(self, bench: Bench) -> None:
+        """Damaged frames come in past a port's signing; they must not keep a pilot from his aircraft."""
+        going_home(bench)
+        frame = bytearray(command_frame(DO_AUX_FUNCTION))
+        frame[-1] ^= 0xFF
+        bench.receive(bytes(frame), channel=2)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(5000)
+        assert bench.vehicle.mode_requests == []
+
+    def test_does_not_take_the_aircraft_from_a_pilot(self, bench: Bench) -> None:
+        """In the mode that it orders he flies already."""
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.vehicle.reason = BY_AUX
+        bench.run(5000)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT, [])
+
+    def test_out_of_the_pilots_mode_is_undone(self, bench: Bench) -> None:
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.pilot_chooses(GUIDED, BY_AUX)
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+
+    @pytest.mark.parametrize("mode", [LOITER, STABILIZE])
+    def test_of_the_commander_before_the_loss_makes_no_pilot(self, bench: Bench, mode: int) -> None:
+        """Nobody steers by hand in it."""
+        bench.fly(AUTO)
+        bench.receive(command_frame(DO_AUX_FUNCTION))
+        bench.pilot_chooses(mode, BY_AUX)
+        bench.run(30_000)
+        assert bench.vehicle.mode == mode
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+
+    def test_while_the_script_slept_counts_as_well(self, bench: Bench) -> None:
+        """When within that time the mode changed is not known."""
+        going_home(bench)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.pilot_chooses(STABILIZE)
+        bench.vehicle.now_ms += 4000
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+
+    def test_modes_that_change_all_the_time_are_not_looked_at_for_ever(self, bench: Bench) -> None:
+        going_home(bench)
+        for number in range(40):
+            if bench.vehicle.mode_requests:
+                break
+            bench.pilot_chooses((STABILIZE, LOITER)[number % 2], BY_AUX)
+            bench.run(10)
+        assert bench.vehicle.mode_requests == [RTL]
+        assert number <= 12
+
+
+class TestFullQueue:
+    """A full queue may have lost a DO_AUX_FUNCTION: nobody is believed then, and for a second."""
+
+    def fill(self, bench: Bench, frames: int = 30) -> None:
+        for _ in range(frames):
+            bench.hear()
+
+    def test_a_switch_in_a_flood_is_undone(self, bench: Bench) -> None:
+        going_home(bench)
+        for number in range(60):
+            self.fill(bench)
+            if number == 30:
+                bench.pilot_chooses(STABILIZE)
+            bench.run(10)
+        assert bench.vehicle.mode == RTL
+        assert bench.vehicle.mode_requests == [RTL]
+        assert bench.texts == ["HNDO: lease lost, rx flooded undone"]
+
+    def test_a_command_that_a_full_queue_has_lost(self, bench: Bench) -> None:
+        going_home(bench)
+        self.fill(bench, 25)
+        assert not bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.pilot_chooses(STABILIZE, BY_AUX)
+        bench.run(300)
+        assert bench.vehicle.mode == RTL
+
+    def test_the_command_is_found_behind_others(self, bench: Bench) -> None:
+        going_home(bench)
+        self.fill(bench, 20)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.pilot_chooses(STABILIZE, BY_AUX)
+        bench.run(300)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts == ["HNDO: lease lost, DO_AUX of 66/190 undone"]
+
+    def test_a_busy_queue_is_no_full_one(self, bench: Bench) -> None:
+        going_home(bench)
+        self.fill(bench, 20)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(5000)
+        assert bench.vehicle.mode_requests == []
+
+    def test_a_second_after_the_flood_a_pilot_is_believed(self, bench: Bench) -> None:
+        going_home(bench)
+        for _ in range(20):
+            self.fill(bench)
+            bench.run(10)
+        bench.run(1200)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(5000)
+        assert bench.vehicle.mode_requests == []
+
+    def test_a_flood_of_long_ago_does_not_count_when_the_clock_has_gone_half_way_round(self, bench: Bench) -> None:
+        bench.fly(AUTO)
+        self.fill(bench)
+        bench.run(15_000)
+        bench.vehicle.now_ms += 0x90000000
+        bench.with_lease()
+        going_home(bench).pilot_chooses(STABILIZE)
+        bench.run(5000)
+        assert bench.vehicle.mode_requests == []
+
+    def test_a_queue_that_cannot_be_read_makes_no_pilot(self, bench: Bench) -> None:
+        going_home(bench)
+        bench.scripting.load_text("mavlink.receive_chan = nil return", "breaker.lua")
+        bench.run(50)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(300)
+        assert bench.vehicle.mode == RTL
+
+    def test_without_an_entry_for_commands_nobody_is_believed(self) -> None:
+        bench = Bench(earlier_script="mavlink:init(10, 1) mavlink:register_rx_msgid(33) return")
+        bench.vehicle.rc = True
+        going_home(bench).pilot_chooses(STABILIZE)
+        bench.run(300)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts[-1] == "HNDO: lease lost, rx taken undone"
+
+
+def test_a_station_that_orders_the_pilots_own_mode_takes_nothing_from_him(bench: Bench) -> None:
+    bench.fly(LOITER, BY_RC)
+    bench.lose_lease()
+    bench.run(4000)
+    bench.vehicle.reason = BY_GCS
+    bench.run(5000)
+    assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT, [])
