@@ -656,13 +656,15 @@ function DEED.order(now, why)
         why = why and ", " .. why or ""
         say(MAV_SEVERITY.CRITICAL, "action", 1000, loss_name() .. why .. ", " .. done.name)
     end
+    return done ~= nil
 end
 
 function DEED.undo(now)
-    local text = culprit()
-    if send_home(now) then
-        say(MAV_SEVERITY.WARNING, "undone", 2000, loss_name() .. ", " .. text)
+    local done = send_home(now)
+    if done then
+        say(MAV_SEVERITY.WARNING, "undone", 2000, loss_name() .. ", " .. culprit())
     end
+    return done ~= nil
 end
 
 -- ------------------------------------------------------------------------------------------------ enforcement
@@ -691,12 +693,8 @@ do
     TRANSITIONS[E.FAILSAFE] =  {over, down, off,  home, land, undo, stay, held, fail, stay, hand, hand, undo}
 end
 
-local function enforce(now)
-    judge(now)
-    observe(now)
-    if not autopilot.known then     -- its modes are not those above: none is set
-        return
-    end
+-- One step of the table. Returns whether a mode was set.
+local function step(now)
     local seen = look(now)
     local row = TRANSITIONS[enforcement]
     local move = row and row[seen]
@@ -708,8 +706,18 @@ local function enforce(now)
         loss.changes = craft.changes
     end
     enforcement = move.to or enforcement
-    if move.deed then
-        move.deed(now, move.why)
+    return move.deed and move.deed(now, move.why)
+end
+
+local function enforce(now)
+    judge(now)
+    observe(now)
+    if not autopilot.known then     -- its modes are not those above: none is set
+        return
+    end
+    if step(now) then               -- whoever changes the mode next changes that one
+        observe(now)
+        step(now)
     end
 end
 

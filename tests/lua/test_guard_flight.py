@@ -337,6 +337,15 @@ class TestStationDuringTheLoss:
         assert bench.vehicle.mode == RTL
         assert bench.texts == [f"HNDO: lease lost, {UNDONE[reason]} undone"]
 
+    def test_in_the_moment_after_rtl_was_set_as_well(self, bench: Bench) -> None:
+        bench.fly()
+        bench.lose_lease()
+        bench.until(lambda: in_rtl(bench))
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_GCS
+        bench.run(60)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts == ["HNDO: lease lost, RTL", "HNDO: lease lost, command undone"]
+
     def test_it_is_undone_as_often_as_it_is_sent(self, bench: Bench) -> None:
         lost_in_flight(bench)
         for _ in range(20):
