@@ -164,6 +164,40 @@ def test_short_payload_is_a_memory_over_read_not_a_lua_error(script: Script) -> 
         script.run("pcall(mavlink.send_chan, mavlink, 0, 77, string.rep('\\0', 9)) return")
 
 
+PING = "mavlink:send_chan({}, 4, string.rep('\\0', 14))"
+
+
+@pytest.mark.parametrize("firmware", [(4, 5, 7), (4, 6, 3), (4, 7, 0)])
+def test_a_message_to_a_channel_without_a_port_ends_the_process(script: Script, firmware: tuple[int, int, int]) -> None:
+    script.vehicle.firmware_version = firmware
+    script.vehicle.ports = {0, 1}
+    assert script.value(PING.format(1)) == "true"
+    with pytest.raises(RuntimeError, match="no port has channel 2"):
+        script.run(f"pcall(function() {PING.format(2)} end) return")
+
+
+def test_the_release_of_4_7_answers_no(script: Script) -> None:
+    script.vehicle.firmware_version = (4, 7, 1)
+    script.vehicle.ports = {0, 1}
+    assert script.value(PING.format(2)) == "false"
+
+
+@pytest.mark.parametrize(("firmware", "buffers"), [((4, 5, 7), 7), ((4, 6, 3), 8), ((4, 7, 0), 8), ((4, 7, 1), 16)])
+def test_a_channel_past_the_buffers_raises(script: Script, firmware: tuple[int, int, int], buffers: int) -> None:
+    script.vehicle.firmware_version = firmware
+    script.vehicle.ports = set(range(buffers))
+    assert script.value(PING.format(buffers - 1)) == "true"
+    assert "out of range" in script.value(PING.format(buffers))
+
+
+@pytest.mark.parametrize("firmware", [(4, 5, 7), (4, 7, 1)])
+def test_a_second_init_changes_nothing_on_4_5_and_4_7(script: Script, firmware: tuple[int, int, int]) -> None:
+    script.vehicle.firmware_version = firmware
+    script.run("mavlink:init(5, 1) mavlink:register_rx_msgid(4) mavlink:init(5, 9) return")
+    assert script.value("mavlink:register_rx_msgid(4)") == "false"
+    assert script.value("mavlink:register_rx_msgid(5)").endswith("no registrations free")
+
+
 def test_log_message_defined_twice_halts_sitl(script: Script) -> None:
     script.run("logger:write('A', 'x', 'B', 1) logger:write('A', 'x', 'B', 2) return")
     with pytest.raises(RuntimeError, match="defined twice"):

@@ -10,6 +10,10 @@ from tests.lua.stub import (
     AUTO,
     AUTO_RTL,
     BRAKE,
+    BY_AVOIDANCE,
+    BY_AVOIDANCE_END,
+    BY_EKF,
+    BY_FENCE,
     BY_GCS,
     BY_RC,
     BY_SCRIPT,
@@ -25,6 +29,7 @@ from tests.lua.stub import (
 )
 
 EXPIRED_STATE, LOST_STATE, LIVE_STATE = 3, 4, 2
+ALT_HOLD, AVOID_ADSB = 2, 19
 #: flight modes of ArduCopter in which a pilot steers by hand
 BY_HAND = {
     **{"STABILIZE": 0, "ACRO": 1, "ALT_HOLD": 2, "LOITER": 5, "DRIFT": 11, "SPORT": 13, "FLIP": 14, "POSHOLD": 16},
@@ -151,6 +156,16 @@ def test_nonsense_timeout_is_bounded(bench: Bench, nonsense: float) -> None:
     assert bench.vehicle.mode == RTL
 
 
+@pytest.mark.parametrize(("value", "seconds"), [(0.2, 1), (1.0, 1), (30.0, 30), (60.0, 30)])
+def test_timeout_is_one_to_thirty_seconds(bench: Bench, value: float, seconds: int) -> None:
+    bench.vehicle.parameters["HNDO_TIMEOUT"] = value
+    bench.companion.ttl_ms = 65535
+    bench.fly()
+    last_lease_ms = bench.lose_lease()
+    acted_ms = bench.until(lambda: in_rtl(bench), 61_000)
+    assert 1000 * seconds <= acted_ms - last_lease_ms <= 1000 * seconds + 200
+
+
 class TestRefusedMode:
     def test_rtl_refused_is_retried_with_growing_pauses_then_land(self, bench: Bench) -> None:
         bench.vehicle.refused_modes = {RTL}
@@ -258,6 +273,176 @@ class TestNothingToDo:
         bench.vehicle.mode, bench.vehicle.reason = AUTO, reason
         bench.run(100)
         assert bench.vehicle.mode == RTL
+
+
+class TestFailsafeThatOnlyHolds:
+    """Fence BRAKE, EKF ALT_HOLD, traffic avoidance: what neither returns nor lands is left after ten seconds."""
+
+    @pytest.mark.parametrize("reason", sorted(set(FAILSAFE.values()) - {14}))
+    @pytest.mark.parametrize("mode", [BRAKE, ALT_HOLD, LOITER, AUTO])
+    def test_home_after_ten_seconds(self, bench: Bench, mode: int, reason: int) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = mode, reason
+        held_ms = bench.vehicle.now_ms
+        acted_ms = bench.until(lambda: in_rtl(bench), 11_000)
+        assert 10_000 <= acted_ms - held_ms <= 10_110
+
+    def test_found_at_the_loss_the_ten_seconds_begin_there(self, bench: Bench) -> None:
+        bench.fly(BRAKE, BY_FENCE)
+        bench.run(60_000)
+        lost_ms = bench.lose_lease()
+        acted_ms = bench.until(lambda: in_rtl(bench), 20_000)
+        assert 13_000 <= acted_ms - lost_ms <= 13_200
+
+    def test_another_one_has_ten_seconds_of_its_own(self, bench: Bench) -> None:
+        bench.fly(BRAKE, BY_FENCE)
+        bench.lose_lease()
+        bench.run(11_000)
+        bench.vehicle.mode, bench.vehicle.reason = ALT_HOLD, BY_EKF
+        bench.run(9500)
+        assert bench.vehicle.mode_requests == []
+        bench.run(1000)
+        assert bench.vehicle.mode_requests == [RTL]
+
+    def test_ordered_again_by_a_station_it_gains_no_time(self, bench: Bench) -> None:
+        bench.fly(BRAKE, BY_FENCE)
+        bench.lose_lease()
+        bench.run(11_000)
+        bench.vehicle.reason = BY_GCS
+        bench.run(2500)
+        assert bench.vehicle.mode == RTL
+
+    def test_with_a_failed_ekf_it_is_not_left(self, bench: Bench) -> None:
+        bench.vehicle.ekf_failed = True
+        bench.fly(ALT_HOLD, BY_EKF)
+        bench.lose_lease()
+        bench.run(60_000)
+        assert bench.vehicle.mode_requests == []
+        bench.vehicle.ekf_failed = False
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
+    def test_a_fence_that_refuses_every_mode_is_asked_again(self, bench: Bench) -> None:
+        """FENCE_OPTIONS bit 0, until the breach is over."""
+        bench.fly(BRAKE, BY_FENCE)
+        bench.vehicle.refused_modes = {RTL, LAND}
+        bench.lose_lease()
+        bench.run(30_000)
+        assert len(bench.vehicle.mode_requests) > 8
+        bench.vehicle.refused_modes = set()
+        bench.run(2100)
+        assert bench.vehicle.mode == LAND
+
+    @pytest.mark.parametrize("mode", [LOITER, AVOID_ADSB])
+    def test_traffic_avoidance_is_never_left(self, bench: Bench, mode: int) -> None:
+        bench.fly(mode, BY_AVOIDANCE)
+        bench.lose_lease()
+        bench.run(300_000)
+        assert bench.vehicle.mode_requests == []
+        assert bench.texts == ["HNDO: lease lost, traffic avoidance"]
+
+    @pytest.mark.parametrize("mode", [AUTO, AVOID_ADSB, LOITER])
+    def test_what_follows_it_is_left_ten_seconds_after_its_end(self, bench: Bench, mode: int) -> None:
+        """AVD_F_RCVRY: the mode of before, or the same one."""
+        bench.fly(AVOID_ADSB, BY_AVOIDANCE)
+        bench.lose_lease()
+        bench.run(30_000)
+        bench.vehicle.mode, bench.vehicle.reason = mode, BY_AVOIDANCE_END
+        ended_ms = bench.vehicle.now_ms
+        acted_ms = bench.until(lambda: in_rtl(bench), 11_000)
+        assert 9900 <= acted_ms - ended_ms <= 10_110
+
+    def test_over_before_the_loss_it_has_the_rest_of_the_ten_seconds(self, bench: Bench) -> None:
+        bench.fly(AVOID_ADSB, BY_AVOIDANCE)
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_AVOIDANCE_END
+        bench.run(3000)
+        bench.lose_lease()
+        bench.run(3500)
+        assert bench.vehicle.mode_requests == []
+        bench.run(10_000)
+        assert bench.vehicle.mode == RTL
+
+    def test_over_long_before_the_loss_it_is_no_reason_to_wait(self, bench: Bench) -> None:
+        bench.fly(AVOID_ADSB, BY_AVOIDANCE)
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_AVOIDANCE_END
+        bench.run(15_000)
+        bench.lose_lease()
+        bench.run(3300)
+        assert bench.vehicle.mode == RTL
+
+    def test_its_mode_by_command_is_none(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = AVOID_ADSB, BY_GCS
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
+    def test_a_station_may_not_use_the_time(self, bench: Bench) -> None:
+        bench.fly(BRAKE, BY_FENCE)
+        bench.lose_lease()
+        bench.run(5000)
+        bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
+
+class TestLandingOfAuto:
+    """NAV_LAND is not broken off to climb and fly home; the flight to its place is no landing yet."""
+
+    def test_is_left_alone(self, bench: Bench) -> None:
+        bench.fly(AUTO)
+        bench.vehicle.landing = True
+        bench.lose_lease()
+        bench.run(60_000)
+        assert bench.vehicle.mode_requests == []
+        assert bench.texts == ["HNDO: lease lost, in AUTO, landing"]
+        assert (bench.status.action, bench.status.flags) == (0, ENFORCING | ARMED | FLYING)
+
+    def test_on_the_ground_the_motors_are_stopped(self, bench: Bench) -> None:
+        """Whatever the mission holds behind it."""
+        bench.fly(AUTO)
+        bench.vehicle.landing = True
+        bench.lose_lease()
+        bench.run(6000)
+        bench.vehicle.flying = bench.vehicle.landing = False
+        bench.run(2900)
+        assert bench.vehicle.armed
+        bench.run(300)
+        assert not bench.vehicle.armed
+
+    def test_a_mission_that_takes_off_again_is_left(self, bench: Bench) -> None:
+        bench.fly(AUTO)
+        bench.vehicle.landing = True
+        bench.lose_lease()
+        bench.run(6000)
+        bench.vehicle.flying = bench.vehicle.landing = False
+        bench.run(1000)
+        bench.vehicle.flying = True
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
+    def test_begun_by_a_station_during_the_loss_it_is_undone(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.landing = True
+        bench.vehicle.mode, bench.vehicle.reason = AUTO, BY_GCS
+        bench.run(100)
+        assert bench.vehicle.mode == RTL
+
+    def test_of_other_modes_says_nothing(self, bench: Bench) -> None:
+        bench.fly(GUIDED)
+        bench.vehicle.landing = True
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+
+    def test_with_authority_back_the_mission_goes_on(self, bench: Bench) -> None:
+        bench.fly(AUTO)
+        bench.vehicle.landing = True
+        bench.lose_lease()
+        bench.run(5000)
+        bench.sending = True
+        bench.run(1000)
+        assert "HNDO: authority back" in bench.texts
+        assert bench.vehicle.mode_requests == []
 
 
 class TestPilot:

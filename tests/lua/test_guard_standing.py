@@ -231,6 +231,18 @@ class TestFewWords:
         assert [text for text in bench.texts if "refused" in text] == ["HNDO: lease refused, channel 2 not 1"]
         assert bench.status.rejected > 190
 
+    @pytest.mark.parametrize("days", [1, 25, 40, 49])
+    def test_what_was_said_weeks_ago_is_said_again(self, bench: Bench, days: int) -> None:
+        """The autopilot's milliseconds have 32 bits: after 24.8 days a difference has its sign bit set."""
+        for _ in range(2):
+            bench.receive(command_frame(MAV_CMD_SCRIPTING))
+            bench.run(200)
+        assert bench.texts.count("HNDO: scripting command of 66/190 denied") == 1
+        bench.vehicle.now_ms += days * 86_400_000
+        bench.receive(command_frame(MAV_CMD_SCRIPTING))
+        bench.run(500)
+        assert bench.texts.count("HNDO: scripting command of 66/190 denied") == 2
+
     def test_normal_flight_is_silent(self, bench: Bench) -> None:
         bench.fly()
         bench.run(60_000)
