@@ -59,8 +59,9 @@ local WORK = {
     READ_ON_CALLS = 6,              -- to the end of the queue, before a pilot is believed (0.06 s)
 }
 
--- FWVersion:type() of the vehicles whose mode numbers and reasons are those below: both are ArduCopter
-local VEHICLES = {[2]="Copter", [13]="Heli"}
+-- What follows is ArduCopter's: FWVersion:type() 2. A helicopter (13) has the same numbers, but must not be taken out of
+-- AUTOROTATE, and was never flown with this.
+local COPTER = 2
 
 local MODE = {AUTO=3, RTL=6, LAND=9, SMART_RTL=21}
 local RETURN_MODES = {[6]="RTL", [21]="SMART_RTL", [27]="AUTO_RTL"}
@@ -203,7 +204,7 @@ pcall(function()
     autopilot.major, autopilot.minor = FWVersion:major(), FWVersion:minor()
     autopilot.type = FWVersion:type()
 end)
-autopilot.known = VEHICLES[autopilot.type or 0] ~= nil
+autopilot.known = autopilot.type == COPTER
 do
     local there, parameter = pcall(Parameter, "FS_THR_ENABLE")
     autopilot.fs_thr = there and parameter or nil
@@ -238,7 +239,7 @@ local since = {said={}}             -- instants; said: of the texts, by kind
 since.start = clock()
 since.last_run, since.status, since.second, since.lost = since.start, since.start, since.start, since.start
 -- grace_over: a guard that has just started has given the companion HNDO_TIMEOUT to appear; catch_up: calls that only read
-local run = {grace_over=false, catch_up=0}
+local running = {grace_over=false, catch_up=0}
 
 local ENFORCEMENT = {CALM=0, MISSING=1, ORDERING=2, RETURNING=3, LANDING=4, PILOT=5, FAILSAFE=6}
 local SEEN = {AUTHORITY=1, DISARMED=2, GROUND=3, RETURN=4, LANDS=5, LAND_ORDER=6, KEPT=7, OVER=8, HELD=9, UNREAD=10,
@@ -246,11 +247,12 @@ local SEEN = {AUTHORITY=1, DISARMED=2, GROUND=3, RETURN=4, LANDS=5, LAND_ORDER=6
 
 local enforcement = ENFORCEMENT.CALM
 -- The aircraft. at: last look; changes: how often mode or reason have changed; before: when the former ones were seen
--- last; unread: calls left to read on before the pilot is believed (by_pilot) or not (why_not); radio_at: the radio
--- lived; avoided_at: traffic was avoided, less than 10 s ago.
+-- last; unread: calls left to read on before the pilot is believed (by_pilot) or not (why_not); watched: by the radio
+-- failsafe (with FS_THR_ENABLE 0 the firmware calls any radio valid for ever); radio, radio_at: it lives, it lived;
+-- avoided_at: traffic was avoided, less than 10 s ago.
 local craft = {armed=false, flying=false, flown=false, flown_at=0, disarm_tried=false, disarm_at=0, mode=nil,
                reason=nil, changes=0, at=since.start, before=since.start, unread=0, by_pilot=false, why_not="",
-               radio=false, radio_at=since.start, avoided_at=nil}
+               watched=false, radio=false, radio_at=since.start, avoided_at=nil}
 
 -- The loss. action: for the status; mode: what the guard has set or left alone, since when; changes: those of craft
 -- when it first acted; resorted: see last_resort.
@@ -289,7 +291,7 @@ function config.read(now)
     local enable = value_of(HNDO.ENABLE, 0, 1) >= 0.5
     if enable ~= config.enable then
         config.enable = enable
-        since.start, run.grace_over = now, false
+        since.start, running.grace_over = now, false
         if not enable then
             say(MAV_SEVERITY.WARNING, "disabled", 2000, "guard disabled")
         end
@@ -308,8 +310,8 @@ local function judge(now)
     if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then
         lease.live = false          -- latched: only a newly accepted lease revives it
     end
-    if not run.grace_over and elapsed(now, since.start) >= config.timeout_ms then
-        run.grace_over = true
+    if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then
+        running.grace_over = true
     end
     local before = state
     if not config.enable then
@@ -419,17 +421,12 @@ a fault of this script; the guard then asks for the way home.
 -- authority is missing, for longer than it may
 local function authority_missing(now)
     if state == STATE.WAITING or state == STATE.EXPIRED then
-        return run.grace_over
+        return running.grace_over
     end
     if state == STATE.LOST then     -- a loss that began with silence does not end with a lease that says LOST
         return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms
     end
     return false
-end
-
--- With FS_THR_ENABLE 0 the firmware calls any radio valid for ever.
-local function radio_lives()
-    return autopilot.fs_thr ~= nil and (autopilot.fs_thr:get() or 0) > 0 and rc ~= nil and rc:has_valid_input()
 end
 
 -- A firmware that cannot tell who has chosen the mode: it may be the pilot.
@@ -441,11 +438,11 @@ end
 -- have been lost because the queue was full.
 local function judge_pilot()
     if rx.blind then
-        craft.why_not = "rx taken"
+        craft.why_not = "switch undone, rx taken"
     elseif rx.aux_at and elapsed(craft.before, rx.aux_at) < MS.AUX then
-        craft.why_not = "DO_AUX of " .. rx.aux_by
+        craft.why_not = "DO_AUX of " .. rx.aux_by .. " undone"
     elseif not rx.ended or (rx.full_at and elapsed(craft.before, rx.full_at) < MS.AUX) then
-        craft.why_not = "rx flooded"
+        craft.why_not = "switch undone, rx flooded"
     else
         craft.by_pilot = true
     end
@@ -460,7 +457,8 @@ local function observe(now)
     elseif craft.flying then
         craft.flown, craft.flown_at = true, now
     end
-    craft.radio = radio_lives()
+    craft.watched = autopilot.fs_thr ~= nil and (autopilot.fs_thr:get() or 0) > 0
+    craft.radio = craft.watched and rc ~= nil and rc:has_valid_input()
     if craft.radio then
         craft.radio_at = now
     end
@@ -581,12 +579,9 @@ local function culprit()
         return "mode change undone"
     end
     if not craft.by_pilot then
-        return craft.why_not .. " undone"
+        return craft.why_not
     end
-    if autopilot.fs_thr and (autopilot.fs_thr:get() or 0) > 0 then
-        return "switch undone, no radio"
-    end
-    return "switch undone, FS_THR_ENABLE 0"
+    return craft.watched and "switch undone, no radio" or "switch undone, FS_THR_ENABLE 0"
 end
 
 -- Tries the next rung of the ladder once its pause is over; returns it if the autopilot accepts the mode.
@@ -1216,14 +1211,14 @@ local function update()
     since.last_run = now
     protected(config.read, now)
     if stalled then
-        run.catch_up = WORK.CATCH_UP_CALLS
+        running.catch_up = WORK.CATCH_UP_CALLS
     end
     local _, more
-    if run.catch_up > 0 then            -- leases may be waiting, oldest first: hear them all before judging
+    if running.catch_up > 0 then    -- leases may be waiting, oldest first: hear them all before judging
         _, more = protected(rx.read, now)
-        run.catch_up = more and run.catch_up - 1 or 0
+        running.catch_up = more and running.catch_up - 1 or 0
     end
-    if run.catch_up == 0 then
+    if running.catch_up == 0 then
         if not protected(enforce, now) then
             protected(last_resort, now)
         end

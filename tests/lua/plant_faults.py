@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Tests the guard's tests: python -m tests.lua.plant_faults [part of a name] ...
+"""Tests the guard's tests: python -m tests.lua.plant_faults [--share 1/2] [part of a name] ...
 
 Small faults are planted in a copy of the shipped script, one at a time, and tests/lua is run against each copy: a
 comparison turned around or moved by its edge, a condition that is always or never true, `and` for `or`, plus for minus,
 a `not` dropped, a switch turned, a number one more or doubled, a mask of 32 bits dropped, a statement left out; in
-every function and in the tables of modes, reasons and times. Every fault must be noticed. One that is not is a
-survivor: those that are no faults are listed in `plant_faults_survivors` with the reason, any other ends this with exit
-code 1, and so does one that is listed and is noticed. Takes about half an hour of one core; texts are not changed, and
-luacheck is not asked: what flies wrongly has to be seen to fly wrongly.
-
-The list of known survivors has been made for the functions up to `half_siphash`; of those behind it, some thirty
-survivors (early returns of readers, edges of limits, `follow_commander`) are still to be judged.
+every function and in the tables of modes, reasons, times and transitions. Every fault must be noticed. One that is not
+is a survivor: those that are no faults are listed in `plant_faults_survivors` with the reason, any other ends this with
+exit code 1, and so does one that is listed and is noticed. Texts are not changed, and luacheck is not asked: what flies
+wrongly has to be seen to fly wrongly. Takes more than half an hour of one core; `--share 1/2` and `--share 2/2` share
+the faults between two.
 
 A fault is named by function, operator and source line, so that its name survives an edit elsewhere in the file.
 """
 
 from __future__ import annotations
 
+import argparse
 import io
 import os
 import re
@@ -37,7 +36,12 @@ SCRIPT = ROOT / "ardupilot_lua" / "handover_guard.lua"
 TESTS = ROOT / "tests" / "lua"
 #: the likeliest to notice first
 FILES = (
+    "test_guard_enforcement",
     "test_guard_flight",
+    "test_guard_pilot",
+    "test_guard_channels",
+    "test_guard_vehicles",
+    "test_guard_firmware",
     "test_guard_lease",
     "test_guard_arming",
     "test_guard_standing",
@@ -56,7 +60,10 @@ TABLES = (
     "PILOT_REASONS",
     "FAILSAFE_REASONS",
     "COMMAND_REASONS",
+    "REASON",
     "LADDERS",
+    "PATIENCE",
+    "TRANSITIONS",
 )
 
 _OPERATORS: tuple[tuple[str, str, str], ...] = (
@@ -98,7 +105,7 @@ def faults(source: str) -> Iterator[tuple[str, str]]:
         if in_comment or line.startswith(("--", "local MAV_SEVERITY")):
             in_comment = in_comment and not line.startswith("--]]")
             continue
-        opened = re.match(r"local function (\w+)|local (\w+) = ", line)
+        opened = re.match(r"(?:local )?function ([\w.]+)|local (\w+) = ", line)
         if opened:
             function = opened[1] or (opened[2] if opened[2] in TABLES else "")
         if not function:
@@ -122,6 +129,10 @@ def _of_line(code: str) -> Iterator[tuple[str, str]]:
             value = int(place[1])
             operator, other = ("one more", value + 1) if value < 100 else ("doubled", value * 2)
             yield operator, code[: place.start()] + str(other) + code[place.end() :]
+    if code.lstrip().startswith("TRANSITIONS["):
+        for place in re.finditer(r"\b[a-z]+(?=[,}])", code):
+            instead = "call" if place[0] == "stay" else "stay"
+            yield f"cell {place[0]}", code[: place.start()] + instead + code[place.end() :]
     condition = re.fullmatch(r"(\s*(?:else)?if )(.*)( then.*)", code)
     if condition:
         for always in ("true", "false"):
@@ -165,8 +176,23 @@ def _tests_fail(script: Path, chosen: str) -> bool:
     return os.waitpid(child, 0)[1] != 0
 
 
-def main(wanted: Sequence[str]) -> int:
-    """Plant every fault whose name has one of the given parts.
+def chosen_faults(source: str, arguments: Sequence[str]) -> tuple[dict[str, str], set[str]]:
+    """The faults to plant, and the names in the list of survivors that none of all faults has."""
+    options = argparse.ArgumentParser(prog="plant_faults", description=__doc__)
+    options.add_argument("--share", default="1/1", metavar="N/OF", help="every OF-th fault, from the N-th on")
+    options.add_argument("parts", nargs="*", metavar="PART", help="only faults with one of these in their name")
+    chosen = options.parse_args(arguments)
+    share = re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", chosen.share)
+    if share is None or int(share[1]) > int(share[2]):
+        options.error(f"--share {chosen.share}: 1/2 is the first of two")
+    everything = dict(faults(source))
+    wanted = [name for name in everything if not chosen.parts or any(part in name for part in chosen.parts)]
+    mine = wanted[int(share[1]) - 1 :: int(share[2])]
+    return {name: everything[name] for name in mine}, set(KNOWN_SURVIVORS) - set(everything)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Plant the faults that the arguments choose.
 
     Returns 1 if one survives that is not known, or a known one does not.
     """
@@ -175,7 +201,9 @@ def main(wanted: Sequence[str]) -> int:
     from pymavlink.dialects.v20 import all as dialect  # noqa: F401
 
     source = SCRIPT.read_text(encoding="utf-8")
-    total, alive, begun = 0, [], time.monotonic()
+    mine, gone = chosen_faults(source, arguments)
+    known = set(KNOWN_SURVIVORS) & set(mine)
+    total, alive, begun = len(mine), [], time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         script = Path(folder) / "scripts" / SCRIPT.name
         script.parent.mkdir()
@@ -185,20 +213,16 @@ def main(wanted: Sequence[str]) -> int:
         if noticed(script):
             print("the tests fail without any fault")
             return 2
-        known = {name for name in KNOWN_SURVIVORS if not wanted or any(part in name for part in wanted)}
-        for name, faulty in faults(source):
-            if wanted and not any(part in name for part in wanted):
-                continue
-            total += 1
+        for name, faulty in mine.items():
             script.write_text(faulty, encoding="utf-8")
             if noticed(script):
                 continue
             alive.append(name)
             if name not in known:
                 print(f"  survived: {name}", flush=True)
-    stale = sorted(known - set(alive))
+    stale = sorted(gone | (known - set(alive)))
     for name in stale:
-        print(f"  listed, but noticed: {name}")
+        print(f"  listed, but noticed or no fault any more: {name}")
     unknown = [name for name in alive if name not in known]
     print(
         f"{total} faults, {total - len(alive)} noticed, {len(alive) - len(unknown)} known survivors, {len(unknown)} "

@@ -263,7 +263,7 @@ class TestFullQueue:
             bench.run(10)
         assert bench.vehicle.mode == RTL
         assert bench.vehicle.mode_requests == [RTL]
-        assert bench.texts == ["HNDO: lease lost, rx flooded undone"]
+        assert bench.texts == ["HNDO: lease lost, switch undone, rx flooded"]
 
     def test_a_command_that_a_full_queue_has_lost(self, bench: Bench) -> None:
         going_home(bench)
@@ -323,7 +323,7 @@ class TestFullQueue:
         going_home(bench).pilot_chooses(STABILIZE)
         bench.run(300)
         assert bench.vehicle.mode == RTL
-        assert bench.texts[-1] == "HNDO: lease lost, rx taken undone"
+        assert bench.texts[-1] == "HNDO: lease lost, switch undone, rx taken"
 
 
 def test_a_station_that_orders_the_pilots_own_mode_takes_nothing_from_him(bench: Bench) -> None:

@@ -26,7 +26,7 @@ def vehicle(kind: int) -> Bench:
     return bench
 
 
-@pytest.mark.parametrize("kind", [ROVER, PLANE, SUB, BLIMP, 0, 255])
+@pytest.mark.parametrize("kind", [ROVER, PLANE, SUB, BLIMP, HELI, 0, 255])
 class TestUnknown:
     def test_does_not_arm_and_says_why(self, kind: int) -> None:
         bench = vehicle(kind).with_lease()
@@ -79,10 +79,8 @@ def test_firmware_that_cannot_tell_its_type_is_of_none(absent: str) -> None:
     assert (bench.status.fw_major == 4) == (absent == "FWVersion.type")
 
 
-@pytest.mark.parametrize("kind", [COPTER, HELI])
-def test_a_copter_and_a_helicopter_fly_home(kind: int) -> None:
-    """One firmware, built twice: the modes are the same."""
-    bench = vehicle(kind).fly(AUTO)
+def test_a_copter_flies_home() -> None:
+    bench = vehicle(COPTER).fly(AUTO)
     assert bench.status.flags == ARMED | FLYING
     bench.lose_lease()
     bench.run(4000)
