@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from sitl.vehicles.lua_bindings import VM_INSTRUCTION_LIMIT
 from tests.lua.stub import GUARD, Bench, stated
 from tests.lua.test_guard_flight import BY_HAND, COMMAND, FAILSAFE, PILOT
 from tests.lua.test_guard_tag import keyed_bench
@@ -29,7 +30,7 @@ def source() -> str:
 
 def test_main_function_keeps_to_100_locals(source: str) -> None:
     """ArduPilot's Lua refuses more; the usual Lua allows 200 and would not notice."""
-    assert 50 < _locals(source) <= 95
+    assert 50 < _locals(source) <= 80
 
 
 def _locals(source: str) -> int:
@@ -123,6 +124,43 @@ def test_parameters_are_documented_in_script_and_page(source: str) -> None:
         assert Bench().vehicle.parameters[full] == float(default)
 
 
+def test_ranges_are_the_same_in_code_description_and_page(source: str) -> None:
+    """A value outside its range is taken for the nearest one inside."""
+    page = PAGE.read_text(encoding="utf-8")
+    taken = dict(re.findall(r"value_of\(HNDO\.(\w+), (-?\d+, \d+)\)", source))
+    assert set(taken) == {"ENABLE", "TIMEOUT", "LOST_T", "CHAN", "COMPID", "SYSID_SW"}
+    for name, bounds in taken.items():
+        low, high = bounds.split(", ")
+        described = re.search(rf"@Param: HNDO_{name}\n(?:.*\n)*?  // @(?:Range: (.*)|Values: (.*))\n", source)
+        assert described is not None
+        if described[1]:
+            assert described[1] == f"{low} {high}"
+        else:
+            assert re.findall(r"(\d+):", described[2]) == [low, high]
+        row = re.search(rf"^\| HNDO_{name} \| [-\d]+ \| (.*?) \|", page, re.MULTILINE)
+        assert row is not None
+        assert re.findall(r"-?\d+", row[1]) == [low, high]
+
+
+def test_every_text_is_on_the_page(source: str) -> None:
+    """The constant parts of what the guard says, and of why it refuses arming."""
+    page = PAGE.read_text(encoding="utf-8")
+    said = re.findall(r'say\([^"]*"[\w ]+", [\w.]+, (?:string\.format\()?"([^"]{6,})"', source)
+    said += re.findall(r'^        return "([^"]{8,})"$', source, re.MULTILINE)
+    said += re.findall(r'why_not = "([^"]+)"', source) + re.findall(r'why="([^"]+)"', source)
+    assert len(said) > 20
+    texts = {re.split(r"%\w", text)[0].strip() for text in said}
+    assert [text for text in sorted(texts) if text.split(", ")[-1] not in page] == []
+
+
+def test_the_page_has_the_states_of_the_log(source: str) -> None:
+    numbers = re.search(r"^local ENFORCEMENT = {(.*?)}", source, re.MULTILINE)
+    assert numbers is not None
+    page = PAGE.read_text(encoding="utf-8")
+    for name, number in re.findall(r"(\w+)=(\d+)", numbers[1]):
+        assert f"\n| {number} | {name} | " in page
+
+
 class TestParameterFile:
     def lines(self) -> list[str]:
         return PARAMETER_FILE.read_text(encoding="ascii").splitlines()
@@ -163,7 +201,16 @@ class TestParameterFile:
         values = dict(line.split() for line in self.lines() if line and not line.startswith("#"))
         lease_timeout = float(re.search(r'bind_add_param\("TIMEOUT", 2, (\d+)\)', source)[1])  # type: ignore[index]
         assert float(values["FS_GCS_TIMEOUT"]) > lease_timeout
-        assert int(values["FS_OPTIONS"]) & 0b10011 == 0
+        assert int(values["FS_OPTIONS"]) & 0b10010 == 0
+
+    def test_it_lets_the_guard_work(self) -> None:
+        values = dict(line.split() for line in self.lines() if line and not line.startswith("#"))
+        assert int(values["SCR_VM_I_COUNT"]) == VM_INSTRUCTION_LIMIT
+        assert 1000 * stated("script memory while it is loaded")[0] <= int(values["SCR_HEAP_SIZE"]) <= 204_800
+
+    @pytest.mark.parametrize("name", ["FS_THR_ENABLE", "SCR_DEBUG_OPTS"])
+    def test_what_it_leaves_to_its_reader_is_named_with_the_reason(self, name: str) -> None:
+        assert any(line.startswith(f"#   {name} ") for line in self.lines())
 
 
 class TestResources:
