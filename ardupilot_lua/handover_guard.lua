@@ -101,7 +101,7 @@ local MAV = {
     CRC_EXTRA = {[385]=147, [76]=152, [75]=158},
     CMD_SCRIPTING = 42701,
     CMD_AUX_FUNCTION = 218,
-    RESULT_DENIED = 2,
+    RESULT_ACCEPTED = 0, RESULT_DENIED = 2, RESULT_FAILED = 4,
     AUTOPILOT_COMPID = 1,
     MAGIC_2 = 0xFD,
     TUNNEL_BYTES = 133,
@@ -211,10 +211,11 @@ do
 end
 
 -- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
--- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came; own: its
--- table of ids is as large as the guard has made it; blind: too small for commands.
+-- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came; aux_ours:
+-- the firmware leaves it to the guard; own: the table of ids is as large as the guard has made it; blind: too small for
+-- commands.
 local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
-            aux_by="", own=false, blind=false}
+            aux_by="", aux_ours=false, own=false, blind=false}
 
 local function clock()
     return millis():toint()
@@ -409,7 +410,8 @@ a fault of this script; the guard then asks for the way home.
   GROUND      armed, not flying
   RETURN      a mode that returns
   LANDS       a landing, or one that was left alone before
-  LAND_ORDER  a landing that a command has chosen since, without a companion that says LOST
+  LAND_ORDER  a landing since the loss by a command, without a companion that says LOST, or by a switch that is not
+              believed
   KEPT        the mode that the guard stands back for, as long as PATIENCE has it
   OVER        the same mode, longer than that
   HELD        a failsafe's mode that neither returns nor lands
@@ -511,15 +513,18 @@ local function look(now)
     if not craft.flying then
         return SEEN.GROUND
     end
-    local mode, reason = craft.mode, craft.reason
+    local mode, reason, pilot = craft.mode, craft.reason, craft.by_pilot and craft.radio
     if RETURN_MODES[mode] then
         return SEEN.RETURN
     end
     if mode == MODE.LAND or (mode == MODE.AUTO and vehicle.is_landing and vehicle:is_landing()) then
-        if COMMAND_REASONS[reason] and mode ~= loss.mode and state ~= STATE.LOST then
-            return SEEN.LAND_ORDER
+        if mode == loss.mode then
+            return SEEN.LANDS
         end
-        return SEEN.LANDS
+        if may_be_pilots(reason) then
+            return craft.unread > 0 and SEEN.UNREAD or pilot and SEEN.LANDS or SEEN.LAND_ORDER
+        end
+        return COMMAND_REASONS[reason] and state ~= STATE.LOST and SEEN.LAND_ORDER or SEEN.LANDS
     end
     if mode == loss.mode then       -- the mode decides: its reason is overwritten when it is ordered again
         local patience = PATIENCE[enforcement]
@@ -528,20 +533,13 @@ local function look(now)
     if FAILSAFE_REASONS[reason] or (reason == REASON.AVOIDANCE_RECOVERY and craft.avoided_at) then
         return SEEN.HELD
     end
-    if may_be_pilots(reason) then
-        if craft.unread > 0 then
-            return SEEN.UNREAD
-        end
-        if craft.by_pilot and craft.radio then
-            if MANUAL_MODES[mode] then
-                return SEEN.HANDS
-            end
-            if craft.changes ~= loss.changes then
-                return SEEN.SWITCH
-            end
-        end
+    if may_be_pilots(reason) and craft.unread > 0 then
+        return SEEN.UNREAD
     end
-    return SEEN.OTHER
+    if pilot and MANUAL_MODES[mode] then
+        return SEEN.HANDS
+    end
+    return pilot and craft.changes ~= loss.changes and SEEN.SWITCH or SEEN.OTHER
 end
 
 -- ------------------------------------------------------------------------------------------------ what is done
@@ -713,6 +711,9 @@ local function enforce(now)
     if step(now) then               -- whoever changes the mode next changes that one
         observe(now)
         step(now)
+    end
+    if craft.flying and enforcement ~= ENFORCEMENT.CALM and not rx.aux_ours and mavlink.block_command then
+        rx.aux_ours = mavlink:block_command(MAV.CMD_AUX_FUNCTION)
     end
 end
 
@@ -962,8 +963,23 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     return key.required and 2 or 1
 end
 
--- MAV_CMD_SCRIPTING would stop this script: the firmware ignores it without an answer once it is blocked, so it is
--- answered here. DO_AUX_FUNCTION goes on to the firmware and is remembered: it changes the mode as a pilot's switch does.
+-- What DO_AUX_FUNCTION orders, once the firmware leaves it to the guard (from the first loss in flight on): nothing while
+-- authority is missing, and what the firmware would do otherwise. One moment in STABILIZE with the throttle stick down
+-- stops ArduCopter's motors for good, so undoing is not enough.
+local function run_aux_function(msg)
+    if enforcement ~= ENFORCEMENT.CALM then
+        say(MAV_SEVERITY.WARNING, "aux", 10000, "DO_AUX of " .. rx.aux_by .. " denied")
+        return MAV.RESULT_DENIED
+    end
+    local number, position = string.unpack("<ff", msg, 13)
+    local ok, done = pcall(function()
+        return rc:run_aux_function(math.floor(number), math.floor(position))
+    end)
+    return ok and done and MAV.RESULT_ACCEPTED or MAV.RESULT_FAILED
+end
+
+-- MAV_CMD_SCRIPTING would stop this script. A blocked command gets no answer from the firmware: it is answered here.
+-- DO_AUX_FUNCTION is remembered: it changes the mode with the reason of a pilot's switch.
 local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid, compid)
     local command = string.unpack("<I2", msg, 41)
     if command ~= MAV.CMD_SCRIPTING and command ~= MAV.CMD_AUX_FUNCTION then
@@ -972,14 +988,19 @@ local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid
     if not crc_fits(msg, magic, len, msgid, crc) then
         return 1
     end
+    local result = MAV.RESULT_DENIED
     if command == MAV.CMD_AUX_FUNCTION then
         rx.aux_at = stamp and stamp:toint() or now
         rx.aux_by = string.format("%d/%d", sysid, compid)
-        return 1
+        if not rx.aux_ours then
+            return 1
+        end
+        result = run_aux_function(msg)
+    else
+        tampering.seen = true
+        say(MAV_SEVERITY.WARNING, "command", 10000, string.format("scripting command of %d/%d denied", sysid, compid))
     end
-    mavlink:send_chan(chan, MAV.COMMAND_ACK, string.pack("<I2BBi4BB", command, MAV.RESULT_DENIED, 0, 0, sysid, compid))
-    tampering.seen = true
-    say(MAV_SEVERITY.WARNING, "command", 10000, string.format("scripting command of %d/%d denied", sysid, compid))
+    mavlink:send_chan(chan, MAV.COMMAND_ACK, string.pack("<I2BBi4BB", command, result, 0, 0, sysid, compid))
     return 1
 end
 

@@ -14,6 +14,7 @@ Where firmware versions differ, `VehicleHost.firmware` decides; 4.7.0 is the dev
 from __future__ import annotations
 
 import functools
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -64,7 +65,7 @@ def _binding(method: Callable[..., Any]) -> Callable[..., Any]:
 
 def _whole(value: object, low: int, high: int) -> int:
     """An argument that the autopilot takes as an integer."""
-    if isinstance(value, (int, float)) and not isinstance(value, bool) and value == int(value):
+    if isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value == int(value):
         if low <= value <= high:
             return int(value)
         raise ScriptFault("bad argument (out of range)")
@@ -252,6 +253,10 @@ class ScriptCalls:
     @_binding
     def rc_has_valid_input(self) -> bool:
         return self._host.rc_valid()
+
+    @_binding
+    def rc_run_aux_function(self, function: object, position: object) -> bool:
+        return self._host.run_aux_function(_whole(function, 0, 65535), _whole(position, 0, 2))
 
     @_binding
     def fw_type(self) -> int:

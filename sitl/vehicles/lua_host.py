@@ -48,6 +48,9 @@ class VehicleHost(Protocol):
     def rc_valid(self) -> bool:
         """Whether a radio control receiver delivers valid input."""
 
+    def run_aux_function(self, function: int, position: int) -> bool:
+        """Do what a switch of the transmitter does with that function (RCn_OPTION), low 0, middle 1 or high 2."""
+
     def param_get(self, name: str) -> float | None:
         """Value of a parameter, None if there is no such parameter."""
 

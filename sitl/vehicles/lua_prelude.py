@@ -207,6 +207,7 @@ add("last_seen", 0, function() return new((pass(4, py.gcs_last_seen()))) end)
 local rc
 rc, add = object("rc")
 add("has_valid_input", 0, forward(py.rc_has_valid_input))
+add("run_aux_function", 2, forward(py.rc_run_aux_function))
 
 local mavlink
 mavlink, add = object("mavlink", true)

@@ -58,6 +58,8 @@ class FakeVehicle:
         self.reason = BY_RC
         self.rc = False
         self.landing = False
+        self.aux_functions: list[tuple[int, int]] = []
+        self.aux_works = True
         self.ekf_failed = False
         #: MAVLink channels with a port; one that a frame comes from has one
         self.ports = {0, 1, 2}
@@ -123,6 +125,10 @@ class FakeVehicle:
 
     def rc_valid(self) -> bool:
         return self.rc
+
+    def run_aux_function(self, function: int, position: int) -> bool:
+        self.aux_functions.append((function, position))
+        return self.aux_works
 
     def param_get(self, name: str) -> float | None:
         return self.parameters.get(name)
@@ -250,13 +256,15 @@ class Companion:
         return bytes(message.pack(self.packer))
 
 
-def command_frame(command: int, *, as_int: bool = False, force_mavlink1: bool = False) -> bytes:
+def command_frame(
+    command: int, *, as_int: bool = False, force_mavlink1: bool = False, values: tuple[float, float] = (2, 0)
+) -> bytes:
     """A COMMAND_LONG or COMMAND_INT of station 66, component 190."""
     packer = dialect.MAVLink(None, srcSystem=66, srcComponent=190)
     if as_int:
-        message = dialect.MAVLink_command_int_message(1, 1, 0, command, 0, 0, 2, 0, 0, 0, 0, 0, 0)
+        message = dialect.MAVLink_command_int_message(1, 1, 0, command, 0, 0, *values, 0, 0, 0, 0, 0)
     else:
-        message = dialect.MAVLink_command_long_message(1, 1, command, 0, 2, 0, 0, 0, 0, 0, 0)
+        message = dialect.MAVLink_command_long_message(1, 1, command, 0, *values, 0, 0, 0, 0, 0)
     return bytes(message.pack(packer, force_mavlink1=force_mavlink1))
 
 

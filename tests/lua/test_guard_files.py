@@ -208,6 +208,16 @@ class TestParameterFile:
         assert int(values["SCR_VM_I_COUNT"]) == VM_INSTRUCTION_LIMIT
         assert 1000 * stated("script memory while it is loaded")[0] <= int(values["SCR_HEAP_SIZE"]) <= 204_800
 
+    def test_no_station_orders_a_mode_with_manual_throttle(self) -> None:
+        """In ArduPilot's list of modes that can be blocked, by the names of its header."""
+        values = dict(line.split() for line in self.lines() if line and not line.startswith("#"))
+        source = (ardupilot() / "ArduCopter" / "mode.cpp").read_text(encoding="utf-8")
+        listed = re.search(r"bool Copter::gcs_mode_enabled.*?mode_list \[\] {(.*?)}", source, re.DOTALL)
+        assert listed is not None
+        order = re.findall(r"Mode::Number::(\w+)", listed[1])
+        blocked = [name for bit, name in enumerate(order) if int(values["FLTMODE_GCSBLOCK"]) >> bit & 1]
+        assert blocked == ["STABILIZE", "ACRO", "SYSTEMID", "TURTLE"]
+
     @pytest.mark.parametrize("name", ["FS_THR_ENABLE", "SCR_DEBUG_OPTS"])
     def test_what_it_leaves_to_its_reader_is_named_with_the_reason(self, name: str) -> None:
         assert any(line.startswith(f"#   {name} ") for line in self.lines())

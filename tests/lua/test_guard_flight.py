@@ -554,7 +554,7 @@ class TestStationDuringTheLoss:
 
     def test_a_landing_by_the_pilot_or_the_companion_is_watched(self, bench: Bench) -> None:
         lost_in_flight(bench)
-        bench.vehicle.mode, bench.vehicle.reason = LAND, BY_RC
+        bench.pilot_chooses(LAND)
         bench.run(3000)
         assert bench.texts == ["HNDO: lease lost, in LAND"]
         assert bench.status.flags == ENFORCING | ARMED | FLYING

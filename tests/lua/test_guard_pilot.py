@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import pytest
 
 from tests.lua.stub import (
@@ -14,6 +16,7 @@ from tests.lua.stub import (
     BY_RC,
     GUIDED,
     LAND,
+    LANDING,
     LOITER,
     PILOT,
     RETURNING,
@@ -24,6 +27,7 @@ from tests.lua.stub import (
 )
 
 DO_AUX_FUNCTION = 218
+ACCEPTED, DENIED, FAILED = 0, 2, 4
 ALT_HOLD = 2
 
 
@@ -156,7 +160,7 @@ class TestAuxFunction:
         bench.until(lambda: bench.vehicle.mode == RTL, 200)
         bench.run(5000)
         assert bench.vehicle.mode_requests == [RTL]
-        assert bench.texts == ["HNDO: lease lost, DO_AUX of 66/190 undone"]
+        assert bench.texts == ["HNDO: DO_AUX of 66/190 denied", "HNDO: lease lost, DO_AUX of 66/190 undone"]
 
     @pytest.mark.parametrize("delay_ms", [0, 10, 200, 900])
     def test_it_may_act_later(self, bench: Bench, delay_ms: int) -> None:
@@ -247,6 +251,138 @@ class TestAuxFunction:
         assert number <= 12
 
 
+class TestAuxFunctionDuringALoss:
+    """From the first loss in flight on the guard answers for it.
+
+    A moment in STABILIZE stops the motors for good when the throttle stick is down.
+    """
+
+    RTL_OFF = (4.0, 0.0)
+
+    def results(self, bench: Bench) -> list[int]:
+        found = [(chan, payload) for chan, msgid, payload in bench.vehicle.messages if msgid == 77]
+        assert {chan for chan, _ in found} <= {2}
+        acks = [struct.unpack("<HBBiBB", payload) for _, payload in found]
+        assert {(ack[0], *ack[2:]) for ack in acks} <= {(DO_AUX_FUNCTION, 0, 0, 66, 190)}
+        return [ack[1] for ack in acks]
+
+    @pytest.mark.parametrize("as_int", [False, True])
+    def test_it_is_refused(self, bench: Bench, as_int: bool) -> None:
+        going_home(bench)
+        assert bench.scripting.command_blocked(DO_AUX_FUNCTION)
+        bench.receive(command_frame(DO_AUX_FUNCTION, as_int=as_int, values=self.RTL_OFF), channel=2)
+        bench.run(200)
+        assert self.results(bench) == [DENIED]
+        assert bench.vehicle.aux_functions == []
+        assert bench.texts == ["HNDO: DO_AUX of 66/190 denied"]
+
+    def test_whatever_the_guard_is_at(self, bench: Bench) -> None:
+        bench.fly(LOITER, BY_RC)
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.enforcement == PILOT
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.run(200)
+        assert self.results(bench) == [DENIED]
+
+    @pytest.mark.parametrize(("works", "result"), [(True, ACCEPTED), (False, FAILED)])
+    @pytest.mark.parametrize("as_int", [False, True])
+    def test_with_authority_back_it_does_what_it_always_did(
+        self, bench: Bench, as_int: bool, works: bool, result: int
+    ) -> None:
+        going_home(bench)
+        bench.sending = True
+        bench.run(1000)
+        bench.vehicle.aux_works = works
+        bench.receive(command_frame(DO_AUX_FUNCTION, as_int=as_int, values=(28.0, 2.0)), channel=2)
+        bench.run(200)
+        assert self.results(bench) == [result]
+        assert bench.vehicle.aux_functions == [(28, 2)]
+
+    @pytest.mark.parametrize("values", [(-1.0, 0.0), (28.0, 3.0), (float("nan"), 0.0), (28.0, float("inf"))])
+    def test_nonsense_has_failed(self, bench: Bench, values: tuple[float, float]) -> None:
+        going_home(bench)
+        bench.sending = True
+        bench.run(1000)
+        bench.receive(command_frame(DO_AUX_FUNCTION, values=values), channel=2)
+        bench.run(200)
+        assert self.results(bench) == [FAILED]
+        assert not any("fault" in text for text in bench.texts)
+
+    def test_before_the_first_loss_the_firmware_answers(self, bench: Bench) -> None:
+        bench.run(10_000)
+        bench.fly(AUTO)
+        assert not bench.scripting.command_blocked(DO_AUX_FUNCTION)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.run(200)
+        assert self.results(bench) == []
+        assert bench.vehicle.aux_functions == []
+
+    def test_firmware_that_blocks_no_command_answers_always(self) -> None:
+        bench = Bench(absent=["mavlink.block_command"])
+        bench.vehicle.rc = True
+        going_home(bench)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.run(200)
+        assert self.results(bench) == []
+        bench.pilot_chooses(STABILIZE, BY_AUX)
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+
+
+class TestLanding:
+    """A landing takes nothing home: it is a pilot's, the companion's or a failsafe's, or undone."""
+
+    @pytest.mark.parametrize("reason", [BY_AUX, BY_RC])
+    def test_by_a_stations_function_is_undone(self, bench: Bench, reason: int) -> None:
+        going_home(bench)
+        bench.receive(command_frame(DO_AUX_FUNCTION, values=(18.0, 2.0)), channel=2)
+        bench.pilot_chooses(LAND, reason)
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+        assert bench.texts[-1] == "HNDO: lease lost, DO_AUX of 66/190 undone"
+
+    def test_of_auto_by_a_stations_function_is_undone(self, bench: Bench) -> None:
+        going_home(bench)
+        bench.receive(command_frame(DO_AUX_FUNCTION, values=(16.0, 2.0)), channel=2)
+        bench.vehicle.landing = True
+        bench.pilot_chooses(AUTO, BY_AUX)
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+
+    def test_by_a_switch_is_the_pilots(self, bench: Bench) -> None:
+        going_home(bench).pilot_chooses(LAND)
+        bench.run(5000)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (LANDING, [])
+
+    def test_by_a_switch_without_a_radio_is_undone(self, bench: Bench) -> None:
+        going_home(bench).pilot_chooses(LAND)
+        bench.vehicle.rc = False
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+
+    def test_is_not_taken_for_one_before_the_queue_is_read(self, bench: Bench) -> None:
+        going_home(bench)
+        bench.until(lambda: bench.scripting.next_run_ms() == bench.vehicle.now_ms + 50)
+        for _ in range(20):
+            bench.hear()
+        bench.receive(command_frame(DO_AUX_FUNCTION, values=(18.0, 2.0)), channel=2)
+        bench.pilot_chooses(LAND, BY_AUX)
+        bench.run(50)
+        assert bench.enforcement == RETURNING
+        bench.run(50)
+        assert bench.vehicle.mode == RTL
+
+    def test_found_at_the_loss_is_left_whoever_chose_it(self, bench: Bench) -> None:
+        bench.fly(AUTO)
+        bench.receive(command_frame(DO_AUX_FUNCTION, values=(18.0, 2.0)))
+        bench.pilot_chooses(LAND, BY_AUX)
+        bench.run(2000)
+        bench.lose_lease()
+        bench.run(10_000)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (LANDING, [])
+
+
 class TestFullQueue:
     """A full queue may have lost a DO_AUX_FUNCTION: nobody is believed then, and for a second."""
 
@@ -280,7 +416,7 @@ class TestFullQueue:
         bench.pilot_chooses(STABILIZE, BY_AUX)
         bench.run(300)
         assert bench.vehicle.mode == RTL
-        assert bench.texts == ["HNDO: lease lost, DO_AUX of 66/190 undone"]
+        assert bench.texts == ["HNDO: DO_AUX of 66/190 denied", "HNDO: lease lost, DO_AUX of 66/190 undone"]
 
     def test_a_busy_queue_is_no_full_one(self, bench: Bench) -> None:
         going_home(bench)

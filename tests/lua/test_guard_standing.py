@@ -362,6 +362,18 @@ class TestSurvival:
         assert bench.vehicle.mode == AUTO
         assert bench.vehicle.mode_requests == []
 
+    @pytest.mark.parametrize("slept_ms", [560, 900])
+    def test_half_a_second_is_a_stall(self, bench: Bench, slept_ms: int) -> None:
+        """Here longer than the lease lives."""
+        bench.companion.ttl_ms = 500
+        bench.fly()
+        for _ in range(8):
+            for _ in range(slept_ms // 100):
+                bench.vehicle.now_ms += 100
+                bench.receive(bench.companion.lease())
+            bench.run(200)
+        assert bench.vehicle.mode_requests == []
+
     def test_stalled_script_with_nothing_but_stale_leases_acts_soon(self, bench: Bench) -> None:
         bench.fly()
         bench.lose_lease()

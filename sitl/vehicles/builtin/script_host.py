@@ -76,6 +76,9 @@ class ScriptHost:
     def rc_valid(self) -> bool:
         return False
 
+    def run_aux_function(self, function: int, position: int) -> bool:
+        return False
+
     def param_get(self, name: str) -> float | None:
         row = self._copter.parameters.find(name)
         return None if row is None else row.value
