@@ -50,7 +50,7 @@ FILES = (
 )
 TIMEOUT_S = 120
 #: asked only when all the others have noticed nothing
-SLOW = "Budget or Resources or wraps_at_16"
+SLOW = "Budget or Resources or wraps_at_16 or station_gets_nowhere or while_authority_is_there"
 #: what is looked at outside of functions
 TABLES = (
     "MS",

@@ -8,6 +8,8 @@ import re
 from collections.abc import Callable
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from sitl.vehicles.lua_bindings import LuaScripting
 from tests.lua.stub import (
@@ -35,6 +37,7 @@ from tests.lua.stub import (
     FakeVehicle,
 )
 
+CIRCLE = 7
 STATES = ("CALM", "MISSING", "ORDERING", "RETURNING", "LANDING", "PILOT", "FAILSAFE")
 
 #: what is seen -> for each state: next state, what is done, why; "=" is the same state
@@ -186,7 +189,7 @@ SEE: dict[str, Callable[[Bench], None]] = {
     "RETURN": set_mode(SMART_RTL, BY_GCS),
     "LANDS": set_mode(LAND, BY_BATTERY),
     "LAND_ORDER": set_mode(LAND, BY_GCS),
-    "HELD": set_mode(7, BY_FENCE),
+    "HELD": set_mode(CIRCLE, BY_FENCE),
     "HANDS": by_switch(STABILIZE),
     "SWITCH": by_switch(GUIDED),
     "OTHER": set_mode(GUIDED, BY_GCS),
@@ -338,6 +341,60 @@ def test_a_missing_entry_sets_no_mode_on_the_ground() -> None:
     assert bench.enforcement == MISSING
     assert bench.vehicle.mode_requests == []
     assert any(text == "HNDO: fault, no entry 0/2" for text in bench.texts)
+
+
+MOMENT = st.fixed_dictionaries(
+    {},
+    optional={
+        "armed": st.booleans(),
+        "flying": st.booleans(),
+        "mode": st.integers(0, 28),
+        "reason": st.integers(0, 55),
+        "rc": st.booleans(),
+        "landing": st.booleans(),
+        "ekf_failed": st.booleans(),
+        "disarm_works": st.booleans(),
+        "refused_modes": st.sampled_from([set(), {RTL}, {RTL, LAND}]),
+    },
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(moments=st.lists(st.tuples(MOMENT, st.booleans(), st.sampled_from([10, 60, 400, 3500, 11_000])), max_size=12))
+def test_whatever_came_before_a_station_gets_nowhere_during_a_loss(
+    moments: list[tuple[dict[str, object], bool, int]],
+) -> None:
+    bench = Bench()
+    for changes, sending, run_ms in moments:
+        for name, value in changes.items():
+            setattr(bench.vehicle, name, value)
+        bench.vehicle.flying = bench.vehicle.flying and bench.vehicle.armed
+        bench.sending = sending
+        bench.run(run_ms)
+    bench.vehicle.armed = bench.vehicle.flying = True
+    bench.vehicle.refused_modes, bench.vehicle.landing, bench.sending = set(), False, False
+    bench.run(3500)
+    # the mode of a pilot or a failsafe, ordered again, stays theirs
+    bench.vehicle.mode = CIRCLE if bench.vehicle.mode == GUIDED else GUIDED
+    bench.vehicle.reason = BY_GCS
+    bench.run(2100)  # the pause after a refused LAND
+    assert bench.vehicle.mode in (RTL, LAND)
+    assert bench.enforcement in (RETURNING, LANDING)
+    assert bench.vehicle.removed == []
+    assert not any("fault" in text for text in bench.texts)
+
+
+@settings(max_examples=100, deadline=None)
+@given(moments=st.lists(st.tuples(MOMENT, st.sampled_from([10, 60, 400])), max_size=12))
+def test_while_authority_is_there_nothing_is_done_whatever_happens(
+    moments: list[tuple[dict[str, object], int]],
+) -> None:
+    bench = Bench().with_lease()
+    for changes, run_ms in moments:
+        for name, value in changes.items():
+            setattr(bench.vehicle, name, value)
+        bench.run(run_ms)
+        assert (bench.enforcement, bench.vehicle.mode_requests, bench.vehicle.disarms) == (CALM, [], 0)
 
 
 def test_the_states_are_those_of_the_log() -> None:
