@@ -433,7 +433,7 @@ end
 
 -- A firmware that cannot tell who has chosen the mode: it may be the pilot.
 local function may_be_pilots(reason)
-    return reason == nil or PILOT_REASONS[reason] ~= nil
+    return reason == nil or PILOT_REASONS[reason]
 end
 
 -- Whether the pilot chose the mode that has just been seen: not if a DO_AUX_FUNCTION came up to a second before, or may

@@ -8,10 +8,13 @@ __all__ = ["KNOWN_SURVIVORS"]
 
 _MILLISECOND = "a millisecond, or a value that is its own bound"
 _CLAMP = "a bound that nobody should come near"
+_CALL = "a bound that one call more keeps as well: ten milliseconds"
 _MASKED = "masked again before it is used"
 _FIRST = "the other edge of a range that a 32-bit difference cannot reach, or the same value"
 
 KNOWN_SURVIVORS: dict[str, str] = {
+    "WORK: one more: CATCH_UP_CALLS = 13,": _CALL,
+    "WORK: one more: READ_ON_CALLS = 6,": _CALL,
     "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then": _FIRST,
     "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then (number 2)": _FIRST,
     "elapsed: one more: return 0": _MILLISECOND,
