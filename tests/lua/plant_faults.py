@@ -171,7 +171,7 @@ def _quoted(code: str, place: int) -> bool:
 
 def noticed(script: Path, function: str = "") -> bool:
     """Whether the tests fail with this script, whose fault is in `function`."""
-    first = [name for name, functions in LIKELY.items() if function.split(".")[0] in functions]
+    first = [name for name, functions in LIKELY.items() if function.split(".", maxsplit=1)[0] in functions]
     files = [*first, *(name for name in FILES if name not in first)]
     quick = f"not test_no_global_is_written and not ({SLOW})"
     return _tests_fail(script, quick, files) or _tests_fail(script, SLOW, files)
