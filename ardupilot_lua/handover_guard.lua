@@ -43,6 +43,7 @@ local MS = {
     SECOND = 1000,                  -- registrations, ids and log
     LANDED = 3000,                  -- after a flight, this long on the ground before the motors are stopped
     TAMPER_HOLD = 10000,            -- no arming for this long after the registrations were wiped
+    COMMAND = 100,                  -- a command that was denied or noted is not looked at again for this long
     AUX = 1000,                     -- after a DO_AUX_FUNCTION or a full queue no mode counts as the pilot's
     RADIO = 2000,                   -- a pilot whose radio has been gone for this long does not fly any more
     FAILSAFE = 10000,               -- a failsafe, or traffic avoidance that is over, may hold the aircraft this long
@@ -213,9 +214,9 @@ end
 -- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
 -- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came; aux_ours:
 -- the firmware leaves it to the guard; own: the table of ids is as large as the guard has made it; blind: too small for
--- commands.
+-- commands; commands: when one was looked at last, in the present second.
 local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
-            aux_by="", aux_ours=false, own=false, blind=false}
+            aux_by="", aux_ours=false, own=false, blind=false, commands={}}
 
 local function clock()
     return millis():toint()
@@ -985,9 +986,15 @@ local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid
     if command ~= MAV.CMD_SCRIPTING and command ~= MAV.CMD_AUX_FUNCTION then
         return 0
     end
+    local carried_out = command == MAV.CMD_AUX_FUNCTION and rx.aux_ours and enforcement == ENFORCEMENT.CALM
+    local before = rx.commands[command]
+    if before and not carried_out and elapsed(now, before) < MS.COMMAND then
+        return 0                    -- a flood of them must not cost the leases: it would be a CRC for each
+    end
     if not crc_fits(msg, magic, len, msgid, crc) then
         return 1
     end
+    rx.commands[command] = now
     local result = MAV.RESULT_DENIED
     if command == MAV.CMD_AUX_FUNCTION then
         rx.aux_at = stamp and stamp:toint() or now
@@ -1174,6 +1181,7 @@ end
 
 local function second(now)
     autopilot.sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)
+    rx.commands = {}
     if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then
         rx.aux_at = nil             -- before the clock has gone half-way round
     end

@@ -299,6 +299,16 @@ class TestAuxFunctionDuringALoss:
         assert self.results(bench) == [result]
         assert bench.vehicle.aux_functions == [(28, 2)]
 
+    def test_with_authority_back_every_one_is_done(self, bench: Bench) -> None:
+        going_home(bench)
+        bench.sending = True
+        bench.run(1000)
+        for number in range(20):
+            bench.receive(command_frame(DO_AUX_FUNCTION, values=(28.0, float(number % 3))), channel=2)
+            bench.run(50)
+        assert self.results(bench) == [ACCEPTED] * 20
+        assert bench.vehicle.aux_functions == [(28, number % 3) for number in range(20)]
+
     @pytest.mark.parametrize("values", [(-1.0, 0.0), (28.0, 3.0), (float("nan"), 0.0), (28.0, float("inf"))])
     def test_nonsense_has_failed(self, bench: Bench, values: tuple[float, float]) -> None:
         going_home(bench)

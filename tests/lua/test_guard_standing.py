@@ -236,7 +236,7 @@ class TestFewWords:
         """The autopilot's milliseconds have 32 bits: after 24.8 days a difference has its sign bit set."""
         for _ in range(2):
             bench.receive(command_frame(MAV_CMD_SCRIPTING))
-            bench.run(200)
+            bench.run(1500)
         assert bench.texts.count("HNDO: scripting command of 66/190 denied") == 1
         bench.vehicle.now_ms += days * 86_400_000
         bench.receive(command_frame(MAV_CMD_SCRIPTING))
@@ -389,6 +389,23 @@ class TestSurvival:
         bench.vehicle.now_ms += 5000
         bench.run(0)
         assert bench.vehicle.mode == RTL
+
+    @pytest.mark.parametrize("command", [MAV_CMD_SCRIPTING, 218])
+    def test_a_flood_of_commands_does_not_drown_the_leases(self, bench: Bench, command: int) -> None:
+        """A thousand a second, each of which would cost a CRC."""
+        bench.fly()
+        for _ in range(1000):
+            for _ in range(10):
+                bench.receive(command_frame(command), channel=2)
+            bench.run(10)
+        assert bench.vehicle.mode == AUTO
+        assert bench.vehicle.mode_requests == []
+
+    def test_a_flood_of_commands_is_answered_ten_times_a_second(self, bench: Bench) -> None:
+        for _ in range(100):
+            bench.receive(command_frame(MAV_CMD_SCRIPTING), channel=2)
+            bench.run(10)
+        assert 9 <= len([chan for chan, msgid, _ in bench.vehicle.messages if msgid == COMMAND_ACK]) <= 12
 
     def test_a_full_queue_of_forged_leases_does_not_drown_the_real_one(self, bench: Bench) -> None:
         bench.fly()
