@@ -9,7 +9,7 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak picture
+.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights picture
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
@@ -20,7 +20,8 @@ help:
 	@echo "make fuzz    coverage-guided fuzzing of gate, packages, ground link, serial stream, files (needs atheris)"
 	@echo "make mutants plant faults in gate and core, see the tests find them"
 	@echo "make scenarios  fly every scenario on every vehicle there is"
-	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up"
+	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up; ARGS='--arducopter PATH ...': on each of these"
+	@echo "make flights fly the guard in every situation on ArduPilot (ARGS as above), write the table into its page"
 	@echo "make picture draw docs/architecture.svg from the imports"
 	@echo "make format  format the Python files"
 	@echo "make clean   remove everything that make made"
@@ -75,6 +76,9 @@ scenarios: $(VENV)/installed
 
 soak: $(VENV)/installed
 	$(BIN)/python -m tests.sitl.soak_guard $(ARGS)
+
+flights: $(VENV)/installed
+	$(BIN)/pytest -n 2 -m sitl $(sort $(wildcard tests/sitl/test_guard_*.py)) --flown ardupilot_lua/handover_guard.md $(ARGS)
 
 picture: $(VENV)/installed
 	$(BIN)/python -m tests.structure.picture

@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""For all tests: what companions keep in memory goes when the tests are over, and none finds what another one kept."""
+"""For all tests: what companions keep in memory goes when the tests are over, and none finds what another one kept.
+
+And which programs of ArduPilot's SITL the flights are flown with: `--arducopter`, `--arduplane` and `--ardurover`, each
+as often as wanted; a test that takes the fixture of that name runs once for each.
+"""
 
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,8 +17,63 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.store.memory import in_memory
+from sitl.vehicles import LaunchError, find_arducopter
+from tests.sitl.firmware import Firmware, NotFirmware, firmware_of
+from tests.sitl.flown import Recorder
 
 _SHARED = Path("/dev/shm")
+#: options, fixtures and names of the programs
+_PROGRAMS = ("arducopter", "arduplane", "ardurover")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("ArduPilot")
+    for name in _PROGRAMS:
+        group.addoption(
+            f"--{name}", action="append", metavar="PATH", help=f"an {name} SITL program; may be given several times"
+        )
+    group.addoption("--flown", metavar="PAGE", type=Path, help="write the guard's table of flights into this page")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    page = config.getoption("--flown")
+    if page is not None and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Recorder(page))
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    for name in _PROGRAMS:
+        if name in metafunc.fixturenames:
+            programs = _programs(name, metafunc.config.getoption(f"--{name}"))
+            missing = pytest.param(None, id="none", marks=pytest.mark.skip(reason=_how_to(name)))
+            metafunc.parametrize(
+                name, [pytest.param(each, id=each.version) for each in programs] or [missing], scope="session"
+            )
+
+
+def _programs(name: str, given: list[str] | None) -> list[Firmware]:
+    try:
+        paths = [Path(path).expanduser() for path in given] if given else _found(name)
+        firmwares = [firmware_of(path) for path in paths]
+    except (LaunchError, NotFirmware) as error:
+        raise pytest.UsageError(str(error)) from error
+    for firmware in firmwares:
+        if f"ardu{firmware.vehicle.lower()}" != name:
+            raise pytest.UsageError(f"--{name}: {firmware.program} is Ardu{firmware}")
+    return firmwares
+
+
+def _found(name: str) -> list[Path]:
+    """The program where nothing was said: for Copter as everywhere, for the others beside it."""
+    copter = find_arducopter()
+    if name == "arducopter":
+        return [copter] if copter else []
+    found = shutil.which(name) or (copter and shutil.which(str(copter.with_name(name))))
+    return [Path(found)] if found else []
+
+
+def _how_to(name: str) -> str:
+    return f"no {name} SITL program: give --{name} PATH, or build one in ~/ardupilot (waf {name.removeprefix('ardu')})"
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -56,7 +56,7 @@ def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path])
     arguments = [
         str(program),
         "--model",
-        "quad",
+        spec.model,
         "--wipe",
         "--speedup",
         f"{spec.speedup:g}",

@@ -33,6 +33,8 @@ class VehicleSpec:
     """Single parameters, applied last."""
     arducopter: str | None = None
     """Explicit path of the SITL program, for kind `arducopter`."""
+    model: str = "quad"
+    """What that program simulates, `--model`: plane and rover want another program too."""
 
 
 #: What to start, the TCP port of each serial port and the parameter files in order -> arguments and extra environment

@@ -3,12 +3,15 @@
 """An ArduCopter that flies with the guard, for tests: a companion of a few lines, a station, a pilot's transmitter.
 
 The companion sends leases on SERIAL1; the station is wired straight to SERIAL2 and plays the part that no gate
-controls. Times are the autopilot's own (`time_boot_ms`). Needs an ArduCopter SITL program.
+controls. Times are the autopilot's own (`time_boot_ms`): once the last lease is sent nothing that the guard does
+depends on the wall clock, so that the rest of a flight may be flown at any pace. Needs an ArduCopter SITL program.
 """
 
 from __future__ import annotations
 
+import math
 import os
+import re
 import select
 import socket
 import struct
@@ -18,10 +21,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pymavlink import DFReader
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles import RunningVehicle, VehicleSpec, launch
+from tests.sitl.firmware import Firmware
 
 ROOT = Path(__file__).parents[2]
 GUARD = ROOT / "ardupilot_lua" / "handover_guard.lua"
@@ -31,11 +34,17 @@ HOME = (52.679, 5.924, 2.0, 0.0)
 SPEEDUP = 8
 #: pace of what only has to be over
 HURRY = 20
-STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND = 0, 3, 4, 5, 6, 9
+STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, AUTOTUNE, BRAKE = 0, 2, 3, 4, 5, 6, 7, 9, 15, 17
+AVOID_ADSB, SMART_RTL, AUTO_RTL = 19, 21, 27
 HELD, LOST = 1, 3
 WAITING, LIVE, EXPIRED, LOST_STATE = 1, 2, 3, 4
 ACCEPTED, DENIED, FAILED = 0, 2, 4
 FORCE = 21196.0
+#: telemetry of the station's port, as firmware before 4.7 calls it; the base file has the newer names
+_STREAMS = {"SR2_EXT_STAT": 2, "SR2_POSITION": 10, "SR2_EXTRA1": 4, "SR2_EXTRA2": 4, "SR2_EXTRA3": 2}
+_HIT_GROUND = re.compile(r"SIM Hit ground at ([\d.]+) m/s")
+#: metres in a degree of latitude
+_DEGREE_M = 111_195.0
 
 
 class Wire:
@@ -55,7 +64,10 @@ class Wire:
 
     def send_raw(self, frame: bytes) -> None:
         self.socket.setblocking(True)
-        self.socket.sendall(frame)
+        try:
+            self.socket.sendall(frame)
+        except ConnectionError as error:
+            raise AssertionError("the autopilot process is dead") from error
         self.socket.setblocking(False)
 
     def receive(self) -> list[Any]:
@@ -63,20 +75,30 @@ class Wire:
             data = self.socket.recv(65536)
         except BlockingIOError:
             return []
+        except ConnectionError:
+            data = b""
         if not data:
-            raise AssertionError("the autopilot closed the connection")
+            raise AssertionError("the autopilot process is dead")
         return [m for m in self.mav.parse_buffer(data) or [] if m.get_type() != "BAD_DATA"]
 
 
 class Flight:
     """A flying ArduCopter with a companion and a station; everything happens in `pump`."""
 
-    def __init__(self, vehicle: RunningVehicle) -> None:
+    def __init__(self, vehicle: RunningVehicle, firmware: Firmware, directory: Path, station_serial: int = 2) -> None:
         self.vehicle = vehicle
+        self.firmware = firmware
+        self.directory = directory
         self.companion = Wire(vehicle.address(1), 1, 191)
-        self.station = Wire(vehicle.address(2), 251, 190)
+        self.station = Wire(vehicle.address(station_serial), 251, 190)
         self.speedup: float = SPEEDUP
         self.sending = False
+        #: who holds the transmitter
+        self.pilot: Any = None
+        #: seconds until the next lease
+        self.lease_gap_s: Callable[[], float] = lambda: 0.2
+        #: what else is sent five times a second
+        self.beside: Callable[[], object] = lambda: None
         #: stations on SERIAL2 that send heartbeats
         self.beating = {251}
         self.lease = {"state": HELD, "commander": 251, "nonce": 0xF00DCAFE, "epoch": 1, "ttl_ms": 5000}
@@ -85,13 +107,28 @@ class Flight:
         self.last_lease_ms = 0
         self.mode = -1
         self.armed = False
-        self.altitude_m = 0.0
+        self.altitude_m = self.home_m = 0.0
+        #: highest and lowest since somebody last set them
+        self.highest_m = self.lowest_m = 0.0
+        #: waypoint of the mission that is flown to
+        self.waypoint = 0
+        #: vertical speed at the last contact with the ground, as the simulation tells it
+        self.touch_down_m_s = 0.0
         self.texts: list[str] = []
         self.statuses: list[tuple[int, ...]] = []
         self.answers: list[Any] = []
-        self._lease_due = self._heartbeat_due = 0.0
+        #: latitude and longitude, 1e-7 degrees
+        self.place = position(0)
+        self._lease_due = self._heartbeat_due = self._beside_due = 0.0
+        self._at_close: list[Callable[[], object]] = []
+
+    def at_close(self, deed: Callable[[], object]) -> None:
+        """What is in use as long as the flight lasts."""
+        self._at_close.append(deed)
 
     def close(self) -> None:
+        while self._at_close:
+            self._at_close.pop()()
         self.companion.socket.close()
         self.station.socket.close()
         self.vehicle.stop()
@@ -102,8 +139,11 @@ class Flight:
         """Send what is due, read what came."""
         now = time.monotonic()
         if self.sending and now >= self._lease_due:
-            self._lease_due = now + 0.2 / self.speedup
+            self._lease_due = now + self.lease_gap_s() / self.speedup
             self.send_lease()
+        if now >= self._beside_due:
+            self._beside_due = now + 0.2 / self.speedup
+            self.beside()
         if now >= self._heartbeat_due:
             self._heartbeat_due = now + 1.0 / self.speedup
             for system in sorted(self.beating):
@@ -129,10 +169,28 @@ class Flight:
             self.mode, self.armed = message.custom_mode, bool(message.base_mode & 128)
         elif kind == "STATUSTEXT":
             self.texts.append(message.text)
+            if hit := _HIT_GROUND.search(message.text):
+                self.touch_down_m_s = float(hit[1])
         elif kind == "GLOBAL_POSITION_INT":
-            self.altitude_m = message.relative_alt / 1000
+            self._fly_past(message)
+        elif kind == "MISSION_CURRENT":
+            self.waypoint = message.seq
         else:
             self.answers.append(message)
+
+    def _fly_past(self, position: Any) -> None:
+        self.place = position.lat, position.lon
+        self.altitude_m = position.relative_alt / 1000
+        self.highest_m = max(self.highest_m, self.altitude_m)
+        self.lowest_m = min(self.lowest_m, self.altitude_m)
+        north_m = (position.lat / 1e7 - HOME[0]) * _DEGREE_M
+        east_m = (position.lon / 1e7 - HOME[1]) * _DEGREE_M * math.cos(math.radians(HOME[0]))
+        self.home_m = math.hypot(north_m, east_m)
+
+    def mark_altitude(self) -> float:
+        """From here on `highest_m` and `lowest_m` count. Returns the altitude."""
+        self.highest_m = self.lowest_m = self.altitude_m
+        return self.altitude_m
 
     def until(self, condition: Callable[[], object], limit_s: float, what: str = "") -> int:
         """Pump until the condition holds, for `limit_s` of the autopilot's time at most. Returns its time."""
@@ -166,6 +224,24 @@ class Flight:
 
     def real_time(self) -> None:
         self.pace(1)
+
+    def hurry(self) -> None:
+        """The rest of a flight in which no lease is sent any more."""
+        self.speedup = HURRY
+        self.set_parameter("SIM_SPEEDUP", HURRY)
+
+    def cut(self) -> None:
+        """No lease from now on; the station's heartbeats go on. The guard's time-out is the recommended one again."""
+        self.set_parameter("SIM_SPEEDUP", SPEEDUP)
+        self.speedup = SPEEDUP
+        self.set_parameter("HNDO_TIMEOUT", 3)
+        self.run(0.2)
+        self.sending = False
+
+    def companion_dies(self) -> None:
+        """The computer that sent the leases passed on the commander's heartbeats as well."""
+        self.cut()
+        self.beating.clear()
 
     # -------------------------------------------------------------- companion and station
 
@@ -271,8 +347,8 @@ class Transmitter:
         self._port = _rc_port(vehicle.pid)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
-    def send(self, mode_pwm: int, throttle_pwm: int = 1500) -> None:
-        sticks = [1500, 1500, throttle_pwm, 1500, mode_pwm, 1000, 1000, 1800, *[1000] * 8]
+    def send(self, mode_pwm: int, throttle_pwm: int = 1500, rudder_pwm: int = 1500, seventh_pwm: int = 1000) -> None:
+        sticks = [1500, 1500, throttle_pwm, rudder_pwm, mode_pwm, 1000, seventh_pwm, 1800, *[1000] * 8]
         self._socket.sendto(struct.pack("<16H", *sticks), ("127.0.0.1", self._port))
 
     def close(self) -> None:
@@ -290,20 +366,31 @@ def _rc_port(pid: int) -> int:
 
 
 @contextmanager
-def flying(directory: Path, *beside: Path, parameters: Mapping[str, float] | None = None) -> Iterator[Flight]:
-    """ArduCopter with the guard, and its status heard; `beside`: files beside the script, a key or another script."""
+def flying(
+    firmware: Firmware,
+    directory: Path,
+    *beside: Path,
+    parameters: Mapping[str, float] | None = None,
+    station_serial: int = 2,
+) -> Iterator[Flight]:
+    """ArduCopter with the guard, and its status heard; `beside`: files beside the script, a key or another script.
+
+    A station on SERIAL0 means that no other port speaks MAVLink: nobody hears a status then.
+    """
     spec = VehicleSpec(
         home=HOME,
         speedup=SPEEDUP,
         scripts=(GUARD, *beside),
         defaults=(PARAMETERS,),
-        parameters=parameters or {},
+        parameters={**_STREAMS, **(parameters or {})},
+        arducopter=str(firmware.program),
     )
     vehicle = launch("arducopter", spec, directory)
     try:
-        flight = Flight(vehicle)
+        flight = Flight(vehicle, firmware, directory, station_serial)
         try:
-            flight.until(lambda: flight.statuses, 30, "first status of the guard")
+            if station_serial:
+                flight.until(lambda: flight.statuses, 30, "first status of the guard")
             yield flight
         finally:
             flight.close()
@@ -311,16 +398,24 @@ def flying(directory: Path, *beside: Path, parameters: Mapping[str, float] | Non
         vehicle.stop()
 
 
-def upload_mission(flight: Flight) -> None:
-    """Take-off to 20 m, then a waypoint two kilometres to the north."""
-    latitude, longitude = int(HOME[0] * 1e7), int(HOME[1] * 1e7)
-    upload(flight, [(16, latitude, longitude, 0.0), (22, 0, 0, 20.0), (16, latitude + 180_000, longitude, 20.0)], 0)
+#: a place of a mission: command, metres to the north of home, altitude (m), and what else the command takes
+Item = tuple[int, float, float, tuple[float, ...]]
+WAYPOINT, RETURN, LANDING, TAKE_OFF, JUMP, LAND_START, RALLY_POINT = 16, 20, 21, 22, 177, 189, 5100
 
 
-def upload(flight: Flight, places: list[tuple[int, int, int, float]], kind: int) -> None:
-    """Items as (command, latitude, longitude, altitude); `kind` is the mission type, 0 mission, 2 rally points."""
+def item(command: int, north_m: float = 0.0, altitude_m: float = 0.0, *values: float) -> Item:
+    return command, north_m, altitude_m, values
+
+
+def upload_mission(flight: Flight, *items: Item) -> None:
+    """Take-off to 20 m, then the items; without any a waypoint two kilometres to the north."""
+    upload(flight, [item(WAYPOINT), item(TAKE_OFF, 0, 20), *(items or [item(WAYPOINT, 2000, 20)])], 0)
+
+
+def upload(flight: Flight, items: list[Item], kind: int) -> None:
+    """`kind` is the mission type, 0 mission, 2 rally points."""
     flight.answers.clear()
-    flight.station.send(dialect.MAVLink_mission_count_message(1, 1, len(places), kind))
+    flight.station.send(dialect.MAVLink_mission_count_message(1, 1, len(items), kind))
     answered = 0
     done = False
     start_ms = flight.now_ms
@@ -330,44 +425,26 @@ def upload(flight: Flight, places: list[tuple[int, int, int, float]], kind: int)
         for message in flight.answers[answered:]:
             answered += 1
             if message.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
-                command, lat, lon, alt = places[message.seq]
-                flight.station.send(
-                    dialect.MAVLink_mission_item_int_message(
-                        1, 1, message.seq, 3, command, 0, 1, 0, 0, 0, 0, lat, lon, alt, kind
-                    )
-                )
+                flight.station.send(_mission_item(message.seq, items[message.seq], kind))
             elif message.get_type() == "MISSION_ACK":
-                assert message.type == 0
+                assert message.type == 0, f"mission refused, {message.type}"
                 done = True
 
 
-def records(directory: Path, *kinds: str) -> list[Any]:
-    """The records of these kinds in the flight's dataflash log, in order."""
-    found = []
-    for path in sorted((directory / "logs").glob("*.BIN")):
-        log = DFReader.DFReader_binary(str(path))
-        try:
-            while (record := log.recv_match(type=list(kinds))) is not None:
-                found.append(record)
-        finally:
-            log.close()
-    return found
+def _mission_item(number: int, what: Item, kind: int) -> Any:
+    command, north_m, altitude_m, values = what
+    four = (*values, 0.0, 0.0, 0.0, 0.0)[:4]
+    place = (0, 0) if command in (RETURN, JUMP, TAKE_OFF) else position(north_m)
+    return dialect.MAVLink_mission_item_int_message(1, 1, number, 3, command, 0, 1, *four, *place, altitude_m, kind)
 
 
-def guard_records(directory: Path) -> list[Any]:
-    """The HNDO records of the flight's dataflash log, in order."""
-    return records(directory, "HNDO")
+def position(north_m: float) -> tuple[int, int]:
+    """Latitude and longitude, in 1e-7 degrees, of a place to the north of home."""
+    return int((HOME[0] + north_m / _DEGREE_M) * 1e7), int(HOME[1] * 1e7)
 
 
-def actions_logged(directory: Path) -> list[tuple[int, int, float]]:
-    """Each time that the guard began to act: its state, the age of the lease then, and how long the state had lasted,
-    both in milliseconds of the autopilot's own clock. The record is written in the very call that acts."""
-    found = []
-    before = since = None
-    for record in guard_records(directory):
-        if since is None or record.St != since.St:
-            since = record
-        if record.Ac and before is not None and not before.Ac:
-            found.append((record.St, record.Age, (record.TimeUS - since.TimeUS) / 1000))
-        before = record
-    return found
+def target(north_m: float, altitude_m: float) -> Any:
+    """A guided target, as a companion sends it."""
+    return dialect.MAVLink_set_position_target_global_int_message(
+        0, 1, 1, 6, 0x0DF8, *position(north_m), altitude_m, 0, 0, 0, 0, 0, 0, 0, 0
+    )

@@ -2,12 +2,14 @@
 
 """The guard in ArduCopter for an hour, with cuts of all lengths: python -m tests.sitl.soak_guard --minutes 60 --seed 1
 
-Not part of `make test`. The aircraft hovers in GUIDED; one event after the other, drawn with the seed, is played:
-leases missing for a short or a long time, leases that say LOST, a companion that restarts, another commander, forged,
-replayed and corrupted leases, a command that would stop scripting. After each it is known what the aircraft must do: go
-home within the time-out, or fly on. Simulated time runs faster than the wall clock, so gaps are measured with the
-autopilot's clock as they were, not as they were meant: a hiccup of this computer that makes a short one long is left
-out and counted. Exit code 1 at the first thing that is wrong.
+Not part of `make test`. `--arducopter PATH`, as often as wanted, flies it on one version after the other.
+
+The aircraft hovers in GUIDED; one event after the other, drawn with the seed, is played: leases missing for a short or
+a long time, leases that say LOST, a companion that restarts, another commander, forged, replayed and corrupted leases,
+a command that would stop scripting. After each it is known what the aircraft must do: go home within the time-out, or
+fly on. Simulated time runs faster than the wall clock, so gaps are measured with the autopilot's clock as they were,
+not as they were meant: a hiccup of this computer that makes a short one long is left out and counted. The first thing
+that is wrong ends the flight of that version; exit code 1 then.
 """
 
 from __future__ import annotations
@@ -22,13 +24,12 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from pymavlink.dialects.v20 import all as dialect
-
+from sitl.vehicles import LaunchError, find_arducopter
+from tests.sitl.firmware import Firmware, NotFirmware, firmware_of
 from tests.sitl.guard_flight import (
     DENIED,
     GUIDED,
     HELD,
-    HOME,
     LIVE,
     LOST,
     LOST_STATE,
@@ -36,6 +37,7 @@ from tests.sitl.guard_flight import (
     Flight,
     Wire,
     flying,
+    target,
     tunnel,
 )
 
@@ -255,44 +257,56 @@ class Soak:
             flight.run(1.2)
         if flight.mode != GUIDED:
             raise Wrong(f"the commander cannot command: mode {flight.mode}, {flight.texts[-5:]}")
-        where = int(HOME[0] * 1e7) + self.random.randint(-4000, 4000), int(HOME[1] * 1e7) + self.random.randint(0, 6000)
-        flight.station.send(
-            dialect.MAVLink_set_position_target_global_int_message(
-                0, 1, 1, 6, 0x0DF8, *where, 25.0, 0, 0, 0, 0, 0, 0, 0, 0
-            )
-        )
+        flight.station.send(target(self.random.uniform(-45, 45), 25))
         flight.until(lambda: flight.is_state(LIVE), 5, "lease live")
         self.pause(2)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="The guard in ArduCopter, with random cuts of its leases.")
-    parser.add_argument("--minutes", type=float, default=60, help="of the autopilot's time (default: 60)")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--speedup", type=float, default=10)
-    arguments = parser.parse_args(argv)
+def soak(firmware: Firmware, minutes: float, seed: int, speedup: float) -> bool:
+    """One version, for so many minutes of the autopilot's time; says how it went. True if all was as it must be."""
+    print(firmware, flush=True)
     started = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder, flying(Path(folder)) as flight:
-        soak = Soak(flight, arguments.seed, arguments.speedup)
+    with tempfile.TemporaryDirectory() as folder, flying(firmware, Path(folder)) as flight:
+        aircraft = Soak(flight, seed, speedup)
         flight.beating = {251, 252}
-        soak.take_off()
+        aircraft.take_off()
         begin_ms = shown_ms = flight.now_ms
         failure = ""
         try:
-            while flight.now_ms - begin_ms < arguments.minutes * 60_000:
-                soak.step()
+            while flight.now_ms - begin_ms < minutes * 60_000:
+                aircraft.step()
                 if flight.now_ms - shown_ms > 300_000:
                     shown_ms = flight.now_ms
-                    print(f"{(shown_ms - begin_ms) / 60_000:.0f} min, {sum(soak.done.values())} events", flush=True)
+                    print(f"{(shown_ms - begin_ms) / 60_000:.0f} min, {sum(aircraft.done.values())} events", flush=True)
         except AssertionError as error:
             failure = str(error)
-        for name, count in sorted(soak.done.items()):
+        for name, count in sorted(aircraft.done.items()):
             print(f"{count:5} {name}")
-        minutes = (flight.now_ms - begin_ms) / 60_000
+        flown = (flight.now_ms - begin_ms) / 60_000
         wall_s = time.monotonic() - started
-        print(f"{minutes:.1f} min flown in {wall_s:.0f} s, slowest action {soak.worst_action_ms} ms after the loss")
-        print(f"WRONG: {failure}" if failure else "all as it must be")
-    return 1 if failure else 0
+        print(f"{flown:.1f} min flown in {wall_s:.0f} s, slowest action {aircraft.worst_action_ms} ms after the loss")
+        print(f"WRONG: {failure}" if failure else "all as it must be", flush=True)
+    return not failure
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description="The guard in ArduCopter, with random cuts of its leases.")
+    parser.add_argument("--minutes", type=float, default=60, help="of the autopilot's time, each (default: 60)")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--speedup", type=float, default=10)
+    parser.add_argument(
+        "--arducopter", action="append", metavar="PATH", help="an arducopter SITL program; may be given several times"
+    )
+    arguments = parser.parse_args(argv)
+    try:
+        programs = [find_arducopter(path) for path in arguments.arducopter or [None]]
+        firmwares = [firmware_of(program) for program in programs if program]
+    except (LaunchError, NotFirmware) as error:
+        parser.error(str(error))
+    if not firmwares:
+        parser.error("no arducopter SITL program: give --arducopter PATH")
+    went_well = [soak(firmware, arguments.minutes, arguments.seed, arguments.speedup) for firmware in firmwares]
+    return 0 if all(went_well) else 1
 
 
 if __name__ == "__main__":

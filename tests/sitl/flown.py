@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The table "Flown" of the guard's page: what came of each case on each version, in words and figures.
+
+A test that flies says so in its properties (`FLYING`, then `FLOWN`), which reach the process that reports even where
+several fly at once. With `--flown PAGE` the run writes the table: rows in the order of `guard_suite`, one column for
+each version that was flown, nothing kept from an earlier run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.sitl.firmware import Firmware
+
+BEGIN, END = "<!-- flown:begin -->", "<!-- flown:end -->"
+#: properties of a test: [case, version], and [case, version, outcome]
+FLYING, FLOWN = "flying", "flown"
+FAILED, NOT_FLOWN, NOT_ASKED = "**FAILED**", "not flown", "-"
+
+#: (case, version) -> outcome
+Outcomes = Mapping[tuple[str, str], str]
+
+
+class Recorder:
+    """Gathers what the flights of a run came to; a plugin of pytest."""
+
+    def __init__(self, page: Path) -> None:
+        self._page = page
+        self._outcomes: dict[tuple[str, str], str] = {}
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when != "call":
+            return
+        told = dict(report.user_properties)
+        if FLOWN in told and report.passed:
+            case, version, outcome = told[FLOWN]
+        elif FLYING in told and report.failed:
+            case, version = told[FLYING]
+            outcome = f"{FAILED}: {_first_line(report)}"
+        else:
+            return
+        self._outcomes[case, version] = outcome
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        from tests.sitl.guard_suite import case_names
+
+        write(self._page, table(case_names(), self._outcomes))
+
+
+def recorded(request: pytest.FixtureRequest, case: str, firmware: Firmware, outcome: str | None = None) -> None:
+    """Says which case this test flies on which version, and, once it is known, what came of it."""
+    told: list[Any] = [case, firmware.version]
+    request.node.user_properties.append((FLYING, told) if outcome is None else (FLOWN, [*told, outcome]))
+
+
+def table(cases: Sequence[str], outcomes: Outcomes) -> list[str]:
+    """Lines of the table. A case that no program of the run was asked to fly has `-` in that column."""
+    versions = sorted({version for _, version in outcomes}, key=_by_number)
+    lines = [" | ".join(["| case", *versions]) + " |", "|---" * (len(versions) + 1) + "|"]
+    for case in cases:
+        asked = any((case, version) in outcomes for version in versions)
+        missing = NOT_ASKED if asked else NOT_FLOWN
+        cells = [outcomes.get((case, version), missing).replace("|", "/") for version in versions]
+        lines.append(" | ".join([f"| {case}", *cells]) + " |")
+    return lines
+
+
+def write(page: Path, lines: Sequence[str]) -> None:
+    """Puts the lines between the marks of the page; a page without marks is an error of whoever gave it."""
+    head, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"{page}: the lines {BEGIN} and {END} are missing")
+    page.write_text("\n".join([head + BEGIN, *lines, END + tail]), encoding="utf-8")
+
+
+def rows(page: Path) -> dict[str, list[str]]:
+    """Case -> outcomes, one for each version, as the page has them."""
+    _, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
+    lines = rest.partition(END)[0].strip().splitlines()[2:]
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return {case: outcomes for case, *outcomes in cells}
+
+
+def _by_number(version: str) -> tuple[list[int], str]:
+    numbers, _, rest = version.partition("-")
+    return [int(part) for part in numbers.split(".")], rest
+
+
+def _first_line(report: pytest.TestReport) -> str:
+    crash = getattr(report.longrepr, "reprcrash", None)
+    message = str(crash.message if crash else report.longrepr)
+    return (message.splitlines() or [""])[0].removeprefix("AssertionError: ")[:160]

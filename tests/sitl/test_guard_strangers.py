@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Whoever is wired straight to the autopilot: functions that look like a pilot's, leases like a companion's."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import all as dialect
+
+from tests.sitl.guard_cases import (
+    SWITCH_LAST,
+    WITH_RADIO,
+    Case,
+    Outcome,
+    came_home,
+    cut,
+    flights,
+    guard_delay_s,
+    in_guided,
+    landed_at_home,
+    loss,
+    piloted,
+    said,
+    stranger,
+)
+from tests.sitl.guard_flight import HELD, LIVE, LOST, RTL, Flight, target, tunnel
+
+AUX_FUNCTION = 218
+#: switch functions, and positions of the switch
+AUX_RTL, AUX_LAND, AUX_GUIDED, LOW, HIGH = 4, 18, 55, 0, 2
+
+
+def far_out(flight: Flight) -> None:
+    """In GUIDED, 60 m from home."""
+    in_guided(flight)
+    flight.companion.send(target(80, 20))
+    flight.until(lambda: flight.home_m > 60, 60, "60 m from home")
+
+
+def moves_a_switch(function: int, position: int) -> Callable[[Flight], Outcome]:
+    """During the guard's RTL, on the way home; what it does is undone at once and costs no height."""
+
+    def seen(flight: Flight) -> Outcome:
+        flight.until(lambda: flight.mode == RTL, 6, "RTL")
+        flight.run(1)
+        wire = stranger(flight)
+        from_m = flight.mark_altitude()
+        flight.texts.clear()
+        wire.send(dialect.MAVLink_command_long_message(1, 1, AUX_FUNCTION, 0, function, position, 0, 0, 0, 0, 0))
+        flight.run(0.7)
+        flight.until(lambda: flight.mode == RTL, 1.5, "RTL again")
+        flight.run(2)
+        assert flight.mode == RTL, f"mode {flight.mode}, {flight.texts}"
+        assert flight.lowest_m > from_m - 1.5, f"from {from_m:.1f} m down to {flight.lowest_m:.1f} m"
+        landing = landed_at_home(flight)
+        return f"undone; RTL +{guard_delay_s(flight):.1f} s, {landing}"
+
+    return seen
+
+
+def function_with_the_loss(flight: Flight) -> Outcome:
+    """The order comes two seconds after the last lease: what is found then was not a pilot's choice either."""
+    flight.pilot.hold(SWITCH_LAST)
+    wire = stranger(flight)
+    flight.until(lambda: flight.now_ms - flight.last_lease_ms >= 2000, 3)
+    wire.send(dialect.MAVLink_command_long_message(1, 1, AUX_FUNCTION, 0, 56, HIGH, 0, 0, 0, 0, 0))
+    return came_home(flight)
+
+
+def forged_leases(flight: Flight) -> Outcome:
+    """Right in everything but the wire they come in on; damaged and recorded ones on the companion's own."""
+    in_guided(flight)
+    flight.real_time()
+    recorded = flight.send_lease()
+    flight.sending = False
+    lost_ms = flight.last_lease_ms
+    forger = stranger(flight, 1, 191)
+    rejected, sequence = flight.status[7], flight.sequence
+    while flight.now_ms < lost_ms + 4000 and flight.mode != RTL:
+        sequence += 1
+        forger.send(_lease(HELD, 251, 0xF00DCAFE, sequence & 0xFFFFFFFF, 1))
+        flight.companion.send_raw(corrupted(tunnel(b"").pack(flight.companion.mav)))
+        flight.companion.send_raw(corrupted(recorded))
+        flight.companion.send_raw(recorded)
+        for _ in range(20):
+            flight.pump()
+    flight.until(lambda: flight.mode == RTL, 2, "RTL")
+    assert flight.status[7] >= rejected + 15, f"{flight.status[7] - rejected} refused"
+    return f"refused; RTL +{guard_delay_s(flight):.1f} s"
+
+
+def forged_while_real_ones_flow(flight: Flight) -> Outcome:
+    flight.sending = True
+    flight.until(lambda: flight.is_state(LIVE), 90, "lease live")
+    forger = stranger(flight, 1, 191)
+    before = flight.status
+    flight.statuses.clear()
+    for number in range(60):
+        state, commander = ((HELD, 252), (LOST, 0))[number % 2]
+        forger.send(_lease(state, commander, 0x666, number + 1, 1000 + number))
+        flight.run(0.1)
+    assert_unmoved(flight)
+    assert flight.status[7] >= before[7] + 45, f"{flight.status[7] - before[7]} refused"
+    assert flight.status[5] != before[5], "no real lease was heard"
+    said(flight, "HNDO: strange lease refused, channel 0 not 1")
+    return f"{60} refused, LIVE throughout"
+
+
+def damaged_while_real_ones_flow(flight: Flight) -> Outcome:
+    flight.sending = True
+    flight.until(lambda: flight.is_state(LIVE), 90, "lease live")
+    recorded = flight.send_lease()
+    damaged: dict[str, Callable[[], bytes]] = {
+        "replayed": lambda: recorded,
+        "truncated": lambda: _next(flight, length=19),
+        "too long": lambda: _next(flight, length=21),
+        "corrupted": lambda: corrupted(_next(flight)),
+        "of another version": lambda: _next(flight, version=2),
+        "of no state": lambda: _next(flight, state=9),
+        "for another component": lambda: _next(flight, target=0),
+        "of another nonce": lambda: _next(flight, nonce=0x666),
+        "of no nonce": lambda: _next(flight, nonce=0),
+    }
+    flight.statuses.clear()
+    for name, frame in damaged.items():
+        flight.until(lambda: bool(flight.statuses), 3, "status")
+        before = flight.status[7]
+        flight.companion.send_raw(frame())
+        flight.until(lambda before=before: flight.status[7] == before + 1, 3, f"a lease {name} is counted as refused")
+    # cut off in the middle: the parser takes what follows for the rest of it, and the real ones go on
+    sequence = flight.status[5]
+    flight.companion.send_raw(_next(flight)[:20])
+    flight.until(lambda: flight.status[5] not in (sequence, sequence + 1), 5, "real leases go on")
+    assert_unmoved(flight)
+    return f"{len(damaged)} kinds refused, LIVE throughout"
+
+
+def assert_unmoved(flight: Flight) -> None:
+    """Nothing that was forged changed state, nonce, epoch or the autopilot's station."""
+    assert {status[1] for status in flight.statuses} == {LIVE}
+    assert {(status[4], status[6]) for status in flight.statuses} == {(0xF00DCAFE, 1)}
+    assert flight.parameter(flight.firmware.gcs_id) == 251
+
+
+def _lease(state: int, commander: int, nonce: int, sequence: int, epoch: int) -> Any:
+    return tunnel(struct.pack("<BBBBIIIHH", 1, state, commander, 0, nonce, sequence, epoch, 5000, 0))
+
+
+def _next(flight: Flight, **changes: int) -> bytes:
+    """A lease that would be the next one, of another commander, with one thing wrong."""
+    value = {"version": 1, "state": HELD, "nonce": 0xF00DCAFE, "length": 20, "target": 1, **changes}
+    sequence = (flight.sequence + 1) & 0xFFFFFFFF
+    fields = (value["version"], value["state"], 252, 0, value["nonce"], sequence, 1, 5000, 0)
+    message = tunnel(struct.pack("<BBBBIIIHH", *fields))
+    message.payload_length, message.target_component = value["length"], value["target"]
+    return bytes(message.pack(flight.companion.mav))
+
+
+def corrupted(frame: bytes | bytearray) -> bytes:
+    """A known message with a wrong CRC, which reaches scripts."""
+    return bytes(frame[:-1]) + bytes([frame[-1] ^ 0x01])
+
+
+CASES = (
+    Case("a stranger's DO_AUX_FUNCTION 4, RTL off", loss(far_out, cut, moves_a_switch(AUX_RTL, LOW))),
+    Case("a stranger's DO_AUX_FUNCTION 18, LAND", loss(far_out, cut, moves_a_switch(AUX_LAND, HIGH))),
+    Case("a stranger's DO_AUX_FUNCTION 55, GUIDED", loss(far_out, cut, moves_a_switch(AUX_GUIDED, HIGH))),
+    Case(
+        "a stranger's DO_AUX_FUNCTION 56, LOITER, within the time-out",
+        loss(piloted, cut, function_with_the_loss),
+        WITH_RADIO,
+    ),
+    Case("forged, damaged and recorded leases after the last real one", forged_leases),
+    Case("forged leases on another channel, while real ones flow", forged_while_real_ones_flow),
+    Case("damaged leases on the companion's channel, while real ones flow", damaged_while_real_ones_flow),
+)
+test_strangers = flights(CASES)
