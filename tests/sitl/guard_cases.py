@@ -16,7 +16,19 @@ import pytest
 
 from tests.sitl.firmware import Firmware
 from tests.sitl.flown import recorded
-from tests.sitl.guard_flight import ACCEPTED, AUTO, GUIDED, LOITER, RTL, SPEEDUP, Flight, Transmitter, Wire, flying
+from tests.sitl.guard_flight import (
+    ACCEPTED,
+    AUTO,
+    GUIDED,
+    LOITER,
+    RTL,
+    SPEEDUP,
+    Flight,
+    Transmitter,
+    Wire,
+    flying,
+    target,
+)
 from tests.sitl.guard_log import actions_logged, mode_changes
 
 #: an outcome in words
@@ -84,6 +96,13 @@ def in_guided(flight: Flight) -> None:
     """Hovers at 20 m, at the pace of a cut."""
     flight.take_off()
     flight.pace(SPEEDUP)
+
+
+def far_out(flight: Flight) -> None:
+    """In GUIDED, 60 m from home."""
+    in_guided(flight)
+    flight.companion.send(target(80, 20))
+    flight.until(lambda: flight.home_m > 60, 60, "60 m from home")
 
 
 def in_mode(mode: int) -> Step:
@@ -221,7 +240,7 @@ def said(flight: Flight, text: str, limit_s: float = 3) -> None:
 
 
 def stranger(flight: Flight, system: int = 99, component: int = 190) -> Wire:
-    """Wired to SERIAL0, as a radio of its own would be."""
+    """Wired to SERIAL0, as a radio of its own would be; the simulation has room for one at a time."""
     wire = Wire(flight.vehicle.address(0), system, component)
     flight.at_close(wire.socket.close)
     return wire

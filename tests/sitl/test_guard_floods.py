@@ -9,17 +9,35 @@ import struct
 import time
 from collections.abc import Callable
 from itertools import cycle
+from typing import Any, TypeAlias
 
 from pymavlink.dialects.v20 import all as dialect
 
-from tests.sitl.guard_cases import Case, Outcome, flights, in_guided, stays, stranger
-from tests.sitl.guard_flight import GUIDED, LIVE, LOST, Flight, tunnel
+from tests.sitl.guard_cases import (
+    SWITCH_LOITER,
+    WITH_RADIO,
+    Case,
+    Outcome,
+    cut,
+    far_out,
+    flights,
+    guard_delay_s,
+    in_guided,
+    landed_at_home,
+    loss,
+    piloted,
+    stays,
+    stranger,
+)
+from tests.sitl.guard_flight import GUIDED, LIVE, LOITER, LOST, RTL, Flight, tunnel
 from tests.sitl.guard_log import guard_records
+
+Frames: TypeAlias = Callable[[], list[bytes]]
 
 DURATION_S = 10
 #: no lease that the guard goes by is older (s): the time-out is 3
 OLDEST_S = 2.5
-SCRIPTING_COMMAND, REQUEST_MESSAGE = 42701, 512
+SCRIPTING_COMMAND, REQUEST_MESSAGE, AUX_FUNCTION, AUX_LAND, HIGH = 42701, 512, 218, 18, 2
 #: a private payload of somebody else
 OTHER_PAYLOAD = 43000
 
@@ -41,32 +59,48 @@ def jitter(shortest_s: float, longest_s: float) -> Callable[[Flight], Outcome]:
     return fly
 
 
-def flood(frames: Callable[[dialect.MAVLink], list[bytes]], per_second: int) -> Callable[[Flight], Outcome]:
-    """Ten seconds of somebody else's frames on SERIAL0, in real time, while the leases go on at 5 Hz."""
+class Flood:
+    """Somebody else's frames on SERIAL0, so many a second of the wall clock."""
+
+    def __init__(self, flight: Flight, frames: list[bytes], per_second: int) -> None:
+        self._flight, self._frames, self._per_second = flight, cycle(frames), per_second
+        self.wire = stranger(flight)
+        self._start, self.sent = time.monotonic(), 0
+
+    def pump(self) -> None:
+        """As the flight's own, with what is due of the flood."""
+        due = int((time.monotonic() - self._start) * self._per_second) - self.sent
+        if due > 0:
+            self.wire.send_raw(b"".join(next(self._frames) for _ in range(due)))
+            self.sent += due
+        self.wire.receive()
+        self._flight.pump()
+
+    def until(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
+        end_ms = self._flight.now_ms + limit_s * 1000
+        while not condition():
+            self.pump()
+            assert self._flight.now_ms < end_ms, f"not within {limit_s} s: {what}; {self._flight.texts[-5:]}"
+
+
+def flood(frames: Frames, per_second: int) -> Callable[[Flight], Outcome]:
+    """Ten seconds in real time, while the leases go on at 5 Hz."""
 
     def fly(flight: Flight) -> Outcome:
         in_guided(flight)
         flight.real_time()
-        wire = stranger(flight)
-        flying_by = cycle(frames(wire.mav))
         flight.texts.clear()
         flight.statuses.clear()
-        sent = 0
-        start = time.monotonic()
-        while (passed := time.monotonic() - start) < DURATION_S:
-            due = int(passed * per_second) - sent
-            if due > 0:
-                wire.send_raw(b"".join(next(flying_by) for _ in range(due)))
-                sent += due
-            wire.receive()
-            flight.pump()
+        end_ms = flight.now_ms + DURATION_S * 1000
+        rising = Flood(flight, frames(), per_second)
+        rising.until(lambda: flight.now_ms > end_ms, 2 * DURATION_S, "the end")
         assert flight.mode == GUIDED, f"mode {flight.mode}, {flight.texts}"
         assert {status[1] for status in flight.statuses} == {LIVE}
         assert len(flight.statuses) > DURATION_S, "the guard fell silent"
-        assert sent >= 0.9 * per_second * DURATION_S, f"only {sent} frames sent"
+        assert rising.sent >= 0.9 * per_second * DURATION_S, f"only {rising.sent} frames sent"
         flight.close()
-        last_us = max(record.TimeUS for record in guard_records(flight.directory))
-        flooded = [r for r in guard_records(flight.directory) if r.TimeUS > last_us - DURATION_S * 1e6]
+        told = guard_records(flight.directory)
+        flooded = [record for record in told if record.TimeUS > told[-1].TimeUS - DURATION_S * 1e6]
         oldest_s = max(record.Age for record in flooded) / 1000
         assert oldest_s <= OLDEST_S, f"a lease was {oldest_s:.1f} s old"
         return "no false RTL"
@@ -74,25 +108,64 @@ def flood(frames: Callable[[dialect.MAVLink], list[bytes]], per_second: int) -> 
     return fly
 
 
-def tunnels(mav: dialect.MAVLink) -> list[bytes]:
-    return [bytes(tunnel(b"\x55" * 20, OTHER_PAYLOAD).pack(mav))]
+def function_under_a_flood(flight: Flight) -> Outcome:
+    """The stranger hides the order to land among frames that fill the queue: it is no pilot's for that."""
+    far_out(flight)
+    flight.cut()
+    flight.until(lambda: flight.mode == RTL, 6, "RTL")
+    flight.set_parameter("SIM_SPEEDUP", 1)
+    rising = Flood(flight, tunnels(), 2000)
+    end_ms = flight.now_ms + 2000
+    rising.until(lambda: flight.now_ms > end_ms, 5, "the queue is full")
+    flight.texts.clear()
+    rising.wire.send(dialect.MAVLink_command_long_message(1, 1, AUX_FUNCTION, 0, AUX_LAND, HIGH, 0, 0, 0, 0, 0))
+    rising.until(lambda: flight.said("undone"), 3, "undone")
+    rising.until(lambda: flight.mode == RTL, 2, "RTL again")
+    landing = landed_at_home(flight)
+    return f"undone; RTL +{guard_delay_s(flight):.1f} s, {landing}"
 
 
-def commands(mav: dialect.MAVLink) -> list[bytes]:
-    return [bytes(dialect.MAVLink_command_long_message(1, 1, REQUEST_MESSAGE, 0, 1, 0, 0, 0, 0, 0, 0).pack(mav))]
+def pilot_under_a_flood(flight: Flight) -> Outcome:
+    """A pilot takes over while somebody fills the queue: whose switch it was can be told when that is over."""
+    flight.until(lambda: flight.mode == RTL, 6, "RTL")
+    flight.set_parameter("SIM_SPEEDUP", 1)
+    rising = Flood(flight, tunnels(), 2000)
+    end_ms = flight.now_ms + 2000
+    rising.until(lambda: flight.now_ms > end_ms, 5, "the queue is full")
+    flight.texts.clear()
+    flight.pilot.hold(SWITCH_LOITER)
+    end_ms = flight.now_ms + 3000
+    rising.until(lambda: flight.now_ms > end_ms, 5, "what the guard makes of it")
+    at_once = flight.mode == LOITER
+    flight.run(2)
+    flight.pilot.hold()
+    flight.run(1)
+    flight.pilot.hold(SWITCH_LOITER)
+    flight.until(lambda: flight.mode == LOITER, 2, "the pilot's switch after the flood")
+    stays(flight, LOITER, 5)
+    return "left to the pilot" if at_once else "undone while it lasts, left to the pilot after it"
 
 
-def scripting_commands(mav: dialect.MAVLink) -> list[bytes]:
-    return [bytes(dialect.MAVLink_command_long_message(1, 1, SCRIPTING_COMMAND, 0, 2, 0, 0, 0, 0, 0, 0).pack(mav))]
+def tunnels() -> list[bytes]:
+    return [_packed(tunnel(b"\x55" * 20, OTHER_PAYLOAD))]
 
 
-def false_leases(mav: dialect.MAVLink) -> list[bytes]:
+def commands() -> list[bytes]:
+    return [_packed(dialect.MAVLink_command_long_message(1, 1, REQUEST_MESSAGE, 0, 1, 0, 0, 0, 0, 0, 0))]
+
+
+def scripting_commands() -> list[bytes]:
+    return [_packed(dialect.MAVLink_command_long_message(1, 1, SCRIPTING_COMMAND, 0, 2, 0, 0, 0, 0, 0, 0))]
+
+
+def false_leases() -> list[bytes]:
     """Of the right system and component, on the wrong channel."""
-    own = dialect.MAVLink(None, srcSystem=1, srcComponent=191)
-    return [
-        bytes(tunnel(struct.pack("<BBBBIIIHH", 1, LOST, 0, 0, 5, number, 0x7FFF0000, 5000, 0)).pack(own))
-        for number in range(100)
-    ]
+    lease = struct.Struct("<BBBBIIIHH")
+    return [_packed(tunnel(lease.pack(1, LOST, 0, 0, 5, number, 0x7FFF0000, 5000, 0)), 1, 191) for number in range(100)]
+
+
+def _packed(message: Any, system: int = 99, component: int = 190) -> bytes:
+    return bytes(message.pack(dialect.MAVLink(None, srcSystem=system, srcComponent=component)))
 
 
 CASES = (
@@ -102,5 +175,7 @@ CASES = (
     Case("flood, COMMAND_LONG 200/s", flood(commands, 200)),
     Case("flood, MAV_CMD_SCRIPTING 400/s", flood(scripting_commands, 400)),
     Case("flood, false leases 400/s", flood(false_leases, 400)),
+    Case("a stranger's DO_AUX_FUNCTION 18 under a flood", function_under_a_flood),
+    Case("the pilot's switch under a flood", loss(piloted, cut, pilot_under_a_flood), WITH_RADIO),
 )
 test_floods = flights(CASES)

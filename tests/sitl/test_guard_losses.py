@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from tests.sitl.guard_cases import (
     Case,
     Outcome,
@@ -11,7 +13,9 @@ from tests.sitl.guard_cases import (
     came_home,
     companion_dies,
     cut,
+    far_out,
     flights,
+    guard_delay_s,
     guard_did_nothing,
     in_auto,
     in_guided,
@@ -34,6 +38,7 @@ from tests.sitl.guard_flight import (
     LANDING,
     RETURN,
     RTL,
+    SMART_RTL,
     SPEEDUP,
     WAYPOINT,
     Flight,
@@ -146,11 +151,45 @@ def armed_on_the_ground(flight: Flight) -> None:
     flight.arm_with_lease()
 
 
-def keeps_auto_rtl(flight: Flight) -> Outcome:
-    stays(flight, AUTO_RTL, 15)
+def in_smart_rtl(flight: Flight) -> None:
+    far_out(flight)
+    assert flight.set_mode(SMART_RTL) == ACCEPTED
+    flight.until(lambda: flight.mode == SMART_RTL, 3, "SMART_RTL")
+
+
+def left_in(mode: int, name: str) -> Callable[[Flight], Outcome]:
+    """A return of another kind goes on to its end, past the time of the autopilot's own GCS failsafe."""
+
+    def seen(flight: Flight) -> Outcome:
+        stays(flight, mode, 15)
+        landing = landed_at_home(flight)
+        guard_did_nothing(flight)
+        return f"left in {name}; {landing}"
+
+    return seen
+
+
+def ordered(action: int) -> Step:
+    """60 m out, with another HNDO_ACTION."""
+
+    def fly(flight: Flight) -> None:
+        far_out(flight)
+        flight.set_parameter("HNDO_ACTION", action)
+
+    return fly
+
+
+def smart_return(flight: Flight) -> Outcome:
+    flight.until(lambda: flight.mode == SMART_RTL, 6, "SMART_RTL")
     landing = landed_at_home(flight)
-    guard_did_nothing(flight)
-    return f"left in AUTO_RTL; {landing}"
+    return f"SMART_RTL +{guard_delay_s(flight):.1f} s, {landing}"
+
+
+def lands_at_once(flight: Flight) -> Outcome:
+    flight.until(lambda: flight.mode == LAND, 6, "LAND")
+    landing = landed(flight)
+    assert flight.home_m > 40, f"{flight.home_m:.0f} m from home"
+    return f"LAND +{guard_delay_s(flight):.1f} s, {landing}"
 
 
 CASES = (
@@ -160,11 +199,14 @@ CASES = (
     Case("AUTO, DO_JUMP loop", loss(jumped, cut, came_home)),
     Case("AUTO, its own RTL in final descent", loss(final_descent, cut, left_to_land_at_home)),
     Case("AUTO, NAV_LAND at 7 m", loss(landing_in_auto, cut, landed_where_it_was_told)),
-    Case("AUTO_RTL", loss(in_auto_rtl, cut, keeps_auto_rtl)),
-    Case("AUTO_RTL, companion dead", loss(in_auto_rtl, companion_dies, keeps_auto_rtl)),
+    Case("AUTO_RTL", loss(in_auto_rtl, cut, left_in(AUTO_RTL, "AUTO_RTL"))),
+    Case("AUTO_RTL, companion dead", loss(in_auto_rtl, companion_dies, left_in(AUTO_RTL, "AUTO_RTL"))),
+    Case("SMART_RTL, companion dead", loss(in_smart_rtl, companion_dies, left_in(SMART_RTL, "SMART_RTL"))),
     Case("BRAKE", loss(in_mode(BRAKE), cut, came_home)),
     Case("CIRCLE", loss(in_mode(CIRCLE), cut, came_home)),
     Case("LAND", loss(in_mode(LAND), cut, nothing_but_landing)),
     Case("GUIDED, the companion's targets go on", loss(in_guided, targets_go_on, targets_ignored)),
+    Case("GUIDED, HNDO_ACTION 2", loss(ordered(2), cut, smart_return)),
+    Case("GUIDED, HNDO_ACTION 3", loss(ordered(3), cut, lands_at_once)),
 )
 test_losses = flights(CASES)

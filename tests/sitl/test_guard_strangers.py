@@ -17,6 +17,7 @@ from tests.sitl.guard_cases import (
     Outcome,
     came_home,
     cut,
+    far_out,
     flights,
     guard_delay_s,
     in_guided,
@@ -26,18 +27,11 @@ from tests.sitl.guard_cases import (
     said,
     stranger,
 )
-from tests.sitl.guard_flight import HELD, LIVE, LOST, RTL, Flight, target, tunnel
+from tests.sitl.guard_flight import HELD, LIVE, LOST, RTL, Flight, tunnel
 
 AUX_FUNCTION = 218
 #: switch functions, and positions of the switch
 AUX_RTL, AUX_LAND, AUX_GUIDED, LOW, HIGH = 4, 18, 55, 0, 2
-
-
-def far_out(flight: Flight) -> None:
-    """In GUIDED, 60 m from home."""
-    in_guided(flight)
-    flight.companion.send(target(80, 20))
-    flight.until(lambda: flight.home_m > 60, 60, "60 m from home")
 
 
 def moves_a_switch(function: int, position: int) -> Callable[[Flight], Outcome]:
