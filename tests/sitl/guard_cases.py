@@ -163,7 +163,7 @@ def landed(flight: Flight) -> Outcome:
 
 def guard_delay_s(flight: Flight) -> float:
     """Ends the flight. How long after the last lease the guard first acted, by the autopilot's clock."""
-    flight.close()
+    _end(flight)
     logged = actions_logged(flight.directory)
     assert logged, "the guard did nothing"
     delay_s = logged[0][1] / 1000
@@ -173,14 +173,21 @@ def guard_delay_s(flight: Flight) -> float:
 
 def guard_did_nothing(flight: Flight) -> None:
     """Ends the flight. The guard chose no mode in it."""
-    flight.close()
+    _end(flight)
     assert not actions_logged(flight.directory), actions_logged(flight.directory)
 
 
 def chosen(flight: Flight) -> list[tuple[int, int, float]]:
     """Ends the flight. Its modes: mode, reason, and when, in seconds of the autopilot's clock."""
-    flight.close()
+    _end(flight)
     return mode_changes(flight.directory)
+
+
+def _end(flight: Flight) -> None:
+    """Two seconds after what was last seen: the log is on its way to the file until then."""
+    if flight.vehicle.alive():
+        flight.run(2)
+    flight.close()
 
 
 def stays(flight: Flight, mode: int, seconds: float) -> None:

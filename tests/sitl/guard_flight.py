@@ -245,6 +245,12 @@ class Flight:
 
     # -------------------------------------------------------------- companion and station
 
+    def meet_the_guard(self) -> None:
+        """It answers where it has heard something; a private payload of nobody is enough, and no lease."""
+        self.beside = lambda: self.companion.send(tunnel(b"", 0))
+        self.until(lambda: self.statuses, 30, "first status of the guard")
+        self.beside = lambda: None
+
     def send_lease(self) -> bytes:
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
         value = self.lease
@@ -390,7 +396,7 @@ def flying(
         flight = Flight(vehicle, firmware, directory, station_serial)
         try:
             if station_serial:
-                flight.until(lambda: flight.statuses, 30, "first status of the guard")
+                flight.meet_the_guard()
             yield flight
         finally:
             flight.close()
