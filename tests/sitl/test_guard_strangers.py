@@ -15,6 +15,7 @@ from tests.sitl.guard_cases import (
     WITH_RADIO,
     Case,
     Outcome,
+    Pilot,
     came_home,
     cut,
     far_out,
@@ -27,32 +28,49 @@ from tests.sitl.guard_cases import (
     said,
     stranger,
 )
-from tests.sitl.guard_flight import HELD, LIVE, LOST, RTL, Flight, tunnel
+from tests.sitl.guard_flight import HELD, LIVE, LOST, RTL, STABILIZE, Flight, tunnel
 
 AUX_FUNCTION = 218
 #: switch functions, and positions of the switch
 AUX_RTL, AUX_LAND, AUX_GUIDED, LOW, HIGH = 4, 18, 55, 0, 2
 
 
-def moves_a_switch(function: int, position: int) -> Callable[[Flight], Outcome]:
-    """During the guard's RTL, on the way home; what it does is undone at once and costs no height."""
+def during_the_return(order: Callable[[Flight], object]) -> Callable[[Flight], Outcome]:
+    """On the way home by the guard. What is ordered is refused or undone, and costs no height: one moment in STABILIZE
+    with the stick down is enough for ArduCopter to take the motors back for good."""
 
     def seen(flight: Flight) -> Outcome:
         flight.until(lambda: flight.mode == RTL, 6, "RTL")
         flight.run(1)
-        wire = stranger(flight)
         from_m = flight.mark_altitude()
         flight.texts.clear()
-        wire.send(dialect.MAVLink_command_long_message(1, 1, AUX_FUNCTION, 0, function, position, 0, 0, 0, 0, 0))
-        flight.run(0.7)
-        flight.until(lambda: flight.mode == RTL, 1.5, "RTL again")
-        flight.run(2)
+        order(flight)
+        flight.run(4)
+        assert flight.lowest_m > from_m - 1.5, (
+            f"from {from_m:.0f} m to {flight.lowest_m:.0f} m, ground at {flight.touch_down_m_s:.1f} m/s, {flight.texts}"
+        )
         assert flight.mode == RTL, f"mode {flight.mode}, {flight.texts}"
-        assert flight.lowest_m > from_m - 1.5, f"from {from_m:.1f} m down to {flight.lowest_m:.1f} m"
+        undone = any("undone" in text for text in flight.texts)
         landing = landed_at_home(flight)
-        return f"undone; RTL +{guard_delay_s(flight):.1f} s, {landing}"
+        return f"{'undone' if undone else 'refused'}; RTL +{guard_delay_s(flight):.1f} s, {landing}"
 
     return seen
+
+
+def switch_function(function: int, position: int) -> Callable[[Flight], None]:
+    def order(flight: Flight) -> None:
+        wire = stranger(flight)
+        wire.send(dialect.MAVLink_command_long_message(1, 1, AUX_FUNCTION, 0, function, position, 0, 0, 0, 0, 0))
+
+    return order
+
+
+def far_out_with_a_stick(flight: Flight) -> None:
+    """A transmitter's throttle stick is in the middle."""
+    pilot = Pilot(flight)
+    far_out(flight)
+    pilot.hold()
+    flight.run(0.5)
 
 
 def function_with_the_loss(flight: Flight) -> Outcome:
@@ -163,9 +181,27 @@ def corrupted(frame: bytes | bytearray) -> bytes:
 
 
 CASES = (
-    Case("a stranger's DO_AUX_FUNCTION 4, RTL off", loss(far_out, cut, moves_a_switch(AUX_RTL, LOW))),
-    Case("a stranger's DO_AUX_FUNCTION 18, LAND", loss(far_out, cut, moves_a_switch(AUX_LAND, HIGH))),
-    Case("a stranger's DO_AUX_FUNCTION 55, GUIDED", loss(far_out, cut, moves_a_switch(AUX_GUIDED, HIGH))),
+    Case(
+        "a stranger's DO_AUX_FUNCTION 4, RTL off, throttle stick in the middle",
+        loss(far_out_with_a_stick, cut, during_the_return(switch_function(AUX_RTL, LOW))),
+        WITH_RADIO,
+    ),
+    Case(
+        "a stranger's DO_AUX_FUNCTION 4, RTL off, no radio",
+        loss(far_out, cut, during_the_return(switch_function(AUX_RTL, LOW))),
+    ),
+    Case(
+        "a stranger's DO_AUX_FUNCTION 18, LAND",
+        loss(far_out, cut, during_the_return(switch_function(AUX_LAND, HIGH))),
+    ),
+    Case(
+        "a stranger's DO_AUX_FUNCTION 55, GUIDED",
+        loss(far_out, cut, during_the_return(switch_function(AUX_GUIDED, HIGH))),
+    ),
+    Case(
+        "STABILIZE by a station during the return, no radio",
+        loss(far_out, cut, during_the_return(lambda flight: flight.set_mode(STABILIZE))),
+    ),
     Case(
         "a stranger's DO_AUX_FUNCTION 56, LOITER, within the time-out",
         loss(piloted, cut, function_with_the_loss),
