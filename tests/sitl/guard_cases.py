@@ -29,7 +29,7 @@ from tests.sitl.guard_flight import (
     flying,
     target,
 )
-from tests.sitl.guard_log import actions_logged, mode_changes
+from tests.sitl.guard_log import GCS, actions_logged, mode_changes
 
 #: an outcome in words
 Outcome = str
@@ -196,6 +196,23 @@ def stays(flight: Flight, mode: int, seconds: float) -> None:
     while flight.now_ms < end_ms:
         flight.pump()
         assert flight.mode == mode, f"mode {flight.mode} instead of {mode}, {flight.texts[-5:]}"
+
+
+def ended_by_gcs_failsafe(mode: int, name: str) -> Callable[[Flight], Outcome]:
+    """What flies on without its station does so until the autopilot's own failsafe: FS_GCS_ENABLE 1, ten seconds."""
+
+    def seen(flight: Flight) -> Outcome:
+        silent_ms = flight.now_ms
+        stays(flight, mode, 7)
+        flight.until(lambda: flight.mode == RTL, 7, "GCS failsafe")
+        waited_s = (flight.now_ms - silent_ms) / 1000
+        landing = landed_at_home(flight)
+        guard_did_nothing(flight)
+        modes = [entry[:2] for entry in chosen(flight)]
+        assert modes[-1] == (RTL, GCS), modes
+        return f"{name}, then the GCS failsafe's RTL +{waited_s:.0f} s; {landing}"
+
+    return seen
 
 
 # ---- a pilot -------------------------------------------------------------------------------------------------------

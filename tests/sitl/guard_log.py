@@ -10,7 +10,7 @@ from typing import Any
 from pymavlink import DFReader
 
 #: reasons of a mode in the log
-STATION, RADIO, BATTERY, EKF, ESCAPE, FENCE, SCRIPTING = 2, 3, 4, 6, 9, 10, 32
+RADIO, BATTERY, GCS, EKF, ESCAPE, FENCE, SCRIPTING = 3, 4, 5, 6, 9, 10, 32
 
 
 def records(directory: Path, *kinds: str) -> list[Any]:

@@ -66,6 +66,8 @@ class Flood:
         self._flight, self._frames, self._per_second = flight, cycle(frames), per_second
         self.wire = stranger(flight)
         self._start, self.sent = time.monotonic(), 0
+        #: longest time without a lease of ours: a slow computer's, not the guard's
+        self.gap_ms = 0
 
     def pump(self) -> None:
         """As the flight's own, with what is due of the flood."""
@@ -75,6 +77,7 @@ class Flood:
             self.sent += due
         self.wire.receive()
         self._flight.pump()
+        self.gap_ms = max(self.gap_ms, self._flight.now_ms - self._flight.last_lease_ms)
 
     def until(self, condition: Callable[[], bool], limit_s: float, what: str) -> None:
         end_ms = self._flight.now_ms + limit_s * 1000
@@ -94,7 +97,7 @@ def flood(frames: Frames, per_second: int) -> Callable[[Flight], Outcome]:
         end_ms = flight.now_ms + DURATION_S * 1000
         rising = Flood(flight, frames(), per_second)
         rising.until(lambda: flight.now_ms > end_ms, 2 * DURATION_S, "the end")
-        assert flight.mode == GUIDED, f"mode {flight.mode}, {flight.texts}"
+        assert flight.mode == GUIDED, f"mode {flight.mode}, our leases {rising.gap_ms} ms apart, {flight.texts}"
         assert {status[1] for status in flight.statuses} == {LIVE}
         assert len(flight.statuses) > DURATION_S, "the guard fell silent"
         assert rising.sent >= 0.9 * per_second * DURATION_S, f"only {rising.sent} frames sent"

@@ -13,6 +13,7 @@ from tests.sitl.guard_cases import (
     came_home,
     companion_dies,
     cut,
+    ended_by_gcs_failsafe,
     far_out,
     flights,
     guard_delay_s,
@@ -200,8 +201,20 @@ CASES = (
     Case("AUTO, its own RTL in final descent", loss(final_descent, cut, left_to_land_at_home)),
     Case("AUTO, NAV_LAND at 7 m", loss(landing_in_auto, cut, landed_where_it_was_told)),
     Case("AUTO_RTL", loss(in_auto_rtl, cut, left_in(AUTO_RTL, "AUTO_RTL"))),
-    Case("AUTO_RTL, companion dead", loss(in_auto_rtl, companion_dies, left_in(AUTO_RTL, "AUTO_RTL"))),
-    Case("SMART_RTL, companion dead", loss(in_smart_rtl, companion_dies, left_in(SMART_RTL, "SMART_RTL"))),
+    Case("AUTO_RTL, companion dead", loss(in_auto_rtl, companion_dies, ended_by_gcs_failsafe(AUTO_RTL, "AUTO_RTL"))),
+    Case(
+        "AUTO_RTL, companion dead, FS_GCS_ENABLE 6",
+        loss(in_auto_rtl, companion_dies, left_in(AUTO_RTL, "AUTO_RTL")),
+        {"FS_GCS_ENABLE": 6},
+    ),
+    Case(
+        "SMART_RTL, companion dead", loss(in_smart_rtl, companion_dies, ended_by_gcs_failsafe(SMART_RTL, "SMART_RTL"))
+    ),
+    Case(
+        "SMART_RTL, companion dead, FS_GCS_ENABLE 3",
+        loss(in_smart_rtl, companion_dies, left_in(SMART_RTL, "SMART_RTL")),
+        {"FS_GCS_ENABLE": 3},
+    ),
     Case("BRAKE", loss(in_mode(BRAKE), cut, came_home)),
     Case("CIRCLE", loss(in_mode(CIRCLE), cut, came_home)),
     Case("LAND", loss(in_mode(LAND), cut, nothing_but_landing)),

@@ -20,6 +20,7 @@ from tests.sitl.guard_cases import (
     chosen,
     companion_dies,
     cut,
+    ended_by_gcs_failsafe,
     flights,
     guard_delay_s,
     guard_did_nothing,
@@ -174,7 +175,16 @@ def throttle_escape(flight: Flight) -> Outcome:
 
 CASES = (
     Case("pilot in LOITER", loss(steered_by_hand(), cut, stands_back(LOITER)), WITH_RADIO),
-    Case("pilot in LOITER, companion dead", loss(steered_by_hand(), companion_dies, stands_back(LOITER)), WITH_RADIO),
+    Case(
+        "pilot in LOITER, companion dead",
+        loss(steered_by_hand(), companion_dies, ended_by_gcs_failsafe(LOITER, "stands back")),
+        WITH_RADIO,
+    ),
+    Case(
+        "pilot in LOITER, companion dead, FS_OPTIONS 24",
+        loss(steered_by_hand(), companion_dies, stands_back(LOITER)),
+        {**WITH_RADIO, "FS_OPTIONS": 24},
+    ),
     Case(
         "pilot in AUTOTUNE",
         loss(steered_by_hand(AUTOTUNE), cut, stands_back(AUTOTUNE)),
