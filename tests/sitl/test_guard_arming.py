@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import all as dialect
 
-from tests.sitl.guard_cases import Case, Outcome, Pilot, flights, said, stranger
+from tests.sitl.guard_cases import SWITCH_LOITER, Case, Outcome, Pilot, flights, said, stranger
 from tests.sitl.guard_flight import (
     ACCEPTED,
     FAILED,
@@ -17,6 +17,7 @@ from tests.sitl.guard_flight import (
     HELD,
     HURRY,
     LIVE,
+    LOITER,
     LOST,
     STABILIZE,
     WAITING,
@@ -29,7 +30,15 @@ RECOVERING = 4
 #: by then the autopilot can arm in GUIDED
 READY_S = 60
 #: the seventh channel is a switch that arms
-SWITCH = {"RC7_OPTION": AUX_ARM, "DISARM_DELAY": 0}
+SWITCH = {"RC7_OPTION": AUX_ARM, "DISARM_DELAY": 0, "FLTMODE1": LOITER}
+
+
+def to_stabilize(flight: Flight) -> None:
+    """By the pilot's switch, there and back: no station may order this mode."""
+    flight.pilot.hold(SWITCH_LOITER, throttle_pwm=1000)
+    flight.run(1)
+    flight.pilot.hold(throttle_pwm=1000)
+    flight.until(lambda: flight.mode == STABILIZE, 3, "STABILIZE")
 
 
 def by_command(flight: Flight) -> None:
@@ -44,19 +53,19 @@ def by_command_on_another_wire(flight: Flight) -> None:
 
 
 def by_rudder(flight: Flight) -> None:
-    flight.set_mode(STABILIZE)
+    to_stabilize(flight)
     flight.pilot.hold(throttle_pwm=1000, rudder_pwm=2000)
     flight.run(5)
     flight.pilot.hold(throttle_pwm=1000)
 
 
 def by_switch(flight: Flight) -> None:
-    flight.set_mode(STABILIZE)
+    to_stabilize(flight)
     flight.pilot.hold(throttle_pwm=1000, seventh_pwm=2000)
 
 
 def by_function(flight: Flight) -> None:
-    flight.set_mode(STABILIZE)
+    to_stabilize(flight)
     flight.command(AUX_FUNCTION, AUX_ARM, HIGH)
 
 

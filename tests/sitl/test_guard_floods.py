@@ -122,10 +122,12 @@ def function_under_a_flood(flight: Flight) -> Outcome:
     rising.until(lambda: flight.now_ms > end_ms, 5, "the queue is full")
     flight.texts.clear()
     rising.wire.send(dialect.MAVLink_command_long_message(1, 1, AUX_FUNCTION, 0, AUX_LAND, HIGH, 0, 0, 0, 0, 0))
-    rising.until(lambda: flight.said("undone"), 3, "undone")
-    rising.until(lambda: flight.mode == RTL, 2, "RTL again")
+    end_ms = flight.now_ms + 4000
+    rising.until(lambda: flight.now_ms > end_ms, 6, "what the guard makes of it")
+    assert flight.mode == RTL, f"mode {flight.mode}, {flight.texts}"
+    done = "undone" if flight.said("undone") else "refused"
     landing = landed_at_home(flight)
-    return f"undone; RTL +{guard_delay_s(flight):.1f} s, {landing}"
+    return f"{done}; RTL +{guard_delay_s(flight):.1f} s, {landing}"
 
 
 def pilot_under_a_flood(flight: Flight) -> Outcome:

@@ -28,7 +28,7 @@ from tests.sitl.guard_cases import (
     said,
     stranger,
 )
-from tests.sitl.guard_flight import HELD, LIVE, LOST, RTL, STABILIZE, Flight, tunnel
+from tests.sitl.guard_flight import ACCEPTED, DENIED, GUIDED, HELD, LIVE, LOST, RTL, STABILIZE, Flight, tunnel
 
 AUX_FUNCTION = 218
 #: switch functions, and positions of the switch
@@ -71,6 +71,20 @@ def far_out_with_a_stick(flight: Flight) -> None:
     far_out(flight)
     pilot.hold()
     flight.run(0.5)
+
+
+def commanders_function_afterwards(flight: Flight) -> Outcome:
+    """Denied to the commander as well while the loss lasts; and done for him when it is over."""
+    flight.until(lambda: flight.mode == RTL, 6, "RTL")
+    flight.run(1)
+    assert flight.command(AUX_FUNCTION, AUX_GUIDED, HIGH) == DENIED
+    flight.sending = True
+    said(flight, "HNDO: authority back, staying in RTL")
+    flight.pace(4)
+    assert flight.mode == RTL
+    assert flight.command(AUX_FUNCTION, AUX_GUIDED, HIGH) == ACCEPTED
+    flight.until(lambda: flight.mode == GUIDED, 3, "GUIDED by function")
+    return "DENIED during the loss, ACCEPTED and done after it"
 
 
 def function_with_the_loss(flight: Flight) -> Outcome:
@@ -198,6 +212,7 @@ CASES = (
         "a stranger's DO_AUX_FUNCTION 55, GUIDED",
         loss(far_out, cut, during_the_return(switch_function(AUX_GUIDED, HIGH))),
     ),
+    Case("the commander's DO_AUX_FUNCTION during and after a loss", loss(far_out, cut, commanders_function_afterwards)),
     Case(
         "STABILIZE by a station during the return, no radio",
         loss(far_out, cut, during_the_return(lambda flight: flight.set_mode(STABILIZE))),
