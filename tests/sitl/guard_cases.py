@@ -144,7 +144,7 @@ def came_home(flight: Flight) -> Outcome:
     flight.until(lambda: flight.mode == RTL, 6, "RTL")
     from_m = flight.altitude_m
     landing = landed_at_home(flight)
-    return f"RTL +{guard_delay_s(flight):.1f} s from {from_m:.0f} m, {landing}"
+    return f"RTL +{guard_delay_s(flight):.1f} s from {max(from_m, 0):.0f} m, {landing}"
 
 
 def landed_at_home(flight: Flight) -> Outcome:
@@ -157,6 +157,7 @@ def landed(flight: Flight) -> Outcome:
     """To the ground and disarmed, softly."""
     flight.hurry()
     flight.until(lambda: not flight.armed, 300, "landed and disarmed")
+    assert flight.touch_down_m_s > 0, "the simulation did not tell of a touch-down"
     assert flight.touch_down_m_s <= SOFT_M_S, f"hit the ground at {flight.touch_down_m_s:.1f} m/s"
     return f"landed {flight.home_m:.0f} m from home at {flight.touch_down_m_s:.1f} m/s"
 
@@ -250,7 +251,7 @@ def piloted(flight: Flight) -> Pilot:
     in_guided(flight)
     pilot.hold()
     flight.run(0.5)
-    assert flight.mode == GUIDED
+    assert flight.mode == GUIDED, f"mode {flight.mode}, {flight.texts[-5:]}"
     return pilot
 
 
