@@ -17,7 +17,6 @@ A fault is named by function, operator and source line, so that its name survive
 from __future__ import annotations
 
 import argparse
-import io
 import os
 import re
 import signal
@@ -25,9 +24,10 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+
+import pytest
 
 from tests.lua.plant_faults_survivors import KNOWN_SURVIVORS
 
@@ -66,7 +66,7 @@ LIKELY = {
 #: of processor time
 TIMEOUT_S = 120
 #: asked only when all the others have noticed nothing
-SLOW = "Budget or Resources or wraps_at_16 or station_gets_nowhere or while_authority_is_there"
+SLOW = re.compile("Budget|Resources|wraps_at_16|station_gets_nowhere|while_authority_is_there")
 #: what is looked at outside of functions
 TABLES = (
     "MS",
@@ -169,30 +169,44 @@ def _quoted(code: str, place: int) -> bool:
     return code[:place].count('"') % 2 == 1
 
 
-def noticed(script: Path, function: str = "") -> bool:
-    """Whether the tests fail with this script, whose fault is in `function`."""
-    first = [name for name, functions in LIKELY.items() if function.split(".", maxsplit=1)[0] in functions]
-    files = [*first, *(name for name in FILES if name not in first)]
-    quick = f"not test_no_global_is_written and not ({SLOW})"
-    return _tests_fail(script, quick, files) or _tests_fail(script, SLOW, files)
+class Tests:
+    """A plug-in of pytest: the tests are collected once, and run once for each fault, in a process of its own."""
 
+    def __init__(self, work: Callable[[Tests], None]) -> None:
+        self._work = work
+        self._items: list[pytest.Item] = []
 
-def _tests_fail(script: Path, chosen: str, names: Sequence[str]) -> bool:
-    """A process of its own: it may never end."""
-    child = os.fork()
-    if child == 0:
-        os.environ["PLANTED_GUARD"] = str(script)
-        signal.setitimer(signal.ITIMER_PROF, TIMEOUT_S)
-        import pytest
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        assert not session.testsfailed, "the tests cannot be collected"
+        self._items = [item for item in session.items if "test_no_global_is_written" not in item.name]
+        self._work(self)
+        return True
 
-        files = [str(TESTS / f"{name}.py") for name in names]
-        options = ["-x", "-q", "--no-header", "--tb=no", "--assert=plain", "-p", "no:cacheprovider", "-p", "no:xdist"]
-        options += ["--rootdir", str(ROOT), "-o", "addopts=", "-k", chosen, "--hypothesis-seed=0"]
-        options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
-        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-            result = pytest.main([*options, *files])
-        os._exit(0 if result == 0 else 1)
-    return os.waitpid(child, 0)[1] != 0
+    def notice(self, function: str = "") -> bool:
+        """Whether one of them fails with the script as it is now, whose fault is in `function`."""
+        first = [name for name, functions in LIKELY.items() if function.split(".", maxsplit=1)[0] in functions]
+        order = [*first, *FILES]
+
+        def rank(item: pytest.Item) -> tuple[bool, int]:
+            return SLOW.search(item.nodeid) is not None, order.index(item.path.stem)
+
+        return self._fail(sorted(self._items, key=rank))
+
+    def _fail(self, items: Sequence[pytest.Item]) -> bool:
+        """A process of its own: it may never end."""
+        child = os.fork()
+        if child == 0:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, 1)
+            os.dup2(nowhere, 2)
+            signal.setitimer(signal.ITIMER_PROF, TIMEOUT_S)
+            for item, following in zip(items, [*items[1:], None], strict=True):
+                item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+                if item.session.testsfailed:
+                    os._exit(1)
+            os._exit(0)
+        return os.waitpid(child, 0)[1] != 0
 
 
 def chosen_faults(source: str, arguments: Sequence[str]) -> tuple[dict[str, str], set[str]]:
@@ -215,31 +229,38 @@ def main(arguments: Sequence[str]) -> int:
 
     Returns 1 if one survives that is not known, or a known one does not.
     """
-    import hypothesis  # noqa: F401  (once, for all children)
-    import lupa  # noqa: F401
-    import pytest  # noqa: F401
-    from pymavlink.dialects.v20 import all as dialect  # noqa: F401
-
     source = SCRIPT.read_text(encoding="utf-8")
     mine, gone = chosen_faults(source, arguments)
     known = set(KNOWN_SURVIVORS) & set(mine)
-    total, alive, begun = len(mine), [], time.monotonic()
+    alive: list[str] = []
+    begun = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         script = Path(folder) / "scripts" / SCRIPT.name
         script.parent.mkdir()
         for extra in ("handover_guard.md", "handover.parm", ".luacheckrc"):
             (script.parent / extra).write_bytes((SCRIPT.parent / extra).read_bytes())
         script.write_text(source, encoding="utf-8")
-        if noticed(script):
-            print("the tests fail without any fault")
+        sound: list[bool] = []
+
+        def work(tests: Tests) -> None:
+            sound.append(not tests.notice())
+            for name, faulty in mine.items() if sound[0] else ():
+                script.write_text(faulty, encoding="utf-8")
+                if tests.notice(name.partition(":")[0]):
+                    continue
+                alive.append(name)
+                if name not in known:
+                    print(f"  survived: {name}", flush=True)
+
+        os.environ["PLANTED_GUARD"] = str(script)
+        options = ["-q", "-s", "--no-header", "--tb=no", "--assert=plain", "-p", "no:cacheprovider", "-p", "no:xdist"]
+        options += ["--rootdir", str(ROOT), "-o", "addopts=", "--hypothesis-seed=0", "--no-summary"]
+        options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
+        pytest.main([*options, *(str(TESTS / f"{name}.py") for name in FILES)], plugins=[Tests(work)])
+        if sound != [True]:
+            print("the tests fail without any fault, or cannot be collected")
             return 2
-        for name, faulty in mine.items():
-            script.write_text(faulty, encoding="utf-8")
-            if noticed(script, name.partition(":")[0]):
-                continue
-            alive.append(name)
-            if name not in known:
-                print(f"  survived: {name}", flush=True)
+    total = len(mine)
     stale = sorted(gone | (known - set(alive)))
     for name in stale:
         print(f"  listed, but noticed or no fault any more: {name}")

@@ -18,6 +18,13 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then": _FIRST,
     "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then (number 2)": _FIRST,
     "elapsed: one more: return 0": _MILLISECOND,
+    "elapsed: one more: if d < 0 or d > 0x7FFFFFFF then": _MILLISECOND,
+    'LADDERS: one more: local rtl_1, rtl_2, rtl_3, land = rung("RTL", 1000), rung("RTL", 2000), rung("RTL", 0), '
+    'rung("LAND", 2000)': _MILLISECOND,
+    'LADDERS: one more: LADDERS[ACTION.SMART_RTL] = {rung("SMART_RTL", 0), rtl_1, rtl_2, rtl_3, land}': _MILLISECOND,
+    "authority_missing: edge: return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms": (
+        _MILLISECOND
+    ),
     "say: edge: if ago and ago >= 0 and ago < gap_ms then": _MILLISECOND,
     "value_of: edge: if not v or v ~= v or v < low then": _MILLISECOND,
     "value_of: edge: if v > high then": _MILLISECOND,

@@ -231,6 +231,20 @@ class TestFewWords:
         assert [text for text in bench.texts if "refused" in text] == ["HNDO: lease refused, channel 2 not 1"]
         assert bench.status.rejected > 190
 
+    def test_frames_of_one_moment_are_one_text(self, bench: Bench) -> None:
+        for _ in range(5):
+            bench.receive(bench.companion.lease(), channel=2)
+        bench.run(60)
+        assert [text for text in bench.texts if "refused" in text] == ["HNDO: lease refused, channel 2 not 1"]
+
+    @pytest.mark.parametrize("boot_ms", [0x7FFFFFFF - 2000, 0xFFFFFFFF - 2000])
+    def test_the_gap_lasts_over_the_edges_of_the_clock(self, boot_ms: int) -> None:
+        bench = Bench(boot_ms=boot_ms)
+        for _ in range(80):
+            bench.receive(bench.companion.lease(), channel=2)
+            bench.run(100)
+        assert len([text for text in bench.texts if "refused" in text]) == 1
+
     @pytest.mark.parametrize("days", [1, 25, 40, 49])
     def test_what_was_said_weeks_ago_is_said_again(self, bench: Bench, days: int) -> None:
         """The autopilot's milliseconds have 32 bits: after 24.8 days a difference has its sign bit set."""
