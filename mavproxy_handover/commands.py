@@ -58,6 +58,7 @@ class VehicleCommands:
             detail = f", firmware {status.firmware[0]}.{status.firmware[1]}, {status.rejected} leases refused"
             detail += ", ENFORCING" if status.enforcing else ""
             detail += ", TAMPERING NOTICED" if status.tampered else ""
+            detail += ", VEHICLE TYPE NOT SUPPORTED" if status.foreign else ""
         self._show(f"guard     {guard.name}{detail}")
         digest = arbiter.mission_digest
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")

@@ -29,7 +29,7 @@ _VERSION = 1
 _LEASE = struct.Struct("<BBBBIIIHH")
 _STATUS = struct.Struct("<BBBBIIIHBB")
 _FLAG_TAGGED = 1
-_FLAG_ENFORCING, _FLAG_ARMED, _FLAG_FLYING, _FLAG_TAMPERED = 1, 2, 4, 8
+_FLAG_ENFORCING, _FLAG_ARMED, _FLAG_FLYING, _FLAG_TAMPERED, _FLAG_FOREIGN = 1, 2, 4, 8, 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +49,7 @@ class GuardStatus:
     """What the guard says of itself; nonce, sequence and epoch are those of the last lease it accepted.
 
     `enforcing`: it is acting on a loss of authority now. A guard that is switched off has the state DISABLED.
+    `foreign`: the vehicle is of a type whose modes it does not know; it lets nobody arm.
     """
 
     state: GuardState
@@ -57,6 +58,7 @@ class GuardStatus:
     armed: bool
     flying: bool
     tampered: bool
+    foreign: bool
     nonce: int
     sequence: int
     epoch: int
@@ -109,6 +111,7 @@ def unpack_guard_status(payload: bytes) -> GuardStatus | None:
         armed=bool(flags & _FLAG_ARMED),
         flying=bool(flags & _FLAG_FLYING),
         tampered=bool(flags & _FLAG_TAMPERED),
+        foreign=bool(flags & _FLAG_FOREIGN),
         nonce=nonce,
         sequence=sequence,
         epoch=epoch,

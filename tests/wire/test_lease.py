@@ -26,6 +26,7 @@ STATUS = GuardStatus(
     armed=True,
     flying=False,
     tampered=True,
+    foreign=False,
     nonce=0x01020304,
     sequence=0x05060708,
     epoch=0x090A0B0C,
@@ -104,20 +105,22 @@ def test_a_guard_status_is_these_twenty_bytes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("flags", "enforcing", "armed", "flying", "tampered"),
+    ("flags", "true"),
     [
-        (0, False, False, False, False),
-        (1, True, False, False, False),
-        (2, False, True, False, False),
-        (4, False, False, True, False),
-        (8, False, False, False, True),
-        (0xF0, False, False, False, False),
+        (0, ()),
+        (1, ("enforcing",)),
+        (2, ("armed",)),
+        (4, ("flying",)),
+        (8, ("tampered",)),
+        (16, ("foreign",)),
+        (0xE0, ()),
     ],
 )
-def test_each_flag_is_its_bit(flags: int, enforcing: bool, armed: bool, flying: bool, tampered: bool) -> None:
+def test_each_flag_is_its_bit(flags: int, true: tuple[str, ...]) -> None:
     status = unpack_guard_status(STATUS_BYTES[:3] + bytes([flags]) + STATUS_BYTES[4:])
     assert status is not None
-    assert (status.enforcing, status.armed, status.flying, status.tampered) == (enforcing, armed, flying, tampered)
+    names = ("enforcing", "armed", "flying", "tampered", "foreign")
+    assert tuple(name for name in names if getattr(status, name)) == true
 
 
 @pytest.mark.parametrize(
