@@ -4,11 +4,14 @@
 
 A test that flies says so in its properties (`FLYING`, then `FLOWN`), which reach the process that reports even where
 several fly at once. With `--flown PAGE` the run writes the table: rows in the order of `guard_suite`, one column for
-each version that was flown, nothing kept from an earlier run.
+each version, and below it the digest of script and parameters. A run that flies only some of it keeps the rest of the
+table if that was flown with the very same script and parameters, and nothing of it otherwise.
 """
 
 from __future__ import annotations
 
+import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +25,8 @@ BEGIN, END = "<!-- flown:begin -->", "<!-- flown:end -->"
 FLYING, FLOWN = "flying", "flown"
 FAILED, NOT_FLOWN, NOT_ASKED = "**FAILED**", "not flown", "-"
 
+_DIGEST = re.compile(r"^Flown with script and parameters ([0-9a-f]{16})\.$", re.MULTILINE)
+
 #: (case, version) -> outcome
 Outcomes = Mapping[tuple[str, str], str]
 
@@ -29,9 +34,11 @@ Outcomes = Mapping[tuple[str, str], str]
 class Recorder:
     """Gathers what the flights of a run came to; a plugin of pytest."""
 
-    def __init__(self, page: Path) -> None:
+    def __init__(self, page: Path, *flown: Path) -> None:
+        """`flown`: the files whose digest goes below the table, read now, before anything flies."""
         self._page = page
-        self._outcomes: dict[tuple[str, str], str] = {}
+        self._digest = digest(*flown)
+        self._outcomes = kept(page, self._digest)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.when != "call":
@@ -49,7 +56,7 @@ class Recorder:
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         from tests.sitl.guard_suite import case_names
 
-        write(self._page, table(case_names(), self._outcomes))
+        write(self._page, table(case_names(), self._outcomes), self._digest)
 
 
 def recorded(request: pytest.FixtureRequest, case: str, firmware: Firmware, outcome: str | None = None) -> None:
@@ -70,21 +77,51 @@ def table(cases: Sequence[str], outcomes: Outcomes) -> list[str]:
     return lines
 
 
-def write(page: Path, lines: Sequence[str]) -> None:
-    """Puts the lines between the marks of the page; a page without marks is an error of whoever gave it."""
+def digest(*files: Path) -> str:
+    """Tells whether a table was flown with these files."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
+
+
+def write(page: Path, lines: Sequence[str], flown_with: str) -> None:
+    """Puts the lines between the marks of the page.
+
+    Raises:
+        ValueError: the page has no marks.
+    """
     head, begin, rest = page.read_text(encoding="utf-8").partition(BEGIN)
     _, end, tail = rest.partition(END)
     if not begin or not end:
         raise ValueError(f"{page}: the lines {BEGIN} and {END} are missing")
-    page.write_text("\n".join([head + BEGIN, *lines, END + tail]), encoding="utf-8")
+    below = f"Flown with script and parameters {flown_with}."
+    page.write_text("\n".join([head + BEGIN, *lines, "", below, END + tail]), encoding="utf-8")
 
 
 def rows(page: Path) -> dict[str, list[str]]:
     """Case -> outcomes, one for each version, as the page has them."""
-    _, _, rest = page.read_text(encoding="utf-8").partition(BEGIN)
-    lines = rest.partition(END)[0].strip().splitlines()[2:]
-    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    return {case: outcomes for case, *outcomes in cells}
+    return {case: outcomes for case, *outcomes in _cells(page)[2:]}
+
+
+def kept(page: Path, flown_with: str) -> dict[tuple[str, str], str]:
+    """What the page's table tells of flights with the files of this digest."""
+    found = _DIGEST.search(_between_marks(page))
+    if found is None or found[1] != flown_with:
+        return {}
+    (_, *versions), _, *cells = _cells(page)
+    return {
+        (case, version): outcome
+        for case, *outcomes in cells
+        for version, outcome in zip(versions, outcomes, strict=True)
+        if outcome not in (NOT_FLOWN, NOT_ASKED)
+    }
+
+
+def _between_marks(page: Path) -> str:
+    return page.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
+
+
+def _cells(page: Path) -> list[list[str]]:
+    lines = [line for line in _between_marks(page).splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
 def _by_number(version: str) -> tuple[list[int], str]:

@@ -61,6 +61,7 @@ def stop_denied(flight: Flight) -> Outcome:
     in_guided(flight)
     for order in (STOP, STOP_AND_RESTART):
         assert flight.command(SCRIPTING_COMMAND, order) == DENIED
+        flight.run(0.5)  # ten answers a second at most
     said(flight, "HNDO: scripting command of 251/190 denied")
     flight.statuses.clear()
     flight.run(3)

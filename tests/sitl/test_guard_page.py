@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The table "Flown" of the guard's page: every case of the suite has its row, every row its case, and none failed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.sitl.firmware import Firmware, NotFirmware, firmware_of
+from tests.sitl.flown import BEGIN, END, FAILED, NOT_ASKED, NOT_FLOWN, digest, kept, rows, table, write
+from tests.sitl.guard_flight import GUARD
+from tests.sitl.guard_suite import FILES, case_names
+
+PAGE = GUARD.with_suffix(".md")
+HERE = Path(__file__).parent
+
+
+def test_page_and_suite_name_the_same_cases() -> None:
+    assert list(rows(PAGE)) == case_names()
+
+
+def test_no_two_cases_have_one_name() -> None:
+    names = case_names()
+    assert len(set(names)) == len(names)
+    assert not [name for name in names if "|" in name]
+
+
+def test_every_file_that_flies_the_guard_is_in_the_suite() -> None:
+    flying = {path.stem for path in HERE.glob("test_guard_*.py")} - {Path(__file__).stem}
+    assert flying == set(FILES)
+
+
+def test_every_case_was_flown_on_every_version_and_held() -> None:
+    for case, outcomes in rows(PAGE).items():
+        assert len(outcomes) == 3, case
+        assert not [outcome for outcome in outcomes if FAILED in outcome or outcome == NOT_FLOWN], case
+        asked = [outcome for outcome in outcomes if outcome != NOT_ASKED]
+        assert len(asked) == (1 if case in ("Plane", "Rover") else 3), case
+
+
+def test_table_has_cases_in_order_and_versions_by_number() -> None:
+    outcomes = {
+        ("b", "4.10.0"): "home",
+        ("a", "4.7.0-dev"): "RTL | LAND",
+        ("a", "4.10.0"): "home",
+    }
+    assert table(["a", "b", "c"], outcomes) == [
+        "| case | 4.7.0-dev | 4.10.0 |",
+        "|---|---|---|",
+        "| a | RTL / LAND | home |",
+        "| b | - | home |",
+        "| c | not flown | not flown |",
+    ]
+
+
+def test_table_goes_between_the_marks_and_nowhere_else(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
+    write(page, table(["a"], {("a", "4.6.3"): "home"}), "0123456789abcdef")
+    assert page.read_text(encoding="utf-8") == (
+        f"before\n{BEGIN}\n| case | 4.6.3 |\n|---|---|\n| a | home |\n\n"
+        f"Flown with script and parameters 0123456789abcdef.\n{END}\nafter\n"
+    )
+    assert rows(page) == {"a": ["home"]}
+    page.write_text("no marks\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"page\.md: the lines .* are missing"):
+        write(page, [], "0123456789abcdef")
+
+
+def test_a_partial_run_keeps_what_was_flown_with_the_same_script_and_nothing_else(tmp_path: Path) -> None:
+    page, script = tmp_path / "page.md", tmp_path / "guard.lua"
+    page.write_text(f"{BEGIN}\n{END}\n", encoding="utf-8")
+    script.write_text("return 1\n", encoding="utf-8")
+    outcomes = {("a", "4.6.3"): "home", ("b", "4.6.3"): "LAND", ("b", "4.7.0"): "RTL"}
+    assert kept(page, digest(script)) == {}
+    write(page, table(["a", "b"], outcomes), digest(script))
+    assert kept(page, digest(script)) == outcomes
+    script.write_text("return 2\n", encoding="utf-8")
+    assert kept(page, digest(script)) == {}
+
+
+def test_version_is_read_out_of_the_program(tmp_path: Path) -> None:
+    program = tmp_path / "arducopter"
+    program.write_bytes(b"\x7fELF....ArduCopter V4.7.0-dev\0ArduCopter V4.7.0-dev (2598e9d4)\0")
+    assert firmware_of(program) == Firmware("Copter", "4.7.0-dev", program.resolve())
+    assert firmware_of(program).numbers == (4, 7)
+    assert firmware_of(program).gcs_id == "MAV_GCS_SYSID"
+    program.write_bytes(b"ArduCopter V4.6.3\0")
+    assert firmware_of(program).gcs_id == "SYSID_MYGCS"
+    program.write_bytes(b"something else")
+    with pytest.raises(NotFirmware, match="is no ArduCopter"):
+        firmware_of(program)
+    with pytest.raises(NotFirmware, match="cannot be read"):
+        firmware_of(tmp_path / "nowhere")
