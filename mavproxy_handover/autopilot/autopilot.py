@@ -27,10 +27,12 @@ from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.core.events import AutopilotState, GuardSeen, PositionSeen
+from mavproxy_handover.core.events import AutopilotState, GuardSeen, PositionSeen, SignsSeen
 from mavproxy_handover.core.model import AuthorityView, ZoneFact
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.energy import LANDING, Place, places_of, way_back
+from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.walk import speed_at
 from mavproxy_handover.stations.port import StationPort
@@ -86,6 +88,10 @@ class Autopilot:
         }
         #: the package that the autopilot holds, as far as is known
         self._flown: MissionPackage | None = None
+        #: where RTL may go: home and the rally points of that
+        self._returns: tuple[Place, ...] = ()
+        #: what the arbiter was told last of what looks wrong
+        self._signs = SignsSeen()
         self._second_manager_told = False
         self._zones_at = 0.0
 
@@ -198,6 +204,8 @@ class Autopilot:
     def _flies_by(self, package: MissionPackage | None) -> None:
         self._flown = package
         self.route.adopt(None if package is None else package.route)
+        places = () if package is None else places_of(package.route)
+        self._returns = tuple(place for place in places if place.name != LANDING)
         self._preflight.planned(None if package is None else plan_facts(package.route))
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
@@ -224,6 +232,24 @@ class Autopilot:
         firmware = None if self.guard_status is None else self.guard_status.firmware
         self._preflight.each_second(aircraft, grounded, arbiter.guard(now), firmware, now)
         self._energy.each_second(aircraft, grounded, now)
+        self._look_for_signs(now)
+
+    def _look_for_signs(self, now: float) -> None:
+        """Tell the arbiter what looks wrong that only this side can work out, when it changes."""
+        margin_wh = self._margin_wh() if self.aircraft.flying else None
+        energy = margin_wh is not None and margin_wh <= 0.0
+        signs = SignsSeen(energy, self.aircraft.flying and self.route.deviation is not None)
+        if signs != self._signs:
+            self._signs = signs
+            self._ties.handle(signs, now)
+
+    def _margin_wh(self) -> float | None:
+        """What is left (Wh) over the way to where RTL goes, with the reserve; None where that is not known."""
+        fact, here = self._energy.fact, self.aircraft.where
+        if fact.model is None or here is None or not self._returns:
+            return None
+        nearest = min(self._returns, key=lambda place: distance_m(*here[:2], place.lat_deg, place.lon_deg))
+        return fact.margin_wh(way_back(here, nearest, fact.model.return_alt_m))
 
 
 def _for_companion(message: Any, sysid: int) -> bool:

@@ -118,7 +118,7 @@ OBSERVER_RANGES: Final[Ranges] = {
     "silence_s": (2, 3600),
 }
 #: Causes whose signs nobody looks for yet: their policies are no keys.
-_UNSEEN: Final = (Cause.ENERGY, Cause.FENCE, Cause.OFF_ROUTE)
+_UNSEEN: Final = (Cause.FENCE,)
 _CAUSES: Final = tuple(cause.value for cause in Cause if cause not in _UNSEEN)
 #: hold-off and clearing time of a cause
 _WAIT_S: Final = (0.0, 600.0)

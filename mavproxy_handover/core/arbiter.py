@@ -45,6 +45,7 @@ from mavproxy_handover.core.events import (
     MissionLoaded,
     PositionSeen,
     Record,
+    SignsSeen,
     StartFinished,
     StartRequested,
     StationHeard,
@@ -204,6 +205,8 @@ class Arbiter:
                 self._on_autopilot(event, now, actions)
             case GuardSeen():
                 self._on_guard(event, now, actions)
+            case SignsSeen():
+                self._lookout.told = event
             case EnergyJudged():
                 self._flight.energy_short = event.shortfall
             case MissionLoaded():

@@ -32,6 +32,7 @@ __all__ = [
     "PositionSeen",
     "Record",
     "Send",
+    "SignsSeen",
     "StartFinished",
     "StartRefused",
     "StartRequested",
@@ -101,6 +102,17 @@ class EnergyJudged:
     """
 
     shortfall: str
+
+
+@dataclass(frozen=True, slots=True)
+class SignsSeen:
+    """What the edge has worked out that looks wrong, in flight: it counts until the next one.
+
+    Of `core/safety/causes.py` these are the energy, that is no more than the best place needs, and the route.
+    """
+
+    energy: bool = False
+    off_route: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +195,7 @@ Event = (
     | AutopilotState
     | GuardSeen
     | EnergyJudged
+    | SignsSeen
     | MissionLoaded
     | StartRequested
     | TakeOffPassed

@@ -28,12 +28,27 @@ from mavproxy_handover.mission.items import LAND, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Leg, legs_of
 
-__all__ = ["Budget", "ItemBudget", "Place", "PreparedWay", "Return", "budget_of", "pieces_of", "places_of"]
+__all__ = [
+    "LANDING",
+    "Budget",
+    "ItemBudget",
+    "Place",
+    "PreparedWay",
+    "Return",
+    "budget_of",
+    "pieces_of",
+    "places_of",
+    "way_back",
+]
 
 #: the margin along the route is looked at this often (m), and at no more places than this
 _STEP_M, _MOST_STEPS = 25.0, 4000
 #: places nearer than this to each other are one
 _SAME_PLACE_M = 5.0
+
+
+#: the name of the place where a route lands; RTL does not go there
+LANDING = "landing"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +106,7 @@ def places_of(route: Route) -> tuple[Place, ...]:
     places += [Place(f"rally {n}", p.lat_deg, p.lon_deg, p.alt_m) for n, p in enumerate(route.rally, 1)]
     end = _landing(route)
     if end is not None and all(distance_m(*end, p.lat_deg, p.lon_deg) > _SAME_PLACE_M for p in places):
-        places.append(Place("landing", *end, 0.0))
+        places.append(Place(LANDING, *end, 0.0))
     return tuple(places)
 
 
@@ -120,7 +135,7 @@ class PreparedWay:
         """All of it, with the return to home at that height where it does not end on the ground."""
         if self._end is None:
             return self._pieces
-        return (*self._pieces, *_back(self._end, self._home, return_alt_m))
+        return (*self._pieces, *way_back(self._end, self._home, return_alt_m))
 
 
 def pieces_of(route: Route, cruise_speed_mps: float | None, return_alt_m: float) -> tuple[Piece, ...]:
@@ -144,7 +159,8 @@ def _piece(leg: Leg) -> Piece:
     )
 
 
-def _back(here: tuple[float, float, float], place: Place, return_alt_m: float) -> tuple[Piece, ...]:
+def way_back(here: tuple[float, float, float], place: Place, return_alt_m: float) -> tuple[Piece, ...]:
+    """The way of a return from here (degrees, degrees, metres above home) to a place."""
     """The way that RTL takes from here."""
     there = (place.lat_deg, place.lon_deg)
     distance = distance_m(*here[:2], *there)
@@ -168,7 +184,7 @@ class _Route:
         """The best return from here."""
         model, found = self.model, []
         for place in places:
-            need = model.need_wh(_back(here, place, model.return_alt_m))
+            need = model.need_wh(way_back(here, place, model.return_alt_m))
             found.append(Return(place.name, need, left_wh - model.budget_wh(need)))
         return max(found, key=lambda way: way.margin_wh)
 

@@ -502,6 +502,7 @@ class Packer:
             _limits=the_limits,
             held_at=_Time(limits.hold_s),
             seen=plain,
+            told=plain,
         )
         self._arbiter = _Class(
             Arbiter,

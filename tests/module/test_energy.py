@@ -326,3 +326,22 @@ def test_after_a_restart_in_flight_the_missions_numbers_are_there_again(flying: 
     assert fact.model is not None
     assert fact.model.battery_wh == 126.0
     assert fact.left_wh == pytest.approx(125.0, abs=0.15), "what the last report said, and a second of power"
+
+
+def test_in_flight_with_no_more_than_the_way_back_needs_it_turns_back(bench: Bench, delivery: MissionPackage) -> None:
+    """The fault: with the battery at 0 % the mission went on, and authority was handed over without a word."""
+    get_ready(bench, delivery)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.run(5.0)
+    assert bench.journal("emergency") == []
+    bench.autopilot.battery = 0.2  # the reserve alone is a quarter
+    bench.until(lambda: bool(bench.journal("emergency")), 15.0)
+    (entry,) = bench.journal("emergency")
+    assert entry["text"] == "energy for the way back only: return"
+    bench.run(2.0)
+    assert bench.autopilot.mode == 6
+    bench.autopilot.battery = 1.0  # it does not turn round again
+    bench.run(10.0)
+    assert len(bench.journal("emergency")) == 1
+    assert bench.journal("emergency_over") == []

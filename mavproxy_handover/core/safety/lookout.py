@@ -15,6 +15,7 @@ from math import inf
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.events import SignsSeen
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Reason
@@ -30,7 +31,7 @@ _NO_WATCH = (GuardState.SILENT, GuardState.DISABLED)
 class Lookout:
     """Looks at authority, stations and aircraft. Times are monotonic seconds."""
 
-    __slots__ = ("_around", "_authority", "_candidates", "_ended_in", "_flight", "_limits", "held_at", "seen")
+    __slots__ = ("_around", "_authority", "_candidates", "_ended_in", "_flight", "_limits", "held_at", "seen", "told")
 
     def __init__(self, authority: Authority, flight: Flight, candidates: Candidates, limits: Limits) -> None:
         self._authority = authority
@@ -43,6 +44,8 @@ class Lookout:
         self._ended_in: int | None = None
         #: since when the aircraft is held for that; -inf if it is not
         self.held_at = -inf
+        #: what the edge has seen by itself
+        self.told = SignsSeen()
         #: the signs of the last look
         self.seen: frozenset[Cause] = frozenset()
 
@@ -95,6 +98,10 @@ class Lookout:
             found.add(Cause.GUARD_LOST)
         if not flight.position_known(now):
             found.add(Cause.POSITION_STALE)
+        if self.told.energy:
+            found.add(Cause.ENERGY)
+        if self.told.off_route:
+            found.add(Cause.OFF_ROUTE)
         if authority.owner is None or authority.lost:
             self._ended_in = None
             return found

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, GuardSeen, LinkJudged
+from mavproxy_handover.core.events import Fly, GuardSeen, LinkJudged, SignsSeen
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, GuardState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -244,6 +244,43 @@ class TestWarnings:
         bench.guard = None
         bench.run(10.0)
         assert bench.flights() == [Fly(FlightAction[policy.upper()], Reason.GUARD_LOST)]
+
+
+class TestWhatTheEdgeSees:
+    def test_energy_for_the_way_back_only_turns_back_and_stays_so(self) -> None:
+        bench = mission()
+        seen_at = bench.now
+        bench.give(SignsSeen(energy=True))
+        bench.run(10.0)
+        assert [(at, action) for at, action in bench.log if isinstance(action, Fly)] == [
+            (seen_at + 2.0, Fly(FlightAction.RETURN, Reason.ENERGY))
+        ]
+        bench.give(SignsSeen())
+        bench.run(60.0)
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        assert len(bench.flights()) == 1
+
+    def test_a_sag_that_is_over_at_once_is_none(self) -> None:
+        bench = mission()
+        bench.give(SignsSeen(energy=True))
+        bench.run(1.0)
+        bench.give(SignsSeen())
+        bench.run(10.0)
+        assert bench.flights() == []
+
+    def test_off_its_route_is_told(self) -> None:
+        bench = mission()
+        bench.give(SignsSeen(off_route=True))
+        assert [record.text for record in bench.records("emergency")] == ["off route: warn"]
+        bench.give(SignsSeen())
+        assert len(bench.records("emergency_over")) == 1
+
+    def test_on_the_ground_it_is_nothing(self) -> None:
+        bench = Bench().on_ground()
+        bench.log.clear()
+        bench.give(SignsSeen(energy=True, off_route=True))
+        bench.run(5.0)
+        assert bench.records("emergency") == []
 
 
 def test_on_the_way_home_authority_still_moves_by_zones() -> None:
