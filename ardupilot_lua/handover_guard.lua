@@ -43,7 +43,6 @@ local MS = {
     SECOND = 1000,                  -- registrations, ids and log
     LANDED = 3000,                  -- after a flight, this long on the ground before the motors are stopped
     TAMPER_HOLD = 10000,            -- no arming for this long after the registrations were wiped
-    COMMAND = 100,                  -- a command that was denied or noted is not looked at again for this long
     AUX = 1000,                     -- after a DO_AUX_FUNCTION or a full queue no mode counts as the pilot's
     RADIO = 2000,                   -- a pilot whose radio has been gone for this long does not fly any more
     FAILSAFE = 10000,               -- a failsafe, or traffic avoidance that is over, may hold the aircraft this long
@@ -56,6 +55,7 @@ local WORK = {
     QUEUE_FRAMES = 25,
     FRAMES_PER_CALL = 12,
     SUMS_PER_CALL = 3,              -- CRCs and tags; the frame that reaches it is read to its end
+    COMMANDS_A_SECOND = 10,         -- of a kind; more are neither checked nor answered
     CATCH_UP_CALLS = 13,            -- after a stall: empties a full queue of leases before anything is judged (0.15 s)
     READ_ON_CALLS = 6,              -- to the end of the queue, before a pilot is believed (0.06 s)
 }
@@ -214,7 +214,7 @@ end
 -- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
 -- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came; aux_ours:
 -- the firmware leaves it to the guard; own: the table of ids is as large as the guard has made it; blind: too small for
--- commands; commands: when one was looked at last, in the present second.
+-- commands; commands: how many of a kind came in this second.
 local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
             aux_by="", aux_ours=false, own=false, blind=false, commands={}}
 
@@ -986,19 +986,24 @@ local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid
     if command ~= MAV.CMD_SCRIPTING and command ~= MAV.CMD_AUX_FUNCTION then
         return 0
     end
-    local carried_out = command == MAV.CMD_AUX_FUNCTION and rx.aux_ours and enforcement == ENFORCEMENT.CALM
-    local before = rx.commands[command]
-    if before and not carried_out and elapsed(now, before) < MS.COMMAND then
-        return 0                    -- a flood of them must not cost the leases: it would be a CRC for each
-    end
-    if not crc_fits(msg, magic, len, msgid, crc) then
+    local is_aux = command == MAV.CMD_AUX_FUNCTION
+    local carried_out = is_aux and rx.aux_ours and enforcement == ENFORCEMENT.CALM
+    local count = (rx.commands[command] or 0) + 1
+    rx.commands[command] = count
+    -- a flood of them must not cost the leases, and each would cost a CRC: what is more than a few is bad by its number
+    local flood = count > WORK.COMMANDS_A_SECOND and not carried_out
+    if not flood and not crc_fits(msg, magic, len, msgid, crc) then
         return 1
     end
-    rx.commands[command] = now
-    local result = MAV.RESULT_DENIED
-    if command == MAV.CMD_AUX_FUNCTION then
+    if is_aux then
         rx.aux_at = stamp and stamp:toint() or now
         rx.aux_by = string.format("%d/%d", sysid, compid)
+    end
+    if flood then
+        return 0
+    end
+    local result = MAV.RESULT_DENIED
+    if is_aux then
         if not rx.aux_ours then
             return 1
         end

@@ -200,6 +200,19 @@ class TestAuxFunction:
         bench.run(5000)
         assert bench.vehicle.mode_requests == []
 
+    def test_in_a_flood_of_them_every_one_counts(self, bench: Bench) -> None:
+        """Only ten a second are looked at; the others are noted all the same."""
+        going_home(bench)
+        for number in range(200):
+            bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+            if number % 9 == 0:
+                bench.pilot_chooses(STABILIZE if number % 2 else LOITER)
+            bench.run(20)
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+        assert bench.enforcement == RETURNING
+        assert "HNDO: lease lost, pilot flies" not in bench.texts
+
     def test_does_not_take_the_aircraft_from_a_pilot(self, bench: Bench) -> None:
         """In the mode that it orders he flies already."""
         bench.fly(LOITER, BY_RC)
