@@ -395,10 +395,11 @@ class Arbiter:
     def _on_news(self, news: News, now: float, actions: list[Action]) -> None:
         authority, decision = self._authority, news.decision
         if decision is None:
-            actions.append(Record("emergency_over", "the cause of the emergency is gone"))
+            what = "emergency" if news.grave else "warning"
+            actions.append(Record(f"{what}_over", f"the cause of the {what} is gone"))
         else:
             text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
-            actions.append(Record("emergency", text, news.reason, authority.owner))
+            actions.append(Record("warning" if news.warning else "emergency", text, news.reason, authority.owner))
         if decision is not None and decision.action >= FlightAction.RETURN:
             self._come_home(decision.cause, now, actions)
         else:  # what is left to warn of is no emergency

@@ -356,7 +356,7 @@ class TestLoss:
         bench.run(30.0)
         assert bench.arbiter.view == AuthorityView(Phase.ON_LOAD, None, None, 1, LeaseState.LOST, False, 0)
         assert bench.flights() == []
-        assert [record.text for record in bench.records("emergency")] == ["commander lost: warn"]
+        assert [record.text for record in bench.records("warning")] == ["commander lost: warn"]
 
     def test_back_on_the_ground(self) -> None:
         bench = Bench().on_ground()

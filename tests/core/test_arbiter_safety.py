@@ -84,7 +84,7 @@ class TestOutOfCoverage:
         bench.run(60.0)
         assert bench.flights() == []
         assert bench.arbiter.view.phase is Phase.ON_LOAD
-        assert [record.text for record in bench.records("emergency")] == ["out of coverage: warn"]
+        assert [record.text for record in bench.records("warning")] == ["out of coverage: warn"]
 
     def test_it_ends_a_transfer(self) -> None:
         # out of the commander's zone, and the partner's margin is in the band where it is not left yet
@@ -156,7 +156,7 @@ class TestWorse:
         bench.alive = {B}
         bench.run(6.0)
         assert bench.flights() == []
-        assert [record.text for record in bench.records("emergency")] == ["commander lost: warn"]
+        assert [record.text for record in bench.records("warning")] == ["commander lost: warn"]
         bench.autopilot_says(armed=True, flying=True)
         assert bench.flights() == [LOST]
         assert bench.arbiter.view.phase is Phase.EMERGENCY

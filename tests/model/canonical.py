@@ -491,7 +491,9 @@ class Packer:
             active=plain,
         )
         strategy = _Class(Strategy, decision=plain, policies=_Policies())
-        emergency = _Class(Emergency, _resumed=plain, _strategy=_Object(strategy), _watch=_Object(watch), told=plain)
+        emergency = _Class(
+            Emergency, _grave=plain, _resumed=plain, _strategy=_Object(strategy), _watch=_Object(watch), told=plain
+        )
         lookout = _Class(
             Lookout,
             _around=plain,

@@ -28,10 +28,14 @@ _WHILE_ASKED = (FlightAction.HOLD, FlightAction.CONTINUE)
 
 @dataclass(frozen=True, slots=True)
 class News:
-    """The decision from now on, None if nothing is wrong any more, and the one before it, None if nothing was."""
+    """The decision from now on, None if nothing is wrong any more, and the one before it, None if nothing was.
+
+    `grave`: something was commanded since something has been wrong.
+    """
 
     decision: Decision | None
     before: Decision | None
+    grave: bool = False
 
     @property
     def reason(self) -> Reason:
@@ -58,7 +62,7 @@ class News:
 class Emergency:
     """What was told last of what is wrong. Times are monotonic seconds; not safe for threads."""
 
-    __slots__ = ("_resumed", "_strategy", "_watch", "told")
+    __slots__ = ("_grave", "_resumed", "_strategy", "_watch", "told")
 
     def __init__(self, limits: Limits) -> None:
         off = {cause for cause, policy in limits.policies.items() if policy == "off"}
@@ -68,6 +72,8 @@ class Emergency:
         self.told: Decision | None = None
         #: the run before left an emergency behind, and its cause has not been found yet
         self._resumed = False
+        #: something was commanded since something has been wrong
+        self._grave = False
 
     @property
     def out_of_coverage(self) -> str:
@@ -81,7 +87,7 @@ class Emergency:
 
     def resume(self) -> None:
         """A restart in an emergency: its cause is judged anew, and it is over when none is found."""
-        self._resumed = True
+        self._resumed = self._grave = True
 
     def landed(self) -> None:
         """The flight is over. The cause may go on: on the ground that is no news, in the next flight it is acted on."""
@@ -104,7 +110,9 @@ class Emergency:
         elif self._known(decision):
             return None
         self.told, self._resumed = decision, False
-        return News(decision, told)
+        grave = self._grave or (decision is not None and decision.action > FlightAction.WARN)
+        self._grave = grave and decision is not None
+        return News(decision, told, grave)
 
     def _known(self, decision: Decision) -> bool:
         """Whether it is what was told, or milder while the cause of that goes on."""

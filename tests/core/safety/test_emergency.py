@@ -34,10 +34,10 @@ def test_news_says_why_and_whether_something_is_commanded() -> None:
     emergency = Emergency(Limits())
     assert emergency.judge({LOST}, GROUND, 100.0) == News(WARN, None)
     news = emergency.judge({LOST}, ALOFT, 101.0)
-    assert news == News(RETURN, WARN)
+    assert news == News(RETURN, WARN, grave=True)
     assert (news.reason, news.warning, News(WARN, None).warning) == (Reason.COMMANDER_LOST, False, True)
     over = emergency.judge(set(), ALOFT, 102.0)
-    assert over == News(None, RETURN)
+    assert over == News(None, RETURN, grave=True)
     assert (over.reason, over.warning, over.resumes) == (Reason.NONE, True, False)
 
 
@@ -58,7 +58,7 @@ def test_while_it_is_not_known_that_nothing_is_wrong_no_emergency_ends() -> None
     emergency = Emergency(Limits())
     emergency.resume()
     assert emergency.judge(set(), ALOFT, 100.0, certain=False) is None
-    assert emergency.judge(set(), ALOFT, 101.0) == News(None, None)
+    assert emergency.judge(set(), ALOFT, 101.0) == News(None, None, grave=True)
     assert emergency.judge(set(), ALOFT, 102.0) is None
 
 
@@ -96,9 +96,9 @@ def test_an_emergency_whose_cause_is_gone_is_over_while_another_is_waited_out() 
 
 def test_what_was_held_goes_on_when_nothing_holds_it_any_more() -> None:
     emergency = Emergency(Limits())
-    assert emergency.judge({ENDS}, STEADY, 100.0) == News(HOLD, None)
+    assert emergency.judge({ENDS}, STEADY, 100.0) == News(HOLD, None, grave=True)
     over = emergency.judge(set(), STEADY, 110.0)
-    assert over == News(None, HOLD)
+    assert over == News(None, HOLD, grave=True)
     assert over.resumes
 
 
@@ -106,7 +106,7 @@ def test_what_was_held_and_comes_home_does_not_go_on_first() -> None:
     emergency = Emergency(Limits())
     emergency.judge({ENDS}, STEADY, 100.0)
     news = emergency.judge({ENDS}, ALOFT, 160.0)
-    assert news == News(Decision(FlightAction.RETURN, ENDS), HOLD)
+    assert news == News(Decision(FlightAction.RETURN, ENDS), HOLD, grave=True)
     assert not news.resumes
 
 
@@ -114,7 +114,7 @@ def test_what_is_only_warned_of_by_now_ends_a_hold() -> None:
     emergency = Emergency(Limits())
     emergency.judge({ENDS}, STEADY, 100.0)
     news = emergency.judge({ENDS}, STEADY | {Fact.PILOT}, 101.0)
-    assert news == News(Decision(FlightAction.WARN, ENDS), HOLD)
+    assert news == News(Decision(FlightAction.WARN, ENDS), HOLD, grave=True)
 
 
 def test_a_graver_action_is_told_again_of_another_cause_and_a_milder_one_is_not() -> None:
@@ -124,6 +124,14 @@ def test_a_graver_action_is_told_again_of_another_cause_and_a_milder_one_is_not(
     assert emergency.told == RETURN
     # what is left is told when the graver cause is gone
     assert decisions([emergency.judge({GUARD}, ALOFT, 120.0)]) == [Decision(FlightAction.WARN, GUARD)]
+
+
+def test_the_end_of_a_warning_is_the_end_of_no_emergency() -> None:
+    emergency = Emergency(Limits())
+    emergency.judge({GUARD}, ALOFT, 100.0)
+    assert emergency.judge({GUARD}, ALOFT, 103.0) == News(Decision(FlightAction.WARN, GUARD), None)
+    emergency.judge(set(), ALOFT, 110.0)
+    assert emergency.judge(set(), ALOFT, 111.0) == News(None, Decision(FlightAction.WARN, GUARD))
 
 
 def test_a_cause_that_is_off_is_none() -> None:

@@ -140,7 +140,7 @@ class TestHold:
             bench.position(ends(4.0), outside(B))
             bench.run(2.0)
             assert bench.flights() == flights
-            assert [record.text for record in bench.records("emergency")] == texts
+            assert [record.text for record in bench.records("emergency") + bench.records("warning")] == texts
 
     def test_on_the_ground_nothing_is_held(self) -> None:
         bench = Bench().on_ground()
@@ -175,7 +175,7 @@ class TestWarnings:
 
     @staticmethod
     def texts(bench: Bench) -> list[str]:
-        return [record.text for record in bench.records("emergency") + bench.records("emergency_over")]
+        return [record.text for record in bench.records("warning") + bench.records("warning_over")]
 
     def test_a_guard_that_falls_silent(self) -> None:
         bench = mission()
@@ -183,11 +183,11 @@ class TestWarnings:
         silent_at = bench.now
         bench.run(10.0)
         assert self.texts(bench) == ["guard lost: warn"]
-        (at,) = [at for at, action in bench.log if action in bench.records("emergency")]
+        (at,) = [at for at, action in bench.log if action in bench.records("warning")]
         assert silent_at + 4.0 < at <= silent_at + 5.0  # guard_lost_s, and the hold-off
         bench.guard = GuardSeen(GuardState.LIVE, ours=True)
         bench.run(3.0)
-        assert self.texts(bench) == ["guard lost: warn", "the cause of the emergency is gone"]
+        assert self.texts(bench) == ["guard lost: warn", "the cause of the warning is gone"]
         assert bench.flights() == []
 
     def test_a_vehicle_without_a_guard_misses_none(self) -> None:
@@ -236,7 +236,7 @@ class TestWarnings:
         bench.run(29.0)
         assert len(self.texts(bench)) == 1
         bench.run(2.0)
-        assert self.texts(bench)[-1] == "the cause of the emergency is gone"
+        assert self.texts(bench)[-1] == "the cause of the warning is gone"
 
     @pytest.mark.parametrize("policy", ["return", "land"])
     def test_the_configuration_may_have_something_done(self, policy: str) -> None:
@@ -271,9 +271,9 @@ class TestWhatTheEdgeSees:
     def test_off_its_route_is_told(self) -> None:
         bench = mission()
         bench.give(SignsSeen(off_route=True))
-        assert [record.text for record in bench.records("emergency")] == ["off route: warn"]
+        assert [record.text for record in bench.records("warning")] == ["off route: warn"]
         bench.give(SignsSeen())
-        assert len(bench.records("emergency_over")) == 1
+        assert len(bench.records("warning_over")) == 1
 
     def test_on_the_ground_it_is_nothing(self) -> None:
         bench = Bench().on_ground()
@@ -314,7 +314,7 @@ def test_what_is_left_to_warn_of_is_no_emergency() -> None:
     bench.alive = {A}
     bench.run(2.0)
     assert (bench.arbiter.view.commander, bench.arbiter.view.phase) == (A, Phase.ON_MISSION)
-    assert [record.text for record in bench.records("emergency")][-1] == "guard lost: warn"
+    assert [record.text for record in bench.records("warning")][-1] == "guard lost: warn"
 
 
 def test_far_from_everything_nothing_ends_ahead() -> None:
