@@ -8,6 +8,9 @@ __all__ = ["KNOWN_SURVIVORS"]
 
 _MILLISECOND = "a millisecond, or a value that is its own bound"
 _CLAMP = "a bound that nobody should come near"
+_BEFORE = "the instant of the call before, 50 ms earlier"
+_DIFFERS = "a count that only has to differ from the one before"
+_AGAIN = "set to 0 by what is done with the mode in the same call"
 _CALL = "a bound that one call more keeps as well: ten milliseconds"
 _MASKED = "masked again before it is used"
 _FIRST = "the other edge of a range that a 32-bit difference cannot reach, or the same value"
@@ -38,4 +41,26 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "half_siphash: mask dropped: a = (a << 16 | a >> 16) & mask": _MASKED,
     "half_siphash: mask dropped: c = (c << 16 | c >> 16) & mask": _MASKED,
     "last_resort: left out: judge(now)": "enforce has judged before it failed",
+    "judge: edge: if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then": _MILLISECOND,
+    "judge: edge: if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then": (
+        _MILLISECOND
+    ),
+    "judge: turned: if state == STATE.LOST and before ~= STATE.LOST then": _BEFORE,
+    "arming_objection: edge: if tampering.at and elapsed(now, tampering.at) < MS.TAMPER_HOLD then": _MILLISECOND,
+    "judge_pilot: edge: elseif rx.aux_at and elapsed(craft.before, rx.aux_at) < MS.AUX then": _MILLISECOND,
+    "judge_pilot: edge: elseif not rx.ended or (rx.full_at and elapsed(craft.before, rx.full_at) < MS.AUX) then": (
+        _MILLISECOND
+    ),
+    "observe: always true: if judging then": "a count of calls below zero is as good as zero",
+    "observe: one more: craft.unread = craft.unread - 1": _CALL,
+    "observe: minus: craft.mode, craft.reason, craft.changes, craft.before = "
+    "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
+    "observe: one more: craft.mode, craft.reason, craft.changes, craft.before = "
+    "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
+    "PATIENCE: edge: return elapsed(now, craft.radio_at) < MS.RADIO": _MILLISECOND,
+    "PATIENCE: edge: return elapsed(now, loss.since) < MS.FAILSAFE or craft.avoided_at ~= nil or": _MILLISECOND,
+    "look: one more: return craft.unread > 0 and SEEN.UNREAD or pilot and SEEN.LANDS or SEEN.LAND_ORDER": _CALL,
+    "DEED.forget: one more: loss.mode, loss.attempts, loss.wait_ms = nil, 0, 0 (number 2)": _MILLISECOND,
+    "DEED.disarm: edge: if craft.flown and elapsed(now, craft.flown_at) < MS.LANDED then": _MILLISECOND,
+    "send_home: one more: loss.mode, loss.action, loss.attempts = try.mode, try.action, 0": _AGAIN,
 }

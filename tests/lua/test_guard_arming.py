@@ -37,6 +37,14 @@ def test_dead_lease_forbids_arming(bench: Bench) -> None:
     assert bench.refusal == "HNDO: lease lost"
 
 
+def test_a_loss_on_the_ground_is_said_once(bench: Bench) -> None:
+    bench.with_lease()
+    bench.vehicle.texts.clear()
+    bench.sending = False
+    bench.run(20_000)
+    assert bench.texts == ["HNDO: lease lost"]
+
+
 @pytest.mark.parametrize(
     ("state", "commander", "refusal"),
     [

@@ -22,6 +22,7 @@ from tests.lua.stub import (
     LOITER,
     LOST,
     RECOVERING,
+    RETURNING,
     RTL,
     SMART_RTL,
     STABILIZE,
@@ -224,6 +225,24 @@ class TestRefusedMode:
         bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
         bench.run(100)
         assert bench.vehicle.mode == RTL
+
+    @pytest.mark.parametrize("landed", [True, False])
+    def test_in_the_next_loss_the_tries_begin_anew(self, bench: Bench, landed: bool) -> None:
+        bench.vehicle.refused_modes = {RTL, LAND}
+        bench.fly()
+        bench.lose_lease()
+        bench.run(20_000)
+        if landed:
+            bench.vehicle.armed = bench.vehicle.flying = False
+            bench.run(100)
+        else:
+            bench.sending = True
+            bench.run(1000)
+        bench.fly()
+        bench.vehicle.mode_requests.clear()
+        bench.lose_lease()
+        bench.run(7000)
+        assert bench.vehicle.mode_requests[:4] == [RTL, RTL, RTL, LAND]
 
     def test_pilot_who_takes_over_between_the_tries_is_not_fought(self, bench: Bench) -> None:
         bench.vehicle.refused_modes = {RTL, LAND}
@@ -521,6 +540,8 @@ class TestStationDuringTheLoss:
         bench.run(60)
         assert bench.vehicle.mode == RTL
         assert bench.texts == [f"HNDO: lease lost, {UNDONE[reason]} undone"]
+        bench.run(1000)
+        assert {record["En"] for _, record in bench.vehicle.records[-2:]} == {RETURNING}
 
     def test_in_the_moment_after_rtl_was_set_as_well(self, bench: Bench) -> None:
         bench.fly()
@@ -530,6 +551,13 @@ class TestStationDuringTheLoss:
         bench.run(60)
         assert bench.vehicle.mode == RTL
         assert bench.texts == ["HNDO: lease lost, RTL", "HNDO: lease lost, command undone"]
+
+    def test_what_cannot_be_undone_is_not_called_undone(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.refused_modes = {RTL, LAND}
+        bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
+        bench.run(2000)
+        assert bench.texts == ["HNDO: lease lost, RTL refused"] * 2
 
     def test_it_is_undone_as_often_as_it_is_sent(self, bench: Bench) -> None:
         lost_in_flight(bench)

@@ -77,6 +77,14 @@ class TestRadio:
         assert bench.vehicle.mode == RTL
         assert not any("fault" in text for text in bench.texts)
 
+    def test_a_parameter_that_cannot_be_read_is_no_radio_failsafe(self, bench: Bench) -> None:
+        going_home(bench)
+        del bench.vehicle.parameters["FS_THR_ENABLE"]
+        bench.pilot_chooses(LOITER)
+        bench.run(200)
+        assert bench.vehicle.mode == RTL
+        assert not any("fault" in text for text in bench.texts)
+
     def test_a_switch_without_a_radio_is_undone(self, bench: Bench) -> None:
         """A receiver that puts out its stored positions."""
         going_home(bench).pilot_chooses(LOITER)
