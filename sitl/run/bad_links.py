@@ -33,18 +33,16 @@ from __future__ import annotations
 import argparse
 import heapq
 import itertools
-import os
 import select
-import signal
 import socket
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import Any, Final
 
+from sitl.run.ending import Orders
 from sitl.run.impairment import Impairment
 from sitl.run.ports import LOOPBACK
 from sitl.script.weather import Weather, WeatherError
@@ -289,13 +287,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"impairment: {error}", file=sys.stderr)
         return _BAD_USAGE
 
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        raise SystemExit(0)
-
-    signal.signal(signal.SIGTERM, stop)
+    orders = Orders()
     print("ready", flush=True)
     try:
-        _serve(links)
+        _serve(links, orders)
     except KeyboardInterrupt:
         pass
     finally:
@@ -303,22 +298,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _serve(links: BadLinks) -> None:
-    orders = sys.stdin.fileno()
-    waiting = b""
+def _serve(links: BadLinks, orders: Orders) -> None:
     while True:
         timeout_s = links.send_due(time.monotonic())
-        readable, _, _ = select.select([orders, *links.sockets], [], [], timeout_s)
-        for fileno in readable:
-            if fileno != orders:
-                links.readable(fileno, time.monotonic())
+        readable, _, _ = select.select([*orders.descriptors, *links.sockets], [], [], timeout_s)
+        for descriptor in readable:
+            if descriptor not in orders.descriptors:
+                links.readable(descriptor, time.monotonic())
                 continue
-            data = os.read(orders, 4096)
-            if not data:
+            lines = orders.read(descriptor)
+            if lines is None:
                 return
-            *lines, waiting = (waiting + data).split(b"\n")
             for line in lines:
-                print(links.order(line.decode("utf-8", "replace")), flush=True)
+                print(links.order(line), flush=True)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ from __future__ import annotations
 import argparse
 import os
 import select
-import signal
 import socket
 import sys
 import time
@@ -33,9 +32,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any, Final
 
+from sitl.run.ending import Orders
 from sitl.run.noise import LineNoise
 from sitl.run.ports import LOOPBACK
 from sitl.script.weather import NoiseLevel
@@ -253,13 +252,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"lines: {error}", file=sys.stderr)
         return _BAD_USAGE
 
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        raise SystemExit(0)
-
-    signal.signal(signal.SIGTERM, stop)
+    orders = Orders()
     print("ready", flush=True)
     try:
-        _serve(lines)
+        _serve(lines, orders)
     except KeyboardInterrupt:
         pass
     finally:
@@ -268,17 +264,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _serve(lines: NoisyLines) -> None:
-    orders = sys.stdin.fileno()
+def _serve(lines: NoisyLines, orders: Orders) -> None:
     while True:
         timeout_s = min(lines.turn(time.monotonic()), 1.0)
-        readable, _, _ = select.select([orders, *lines.descriptors()], [], [], timeout_s)
+        readable, _, _ = select.select([*orders.descriptors, *lines.descriptors()], [], [], timeout_s)
         for descriptor in readable:
-            if descriptor == orders:
-                if not os.read(orders, 4096):
-                    return
-                continue
-            lines.readable(descriptor, time.monotonic())
+            if descriptor not in orders.descriptors:
+                lines.readable(descriptor, time.monotonic())
+            elif orders.read(descriptor) is None:
+                return
 
 
 if __name__ == "__main__":

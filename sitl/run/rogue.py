@@ -35,22 +35,19 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import random
 import select
-import signal
 import socket
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from types import FrameType
 from typing import Any, TextIO
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from sitl.run.ending import Orders
 from sitl.run.ports import LOOPBACK
 
 try:
@@ -356,12 +353,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     taps = [_Tap(link["name"], link["listen"], link["target"]) for link in config["link"]]
     grounds = {link["name"]: Ground(link["name"], link["sysid"], link["target"]) for link in config.get("ground", ())}
 
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        raise SystemExit(0)
-
-    signal.signal(signal.SIGTERM, stop)
+    orders = Orders()
     with Path(config["journal"]).open("a", encoding="utf-8", buffering=1) as journal:
-        _serve(Rogue(config["vehicle"], taps, journal, grounds, _foreign(config.get("package"))))
+        _serve(Rogue(config["vehicle"], taps, journal, grounds, _foreign(config.get("package"))), orders)
     return 0
 
 
@@ -371,20 +365,19 @@ def _foreign(table: Mapping[str, str] | None) -> ForeignPackage | None:
     return ForeignPackage(Path(table["file"]).read_bytes(), bytes.fromhex(table["digest"]), table["name"])
 
 
-def _serve(rogue: Rogue) -> None:
-    orders, waiting = sys.stdin.fileno(), b""
+def _serve(rogue: Rogue, orders: Orders) -> None:
+    sources: list[Any] = [*orders.descriptors, *rogue.sockets]
     while True:
-        readable, _, _ = select.select([orders, *rogue.sockets], [], [], 0.002 if rogue.busy else 0.2)
+        readable, _, _ = select.select(sources, [], [], 0.002 if rogue.busy else 0.2)
         for sock, tap in rogue.sockets.items():
             if sock in readable:
                 tap.pass_on(sock)
-        if orders in readable:
-            data = os.read(orders, 4096)
-            if not data:
+        for descriptor in orders.descriptors:
+            lines = orders.read(descriptor) if descriptor in readable else []
+            if lines is None:
                 return
-            *lines, waiting = (waiting + data).split(b"\n")
             for line in lines:
-                rogue.order(line.decode("utf-8", "replace"), time.monotonic())
+                rogue.order(line, time.monotonic())
         rogue.tick(time.monotonic())
 
 

@@ -18,23 +18,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import select
-import signal
 import socket
-import sys
 import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from types import FrameType
 from typing import Any, TextIO
 
 # the dialect of this project for CONTROL_STATUS and the command 32100 alone: pymavlink does not have them yet
 from pymavlink.dialects.v20 import handover as mavlink
 
+from sitl.run.ending import Orders
 from sitl.run.ports import LOOPBACK
 
 __all__ = ["StandardGcs", "main"]
@@ -274,30 +271,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     key = None if arguments.key is None else bytes.fromhex(arguments.key.read_text(encoding="ascii").strip())
 
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        raise SystemExit(0)
-
-    signal.signal(signal.SIGTERM, stop)
+    orders = Orders()
     with arguments.journal.open("a", encoding="utf-8", buffering=1) as journal:
         station = StandardGcs(arguments.name, arguments.sysid, arguments.vehicle, arguments.listen, journal, key)
-        _serve(station)
+        _serve(station, orders)
     return 0
 
 
-def _serve(station: StandardGcs) -> None:
-    orders, waiting = sys.stdin.fileno(), b""
+def _serve(station: StandardGcs, orders: Orders) -> None:
+    sources: list[Any] = [*orders.descriptors, station.socket]
     while True:
-        readable, _, _ = select.select([orders, station.socket], [], [], 0.01)
+        readable, _, _ = select.select(sources, [], [], 0.01)
         now = time.monotonic()
         if station.socket in readable:
             station.readable(now)
-        if orders in readable:
-            data = os.read(orders, 4096)
-            if not data:
+        for descriptor in orders.descriptors:
+            lines = orders.read(descriptor) if descriptor in readable else []
+            if lines is None:
                 return
-            *lines, waiting = (waiting + data).split(b"\n")
             for line in lines:
-                station.order(line.decode("utf-8", "replace"), now)
+                station.order(line, now)
         station.tick(now)
 
 

@@ -398,6 +398,9 @@ def flying(
             if station_serial:
                 flight.meet_the_guard()
             yield flight
+        except BaseException:
+            print(f"the texts of {directory}:", *flight.texts, sep="\n")  # pytest shows them with the failure
+            raise
         finally:
             flight.close()
     finally:

@@ -180,6 +180,17 @@ def test_bytes_go_both_ways_between_the_companions_device_and_the_stations(
 
 
 @pytest.mark.process
+def test_to_be_told_to_end_in_the_midst_of_the_end_costs_no_summary(processes: Processes, tmp_path: Path) -> None:
+    child = started(processes, tmp_path)
+    until = time.monotonic() + 20.0
+    while child.alive():
+        child.ask_to_end()  # standard input ends at the first, a signal comes with each
+        assert time.monotonic() < until
+    assert child.returncode == 0
+    assert [line.split(":")[0] for line in child.console()] == ["ready", "GCSA down", "GCSA up"]
+
+
+@pytest.mark.process
 def test_noise_comes_though_nobody_speaks(processes: Processes, tmp_path: Path) -> None:
     started(processes, tmp_path, "bursts_per_s = 200.0")
     device = open_device(f"serial:{tmp_path}/vehicle-GCSA:921600")
