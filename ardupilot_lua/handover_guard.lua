@@ -1100,7 +1100,7 @@ end
 -- The new station has to be heard within FS_GCS_TIMEOUT of this: the firmware goes on counting from the old one's last
 -- heartbeat. Firmware that accepts a range of ids has it closed, or stations between the two would count as well.
 function gcs_id.follow()
-    if not (config.sysid_sw and autopilot.known) or state ~= STATE.LIVE or lease.commander == 0 then
+    if not (config.sysid_sw and autopilot.known) or state ~= STATE.LIVE then
         return
     end
     local present = param:get(gcs_id.name)
@@ -1110,7 +1110,7 @@ function gcs_id.follow()
         gcs_id.set, gcs_id.epoch, gcs_id.nonce = lease.commander, lease.epoch, lease.nonce
         return
     end
-    if known then
+    if known and present then
         tampering.seen = true
         say(MAV_SEVERITY.WARNING, "gcs id", 10000, gcs_id.name .. " was changed, set again")
     end

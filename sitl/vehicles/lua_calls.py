@@ -352,7 +352,9 @@ def _check_log_value(letter: str, value: object) -> None:
     limits = {"b": (-128, 127), "B": (0, 255), "M": (0, 255), "h": (-32768, 32767), "H": (0, 65535)}
     if letter in limits and not (letter in "BM" and isinstance(value, bool)):
         _whole(value, *limits[letter])
-    elif letter == "I" and not (isinstance(value, (int, float)) and -(2**31) <= value < 2**32):
+    elif letter == "I" and (
+        isinstance(value, bool) or not isinstance(value, (int, float)) or not -(2**31) <= value < 2**32
+    ):
         raise ScriptFault("bad argument (argument out of range)")
     elif letter in "nNZ" and not isinstance(value, str):
         raise ScriptFault("bad argument (string expected)")

@@ -9,6 +9,9 @@ __all__ = ["KNOWN_SURVIVORS"]
 _MILLISECOND = "a millisecond, or a value that is its own bound"
 _CLAMP = "a bound that nobody should come near"
 _BEFORE = "the instant of the call before, 50 ms earlier"
+_BOXED = "a boxed number compares like a plain one"
+_WORK = "work counts for a little more: a frame less is read in the call"
+_ZEROS = "behind the end of a known message the firmware has zeros"
 _DIFFERS = "a count that only has to differ from the one before"
 _AGAIN = "set to 0 by what is done with the mode in the same call"
 _CALL = "a bound that one call more keeps as well: ten milliseconds"
@@ -63,4 +66,36 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "DEED.forget: one more: loss.mode, loss.attempts, loss.wait_ms = nil, 0, 0 (number 2)": _MILLISECOND,
     "DEED.disarm: edge: if craft.flown and elapsed(now, craft.flown_at) < MS.LANDED then": _MILLISECOND,
     "send_home: one more: loss.mode, loss.action, loss.attempts = try.mode, try.action, 0": _AGAIN,
+    "lease.accept: or: lease.at = stamp and stamp:toint() or now": _BOXED,
+    "key.read: left out: file:close()": "the garbage collector closes it",
+    'half_siphash: mask dropped: local tail = string.sub(text, whole + 1) .. string.rep("\\0", 3 - size % 4) .. '
+    "string.char(size & 0xFF)": "no text is that long",
+    'key.objection: one more: if string.pack("<I4I4", low, high) ~= string.sub(body, 26, 33) then (number 2)': (
+        "the body ends there"
+    ),
+    'read_lease: left out: objection = "length"': "the length that is stated is compared with the same one behind it",
+    "read_lease: one more: return 1": _WORK,
+    "read_lease: one more: return key.required and 2 or 1": _WORK,
+    'read_lease: plus: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len)': _ZEROS,
+    'read_lease: one more: local body = string.sub(msg, 13, 12 + len) .. string.rep("\\0", full - len) (number 2)': (
+        _ZEROS
+    ),
+    'status.send: plus: text = text .. string.rep("\\0", MAV.TUNNEL_BYTES - #text)': (
+        "the firmware takes as many bytes as the message has"
+    ),
+    'read_frame: edge: if len < MAV.TUNNEL_HEAD_BYTES or string.unpack("<I2", msg, 13) ~= LEASE.TYPE then': (
+        "a TUNNEL without content is no lease, refused or not"
+    ),
+    "read_command: and: rx.aux_at = stamp and stamp:toint() or now": "the instant of reading, a call later",
+    "read_command: or: rx.aux_at = stamp and stamp:toint() or now": _BOXED,
+    "read_command: one more: return 1": _WORK,
+    "read_command: one more: return 1 (number 2)": _WORK,
+    "read_command: one more: return 1 (number 3)": _WORK,
+    "rx.read: one more: rx.run, rx.ended = 0, true": "a queue of 24 frames counts as full",
+    "rx.register: one more: for k = 1, #rx.ids do": "the next second does it",
+    "gcs_id.follow: or: local known = gcs_id.set == lease.commander and gcs_id.epoch == lease.epoch and "
+    "gcs_id.nonce == lease.nonce": "what is said when somebody else sets it in the moment of a new epoch",
+    "gcs_id.follow: left out: gcs_id.set, gcs_id.epoch, gcs_id.nonce = lease.commander, lease.epoch, lease.nonce "
+    "(number 2)": "noted at the next look",
+    "gcs_id.follow: always true: if high and high > 0 then": "what is not there cannot be set",
 }

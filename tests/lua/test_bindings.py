@@ -198,6 +198,11 @@ def test_a_second_init_changes_nothing_on_4_5_and_4_7(script: Script, firmware: 
     assert script.value("mavlink:register_rx_msgid(5)").endswith("no registrations free")
 
 
+@pytest.mark.parametrize("value", ["true", "'1'", "-2147483649", "4294967296.0"])
+def test_a_log_field_of_32_bits_takes_numbers_only(script: Script, value: str) -> None:
+    assert script.value(f"logger:write('A', 'x', 'I', {value})").startswith("error: ")
+
+
 def test_log_message_defined_twice_halts_sitl(script: Script) -> None:
     script.run("logger:write('A', 'x', 'B', 1) logger:write('A', 'x', 'B', 2) return")
     with pytest.raises(RuntimeError, match="defined twice"):

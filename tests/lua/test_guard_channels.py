@@ -53,6 +53,13 @@ def test_any_frame_of_the_queue_is_a_sign_of_a_port(frame: bytes) -> None:
     assert bench.status.state == 1
 
 
+def test_channel_0_is_answered_before_any_lease() -> None:
+    bench = Bench(parameters={"HNDO_CHAN": 0.0}, heard=False)
+    bench.hear(0)
+    bench.run(600)
+    assert bench.statuses(channel=0)[-1].state == 1
+
+
 def test_a_frame_on_another_channel_is_none() -> None:
     bench = Bench(heard=False)
     bench.hear(2)

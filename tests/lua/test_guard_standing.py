@@ -76,6 +76,18 @@ class TestGcsIdFollowsTheCommander:
         assert "HNDO: MAV_GCS_SYSID was changed, set again" in bench.texts
         assert bench.status.flags & TAMPERED
 
+    def test_one_that_was_right_from_the_start_is_watched_as_well(self) -> None:
+        bench = Bench(parameters={"MAV_GCS_SYSID": 251.0}).with_lease()
+        bench.run(2000)
+        bench.vehicle.parameters["MAV_GCS_SYSID"] = 99.0
+        bench.run(1100)
+        assert "HNDO: MAV_GCS_SYSID was changed, set again" in bench.texts
+
+    def test_firmware_with_neither_name_is_told_of(self) -> None:
+        bench = Bench(without=["MAV_GCS_SYSID"]).with_lease()
+        bench.run(20_000)
+        assert bench.texts.count("HNDO: SYSID_MYGCS cannot be set") == 2
+
     def test_transfer_keeps_the_commander(self, bench: Bench) -> None:
         bench.companion.state = TRANSFER
         bench.with_lease()
@@ -201,6 +213,11 @@ class TestRegistrations:
         bench.run(3000)
         assert bench.may_arm
         assert not bench.status.flags & TAMPERED
+
+    def test_a_queue_that_was_in_use_is_told(self) -> None:
+        assert "HNDO: MAVLink rx was in use before" not in Bench().texts
+        bench = Bench(earlier_script="mavlink:init(10, 25) return")
+        assert "HNDO: MAVLink rx was in use before" in bench.texts
 
     def test_restarted_scripting_finds_its_registrations(self, bench: Bench) -> None:
         bench.with_lease()
@@ -404,13 +421,23 @@ class TestSurvival:
         bench.run(0)
         assert bench.vehicle.mode == RTL
 
-    @pytest.mark.parametrize("command", [MAV_CMD_SCRIPTING, 218])
-    def test_a_flood_of_commands_does_not_drown_the_leases(self, bench: Bench, command: int) -> None:
-        """A thousand a second, each of which would cost a CRC."""
+    @pytest.mark.parametrize(
+        "frame",
+        [
+            command_frame(MAV_CMD_SCRIPTING),
+            command_frame(218),
+            command_frame(400),
+            Companion().lease(),
+            Companion().tunnel(b"\1" * 60, kind=200),
+        ],
+        ids=["scripting command", "DO_AUX_FUNCTION", "another command", "lease of another channel", "another TUNNEL"],
+    )
+    def test_a_flood_does_not_drown_the_leases(self, bench: Bench, frame: bytes) -> None:
+        """A thousand a second: few of them may cost a CRC."""
         bench.fly()
         for _ in range(1000):
             for _ in range(10):
-                bench.receive(command_frame(command), channel=2)
+                bench.receive(frame, channel=2)
             bench.run(10)
         assert bench.vehicle.mode == AUTO
         assert bench.vehicle.mode_requests == []

@@ -151,6 +151,15 @@ def test_a_key_file_that_cannot_be_used_lets_no_lease_through(tmp_path: Path, co
     assert refused(bench, bench.companion.lease())
 
 
+@pytest.mark.parametrize("first", [0x10, 0xA7, 0xE0])
+def test_any_digits_make_a_key(tmp_path: Path, first: int) -> None:
+    key = bytes(range(first, first + 32))
+    bench = keyed_bench(tmp_path, key.hex())
+    bench.companion.key = key
+    bench.with_lease()
+    assert bench.status.state == LIVE
+
+
 @pytest.mark.parametrize("content", [KEY.hex(), KEY.hex().upper() + "\r\n", f"  {KEY.hex()}\n\n"])
 def test_a_key_file_is_read_however_it_was_typed(tmp_path: Path, content: str) -> None:
     bench = keyed_bench(tmp_path, content)
