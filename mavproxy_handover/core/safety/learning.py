@@ -45,7 +45,7 @@ __all__ = [
 
 RECENT: Final = 15
 PRIOR_WEIGHT: Final = 30
-WIND_READS_LOW: Final = 1.1
+WIND_READS_LOW: Final = 1.09
 LEAST_PART: Final = 0.5
 WIND_S: Final = 60.0
 REMEMBERED_S: Final = 900.0

