@@ -109,9 +109,9 @@ class _Flight:
         """Wait, for so much of the autopilot's time at most, and never for minutes of ours."""
         end, wall = self.now + limit_s, time.monotonic() + 30.0 + limit_s
         while not holds():
-            self.pump()
             if self.now >= end or time.monotonic() >= wall:
                 raise AssertionError(f"not in time: {what}; {self.texts[-6:]}")
+            self.pump()
 
     def command(self, command: int, *parameters: float) -> bool:
         """Whether the autopilot accepts it."""

@@ -34,6 +34,8 @@ HOME = (52.679, 5.924, 2.0, 0.0)
 SPEEDUP = 8
 #: pace of what only has to be over
 HURRY = 20
+#: FS_GCS_TIMEOUT of handover.parm, and one that no hiccup of this computer reaches (s of the autopilot)
+GCS_TIMEOUT_S, GCS_PATIENCE_S = 10, 120
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, AUTOTUNE, BRAKE = 0, 2, 3, 4, 5, 6, 7, 9, 15, 17
 AVOID_ADSB, SMART_RTL, AUTO_RTL = 19, 21, 27
 HELD, LOST = 1, 3
@@ -195,14 +197,14 @@ class Flight:
     def until(self, condition: Callable[[], object], limit_s: float, what: str = "") -> int:
         """Pump until the condition holds, for `limit_s` of the autopilot's time at most. Returns its time."""
         start_ms, wall = self.now_ms, time.monotonic()
-        while not condition():
-            self.pump()
+        while not condition():  # asked first: after a hiccup of this computer much comes in at once
             spent = self.now_ms - start_ms
             if spent > limit_s * 1000 or time.monotonic() - wall > 20 + 3 * limit_s:
                 raise AssertionError(
                     f"not within {limit_s} s: {what}; mode {self.mode}, armed {self.armed}, status "
                     f"{self.statuses[-1:]}, texts {self.texts[-12:]}"
                 )
+            self.pump()
         return self.now_ms
 
     def run(self, duration_s: float) -> None:
@@ -211,8 +213,11 @@ class Flight:
 
     def pace(self, speedup: float) -> None:
         """Simulated seconds per second. Leases come from the wall clock: the guard's times are right at 1 only, so
-        anything faster has more patience, lest a hiccup of this computer be a loss."""
+        anything faster has more patience, lest a hiccup of this computer be a loss. The same with the station's
+        heartbeats and the autopilot's GCS failsafe, whose ten seconds are half a second of ours at `HURRY`."""
         slow = speedup == 1
+        if speedup > SPEEDUP:
+            self.set_parameter("FS_GCS_TIMEOUT", GCS_PATIENCE_S)
         self.lease["ttl_ms"] = 5000 if slow else 60000
         self.set_parameter("HNDO_TIMEOUT", 3 if slow else 30)
         # nothing that was due by the old pace is late by the new one: the autopilot would miss its station
@@ -220,20 +225,26 @@ class Flight:
         self._lease_due = self._heartbeat_due = 0.0
         self.set_parameter("SIM_SPEEDUP", speedup)
         self.speedup = speedup
+        if speedup <= SPEEDUP:
+            self.set_parameter("FS_GCS_TIMEOUT", GCS_TIMEOUT_S)
         self.run(1)
 
     def real_time(self) -> None:
         self.pace(1)
 
     def hurry(self) -> None:
-        """The rest of a flight in which no lease is sent any more."""
+        """The rest of a flight: the guard has acted, and the way home is only to be flown to its end. In RTL's descent
+        the GCS failsafe would change over to LAND (FS_OPTIONS 8): see `pace` for the heartbeats."""
+        if self.beating:
+            self.set_parameter("FS_GCS_TIMEOUT", GCS_PATIENCE_S)
         self.speedup = HURRY
         self.set_parameter("SIM_SPEEDUP", HURRY)
 
     def cut(self) -> None:
-        """No lease from now on; the station's heartbeats go on. The guard's time-out is the recommended one again."""
+        """No lease from now on; the station's heartbeats go on. The time-outs are the recommended ones again."""
         self.set_parameter("SIM_SPEEDUP", SPEEDUP)
         self.speedup = SPEEDUP
+        self.set_parameter("FS_GCS_TIMEOUT", GCS_TIMEOUT_S)
         self.set_parameter("HNDO_TIMEOUT", 3)
         self.run(0.2)
         self.sending = False

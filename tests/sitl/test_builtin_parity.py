@@ -153,12 +153,11 @@ class Session:
     def until(self, holds: Callable[[], Any], sim_s: float) -> Any:
         """Wait until `holds` gives something, at most `sim_s` of simulated time (and a minute of the wall clock)."""
         end_s, wall_s = self.now_s + sim_s, time.monotonic() + 60
-        while self.now_s < end_s and time.monotonic() < wall_s:
-            found = holds()
-            if found:
-                return found
+        while not (found := holds()):
+            if self.now_s >= end_s or time.monotonic() >= wall_s:
+                raise AssertionError(f"{self.kind}: nothing within {sim_s} s, last texts {self.texts()[-5:]}")
             self.pump()
-        raise AssertionError(f"{self.kind}: nothing within {sim_s} s, last texts {self.texts()[-5:]}")
+        return found
 
     def next(self, kinds: Sequence[str], start: int, sim_s: float = 30.0) -> Any:
         return self.until(lambda: next((m for m in self.heard[start:] if m.get_type() in kinds), None), sim_s)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+import time
 from typing import Any
 
 from mavproxy_handover.core.model import LeaseState
@@ -25,6 +26,7 @@ from tests.sitl.guard_flight import (
     AUTO,
     EXPIRED,
     FAILED,
+    GCS_TIMEOUT_S,
     GUARD,
     GUIDED,
     HURRY,
@@ -95,6 +97,8 @@ def nobody_commands(flight: Flight) -> Outcome:
     said(flight, "HNDO: no authority, RTL")
 
     flight.pace(HURRY)
+    flight.until(lambda: flight.altitude_m < 8, 300, "the descent")
+    time.sleep(1.2 * GCS_TIMEOUT_S / HURRY)  # this computer has something else to do
     landing = landed_at_home(flight)
     assert flight.mode == RTL, flight.texts[-12:]
     assert flight.arm() == FAILED
