@@ -212,11 +212,11 @@ do
 end
 
 -- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
--- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came; aux_ours:
--- the firmware leaves it to the guard; own: the table of ids is as large as the guard has made it; blind: too small for
--- commands; commands: how many of a kind came in this second.
+-- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came that may
+-- have been done; ours_at: since then the firmware leaves it to the guard; own: the table of ids is as large as the guard
+-- has made it; blind: too small for commands; commands: how many of a kind came in this second.
 local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
-            aux_by="", aux_ours=false, own=false, blind=false, commands={}}
+            aux_by="", ours_at=nil, own=false, blind=false, commands={}}
 
 local function clock()
     return millis():toint()
@@ -438,13 +438,15 @@ local function may_be_pilots(reason)
 end
 
 -- Whether the pilot chose the mode that has just been seen: not if a DO_AUX_FUNCTION came up to a second before, or may
--- have been lost because the queue was full.
+-- have been lost because the queue was full. One that is left to the guard does nothing when it is lost: a flood then
+-- keeps no pilot from the aircraft.
 local function judge_pilot()
+    local left_to_us = rx.ours_at and elapsed(craft.before, rx.ours_at) >= MS.AUX
     if rx.blind then
         craft.why_not = "switch undone, rx taken"
     elseif rx.aux_at and elapsed(craft.before, rx.aux_at) < MS.AUX then
         craft.why_not = "DO_AUX of " .. rx.aux_by .. " undone"
-    elseif not rx.ended or (rx.full_at and elapsed(craft.before, rx.full_at) < MS.AUX) then
+    elseif not left_to_us and (not rx.ended or (rx.full_at and elapsed(craft.before, rx.full_at) < MS.AUX)) then
         craft.why_not = "switch undone, rx flooded"
     else
         craft.by_pilot = true
@@ -713,8 +715,8 @@ local function enforce(now)
         observe(now)
         step(now)
     end
-    if craft.flying and enforcement ~= ENFORCEMENT.CALM and not rx.aux_ours and mavlink.block_command then
-        rx.aux_ours = mavlink:block_command(MAV.CMD_AUX_FUNCTION)
+    if craft.flying and enforcement ~= ENFORCEMENT.CALM and not rx.ours_at and mavlink.block_command then
+        rx.ours_at = mavlink:block_command(MAV.CMD_AUX_FUNCTION) and now or nil
     end
 end
 
@@ -987,7 +989,7 @@ local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid
         return 0
     end
     local is_aux = command == MAV.CMD_AUX_FUNCTION
-    local carried_out = is_aux and rx.aux_ours and enforcement == ENFORCEMENT.CALM
+    local carried_out = is_aux and rx.ours_at and enforcement == ENFORCEMENT.CALM
     local count = (rx.commands[command] or 0) + 1
     rx.commands[command] = count
     -- a flood of them must not cost the leases, and each would cost a CRC: what is more than a few is bad by its number
@@ -996,15 +998,18 @@ local function read_command(now, msg, chan, stamp, crc, magic, len, msgid, sysid
         return 1
     end
     if is_aux then
-        rx.aux_at = stamp and stamp:toint() or now
         rx.aux_by = string.format("%d/%d", sysid, compid)
+        local came_at = stamp and stamp:toint() or now
+        if carried_out or not rx.ours_at or not serial_ahead(came_at, rx.ours_at) then
+            rx.aux_at = came_at     -- any other is denied: whoever sends it keeps no pilot from the aircraft
+        end
     end
     if flood then
         return 0
     end
     local result = MAV.RESULT_DENIED
     if is_aux then
-        if not rx.aux_ours then
+        if not rx.ours_at then
             return 1
         end
         result = run_aux_function(msg)

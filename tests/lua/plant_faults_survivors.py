@@ -51,11 +51,13 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "judge: turned: if state == STATE.LOST and before ~= STATE.LOST then": _BEFORE,
     "arming_objection: edge: if tampering.at and elapsed(now, tampering.at) < MS.TAMPER_HOLD then": _MILLISECOND,
     "judge_pilot: edge: elseif rx.aux_at and elapsed(craft.before, rx.aux_at) < MS.AUX then": _MILLISECOND,
-    "judge_pilot: edge: elseif not rx.ended or (rx.full_at and elapsed(craft.before, rx.full_at) < MS.AUX) then": (
-        _MILLISECOND
-    ),
+    "judge_pilot: edge: local left_to_us = rx.ours_at and elapsed(craft.before, rx.ours_at) >= MS.AUX": _MILLISECOND,
+    "judge_pilot: edge: elseif not left_to_us and (not rx.ended or (rx.full_at and "
+    "elapsed(craft.before, rx.full_at) < MS.AUX)) then": _MILLISECOND,
     "observe: always true: if judging then": "a count of calls below zero is as good as zero",
     "observe: one more: craft.unread = craft.unread - 1": _CALL,
+    "observe: one more: if judging and (rx.ended or craft.unread == 0) then": _CALL,
+    "observe: edge: elseif craft.avoided_at and elapsed(now, craft.avoided_at) >= MS.FAILSAFE then": _MILLISECOND,
     "observe: minus: craft.mode, craft.reason, craft.changes, craft.before = "
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
     "observe: one more: craft.mode, craft.reason, craft.changes, craft.before = "
@@ -86,8 +88,8 @@ KNOWN_SURVIVORS: dict[str, str] = {
     'read_frame: edge: if len < MAV.TUNNEL_HEAD_BYTES or string.unpack("<I2", msg, 13) ~= LEASE.TYPE then': (
         "a TUNNEL without content is no lease, refused or not"
     ),
-    "read_command: and: rx.aux_at = stamp and stamp:toint() or now": "the instant of reading, a call later",
-    "read_command: or: rx.aux_at = stamp and stamp:toint() or now": _BOXED,
+    "read_command: and: local came_at = stamp and stamp:toint() or now": "the instant of reading, a call later",
+    "read_command: or: local came_at = stamp and stamp:toint() or now": _BOXED,
     "read_command: one more: return 1": _WORK,
     "read_command: one more: return 1 (number 2)": _WORK,
     "read_command: one more: return 1 (number 3)": _WORK,

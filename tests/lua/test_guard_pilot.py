@@ -18,6 +18,7 @@ from tests.lua.stub import (
     LAND,
     LANDING,
     LOITER,
+    ORDERING,
     PILOT,
     RETURNING,
     RTL,
@@ -38,6 +39,14 @@ def bench() -> Bench:
     return bench
 
 
+@pytest.fixture
+def unblocked() -> Bench:
+    """Firmware that leaves no command to a script: during a loss it does every DO_AUX_FUNCTION at once."""
+    bench = Bench(absent=["mavlink.block_command"])
+    bench.vehicle.rc = True
+    return bench
+
+
 def going_home(bench: Bench) -> Bench:
     bench.fly(AUTO)
     bench.lose_lease()
@@ -47,6 +56,11 @@ def going_home(bench: Bench) -> Bench:
     bench.vehicle.texts.clear()
     bench.vehicle.mode_requests.clear()
     return bench
+
+
+def fill(bench: Bench, frames: int = 30) -> None:
+    for _ in range(frames):
+        bench.hear()
 
 
 class TestRadio:
@@ -156,6 +170,10 @@ class TestThrottleEscape:
 class TestAuxFunction:
     """DO_AUX_FUNCTION changes the mode with the pilot's reason: 53, on 4.5 the mode switch's 1."""
 
+    @pytest.fixture
+    def bench(self, unblocked: Bench) -> Bench:
+        return unblocked
+
     @pytest.mark.parametrize("reason", [BY_AUX, BY_RC])
     @pytest.mark.parametrize("shape", ["long", "int", "long in MAVLink 1", "int in MAVLink 1"])
     def test_of_a_station_is_undone_and_the_sender_named(self, bench: Bench, shape: str, reason: int) -> None:
@@ -168,7 +186,7 @@ class TestAuxFunction:
         bench.until(lambda: bench.vehicle.mode == RTL, 200)
         bench.run(5000)
         assert bench.vehicle.mode_requests == [RTL]
-        assert bench.texts == ["HNDO: DO_AUX of 66/190 denied", "HNDO: lease lost, DO_AUX of 66/190 undone"]
+        assert bench.texts == ["HNDO: lease lost, DO_AUX of 66/190 undone"]
 
     @pytest.mark.parametrize("delay_ms", [0, 10, 200, 900])
     def test_it_may_act_later(self, bench: Bench, delay_ms: int) -> None:
@@ -361,25 +379,117 @@ class TestAuxFunctionDuringALoss:
         assert bench.vehicle.mode == RTL
 
 
+class TestNobodyKeepsThePilotOut:
+    """Once it is left to the guard, no DO_AUX_FUNCTION and no flood takes the aircraft from a pilot."""
+
+    def test_not_one_whose_orders_are_denied(self, bench: Bench) -> None:
+        going_home(bench)
+        bench.run(1000)
+        for number in range(100):
+            bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+            if number == 50:
+                bench.pilot_chooses(STABILIZE, BY_AUX)
+            bench.run(30)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT, [])
+        assert "HNDO: DO_AUX of 66/190 denied" in bench.texts
+
+    @pytest.mark.parametrize("mode", [STABILIZE, LAND])
+    def test_not_one_who_fills_the_queue(self, bench: Bench, mode: int) -> None:
+        going_home(bench)
+        bench.run(1000)
+        for number in range(100):
+            fill(bench)
+            if number == 50:
+                bench.pilot_chooses(mode)
+            bench.run(10)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT if mode == STABILIZE else LANDING, [])
+
+    @pytest.mark.parametrize(("after_ms", "believed"), [(300, False), (900, False), (1200, True)])
+    def test_what_the_queue_lost_before_may_act_for_a_second(self, bench: Bench, after_ms: int, believed: bool) -> None:
+        """The way back to the mode of the switch is debounced."""
+        bench.fly(AUTO)
+        bench.lose_lease()
+        while bench.vehicle.mode != RTL:
+            fill(bench)
+            bench.run(10)
+        bench.vehicle.mode_requests.clear()
+        for number in range(200):
+            if number == after_ms // 10:
+                bench.pilot_chooses(STABILIZE)
+            fill(bench)
+            bench.run(10)
+        assert bench.vehicle.mode_requests == ([] if believed else [RTL])
+        assert ("HNDO: lease lost, switch undone, rx flooded" in bench.texts) is not believed
+
+    @pytest.mark.parametrize("delay_ms", [0, 200, 900])
+    def test_an_order_that_the_firmware_did_just_before(self, bench: Bench, delay_ms: int) -> None:
+        """It stands in the queue until after the loss."""
+        bench.fly(AUTO)
+        lost_ms = bench.lose_lease()
+        bench.until(lambda: bench.vehicle.now_ms >= lost_ms + 2980)
+        bench.run(0)
+        bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
+        bench.run(delay_ms)
+        bench.pilot_chooses(STABILIZE, BY_AUX)
+        bench.run(300)
+        assert bench.vehicle.mode == RTL
+        assert bench.enforcement == RETURNING
+        assert "HNDO: lease lost, pilot flies" not in bench.texts
+
+    def test_an_order_that_the_guard_did_itself_makes_no_pilot(self, bench: Bench) -> None:
+        """For the commander, with authority back."""
+        going_home(bench)
+        bench.sending = True
+        bench.run(2000)
+        bench.receive(command_frame(DO_AUX_FUNCTION, values=(56.0, 2.0)))
+        bench.run(20)
+        bench.pilot_chooses(LOITER, BY_AUX)
+        bench.run(5000)
+        assert bench.vehicle.aux_functions == [(56, 2)]
+        bench.lose_lease()
+        bench.run(4000)
+        assert bench.vehicle.mode == RTL
+
+    def test_a_stations_mode_is_not_the_pilots_for_that(self, bench: Bench) -> None:
+        going_home(bench)
+        bench.run(1500)
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_GCS
+        bench.run(200)
+        assert (bench.vehicle.mode, bench.texts) == (RTL, ["HNDO: lease lost, command undone"])
+
+    def test_nor_is_one_that_comes_while_the_pilots_switch_is_judged(self, bench: Bench) -> None:
+        """And cannot be undone."""
+        going_home(bench)
+        bench.vehicle.refused_modes = {RTL}
+        bench.run(1500)
+        bench.until(lambda: bench.scripting.next_run_ms() == bench.vehicle.now_ms + 50)
+        fill(bench, 20)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(50)
+        bench.vehicle.mode, bench.vehicle.reason = LOITER, BY_GCS
+        bench.run(200)
+        assert (bench.enforcement, bench.texts) == (ORDERING, ["HNDO: lease lost, RTL refused"])
+
+
 class TestLanding:
     """A landing takes nothing home: it is a pilot's, the companion's or a failsafe's, or undone."""
 
     @pytest.mark.parametrize("reason", [BY_AUX, BY_RC])
-    def test_by_a_stations_function_is_undone(self, bench: Bench, reason: int) -> None:
-        going_home(bench)
-        bench.receive(command_frame(DO_AUX_FUNCTION, values=(18.0, 2.0)), channel=2)
-        bench.pilot_chooses(LAND, reason)
-        bench.run(200)
-        assert bench.vehicle.mode == RTL
-        assert bench.texts[-1] == "HNDO: lease lost, DO_AUX of 66/190 undone"
+    def test_by_a_stations_function_is_undone(self, unblocked: Bench, reason: int) -> None:
+        going_home(unblocked)
+        unblocked.receive(command_frame(DO_AUX_FUNCTION, values=(18.0, 2.0)), channel=2)
+        unblocked.pilot_chooses(LAND, reason)
+        unblocked.run(200)
+        assert unblocked.vehicle.mode == RTL
+        assert unblocked.texts[-1] == "HNDO: lease lost, DO_AUX of 66/190 undone"
 
-    def test_of_auto_by_a_stations_function_is_undone(self, bench: Bench) -> None:
-        going_home(bench)
-        bench.receive(command_frame(DO_AUX_FUNCTION, values=(16.0, 2.0)), channel=2)
-        bench.vehicle.landing = True
-        bench.pilot_chooses(AUTO, BY_AUX)
-        bench.run(200)
-        assert bench.vehicle.mode == RTL
+    def test_of_auto_by_a_stations_function_is_undone(self, unblocked: Bench) -> None:
+        going_home(unblocked)
+        unblocked.receive(command_frame(DO_AUX_FUNCTION, values=(16.0, 2.0)), channel=2)
+        unblocked.vehicle.landing = True
+        unblocked.pilot_chooses(AUTO, BY_AUX)
+        unblocked.run(200)
+        assert unblocked.vehicle.mode == RTL
 
     def test_by_a_switch_is_the_pilots(self, bench: Bench) -> None:
         going_home(bench).pilot_chooses(LAND)
@@ -392,17 +502,17 @@ class TestLanding:
         bench.run(200)
         assert bench.vehicle.mode == RTL
 
-    def test_is_not_taken_for_one_before_the_queue_is_read(self, bench: Bench) -> None:
-        going_home(bench)
-        bench.until(lambda: bench.scripting.next_run_ms() == bench.vehicle.now_ms + 50)
+    def test_is_not_taken_for_one_before_the_queue_is_read(self, unblocked: Bench) -> None:
+        going_home(unblocked)
+        unblocked.until(lambda: unblocked.scripting.next_run_ms() == unblocked.vehicle.now_ms + 50)
         for _ in range(20):
-            bench.hear()
-        bench.receive(command_frame(DO_AUX_FUNCTION, values=(18.0, 2.0)), channel=2)
-        bench.pilot_chooses(LAND, BY_AUX)
-        bench.run(50)
-        assert bench.enforcement == RETURNING
-        bench.run(50)
-        assert bench.vehicle.mode == RTL
+            unblocked.hear()
+        unblocked.receive(command_frame(DO_AUX_FUNCTION, values=(18.0, 2.0)), channel=2)
+        unblocked.pilot_chooses(LAND, BY_AUX)
+        unblocked.run(50)
+        assert unblocked.enforcement == RETURNING
+        unblocked.run(50)
+        assert unblocked.vehicle.mode == RTL
 
     def test_found_at_the_loss_is_left_whoever_chose_it(self, bench: Bench) -> None:
         bench.fly(AUTO)
@@ -415,16 +525,16 @@ class TestLanding:
 
 
 class TestFullQueue:
-    """A full queue may have lost a DO_AUX_FUNCTION: nobody is believed then, and for a second."""
+    """It may have lost a DO_AUX_FUNCTION that the firmware does: nobody is believed then, and for a second."""
 
-    def fill(self, bench: Bench, frames: int = 30) -> None:
-        for _ in range(frames):
-            bench.hear()
+    @pytest.fixture
+    def bench(self, unblocked: Bench) -> Bench:
+        return unblocked
 
     def test_a_switch_in_a_flood_is_undone(self, bench: Bench) -> None:
         going_home(bench)
         for number in range(60):
-            self.fill(bench)
+            fill(bench)
             if number == 30:
                 bench.pilot_chooses(STABILIZE)
             bench.run(10)
@@ -434,7 +544,7 @@ class TestFullQueue:
 
     def test_a_command_that_a_full_queue_has_lost(self, bench: Bench) -> None:
         going_home(bench)
-        self.fill(bench, 25)
+        fill(bench, 25)
         assert not bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
         bench.pilot_chooses(STABILIZE, BY_AUX)
         bench.run(300)
@@ -442,16 +552,16 @@ class TestFullQueue:
 
     def test_the_command_is_found_behind_others(self, bench: Bench) -> None:
         going_home(bench)
-        self.fill(bench, 20)
+        fill(bench, 20)
         bench.receive(command_frame(DO_AUX_FUNCTION), channel=2)
         bench.pilot_chooses(STABILIZE, BY_AUX)
         bench.run(300)
         assert bench.vehicle.mode == RTL
-        assert bench.texts == ["HNDO: DO_AUX of 66/190 denied", "HNDO: lease lost, DO_AUX of 66/190 undone"]
+        assert bench.texts == ["HNDO: lease lost, DO_AUX of 66/190 undone"]
 
     def test_a_busy_queue_is_no_full_one(self, bench: Bench) -> None:
         going_home(bench)
-        self.fill(bench, 20)
+        fill(bench, 20)
         bench.pilot_chooses(STABILIZE)
         bench.run(5000)
         assert bench.vehicle.mode_requests == []
@@ -459,7 +569,7 @@ class TestFullQueue:
     def test_a_second_after_the_flood_a_pilot_is_believed(self, bench: Bench) -> None:
         going_home(bench)
         for _ in range(20):
-            self.fill(bench)
+            fill(bench)
             bench.run(10)
         bench.run(1200)
         bench.pilot_chooses(STABILIZE)
@@ -468,7 +578,7 @@ class TestFullQueue:
 
     def test_a_flood_of_long_ago_does_not_count_when_the_clock_has_gone_half_way_round(self, bench: Bench) -> None:
         bench.fly(AUTO)
-        self.fill(bench)
+        fill(bench)
         bench.run(15_000)
         bench.vehicle.now_ms += 0x90000000
         bench.with_lease()
