@@ -94,9 +94,11 @@ class TestGcsIdFollowsTheCommander:
         assert bench.vehicle.parameters["MAV_GCS_SYSID"] == 251.0
         assert not bench.status.flags & TAMPERED
 
-    def test_nobody_is_never_written(self, bench: Bench) -> None:
+    @pytest.mark.parametrize("state", [HELD, TRANSFER, LOST, RECOVERING])
+    def test_nobody_is_never_written(self, bench: Bench, state: int) -> None:
+        """A lease without a commander is never live, whatever state it claims."""
         bench.with_lease()
-        bench.companion.state, bench.companion.commander, bench.companion.epoch = LOST, 0, 8
+        bench.companion.state, bench.companion.commander, bench.companion.epoch = state, 0, 8
         bench.run(2000)
         assert bench.vehicle.parameters["MAV_GCS_SYSID"] == 251.0
 
@@ -447,6 +449,14 @@ class TestSurvival:
             bench.receive(command_frame(MAV_CMD_SCRIPTING), channel=2)
             bench.run(10)
         assert 10 <= len([chan for chan, msgid, _ in bench.vehicle.messages if msgid == COMMAND_ACK]) <= 20
+
+    def test_the_eleventh_within_a_second_is_not_answered(self, bench: Bench) -> None:
+        seen = len(bench.vehicle.records)
+        bench.until(lambda: len(bench.vehicle.records) > seen)  # the second begins
+        for _ in range(20):
+            bench.receive(command_frame(MAV_CMD_SCRIPTING), channel=2)
+            bench.run(20)
+        assert len([chan for chan, msgid, _ in bench.vehicle.messages if msgid == COMMAND_ACK]) == 10
 
     def test_a_few_in_a_row_are_answered_each(self, bench: Bench) -> None:
         for _ in range(5):
