@@ -543,6 +543,12 @@ class TestStationDuringTheLoss:
         bench.run(1000)
         assert {record["En"] for _, record in bench.vehicle.records[-2:]} == {RETURNING}
 
+    def test_and_is_a_return_in_the_same_call(self, bench: Bench) -> None:
+        lost_in_flight(bench)
+        bench.vehicle.mode, bench.vehicle.reason = GUIDED, BY_GCS
+        bench.until(lambda: in_rtl(bench))
+        assert bench.enforcement == RETURNING
+
     def test_in_the_moment_after_rtl_was_set_as_well(self, bench: Bench) -> None:
         bench.fly()
         bench.lose_lease()
