@@ -1,18 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The geofence of a plan, judged as ArduPilot judges it: inside every inclusion, outside every exclusion."""
+"""The geofence of a plan, judged as ArduPilot judges it: inside every inclusion, outside every exclusion.
+
+`outside_fence` judges one place; `Fence` is prepared to be asked again and again, for places and for straight ways.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from typing import Protocol
 
 import shapely
-from shapely.geometry import Polygon
+from shapely.geometry import LineString, Polygon
 
-from mavproxy_handover.mission.geodesy import beside_deg, distance_m
-from mavproxy_handover.mission.plan import FenceCircle, FencePart
+from mavproxy_handover.mission.geodesy import beside_deg, distance_m, east_north_m, wrap_longitude_deg
+from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon
 
-__all__ = ["outside_fence"]
+__all__ = ["Fence", "outside_fence"]
+
+#: latitude and longitude, degrees
+Place = tuple[float, float]
 
 
 def outside_fence(fence: Iterable[FencePart], lat_deg: float, lon_deg: float) -> bool:
@@ -21,8 +29,84 @@ def outside_fence(fence: Iterable[FencePart], lat_deg: float, lon_deg: float) ->
 
 
 def _inside(part: FencePart, lat: float, lon: float) -> bool:
-    if isinstance(part, FenceCircle):
-        return distance_m(lat, lon, part.lat_deg, part.lon_deg) < part.radius_m
-    first = part.corners[0][1]  # the fence may lie across the 180th meridian
-    outline = Polygon([(beside_deg(corner_lon, first), corner_lat) for corner_lat, corner_lon in part.corners])
-    return bool(shapely.contains_xy(outline, beside_deg(lon, first), lat))
+    return _shape(part).holds((lat, lon))
+
+
+class _Shape(Protocol):
+    """One part of a fence."""
+
+    def holds(self, place: Place) -> bool:
+        """Whether a place is inside of it."""
+        ...
+
+    def holds_way(self, start: Place, end: Place) -> bool:
+        """Whether the straight way is, all of it."""
+        ...
+
+    def meets_way(self, start: Place, end: Place) -> bool:
+        """Whether any of it is."""
+        ...
+
+
+class _CircleShape:
+    def __init__(self, circle: FenceCircle) -> None:
+        self._centre, self._radius_m = (circle.lat_deg, circle.lon_deg), circle.radius_m
+
+    def holds(self, place: Place) -> bool:
+        return distance_m(*place, *self._centre) < self._radius_m
+
+    def holds_way(self, start: Place, end: Place) -> bool:
+        return self.holds(start) and self.holds(end)
+
+    def meets_way(self, start: Place, end: Place) -> bool:
+        east, north = east_north_m(*self._centre, *start)
+        to_east, to_north = east_north_m(*self._centre, *end)
+        dx, dy = to_east - east, to_north - north
+        length = dx * dx + dy * dy
+        part = 0.0 if length == 0.0 else min(1.0, max(0.0, -(east * dx + north * dy) / length))
+        return math.hypot(east + part * dx, north + part * dy) < self._radius_m
+
+
+class _PolygonShape:
+    def __init__(self, polygon: FencePolygon) -> None:
+        self._first = polygon.corners[0][1]  # the fence may lie across the 180th meridian
+        corners = [(beside_deg(lon, self._first), lat) for lat, lon in polygon.corners]
+        self._outline = Polygon(corners)
+        shapely.prepare(self._outline)
+
+    def holds(self, place: Place) -> bool:
+        return bool(shapely.contains_xy(self._outline, beside_deg(place[1], self._first), place[0]))
+
+    def holds_way(self, start: Place, end: Place) -> bool:
+        return bool(shapely.contains(self._outline, self._line(start, end)))
+
+    def meets_way(self, start: Place, end: Place) -> bool:
+        return bool(shapely.intersects(self._outline, self._line(start, end)))
+
+    def _line(self, start: Place, end: Place) -> LineString:
+        lon = beside_deg(start[1], self._first)
+        return LineString([(lon, start[0]), (lon + wrap_longitude_deg(end[1] - start[1]), end[0])])
+
+
+def _shape(part: FencePart) -> _Shape:
+    return _CircleShape(part) if isinstance(part, FenceCircle) else _PolygonShape(part)
+
+
+class Fence:
+    """A geofence; one without parts holds everything."""
+
+    def __init__(self, parts: Iterable[FencePart]) -> None:
+        self._inclusions: list[_Shape] = []
+        self._exclusions: list[_Shape] = []
+        for part in parts:
+            (self._inclusions if part.inclusion else self._exclusions).append(_shape(part))
+
+    def holds(self, place: Place) -> bool:
+        """Whether a place keeps to it."""
+        held = all(shape.holds(place) for shape in self._inclusions)
+        return held and not any(shape.holds(place) for shape in self._exclusions)
+
+    def holds_way(self, start: Place, end: Place) -> bool:
+        """Whether the straight way does, from one place to another one."""
+        held = all(shape.holds_way(start, end) for shape in self._inclusions)
+        return held and not any(shape.meets_way(start, end) for shape in self._exclusions)

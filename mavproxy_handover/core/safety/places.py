@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Where a return goes: home, a rally point, or the place where the mission lands; chosen before it is needed.
+
+Theory of operation
+-------------------
+A place has facts (`PlaceFact`), made elsewhere: what coming down there leaves in the battery, whether the way and the
+place are inside the fence, whose zones hold them, how long it takes. `Standing` puts them in the order in which they
+count, and `best` is the place that stands highest, the soonest of those that stand alike:
+
+1. The place itself is inside the fence: ArduCopter passes over any other in silence, and goes home.
+2. It is reached with the reserve left; or else with what the reserve is there for.
+3. Climb, way and descent are inside the fence.
+4. Coverage: a station that could take the aircraft covers the place, and one or another of them all the way to it.
+
+So what is reachable, inside the fence and covered is never passed over for what is not. What is not known of energy
+counts as reachable: all places are alike in that, and to land where it is is no better.
+
+`PlaceChooser` keeps the choice, and changes it when a fact changes, not when a number trembles. Each yes or no that
+measured numbers stand behind has to be wrong for a while to count as wrong, and right for longer to count as right
+again; what flickers stays what it was, or wrong. A place that stands as high has to be clearly sooner. A station that
+falls away counts at once, for it was silent for seconds already, and is one again after a while.
+
+What returns already has no use for a place that is only sooner: its choice changes for one that stands higher, and
+near its end not at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence, Set
+from dataclasses import dataclass
+from enum import IntEnum
+from math import inf, isfinite
+from typing import Final, NamedTuple
+
+__all__ = ["Choice", "PlaceChooser", "PlaceFact", "Reach", "Standing", "best", "standing"]
+
+#: a yes that is a no for so long (s) is a no, and a no that is a yes for so long a yes again
+WORSE_S: Final = 2.5
+BETTER_S: Final = 20.0
+#: a longer pause between two looks counts for no more than this
+_MOST_S: Final = 2.0
+#: what is as good has to be there in this part of the time, less so many seconds
+SOONER_PART, SOONER_S = 0.8, 5.0
+#: a return that is as near as this to its end (m) ends there
+NEAR_M: Final = 100.0
+
+
+class Reach(IntEnum):
+    """How far the energy goes."""
+
+    NO = 0  #: it does not
+    RESERVE = 1  #: with a part of the reserve
+    YES = 2  #: and the reserve is left; or nothing is known of it
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceFact:
+    """What is known of one place from where the aircraft is.
+
+    `time_s` until it is on the ground there, infinite where the wind does not let it be flown. `margin_wh`: what is
+    left beyond need and reserve, `spare_wh`: beyond the need alone; both None where that is not known. `needs` and
+    `left` are parts of the battery, for people. `inside`: the place is inside the fence; `way_inside`: so are climb,
+    way and descent. `there`: system ids of the stations whose zones hold the place; `way`: the different sets of them
+    that the way to it goes through.
+    """
+
+    name: str
+    distance_m: float
+    time_s: float
+    margin_wh: float | None = None
+    spare_wh: float | None = None
+    needs: float | None = None
+    left: float | None = None
+    inside: bool = True
+    way_inside: bool = True
+    there: frozenset[int] = frozenset()
+    way: frozenset[frozenset[int]] = frozenset()
+
+    @property
+    def reach(self) -> Reach:
+        """Whether the energy that is left takes it there."""
+        if not isfinite(self.time_s):
+            return Reach.NO
+        if self.margin_wh is None or self.margin_wh > 0.0:
+            return Reach.YES
+        return Reach.RESERVE if self.spare_wh is not None and self.spare_wh >= 0.0 else Reach.NO
+
+    def covered(self, usable: Set[int]) -> bool:
+        """Whether stations that could take the aircraft, `usable`, cover the place and every part of the way."""
+        return not self.there.isdisjoint(usable) and all(not part.isdisjoint(usable) for part in self.way)
+
+
+class Standing(NamedTuple):
+    """How good a place is, the heaviest first: of two standings the greater one is the better place."""
+
+    inside: bool
+    reach: Reach
+    way_inside: bool
+    covered: bool
+
+    @property
+    def reachable(self) -> bool:
+        """A return that begins now gets there: it would be flown to, and the energy lasts."""
+        return self.inside and self.reach is not Reach.NO
+
+
+def standing(place: PlaceFact, usable: Set[int]) -> Standing:
+    """How good a place is by the facts of this moment."""
+    return Standing(place.inside, place.reach, place.way_inside, place.covered(usable))
+
+
+def best(places: Iterable[PlaceFact], usable: Set[int]) -> PlaceFact | None:
+    """The best place by the facts of this moment, the first one of those that are alike; None if there is none."""
+    return max(places, key=lambda place: (standing(place, usable), -place.time_s), default=None)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The place where a return goes now, how it stands, and who covers it there of those that could take the
+    aircraft."""
+
+    place: PlaceFact
+    standing: Standing
+    covered_by: tuple[int, ...]
+
+    @property
+    def reachable(self) -> bool:
+        """The energy lasts for it, and the autopilot would fly there."""
+        return self.standing.reachable
+
+    def words(self, name: Callable[[int], str]) -> str:
+        """Place and figures for people: "rally 2: 1.9 km, needs 21 % of 38 %, covered by GCSA". `name` of a station."""
+        place, far = self.place, self.place.distance_m
+        parts = [f"{far / 1000.0:.1f} km" if far >= 1000.0 else f"{far:.0f} m"]
+        if not isfinite(place.time_s):
+            parts.append("the wind does not let it be flown")
+        elif place.needs is not None and place.left is not None:
+            parts.append(f"needs {place.needs:.0%} of {place.left:.0%}".replace("%", " %"))
+        if self.standing.reach is Reach.NO:
+            parts.append("OUT OF REACH")
+        if not self.standing.inside:
+            parts.append("outside the fence")
+        elif not self.standing.way_inside:
+            parts.append("the way leaves the fence")
+        if self.standing.covered:
+            parts.append(f"covered by {', '.join(map(name, self.covered_by))}")
+        else:
+            parts.append("not covered" if not self.covered_by else "not covered on the way")
+        return f"{place.name}: {', '.join(parts)}"
+
+
+class _Steady:
+    """A yes or no that does not flicker."""
+
+    __slots__ = ("_level_s", "value")
+
+    def __init__(self, value: bool) -> None:
+        self.value = value
+        self._level_s = BETTER_S if value else 0.0
+
+    def look(self, value: bool, passed_s: float) -> bool:
+        """It is that now, `passed_s` after the last look; returns what it counts as."""
+        change_s = passed_s if value else -passed_s * BETTER_S / WORSE_S
+        self._level_s = min(BETTER_S, max(0.0, self._level_s + change_s))
+        if self._level_s in (0.0, BETTER_S):
+            self.value = self._level_s > 0.0
+        return self.value
+
+
+class _Record:
+    """What one place counts as."""
+
+    __slots__ = ("_covered", "_full", "_inside", "_some", "_way")
+
+    def __init__(self, now: Standing) -> None:
+        self._inside, self._way = _Steady(now.inside), _Steady(now.way_inside)
+        self._full, self._some = _Steady(now.reach is Reach.YES), _Steady(now.reach is not Reach.NO)
+        self._covered = _Steady(now.covered)
+
+    def look(self, now: Standing, passed_s: float, *, others: bool) -> Standing:
+        """How it stands now by the facts; returns how it counts. `others`: other stations could take the aircraft."""
+        if others:
+            self._covered = _Steady(now.covered)
+        full = self._full.look(now.reach is Reach.YES, passed_s)
+        some = self._some.look(now.reach is not Reach.NO, passed_s)
+        return Standing(
+            self._inside.look(now.inside, passed_s),
+            Reach.YES if full and some else Reach.RESERVE if some else Reach.NO,
+            self._way.look(now.way_inside, passed_s),
+            self._covered.look(now.covered, passed_s),
+        )
+
+
+class PlaceChooser:
+    """The choice in force. Times are monotonic seconds; not safe for threads."""
+
+    __slots__ = ("_looked_at", "_name", "_records", "_since", "_usable")
+
+    def __init__(self) -> None:
+        self._name: str | None = None
+        self._records: dict[str, _Record] = {}
+        self._looked_at = -inf
+        #: stations that could take the aircraft, as they count
+        self._usable: frozenset[int] = frozenset()
+        #: since when each one could: from the beginning (-inf), since it came back, or not now (inf)
+        self._since: dict[int, float] = {}
+
+    def adopt(self, name: str) -> None:
+        """This is where a return goes already, whoever chose it."""
+        self._name = name
+
+    def choose(
+        self, places: Sequence[PlaceFact], usable: Set[int], now: float, *, returning: bool = False, fixed: bool = False
+    ) -> Choice | None:
+        """The choice by the facts of this moment; None without a place.
+
+        `usable`: stations that could take the aircraft. `returning`: it is on its way to the place chosen already.
+        `fixed`: nothing may change.
+        """
+        others = self._count(usable, now)
+        passed_s = min(_MOST_S, max(0.0, now - self._looked_at))
+        self._looked_at = now
+        found: dict[str, tuple[PlaceFact, Standing]] = {}
+        for place in places:
+            raw = standing(place, self._usable)
+            record = self._records.get(place.name)
+            if record is None:
+                record = self._records[place.name] = _Record(raw)
+            found[place.name] = place, record.look(raw, passed_s, others=others)
+        self._records = {name: record for name, record in self._records.items() if name in found}
+        if not found:
+            self._name = None
+            return None
+        first, top = max(found.values(), key=lambda entry: (entry[1], -entry[0].time_s))
+        held = None if self._name is None else found.get(self._name)
+        if held is None or (not fixed and _goes_over(held, (first, top), returning=returning)):
+            held = first, top
+        place, counts = held
+        self._name = place.name
+        return Choice(place, counts, tuple(sorted(place.there & self._usable)))
+
+    def _count(self, usable: Set[int], now: float) -> bool:
+        """Take in who could take the aircraft; whether others count now than at the last look."""
+        before = self._usable
+        for station in usable:
+            since = self._since.get(station, -inf)  # the first time it counts at once
+            self._since[station] = now if since == inf else since
+        for station in self._since.keys() - usable:
+            self._since[station] = inf
+        self._usable = frozenset(station for station in usable if now - self._since[station] >= BETTER_S)
+        return self._usable != before
+
+
+def _goes_over(held: tuple[PlaceFact, Standing], other: tuple[PlaceFact, Standing], *, returning: bool) -> bool:
+    """Whether a return goes to the other place from now on."""
+    (place, counts), (candidate, better) = held, other
+    if returning and place.distance_m < NEAR_M:
+        return False
+    if better != counts:
+        return better > counts
+    return not returning and candidate.time_s < SOONER_PART * place.time_s - SOONER_S
