@@ -43,6 +43,7 @@ from mavproxy_handover.core.events import (
     GuardSeen,
     LinkJudged,
     MissionLoaded,
+    PlaceJudged,
     PositionSeen,
     Record,
     SignsSeen,
@@ -174,6 +175,16 @@ class Arbiter:
         """Why this station could not be a partner now; None if it could."""
         return self._candidates.unfit(station, now)
 
+    def usable(self, now: float) -> frozenset[int]:
+        """Stations that have the aircraft or could take it: the commander while it is heard, and who could be partner.
+
+        Where the aircraft is plays no part: that is for whoever asks.
+        """
+        authority = self._authority
+        fit = {station for station in self._presence if self.unfit(station, now) is None}
+        owner = set() if authority.owner is None else {authority.owner}
+        return frozenset(fit - owner if authority.lost else fit | owner)
+
     def start_needs(self, station: int, now: float) -> tuple[str, ...]:
         """What START from this station still lacks, in words; empty when the aircraft may take off."""
         return self._start.needs(station, now)
@@ -207,6 +218,8 @@ class Arbiter:
                 self._on_guard(event, now, actions)
             case SignsSeen():
                 self._lookout.told = event
+            case PlaceJudged():
+                self._lookout.place = event
             case EnergyJudged():
                 self._flight.energy_short = event.shortfall
             case MissionLoaded():

@@ -29,6 +29,7 @@ __all__ = [
     "LinkJudged",
     "MissionLoaded",
     "NotifyOwner",
+    "PlaceJudged",
     "PositionSeen",
     "Record",
     "Send",
@@ -116,6 +117,18 @@ class SignsSeen:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaceJudged:
+    """Where a return goes now, by name, and whether it gets there with the energy left: it counts until the next one.
+
+    `words`: place and figures for people, as in "rally 2: 1.9 km, needs 21 % of 38 %, covered by GCSA".
+    """
+
+    name: str
+    reachable: bool
+    words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class MissionLoaded:
     """The mission package was written to the autopilot, read back and found equal.
 
@@ -196,6 +209,7 @@ Event = (
     | GuardSeen
     | EnergyJudged
     | SignsSeen
+    | PlaceJudged
     | MissionLoaded
     | StartRequested
     | TakeOffPassed

@@ -503,6 +503,7 @@ class Packer:
             _flight=_Shared(),
             _limits=the_limits,
             held_at=_Time(limits.hold_s),
+            place=_Fixed(lambda: None),
             seen=plain,
             told=plain,
         )

@@ -15,7 +15,7 @@ from math import inf
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.events import SignsSeen
+from mavproxy_handover.core.events import PlaceJudged, SignsSeen
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Reason
@@ -31,7 +31,18 @@ _NO_WATCH = (GuardState.SILENT, GuardState.DISABLED)
 class Lookout:
     """Looks at authority, stations and aircraft. Times are monotonic seconds."""
 
-    __slots__ = ("_around", "_authority", "_candidates", "_ended_in", "_flight", "_limits", "held_at", "seen", "told")
+    __slots__ = (
+        "_around",
+        "_authority",
+        "_candidates",
+        "_ended_in",
+        "_flight",
+        "_limits",
+        "held_at",
+        "place",
+        "seen",
+        "told",
+    )
 
     def __init__(self, authority: Authority, flight: Flight, candidates: Candidates, limits: Limits) -> None:
         self._authority = authority
@@ -46,6 +57,8 @@ class Lookout:
         self.held_at = -inf
         #: what the edge has seen by itself
         self.told = SignsSeen()
+        #: where a return goes; None while nobody has said
+        self.place: PlaceJudged | None = None
         #: the signs of the last look
         self.seen: frozenset[Cause] = frozenset()
 
@@ -115,7 +128,7 @@ class Lookout:
         """What else a decision rests on now."""
         authority, flight, transfer = self._authority, self._flight, self._authority.transfer
         hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
-        found = {Fact.PLACE}
+        found = {Fact.PLACE} if self.place is None or self.place.reachable else set()
         if flight.flying:
             found.add(Fact.FLYING)
         if flight.autopilot_alive(now):

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, GuardSeen, LinkJudged, SignsSeen
+from mavproxy_handover.core.events import Fly, GuardSeen, LinkJudged, PlaceJudged, SignsSeen
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, GuardState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -268,6 +268,24 @@ class TestWhatTheEdgeSees:
         bench.run(10.0)
         assert bench.flights() == []
 
+    def test_where_no_place_is_in_reach_it_lands(self) -> None:
+        bench = mission()
+        bench.give(PlaceJudged("home", False))
+        bench.run(5.0)
+        assert bench.flights() == [], "that by itself is no reason to do anything"
+        bench.give(SignsSeen(energy=True))
+        bench.run(2.0)
+        assert bench.flights() == [Fly(FlightAction.LAND, Reason.ENERGY)]
+
+    def test_a_place_that_falls_out_of_reach_on_the_way_there_is_not_flown_to_any_more(self) -> None:
+        bench = mission()
+        bench.give(PlaceJudged("rally 1", True))
+        bench.give(SignsSeen(energy=True))
+        bench.run(2.0)
+        bench.give(PlaceJudged("rally 1", False))
+        bench.run(1.0)
+        assert [action.action for action in bench.flights()] == [FlightAction.RETURN, FlightAction.LAND]
+
     def test_off_its_route_is_told(self) -> None:
         bench = mission()
         bench.give(SignsSeen(off_route=True))
@@ -322,3 +340,15 @@ def test_far_from_everything_nothing_ends_ahead() -> None:
     bench.position(*far(A, B))
     bench.run(0.5)
     assert bench.flights() == []
+
+
+def test_who_could_take_the_aircraft_is_the_commander_and_who_is_fit_to_be_partner() -> None:
+    bench = mission(None, B)
+    bench.run(2.0)
+    assert bench.arbiter.usable(bench.now) == {A, B}
+    bench.alive = {B}
+    bench.run(7.0)
+    assert bench.arbiter.usable(bench.now) == {B}, "a commander that is silent could not"
+    bench.alive = set()
+    bench.run(7.0)
+    assert bench.arbiter.usable(bench.now) == frozenset()
