@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.gate.mission_items import item_message, item_of
 from mavproxy_handover.mission.items import FRAME_ABOVE_SEA, MissionItem, RallyPoint, difference
 from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
@@ -34,8 +35,6 @@ _WORDS: Final = {_MISSION: "mission", _FENCE: "geofence", _RALLY: "rally points"
 _OUT_OF_TURN = mavlink.MAV_MISSION_INVALID_SEQUENCE
 #: tries at a mission that the autopilot has no room for, two seconds apart
 _PATIENCE: Final = 5
-#: frames that differ only in the integer form of their name
-_INT_FRAMES: Final = {5: 0, 6: 3, 11: 10}
 
 
 class AutopilotError(NoAnswer):
@@ -112,27 +111,9 @@ class MissionProtocol:
         while answer.get_type() != "MISSION_ACK":
             if answer.seq >= len(items):
                 raise AutopilotError(f"the autopilot asks for {_WORDS[kind]} item {answer.seq} of {len(items)}")
-            message = self._item_message(items[answer.seq], kind)
+            message = item_message(items[answer.seq], self._target, kind)
             answer = yield Ask(f"{_WORDS[kind]} item {answer.seq}", (message,), _upload_answer(kind))
         _accepted(answer, kind)
-
-    def _item_message(self, item: MissionItem, kind: int) -> Any:
-        return mavlink.MAVLink_mission_item_int_message(
-            *self._target,
-            item.seq,
-            item.frame,
-            item.command,
-            0,
-            int(item.auto_continue),
-            item.param1,
-            item.param2,
-            item.param3,
-            item.param4,
-            round(item.lat_deg * 1e7),
-            round(item.lon_deg * 1e7),
-            item.alt_m,
-            kind,
-        )
 
     def _compare(
         self, kind: int, items: Sequence[MissionItem], differs: Callable[[MissionItem, MissionItem], str | None]
@@ -152,9 +133,7 @@ class MissionProtocol:
     def _item_back(self, kind: int, seq: int) -> Asking:
         ask = mavlink.MAVLink_mission_request_int_message(*self._target, seq, kind)
         m = yield Ask(f"{_WORDS[kind]} item {seq} back", (ask,), _of_kind(("MISSION_ITEM_INT",), kind, seq=seq))
-        frame = _INT_FRAMES.get(m.frame, m.frame)
-        place = m.x / 1e7, m.y / 1e7, m.z
-        return MissionItem(m.seq, m.command, frame, m.param1, m.param2, m.param3, m.param4, *place)
+        return item_of(m)
 
 
 # ---- the lists as items -------------------------------------------------------------------------------------------
