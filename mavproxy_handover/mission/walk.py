@@ -35,7 +35,7 @@ from mavproxy_handover.mission.items import (
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.zones import ZoneFinder
 
-__all__ = ["Gap", "Handover", "Leg", "Sample", "Walk", "commanders_along", "legs_of", "speed_at"]
+__all__ = ["Gap", "Handover", "Leg", "Sample", "Walk", "commanders_along", "legs_from", "legs_of", "speed_at"]
 
 #: WPNAV_SPEED of ArduCopter, for routes that name no speed
 DEFAULT_CRUISE_MPS = 10.0
@@ -164,6 +164,17 @@ def legs_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Leg, .
     return tuple(_legs(route, cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS))
 
 
+def legs_from(
+    route: Route, seq: int, here: tuple[float, float, float], cruise_speed_mps: float | None = None
+) -> tuple[Leg, ...]:
+    """The path of a route that is taken up in the air, `here`, with item `seq`: what stands before that is not flown.
+
+    `here`: latitude, longitude, metres above home. A take-off is a climb where the aircraft is.
+    """
+    speed_mps = speed_at(route, seq) or cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS
+    return tuple(_legs(route, speed_mps, seq, here))
+
+
 def speed_at(route: Route, seq: int) -> float | None:
     """The speed (m/s) that the route itself has set by the time that item `seq` is flown to; None: it has set none."""
     speeds = (_new_speed(item) for item in route.items if item.seq < seq)
@@ -175,9 +186,13 @@ def _new_speed(item: MissionItem) -> float | None:
     return item.param2 if changes else None
 
 
-def _legs(route: Route, speed_mps: float) -> Iterator[Leg]:
-    lat, lon, alt = route.home.lat_deg, route.home.lon_deg, 0.0
+def _legs(
+    route: Route, speed_mps: float, first: int = 0, start_at: tuple[float, float, float] | None = None
+) -> Iterator[Leg]:
+    lat, lon, alt = start_at or (route.home.lat_deg, route.home.lon_deg, 0.0)
     for item in route.items:
+        if item.seq < first:
+            continue
         speed_mps = _new_speed(item) or speed_mps
         if not COMMANDS[item.command].flown:
             continue

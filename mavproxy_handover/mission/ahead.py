@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a way from here on would leave: coverage, the geofence. Facts for `core/safety/commands.py`, as words.
+
+Rules that live here
+--------------------
+* Near (`NEAR_M` along the way) coverage is what stations give that could take the aircraft now; farther on it is what
+  the mission declares: a station down the route need not be there yet.
+* What lies outside at the beginning does not count: whoever brings an aircraft back inside may do so. But inside it
+  has to come, and to stay.
+* The vertical pieces of a way, take-off and landing, leave nothing that their place does not.
+* A way is looked at every `STEP_M`, and at `MOST_STEPS` places at most; the fence is exact.
+
+The time that a question takes grows with zones and legs: whoever asks often has to hold back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+
+from mavproxy_handover.mission.fence import Fence
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.walk import Leg, legs_from
+from mavproxy_handover.mission.zones import ZoneFinder
+
+__all__ = ["NEAR_M", "Ahead", "leaves_coverage", "leaves_fence", "straight"]
+
+#: half a minute of flight at 10 m/s
+NEAR_M = 300.0
+STEP_M = 20.0
+MOST_STEPS = 400
+
+_Place = tuple[float, float, float]  #: latitude, longitude, metres above home
+
+
+def straight(here: _Place, there: _Place, speed_mps: float) -> tuple[Leg, ...]:
+    """The way of a guided target."""
+    return (Leg(0, here, there, 0.0, 0.0, speed_mps),)
+
+
+def leaves_coverage(legs: Sequence[Leg], finder: ZoneFinder, usable: Collection[int]) -> str:
+    """Where a way leaves coverage, in words; "" where it does not. `usable`: stations that could take the aircraft."""
+    inside, before, outside = False, 0.0, ""
+    for far_m, place, seq in _places(legs):
+        holding = finder.holding(*place)
+        # until it has been inside once, only what can be used counts: that is what it has to come back to
+        by_plan = inside and far_m > NEAR_M
+        covered = bool(holding) if by_plan else any(station in usable for station in holding)
+        if not covered and inside:
+            return f"leaves coverage {_after(before)}{_item(seq)}"
+        outside = "" if covered else f"leads out of coverage{_item(seq)}"
+        inside, before = covered, far_m
+    return outside
+
+
+def leaves_fence(legs: Sequence[Leg], fence: Fence) -> str:
+    """Where a way breaks the geofence, in words; "" where it does not."""
+    gone_m = 0.0
+    for leg in legs:
+        start, end = leg.start[:2], leg.end[:2]
+        if not fence.holds(end) or (fence.holds(start) and not fence.holds_way(start, end)):
+            return f"breaks the geofence {_within(gone_m + leg.length_m)}{_item(leg.seq)}"
+        gone_m += leg.length_m
+    return ""
+
+
+def _places(legs: Sequence[Leg]) -> Iterator[tuple[float, _Place, int]]:
+    """Places on a way: how far each is along it (m), where, and to which item. The first is where it begins."""
+    level = [(leg, leg.length_m) for leg in legs]
+    step_m = max(STEP_M, sum(length for _leg, length in level) / MOST_STEPS)
+    gone_m = 0.0
+    if legs:
+        yield 0.0, legs[0].start, 0
+    for leg, length_m in level:
+        steps = math.ceil(length_m / step_m)
+        for step in range(1, steps + 1):
+            yield gone_m + length_m * step / steps, leg.at(step / steps), leg.seq
+        gone_m += length_m
+
+
+def _after(far_m: float) -> str:
+    return "at once" if far_m < STEP_M else f"in {far_m:.0f} m"
+
+
+def _within(far_m: float) -> str:
+    return f"within {far_m:.0f} m"
+
+
+def _item(seq: int) -> str:
+    return f" (item {seq})" if seq else ""
+
+
+class Ahead:
+    """A plan that is loaded, with the zones of its mission."""
+
+    def __init__(self, route: Route, finder: ZoneFinder, cruise_speed_mps: float | None) -> None:
+        """`finder`: one that nobody else asks, for it remembers where it was asked last."""
+        self.route = route
+        self.finder = finder
+        self.fence = Fence(route.fence)
+        self._cruise_speed_mps = cruise_speed_mps
+
+    def way(self, seq: int, here: _Place) -> tuple[Leg, ...]:
+        """The way when the mission is taken up here with that item."""
+        return legs_from(self.route, seq, here, self._cruise_speed_mps)

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Commands judged by the situation: by table, and what lifts a refusal. Expected values are written out."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mavproxy_handover.core.safety.commands import (
+    JUDGED,
+    POLICIES,
+    CommandRules,
+    Kind,
+    Limit,
+    Outcome,
+    Ruling,
+)
+
+ENERGY, FENCE, COVERAGE = Limit.ENERGY, Limit.FENCE, Limit.COVERAGE
+GCSA, GCSB = 251, 252
+ALL = {ENERGY: "no energy", FENCE: "over the fence", COVERAGE: "out of coverage"}
+REFUSED, PASSES, WARNED, LIFTED = Outcome.REFUSED, Outcome.PASSES, Outcome.WARNED, Outcome.LIFTED
+
+#: kind -> what becomes of it without a word in the configuration when it would leave just that
+DEFAULT = {
+    (Kind.START, ENERGY): REFUSED,
+    (Kind.START, FENCE): PASSES,
+    (Kind.START, COVERAGE): PASSES,
+    (Kind.GO_ON, ENERGY): REFUSED,
+    (Kind.GO_ON, FENCE): REFUSED,
+    (Kind.GO_ON, COVERAGE): REFUSED,
+    (Kind.FLY_TO, ENERGY): REFUSED,
+    (Kind.FLY_TO, FENCE): REFUSED,
+    (Kind.FLY_TO, COVERAGE): REFUSED,
+    (Kind.TARGET, ENERGY): REFUSED,
+    (Kind.TARGET, FENCE): REFUSED,
+    (Kind.TARGET, COVERAGE): REFUSED,
+    (Kind.SPEED, ENERGY): REFUSED,
+    (Kind.SPEED, FENCE): PASSES,
+    (Kind.SPEED, COVERAGE): PASSES,
+    (Kind.ROUTE, ENERGY): REFUSED,
+    (Kind.ROUTE, FENCE): REFUSED,
+    (Kind.ROUTE, COVERAGE): REFUSED,
+}
+
+
+def test_the_table_is_whole() -> None:
+    assert set(DEFAULT) == set(product(Kind, Limit))
+    assert set(JUDGED) == set(Kind)
+
+
+@pytest.mark.parametrize(("kind", "limit"), list(DEFAULT))
+def test_what_becomes_of_a_command_by_what_it_would_leave(kind: Kind, limit: Limit) -> None:
+    outcome = DEFAULT[kind, limit]
+    words = ALL[limit] if outcome is REFUSED else ""
+    for policy, expected in (("refuse", outcome), ("warn", WARNED if outcome is REFUSED else PASSES), ("off", PASSES)):
+        ruling = CommandRules({limit: policy}).rule(kind, 1, {limit: ALL[limit]}, GCSA, 0.0)
+        assert ruling.outcome is expected
+        assert ruling.words == (words if policy != "off" else "")
+
+
+def test_what_leaves_nothing_passes() -> None:
+    rules = CommandRules()
+    for kind in Kind:
+        assert rules.rule(kind, 1, {}, GCSA, 0.0) == Ruling(PASSES)
+        assert rules.rule(kind, 1, dict.fromkeys(Limit, ""), GCSA, 0.0) == Ruling(PASSES)
+
+
+def test_the_gravest_limit_is_named() -> None:
+    rules = CommandRules()
+    assert rules.rule(Kind.FLY_TO, 1, ALL, GCSA, 0.0) == Ruling(REFUSED, (ENERGY,), "no energy")
+    milder = CommandRules({ENERGY: "warn"})
+    assert milder.rule(Kind.FLY_TO, 1, ALL, GCSA, 0.0) == Ruling(REFUSED, (FENCE,), "over the fence")
+    all_warned = CommandRules(dict.fromkeys(Limit, "warn"))
+    ruling = all_warned.rule(Kind.FLY_TO, 1, ALL, GCSA, 0.0)
+    assert ruling == Ruling(WARNED, (ENERGY, FENCE, COVERAGE), "no energy, over the fence, out of coverage")
+
+
+def ask(rules: CommandRules, at: float, kind: Kind = Kind.GO_ON, wish: int = 1, **more: bool) -> Outcome:
+    return rules.rule(kind, wish, {COVERAGE: "out of coverage"}, GCSA, at, **more).outcome
+
+
+@pytest.mark.parametrize(
+    ("after_s", "outcome"),
+    [(0.0, REFUSED), (1.5, REFUSED), (2.99, REFUSED), (3.0, LIFTED), (9.0, LIFTED), (15.0, LIFTED), (15.01, REFUSED)],
+)
+def test_the_same_command_sent_anew_in_time_is_the_operators_word(after_s: float, outcome: Outcome) -> None:
+    rules = CommandRules()
+    assert ask(rules, 100.0) is REFUSED
+    assert ask(rules, 100.0 + after_s) is outcome
+
+
+def test_a_program_that_goes_on_repeating_itself_never_gets_through() -> None:
+    rules = CommandRules()
+    assert {ask(rules, at * 1.5) for at in range(100)} == {REFUSED}
+    assert {ask(rules, 200.0 + at * 2.9) for at in range(100)} == {REFUSED}
+
+
+def test_what_says_that_it_was_sent_before_lifts_nothing() -> None:
+    rules = CommandRules()
+    assert ask(rules, 0.0) is REFUSED
+    assert ask(rules, 4.0, repeats=True) is REFUSED
+    assert ask(rules, 8.0, repeats=True) is REFUSED
+    assert ask(rules, 12.0) is LIFTED
+
+
+def test_a_stream_lifts_nothing_but_is_lifted_by_the_operator() -> None:
+    rules = CommandRules()
+    assert {ask(rules, at, Kind.TARGET) for at in (0.0, 4.0, 8.0, 15.0)} == {REFUSED}
+    rules.lift(COVERAGE, 20.0)
+    assert ask(rules, 20.0, Kind.TARGET) is LIFTED
+    assert ask(rules, 80.0, Kind.TARGET) is REFUSED
+
+
+@pytest.mark.parametrize("other", ["another command", "another kind", "another station", "after another one"])
+def test_only_the_very_same_command_counts(other: str) -> None:
+    rules = CommandRules()
+    assert ask(rules, 0.0) is REFUSED
+    if other == "another command":
+        assert ask(rules, 5.0, wish=2) is REFUSED
+    elif other == "another kind":
+        assert ask(rules, 5.0, Kind.FLY_TO) is REFUSED
+    elif other == "another station":
+        assert rules.rule(Kind.GO_ON, 1, {COVERAGE: "out"}, GCSB, 5.0).outcome is REFUSED
+    else:
+        assert ask(rules, 1.0, wish=2) is REFUSED
+        assert ask(rules, 5.0) is REFUSED
+
+
+def test_sent_anew_it_lifts_the_limit_that_was_named_and_no_other() -> None:
+    rules = CommandRules()
+    two = {ENERGY: "no energy", COVERAGE: "out of coverage"}
+    assert rules.rule(Kind.GO_ON, 1, two, GCSA, 0.0).limits == (ENERGY,)
+    assert rules.rule(Kind.GO_ON, 1, two, GCSA, 4.0) == Ruling(REFUSED, (COVERAGE,), "out of coverage")
+    assert rules.rule(Kind.GO_ON, 1, two, GCSA, 5.0).outcome is REFUSED
+    lifted = rules.rule(Kind.GO_ON, 1, two, GCSA, 8.0)
+    assert lifted == Ruling(LIFTED, (ENERGY, COVERAGE), "no energy, out of coverage")
+
+
+def test_a_limit_that_comes_up_since_is_refused_for_itself() -> None:
+    rules = CommandRules()
+    assert ask(rules, 0.0) is REFUSED
+    both = {FENCE: "over the fence", COVERAGE: "out of coverage"}
+    assert rules.rule(Kind.GO_ON, 1, both, GCSA, 4.0) == Ruling(REFUSED, (FENCE,), "over the fence")
+
+
+def test_a_copy_of_what_was_let_pass_passes_too() -> None:
+    rules = CommandRules()
+    ask(rules, 0.0)
+    assert ask(rules, 4.0) is LIFTED
+    assert ask(rules, 5.5, repeats=True) is LIFTED
+    assert ask(rules, 7.0) is LIFTED
+    assert ask(rules, 30.0) is REFUSED, "long after, it is asked anew"
+
+
+def test_what_leaves_nothing_in_between_begins_the_count_anew() -> None:
+    rules = CommandRules()
+    ask(rules, 0.0)
+    assert rules.rule(Kind.GO_ON, 1, {}, GCSA, 2.0).outcome is PASSES
+    assert ask(rules, 4.0) is REFUSED
+
+
+def test_the_operator_lifts_one_limit_for_a_minute() -> None:
+    rules = CommandRules()
+    rules.lift(COVERAGE, 10.0)
+    assert ask(rules, 10.0) is LIFTED
+    assert ask(rules, 69.9, wish=7) is LIFTED
+    assert rules.lifted_s(40.0) == {COVERAGE: 30.0}
+    two = {ENERGY: "no energy", COVERAGE: "out of coverage"}
+    assert rules.rule(Kind.FLY_TO, 1, two, GCSA, 30.0) == Ruling(REFUSED, (ENERGY,), "no energy")
+    assert ask(rules, 70.0, wish=8) is REFUSED
+    assert rules.lifted_s(70.0) == {}
+
+
+def test_what_was_lifted_ends_with_the_authority_of_who_lifted_it() -> None:
+    rules = CommandRules()
+    rules.lift(COVERAGE, 10.0)
+    ask(rules, 5.0, Kind.FLY_TO)
+    rules.authority_moved()
+    assert ask(rules, 11.0) is REFUSED
+    assert ask(rules, 11.0, Kind.FLY_TO) is REFUSED
+
+
+def test_a_lifted_limit_that_nobody_would_leave_is_no_news() -> None:
+    rules = CommandRules()
+    rules.lift(COVERAGE, 0.0)
+    assert rules.rule(Kind.GO_ON, 1, {}, GCSA, 1.0) == Ruling(PASSES)
+
+
+_LEFT = st.dictionaries(st.sampled_from(list(Limit)), st.sampled_from(["", "left"]))
+
+
+@given(
+    kind=st.sampled_from(list(Kind)),
+    policies=st.dictionaries(st.sampled_from(list(Limit)), st.sampled_from(POLICIES)),
+    asked=st.lists(st.tuples(st.integers(0, 1), _LEFT, st.floats(0.0, 2.9), st.booleans())),
+)
+def test_nothing_is_lifted_by_whatever_comes_oftener_than_every_three_seconds(
+    kind: Kind, policies: dict[Limit, str], asked: list[tuple[int, dict[Limit, str], float, bool]]
+) -> None:
+    rules, now = CommandRules(policies), 0.0
+    for wish, left, pause_s, repeats in asked:
+        now += pause_s
+        ruling = rules.rule(kind, wish, left, GCSA, now, repeats=repeats)
+        strict = [x for x in JUDGED[kind] if left.get(x) and policies.get(x, "refuse") == "refuse"]
+        assert ruling.outcome is not LIFTED
+        assert ruling.passes is (not strict)
