@@ -110,7 +110,8 @@ local MAV = {
 }
 
 -- the lease and the answer to it
-local LEASE = {TYPE=47116, BYTES=20, VERSION=1, HELD=1, TRANSFER=2, LOST=3, RECOVERING=4, TAG_BYTES=8, TAGGED=1}
+local LEASE = {TYPE=47116, BYTES=20, VERSION=1, HELD=1, TRANSFER=2, LOST=3, RECOVERING=4, ALONE=5, TAG_BYTES=8,
+               TAGGED=1}
 local STATUS = {TYPE=47117, BYTES=20, VERSION=1, ENFORCING=1, ARMED=2, FLYING=4, TAMPERED=8, UNKNOWN_VEHICLE=16}
 local STATE = {DISABLED=0, WAITING=1, LIVE=2, EXPIRED=3, LOST=4}
 
@@ -118,7 +119,7 @@ local STATE = {DISABLED=0, WAITING=1, LIVE=2, EXPIRED=3, LOST=4}
 
 local PARAM_TABLE_KEY = 147
 local HNDO = {PREFIX="HNDO_"}
-assert(param:add_table(PARAM_TABLE_KEY, HNDO.PREFIX, 7), "HNDO: could not add param table")
+assert(param:add_table(PARAM_TABLE_KEY, HNDO.PREFIX, 8), "HNDO: could not add param table")
 
 local function bind_add_param(name, idx, default_value)
     assert(param:add_param(PARAM_TABLE_KEY, idx, name, default_value), "HNDO: could not add param " .. name)
@@ -190,11 +191,24 @@ HNDO.COMPID = bind_add_param("COMPID", 6, 191)
 --]]
 HNDO.SYSID_SW = bind_add_param("SYSID_SW", 7, 1)
 
+--[[
+  // @Param: HNDO_ALONE_MAX
+  // @DisplayName: Handover longest time alone
+  // @Description: Time that the vehicle may fly on without a commander at the most, where its mission declares a gap in coverage. Counted from the first lease of a loss that says so. 0: it never does. Keep it no longer than the longest gap of your missions needs.
+  // @Range: 0 600
+  // @Units: s
+  // @User: Standard
+--]]
+HNDO.ALONE_MAX = bind_add_param("ALONE_MAX", 8, 0)
+
 -- ------------------------------------------------------------------------------------------------ state
 
-local config = {enable=true, timeout_ms=3000, lost_ms=1000, action=ACTION.RTL, chan=1, compid=191, sysid_sw=true}
+local config = {enable=true, timeout_ms=3000, lost_ms=1000, action=ACTION.RTL, chan=1, compid=191, sysid_sw=true,
+                alone_ms=0}
+-- retired: nonces of earlier companion runs, newest last; alone_at: when ALONE was said first since somebody commanded
+-- last; alone_ms: for how long then
 local lease = {seen=false, live=false, nonce=0, sequence=0, epoch=0, state=0, commander=0, ttl_ms=0, at=0, chan=-1,
-               retired={}}          -- retired: nonces of earlier companion runs, newest last
+               retired={}, alone_at=nil, alone_ms=0}
 local refused = {count=0, reason=nil}
 local state = STATE.WAITING
 local tampering = {seen=false, at=nil}
@@ -304,9 +318,17 @@ function config.read(now)
     config.chan = math.floor(value_of(HNDO.CHAN, -1, 15))
     config.compid = math.floor(value_of(HNDO.COMPID, 1, 255))
     config.sysid_sw = value_of(HNDO.SYSID_SW, 0, 1) >= 0.5
+    config.alone_ms = math.floor(value_of(HNDO.ALONE_MAX, 0, 600) * 1000)
 end
 
 -- ------------------------------------------------------------------------------------------------ who commands
+
+-- Whether the aircraft may still fly on alone: in flight, for as long as the first lease of this loss said, whatever
+-- later ones say, and never once the loss is acted on.
+function lease.alone(now)
+    return craft.flying and enforcement == ENFORCEMENT.CALM and
+        elapsed(now, lease.alone_at) < math.min(lease.alone_ms, config.alone_ms)
+end
 
 local function judge(now)
     if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then
@@ -323,6 +345,8 @@ local function judge(now)
     elseif not lease.live then
         state = STATE.EXPIRED
     elseif lease.state == LEASE.LOST or lease.commander == 0 then   -- without a commander, whatever state it claims
+        state = STATE.LOST
+    elseif lease.state == LEASE.ALONE and not lease.alone(now) then
         state = STATE.LOST
     else
         state = STATE.LIVE
@@ -823,7 +847,7 @@ function lease.channel_objection(chan)
     return nil
 end
 
-function lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms)
+function lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms, left_s)
     if lease.seen and nonce ~= lease.nonce then
         lease.retired[#lease.retired + 1] = lease.nonce
         if #lease.retired > 8 then
@@ -836,6 +860,14 @@ function lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence,
     lease.ttl_ms = ttl_ms
     lease.at = stamp and stamp:toint() or now   -- when it came in: waiting in the queue does not keep it young
     lease.chan = chan
+    if lease_state == LEASE.ALONE then
+        lease.commander = autopilot.sysid       -- for the GCS id: the companion's heartbeats are watched meanwhile
+        if not lease.alone_at then
+            lease.alone_at, lease.alone_ms = lease.at, left_s * 1000
+        end
+    elseif lease_state <= LEASE.TRANSFER and commander ~= 0 then
+        lease.alone_at = nil
+    end
     refused.reason = nil
 end
 
@@ -944,8 +976,8 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     -- trailing zeros are not sent, and what stands behind the end of the message is not to be trusted
     local full = MAV.TUNNEL_HEAD_BYTES + LEASE.BYTES + LEASE.TAG_BYTES
     local body = string.sub(msg, 13, 12 + len) .. string.rep("\0", full - len)
-    local _, target, component, length, version, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms =
-        string.unpack("<I2BBBBBBBI4I4I4I2", body)
+    local _, target, component, length, version, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s =
+        string.unpack("<I2BBBBBBBI4I4I4I2I2", body)
     local tagged = flags & LEASE.TAGGED
     if target ~= autopilot.sysid or component ~= MAV.AUTOPILOT_COMPID then
         objection = "target"
@@ -953,7 +985,7 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
         objection = "length"
     elseif version ~= LEASE.VERSION then
         objection = string.format("version %d", version)
-    elseif lease_state < LEASE.HELD or lease_state > LEASE.RECOVERING then
+    elseif lease_state < LEASE.HELD or lease_state > LEASE.ALONE then
         objection = string.format("state %d", lease_state)
     else
         objection = key.objection(body, flags) or lease.freshness_objection(nonce, sequence, epoch)
@@ -961,7 +993,7 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     if objection then
         refuse(objection)
     else
-        lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms)
+        lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms, left_s)
     end
     return key.required and 2 or 1
 end
@@ -1208,7 +1240,8 @@ end
 local function announce_commander()
     local commander = state == STATE.LIVE and lease.commander or 0
     if commander ~= status.commander and commander ~= 0 then
-        say(MAV_SEVERITY.INFO, "commander", 500, string.format("lease live, %d commands", commander))
+        local who = lease.state == LEASE.ALONE and "nobody" or commander
+        say(MAV_SEVERITY.INFO, "commander", 500, "lease live, " .. who .. " commands")
     end
     status.commander = commander
 end

@@ -31,7 +31,7 @@ ROVER, COPTER, PLANE, SUB, HELI = 1, 2, 3, 7, 13
 #: states of the guard's enforcement, field En of its log
 CALM, MISSING, ORDERING, RETURNING, LANDING, PILOT, FAILSAFE = range(7)
 
-HELD, TRANSFER, LOST, RECOVERING = 1, 2, 3, 4
+HELD, TRANSFER, LOST, RECOVERING, ALONE = 1, 2, 3, 4, 5
 #: of the guard
 LIVE_STATE = 2
 LEASE_TYPE, STATUS_TYPE = 47116, 47117
@@ -200,6 +200,8 @@ class Companion:
     state: int = HELD
     commander: int = 251
     ttl_ms: int = 5000
+    #: seconds that it may fly on alone, in the state ALONE
+    left_s: int = 0
     version: int = 1
     #: 32 bytes of a key file: every lease has a tag
     key: bytes | None = None
@@ -217,7 +219,7 @@ class Companion:
         """A frame with the present sequence number."""
         value = {
             name: changes.pop(name, getattr(self, name))
-            for name in ("version", "state", "commander", "nonce", "sequence", "epoch", "ttl_ms")
+            for name in ("version", "state", "commander", "nonce", "sequence", "epoch", "ttl_ms", "left_s")
         }
         flags = changes.pop("flags", 0 if self.key is None else 1)
         payload = struct.pack(
@@ -230,7 +232,7 @@ class Companion:
             value["sequence"],
             value["epoch"],
             value["ttl_ms"],
-            0,
+            value["left_s"],
         )
         if self.key is not None:
             payload += lease_tag(self.key, LEASE_TYPE, (changes.pop("tag_for", 1), 1), payload)

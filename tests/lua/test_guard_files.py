@@ -113,7 +113,7 @@ def _keys(source: str, table: str) -> set[int]:
 
 def test_parameters_are_documented_in_script_and_page(source: str) -> None:
     added = re.findall(r'bind_add_param\("(\w+)", (\d+), ([-\d.]+)\)', source)
-    assert [int(index) for _, index, _ in added] == [1, 2, 3, 4, 5, 6, 7]
+    assert [int(index) for _, index, _ in added] == [1, 2, 3, 4, 5, 6, 7, 8]
     page = PAGE.read_text(encoding="utf-8")
     for name, _, default in added:
         full = f"HNDO_{name}"
@@ -128,7 +128,7 @@ def test_ranges_are_the_same_in_code_description_and_page(source: str) -> None:
     """A value outside its range is taken for the nearest one inside."""
     page = PAGE.read_text(encoding="utf-8")
     taken = dict(re.findall(r"value_of\(HNDO\.(\w+), (-?\d+, \d+)\)", source))
-    assert set(taken) == {"ENABLE", "TIMEOUT", "LOST_T", "CHAN", "COMPID", "SYSID_SW"}
+    assert set(taken) == {"ENABLE", "TIMEOUT", "LOST_T", "CHAN", "COMPID", "SYSID_SW", "ALONE_MAX"}
     for name, bounds in taken.items():
         low, high = bounds.split(", ")
         described = re.search(rf"@Param: HNDO_{name}\n(?:.*\n)*?  // @(?:Range: (.*)|Values: (.*))\n", source)

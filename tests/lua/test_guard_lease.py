@@ -122,7 +122,7 @@ def test_another_layout_version_is_refused(bench: Bench, version: int) -> None:
     assert refused(bench, bench.companion.lease(version=version))
 
 
-@pytest.mark.parametrize("state", [0, 5, 255])
+@pytest.mark.parametrize("state", [0, 6, 255])
 def test_unknown_state_is_refused(bench: Bench, state: int) -> None:
     assert refused(bench, bench.companion.lease(state=state))
 

@@ -38,7 +38,7 @@ HURRY = 20
 GCS_TIMEOUT_S, GCS_PATIENCE_S = 10, 120
 STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, CIRCLE, LAND, AUTOTUNE, BRAKE = 0, 2, 3, 4, 5, 6, 7, 9, 15, 17
 AVOID_ADSB, SMART_RTL, AUTO_RTL = 19, 21, 27
-HELD, LOST = 1, 3
+HELD, LOST, ALONE = 1, 3, 5
 WAITING, LIVE, EXPIRED, LOST_STATE = 1, 2, 3, 4
 ACCEPTED, DENIED, FAILED = 0, 2, 4
 FORCE = 21196.0
@@ -103,7 +103,9 @@ class Flight:
         self.beside: Callable[[], object] = lambda: None
         #: stations on SERIAL2 that send heartbeats
         self.beating = {251}
-        self.lease = {"state": HELD, "commander": 251, "nonce": 0xF00DCAFE, "epoch": 1, "ttl_ms": 5000}
+        #: the companion sends heartbeats
+        self.companion_beats = True
+        self.lease = {"state": HELD, "commander": 251, "nonce": 0xF00DCAFE, "epoch": 1, "ttl_ms": 5000, "left_s": 0}
         self.sequence = 0xFFFFFFF0  # wraps three seconds after the first lease
         self.now_ms = 0
         self.last_lease_ms = 0
@@ -151,7 +153,8 @@ class Flight:
             for system in sorted(self.beating):
                 beat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
                 self.station.send_raw(bytes(beat.pack(dialect.MAVLink(None, srcSystem=system, srcComponent=190))))
-            self.companion.send(dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+            if self.companion_beats:
+                self.companion.send(dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
         select.select([self.companion.socket, self.station.socket], [], [], 0.005)
         for wire in (self.companion, self.station):
             for message in wire.receive():
@@ -275,7 +278,7 @@ class Flight:
             self.sequence,
             value["epoch"],
             value["ttl_ms"],
-            0,
+            value["left_s"],
         )
         self.last_lease_ms = self.now_ms
         return self.companion.send(tunnel(payload))

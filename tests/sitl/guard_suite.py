@@ -12,6 +12,7 @@ FILES = (
     "test_guard_pilots",
     "test_guard_strangers",
     "test_guard_authority",
+    "test_guard_gaps",
     "test_guard_channels",
     "test_guard_floods",
     "test_guard_scripting",
