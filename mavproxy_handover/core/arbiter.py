@@ -40,6 +40,7 @@ from mavproxy_handover.core.events import (
     EnergyJudged,
     Event,
     Fly,
+    GapsJudged,
     GuardSeen,
     LinkJudged,
     MissionLoaded,
@@ -57,7 +58,16 @@ from mavproxy_handover.core.events import (
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck
-from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, Mission, Phase, Reason, Station
+from mavproxy_handover.core.model import (
+    AuthorityView,
+    FlightAction,
+    GuardState,
+    LeaseState,
+    Mission,
+    Phase,
+    Reason,
+    Station,
+)
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.phases import PhaseCause
 from mavproxy_handover.core.requests import Requests
@@ -65,6 +75,7 @@ from mavproxy_handover.core.safety.causes import CAUSES
 from mavproxy_handover.core.safety.causes import Cause as Wrong
 from mavproxy_handover.core.safety.emergency import Emergency, News
 from mavproxy_handover.core.safety.lookout import Lookout
+from mavproxy_handover.core.safety.strategy import Fact
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Cause
@@ -113,6 +124,7 @@ class Arbiter:
         if restored.phase is not Phase.ON_LOAD:
             self._candidates.hold(Mission(restored.digest, restored.route, restored.route_at))
             self._emergency.adopt(restored.out_of_coverage)
+            self._lookout.crossing.resume(restored.gap_since, certain=restored.proven)
             self._interrupted = restored.phase is Phase.ON_HANDOVER
             if restored.phase is Phase.EMERGENCY:
                 self._emergency.resume()
@@ -142,6 +154,7 @@ class Arbiter:
             mission.route,
             authority.takeover_allowed,
             self._emergency.out_of_coverage,
+            self._lookout.crossing.since,
             authority.claimant is None,
         )
 
@@ -185,6 +198,10 @@ class Arbiter:
         owner = set() if authority.owner is None else {authority.owner}
         return frozenset(fit - owner if authority.lost else fit | owner)
 
+    def alone_s(self, now: float) -> float:
+        """How long the aircraft may still fly on without a commander, because its mission has it so; 0: not at all."""
+        return self._lookout.crossing.left_s(now) if self.view.lease is LeaseState.ALONE else 0.0
+
     def start_needs(self, station: int, now: float) -> tuple[str, ...]:
         """What START from this station still lacks, in words; empty when the aircraft may take off."""
         return self._start.needs(station, now)
@@ -222,6 +239,8 @@ class Arbiter:
                 self._lookout.place = event
             case EnergyJudged():
                 self._flight.energy_short = event.shortfall
+            case GapsJudged():
+                self._flight.gaps_lack = event.lacking
             case MissionLoaded():
                 self._on_mission(event, actions)
             case StartRequested():
@@ -333,7 +352,7 @@ class Arbiter:
             if station in change.left:
                 self._conductor.move(Cause.LEFT_REGION, now, actions, station=station)
         self._conductor.seek(now, actions)
-        self._lookout.look_around(now)
+        self._lookout.look_around(event.gap, now)
 
     def _on_autopilot(self, event: AutopilotState, now: float, actions: list[Action]) -> None:
         authority = self._authority
@@ -351,6 +370,7 @@ class Arbiter:
         self._conductor.move(Cause.CANCELLED, now, actions)
         self._authority.land()
         self._emergency.landed()
+        self._lookout.landed()
         self._candidates.hold(replace(self._candidates.mission, at=0))
         actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
         self._authority.refresh(Reason.LANDED, actions)
@@ -391,6 +411,7 @@ class Arbiter:
         self._conductor.move(Cause.COMMANDER_LOST, now, actions)
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
+        self._lookout.lost(now)
         self._authority.lose(owner, now, actions)
         # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()
@@ -401,15 +422,21 @@ class Arbiter:
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
         signs, facts = self._lookout.signs(now), self._lookout.facts(now)
         news = self._emergency.judge(signs, facts, now, certain=not self._authority.recovering)
+        self._authority.fly_alone(Fact.GAP in facts and not self._emergency.brings_down)
         if news is not None:
             self._lookout.held_at = now if news.holds else -inf
             self._on_news(news, now, actions)
+        elif self._authority.lost:
+            self._authority.refresh(Reason.COMMANDER_LOST, actions)
 
     def _on_news(self, news: News, now: float, actions: list[Action]) -> None:
         authority, decision = self._authority, news.decision
         if decision is None:
-            what = "emergency" if news.grave else "warning"
-            actions.append(Record(f"{what}_over", f"the cause of the {what} is gone"))
+            what = "gap" if news.crossed else "emergency" if news.grave else "warning"
+            text = "the gap is crossed" if news.crossed else f"the cause of the {what} is gone"
+            actions.append(Record(f"{what}_over", text))
+        elif news.continues:
+            actions.append(Record("gap", self._gap_words(decision.cause, now), news.reason, authority.owner))
         else:
             text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
             actions.append(Record("warning" if news.warning else "emergency", text, news.reason, authority.owner))
@@ -421,9 +448,15 @@ class Arbiter:
         authority.refresh(news.reason, actions)
         if news.resumes:
             actions.append(Fly(FlightAction.CONTINUE, news.reason))
-        elif not news.warning:
-            assert decision is not None
+        elif decision is not None and not news.warning and not news.continues:
             actions.append(Fly(decision.action, news.reason))
+
+    def _gap_words(self, cause: Wrong, now: float) -> str:
+        """What is expected in a gap, in words."""
+        crossing = self._lookout.crossing
+        assert crossing.gap is not None
+        left = f"{crossing.left_s(now):.0f} s left" if crossing.since is not None else f"{crossing.gap.limit_s:g} s"
+        return f"{CAUSES[cause].words}: on through the gap {crossing.gap.words}, {left}"
 
     def _come_home(self, cause: Wrong, now: float, actions: list[Action]) -> None:
         """The aircraft is about to be brought home, or down."""

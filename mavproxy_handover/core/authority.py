@@ -50,6 +50,7 @@ class Authority:
         "_lost_at",
         "_may_be_ahead",
         "_shown",
+        "alone",
         "claimant",
         "epoch",
         "handover_id",
@@ -76,6 +77,8 @@ class Authority:
         self._shown = False
         #: the owner is not heard
         self.lost = False
+        #: without a commander the aircraft flies on: it crosses a gap that its mission declares
+        self.alone = False
         self._lost_at = -inf
         self.epoch = 0
         self.phase = Phase.ON_LOAD
@@ -177,6 +180,10 @@ class Authority:
         self.epoch += 1
         self.takeover_allowed = False
 
+    def fly_alone(self, allowed: bool) -> None:
+        """Whether the aircraft flies on without a commander. The view follows with the next `refresh`."""
+        self.alone = allowed
+
     def hurry_until(self, forced_timeout_s: float) -> float:
         """Until when a successor of a lost owner is awaited before the aircraft turns home; -inf if none is lost."""
         return self._lost_at + forced_timeout_s
@@ -277,7 +284,7 @@ class Authority:
     def land(self) -> None:
         """Disarmed: the flight is over. The view follows with the next `refresh`."""
         self.move_phase(PhaseCause.DISARMED)
-        self.takeover_allowed = False
+        self.takeover_allowed = self.alone = False
         if self.claimant is not None:  # on the ground nobody needs to show anything: the parent is there
             self.owner = self.claimant = self.recover_until = None
             self.lost = False
@@ -295,7 +302,8 @@ class Authority:
         """Make the view of what holds now, and announce it if it differs."""
         commander = None if self.lost else self.owner
         if commander is None:
-            lease = LeaseState.RECOVERING if self.recovering else LeaseState.LOST
+            alone = LeaseState.ALONE if self.alone and self.lost else LeaseState.LOST
+            lease = LeaseState.RECOVERING if self.recovering else alone
         elif self.transfer is not None:
             lease = LeaseState.TRANSFER
         else:

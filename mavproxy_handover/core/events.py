@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, GuardState, Reason, ZoneFact
+from mavproxy_handover.core.model import AuthorityView, FlightAction, GapFact, GuardState, Reason, ZoneFact
 
 __all__ = [
     "Action",
@@ -25,6 +25,7 @@ __all__ = [
     "EnergyJudged",
     "Event",
     "Fly",
+    "GapsJudged",
     "GuardSeen",
     "LinkJudged",
     "MissionLoaded",
@@ -70,9 +71,10 @@ class StationMessage:
 
 @dataclass(frozen=True, slots=True)
 class PositionSeen:
-    """A fresh position of the aircraft, as facts about every zone."""
+    """A fresh position of the aircraft, as facts about every zone; `gap`: it is in a gap that the mission declares."""
 
     zones: tuple[ZoneFact, ...]
+    gap: GapFact | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +105,13 @@ class EnergyJudged:
     """
 
     shortfall: str
+
+
+@dataclass(frozen=True, slots=True)
+class GapsJudged:
+    """What the gaps of the loaded mission lack, in words; "": nothing, or it has none. It counts until the next one."""
+
+    lacking: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +217,7 @@ Event = (
     | AutopilotState
     | GuardSeen
     | EnergyJudged
+    | GapsJudged
     | SignsSeen
     | PlaceJudged
     | MissionLoaded

@@ -28,6 +28,7 @@ class Flight:
         "energy_short",
         "flying",
         "foreign",
+        "gaps_lack",
     )
 
     def __init__(self, limits: Limits) -> None:
@@ -39,6 +40,8 @@ class Flight:
         self.foreign = ""
         #: what the loaded mission lacks in energy, in words
         self.energy_short = ""
+        #: what the gaps of the loaded mission lack, in words
+        self.gaps_lack = ""
         self._autopilot_at = -inf
         self._position_at = -inf
         self._stale_told = False

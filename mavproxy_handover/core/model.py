@@ -21,6 +21,7 @@ __all__ = [
     "AuthorityView",
     "Consent",
     "FlightAction",
+    "GapFact",
     "GuardState",
     "LeaseState",
     "Mission",
@@ -52,6 +53,7 @@ class LeaseState(IntEnum):
     TRANSFER = 2  #: held, and a transfer is under way
     LOST = 3  #: nobody holds authority
     RECOVERING = 4  #: the companion restarted and has not yet heard the commander of its state file
+    ALONE = 5  #: nobody does, and the aircraft flies on: it crosses a gap that the mission declares
 
 
 class GuardState(IntEnum):
@@ -221,6 +223,19 @@ class ZoneFact:
     ends_s: float | None = None
     #: system ids of the stations whose zones hold the place where it leaves then
     beyond: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class GapFact:
+    """The aircraft is where its mission declares a gap in coverage: a fact, not geometry (`mission/gaps.py`).
+
+    `limit_s`: the gap may take so long. `words`: from where to where, for people. `ahead`: it is on the way into it,
+    a few seconds before the last zone ends.
+    """
+
+    limit_s: float
+    words: str
+    ahead: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,5 +35,7 @@ class Snapshot:
     route: tuple[int, ...]
     takeover_allowed: bool = False
     out_of_coverage: str | None = None
+    #: since when a gap was being crossed (monotonic seconds of the same boot); None: none was
+    gap_since: float | None = None
     #: there was no change of authority after it
     proven: bool = True

@@ -26,7 +26,7 @@ class StartFacts:
     """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft.
 
     `foreign`: what the autopilot says that it is, in words, if that is no ArduCopter. `energy_short`: what the
-    loaded mission lacks in energy, in words.
+    loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do.
     """
 
     station: str
@@ -40,6 +40,7 @@ class StartFacts:
     position_known: bool
     in_zone: bool
     energy_short: str = ""
+    gaps_lack: str = ""
 
 
 def start_needs(facts: StartFacts) -> tuple[str, ...]:
@@ -65,6 +66,8 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append(f"outside the zone of {facts.station}")
     if facts.energy_short:
         needs.append(f"energy: {facts.energy_short}")
+    if facts.gaps_lack:
+        needs.append(f"gaps: {facts.gaps_lack}")
     return tuple(needs)
 
 
@@ -85,20 +88,22 @@ class Start:
         `by_hand`: not START, but a command that is a part of it; the one before may have armed already.
         """
         authority, flight = self._authority, self._flight
+        loaded = bool(self._candidates.mission.digest)
         on_ground = authority.phase is Phase.ON_LOAD and not authority.starting
         return start_needs(
             StartFacts(
                 station=authority.name(station),
                 commands=authority.view.commander == station,
                 on_ground=on_ground if by_hand else authority.waiting_for_start,
-                mission_loaded=bool(self._candidates.mission.digest),
+                mission_loaded=loaded,
                 in_transfer=authority.transfer is not None and not authority.transfer.yields_to(Reason.GIVEN),
                 autopilot_alive=flight.autopilot_alive(now),
                 foreign=flight.foreign,
                 guarded=flight.guarded(now),
                 position_known=flight.position_known(now),
                 in_zone=self._candidates.zones.holds(station),
-                energy_short=flight.energy_short if self._candidates.mission.digest else "",
+                energy_short=flight.energy_short if loaded else "",
+                gaps_lack=flight.gaps_lack if loaded else "",
             )
         )
 

@@ -45,7 +45,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, GuardState, Outcome, Phase, Reason, Station, ZoneFact
+from mavproxy_handover.core.model import Consent, GapFact, GuardState, Outcome, Phase, Reason, Station, ZoneFact
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.watch import Watch
 
@@ -141,6 +141,8 @@ class Bench:
         self.flying = False
         self.autopilot = True
         self.guard: GuardSeen | None = GuardSeen(GuardState.LIVE, ours=True)
+        #: the gap that the mission declares where the aircraft is
+        self.gap: GapFact | None = None
         self.facts: tuple[ZoneFact, ...] | None = (inside(A), outside(B), outside(C), outside(D))
         #: everything the arbiter asked for, with its time
         self.log: list[tuple[float, Action]] = []
@@ -200,7 +202,7 @@ class Bench:
     def position(self, *facts: ZoneFact) -> list[Action]:
         """The aircraft is here from now on."""
         self.facts = facts
-        return self.give(PositionSeen(facts))
+        return self.give(PositionSeen(facts, self.gap))
 
     def autopilot_says(self, *, armed: bool, flying: bool) -> list[Action]:
         """The autopilot says this from now on."""
@@ -229,7 +231,7 @@ class Bench:
         if self.guard is not None:
             self.give(self.guard)
         if self.facts is not None:
-            self.give(PositionSeen(self.facts))
+            self.give(PositionSeen(self.facts, self.gap))
 
     # ---- where most tests begin -----------------------------------------------------------------------------------
 

@@ -124,7 +124,9 @@ class Watch:
 
     @staticmethod
     def _check_view(view: AuthorityView) -> None:
-        assert (view.lease in (LeaseState.LOST, LeaseState.RECOVERING)) is (view.commander is None)
+        nobodys = (LeaseState.LOST, LeaseState.RECOVERING, LeaseState.ALONE)
+        assert (view.lease in nobodys) is (view.commander is None)
+        assert view.lease is not LeaseState.ALONE or view.phase in (Phase.ON_MISSION, Phase.ON_HANDOVER)
         assert (view.lease is LeaseState.TRANSFER) is (view.commander is not None and view.partner is not None)
         assert view.phase is not Phase.ON_HANDOVER or view.partner is not None
         if view.partner is not None:

@@ -40,13 +40,14 @@ from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.results import Results, _Pending
 from mavproxy_handover.core.safety.causes import Cause, CauseWatch
 from mavproxy_handover.core.safety.emergency import Emergency
+from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.safety.strategy import Strategy
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Transfer
 from mavproxy_handover.core.zones import ZoneTracker
 
-__all__ = ["EPOCH", "MEMORY", "NONCE", "NOW", "NUMBER", "STILL", "Packed", "Packer", "Shift", "shifted"]
+__all__ = ["EPOCH", "GAP_S", "MEMORY", "NONCE", "NOW", "NUMBER", "STILL", "Packed", "Packer", "Shift", "shifted"]
 
 NOW = 1000.0
 EPOCH = 100
@@ -54,6 +55,8 @@ NUMBER = 1000
 NONCE = 10_000
 #: how many epochs and transfers back the exploration tells apart
 MEMORY = 3
+#: the limit of the gaps that are explored: a crossing that began earlier than that is one that is too long
+GAP_S = 6.0
 
 Packed = tuple[Any, ...]
 
@@ -413,6 +416,7 @@ class Packer:
             flying=plain,
             foreign=plain,
             energy_short=plain,
+            gaps_lack=plain,
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
             _stale_told=plain,
@@ -429,6 +433,7 @@ class Packer:
             names=names_fixed,
             owner=plain,
             lost=plain,
+            alone=plain,
             _lost_at=_Ago(limits.forced_timeout_s),
             epoch=epoch,
             phase=plain,
@@ -501,7 +506,9 @@ class Packer:
             _candidates=_Shared(),
             _ended_in=_Epoch(),
             _flight=_Shared(),
+            _in_gap=plain,
             _limits=the_limits,
+            crossing=_Object(_Class(Crossing, gap=plain, since=_Time(GAP_S))),
             held_at=_Time(limits.hold_s),
             place=_Fixed(lambda: None),
             seen=plain,

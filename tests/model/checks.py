@@ -17,6 +17,7 @@ of a transfer what the rules make of it. Nothing is asked of an arbiter but its 
    what comes once.
 5. LOST means that the commander was not heard for that long and no forced transfer is running; then the aircraft is
    being brought home.
+   Unless it is in a gap that the mission declares: then it is ALONE, on its way, no longer than the gap's limit.
 6. No transfer is begun of the vehicle's own accord unless the zone was entered since authority last changed, the
    commander's zone has ended or is about to and the partner's is not, or its links are weak and the partner's are not.
 What must hold for stations is in `station_checks.py`.
@@ -50,11 +51,14 @@ from mavproxy_handover.core.messages import (
     TransferKey,
 )
 from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Phase, Reason
+from tests.model.canonical import GAP_S
 from tests.model.setting import PARENT
 
 __all__ = ["Books", "Violation", "Words", "check_vehicle", "demand", "is_old"]
 
 Words = frozenset[tuple[int, str]]
+#: the leases while nobody commands
+NOBODYS = (LeaseState.LOST, LeaseState.RECOVERING, LeaseState.ALONE)
 
 
 class Violation(AssertionError):
@@ -98,6 +102,9 @@ class Books:
     grounded: bool = False
     #: ticks since a restart from which the commander has not yet been heard
     recovering: int | None = None
+    #: it is in a gap that the mission declares; and ticks since it has been without a commander in its zone there
+    gap: bool = False
+    alone: int | None = None
     #: the state file was lost: nobody commands until the next flight
     blank: bool = False
     #: the run began without a state file
@@ -111,11 +118,12 @@ class Books:
             silent=tuple((station, min(age + 1, most)) for station, age in self.silent),
             connected=None if self.connected is None else min(self.connected + 1, int(limits.release_timeout_s)),
             recovering=None if self.recovering is None else min(self.recovering + 1, most),
+            alone=None if self.alone is None else min(self.alone + 1, int(GAP_S)),
         )
 
     def restarted(self, phase: Phase, *, blank: bool) -> Books:
         """The companion begins anew, from a state file that says `phase`: what was said to the one before is lost."""
-        known = Books(zones=self.zones, blank=blank or self.blank, unaware=blank)
+        known = Books(zones=self.zones, gap=self.gap, alone=self.alone, blank=blank or self.blank, unaware=blank)
         if blank or phase is Phase.ON_LOAD:
             return known
         interrupted = phase is Phase.ON_HANDOVER
@@ -169,7 +177,8 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
             entered = zones - {books.had} if books.interrupted else frozenset()
         ending = frozenset(fact.station for fact in event.zones if fact.exit_s is not None)
         entered = entered if books.flying else frozenset()
-        books = replace(books, zones=zones, entered=entered, ending=ending, placed=True)
+        gap = event.gap is not None
+        books = replace(books, zones=zones, entered=entered, ending=ending, placed=True, gap=gap)
     key = _key(view, books.had)
     if isinstance(event, StationMessage) and key is not None and getattr(event.message, "key", None) == key:
         connected = books.connected
@@ -217,14 +226,23 @@ def check_vehicle(
         elif isinstance(action, Fly) and action.reason is Reason.COMMANDER_LOST:
             demand(gate.lease is LeaseState.LOST, f"{action.action.name} for a lost commander, but it is not lost")
     demand(gate == after, "a change of the view was not announced")
+    books = _crosses(books, after)
     _check_view(books, after)
     return books
+
+
+def _crosses(books: Books, view: AuthorityView) -> Books:
+    """The books' own clock of a crossing: it runs in a gap, once no zone holds the aircraft or nobody commands."""
+    if not books.flying or (view.commander is not None and view.commander in books.zones):
+        return replace(books, alone=None)
+    exposed = not books.zones or view.commander is None
+    return replace(books, alone=0) if books.alone is None and books.gap and exposed else books
 
 
 def _check_view(books: Books, view: AuthorityView) -> None:
     transfer = view.partner is not None
     quiet = view.phase in (Phase.ON_LOAD, Phase.EMERGENCY)  # there a transfer is no phase
-    leases = (LeaseState.HELD, LeaseState.TRANSFER) if view.commander else (LeaseState.LOST, LeaseState.RECOVERING)
+    leases = (LeaseState.HELD, LeaseState.TRANSFER) if view.commander else NOBODYS
     nobody = view.lease is LeaseState.LOST and books.flying and not transfer
     if (view.phase is Phase.ON_HANDOVER) is not (transfer and not quiet):
         raise Violation(f"the phase does not fit: {view}")
@@ -232,6 +250,10 @@ def _check_view(books: Books, view: AuthorityView) -> None:
         raise Violation(f"commander and partner are one: {view}")
     if view.lease not in leases:
         raise Violation(f"the lease does not fit: {view}")
+    if view.lease is LeaseState.ALONE:
+        inside = books.gap and books.flying and view.phase is not Phase.EMERGENCY
+        demand(inside, f"ALONE, and in no gap: {view}")
+        demand(books.alone is not None and books.alone < GAP_S, "ALONE for longer than the gap's limit")
     if view.lease is LeaseState.RECOVERING and books.recovering is None:
         raise Violation("RECOVERING without a restart")
     if nobody and view.phase is not Phase.EMERGENCY:
@@ -343,7 +365,7 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, 
         books = replace(books, recovering=None, blank=False)
         if new.commander != books.had:
             books = replace(books, had=new.commander, entered=frozenset())
-    if new.lease is LeaseState.LOST and books.recovering is not None:
+    if new.lease in (LeaseState.LOST, LeaseState.ALONE) and books.recovering is not None:
         demand(books.recovering >= int(limits.recovery_s), f"given up {books.recovering} s after the restart")
         # it was not heard in the time it had, so it counts as lost, whenever it was heard before the restart
         silent = tuple(entry for entry in books.silent if entry[0] != books.had)

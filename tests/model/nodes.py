@@ -9,6 +9,7 @@ real object and under the eyes of `checks.py`, and looked up from then on: that 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from gcs_module import core as gcs
@@ -36,7 +37,7 @@ from mavproxy_handover.core.model import (
     Station,
 )
 from mavproxy_handover.core.snapshot import Snapshot
-from tests.model.canonical import EPOCH, MEMORY, NOW, NUMBER, STILL, Packed, Packer, Shift, shifted
+from tests.model.canonical import EPOCH, GAP_S, MEMORY, NOW, NUMBER, STILL, Packed, Packer, Shift, shifted
 from tests.model.checks import Books, Violation, check_vehicle, is_old
 from tests.model.setting import PARENT
 from tests.model.station_checks import StationBefore, StationBooks, check_station
@@ -138,10 +139,13 @@ class Vehicles:
         result = self._laters.get(number)
         if result is None:
             state = self[number]
-            packed = state.packed
+            packed, snapshot = state.packed, state.snapshot
             if packed is not None:
                 packed = self._packer.pack_arbiter(self._packer.unpack_arbiter(packed), Shift(1.0))
-            result = self._states(state._replace(packed=packed, books=state.books.later(self._limits)))
+            elif snapshot is not None and snapshot.gap_since is not None:
+                snapshot = replace(snapshot, gap_since=max(snapshot.gap_since - 1.0, NOW - GAP_S))
+            books = state.books.later(self._limits)
+            result = self._states(state._replace(packed=packed, snapshot=snapshot, books=books))
             self._laters[number] = result
         return result
 

@@ -19,6 +19,7 @@ BLANK = frozenset({Fault.BLANK_VEHICLE})
 #: what a station can ask the vehicle for, and what of that moves authority by itself
 ASKED = frozenset(Request) - {Request.WISH}
 TAKES = frozenset({Request.CONTROL, Request.GIVE})
+GAPS = CRASHES | {Fault.CUT}
 LOST, WEAK, DEATHS = frozenset({Fault.LOSE}), frozenset({Fault.WEAK}), frozenset({Fault.KILL_STATION})
 #: a zone calls while another station may ask, then the commander's ends
 PAIRS = ("AC", "ABC", "aBC")
@@ -32,6 +33,7 @@ QUICK = (
     Setting("through the region", path=("A", "AB", "B"), faults=1),
     Setting("zone about to end", path=("AB", "aB", "B"), faults=1),
     Setting("gap between the zones", path=("A", "", "B"), faults=1),
+    Setting("gap that the mission declares", path=("A", "=", "B"), faults=1, kinds=GAPS),
     Setting("commander's operator", operators="A", faults=0),
     Setting("partner's operator", operators="B", faults=0),
     Setting("one request", faults=0, requests=1, wishes=frozenset(Request)),
@@ -66,6 +68,8 @@ DEEP = (
     Setting("weak links", faults=2, kinds=frozenset({Fault.WEAK, Fault.LOSE, Fault.KILL_STATION})),
     Setting("there and back", path=("A", "AB", "A", "AB"), faults=1),
     Setting("over the edge", path=("A", "AB", "A", "", "B"), faults=1),
+    Setting("over a declared gap and back", path=("A", "=", "B", "=", "A"), faults=1),
+    Setting("declared gap", path=("A", "=", "=B", "B"), faults=2, kinds=GAPS),
     Setting("whole flight", path=("_A", "A", "AB", "B", "_B"), faults=1, kinds=CRASHES),
     Setting("commander's operator", operators="A", faults=1),
     Setting("partner's operator", operators="B", faults=1),

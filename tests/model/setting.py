@@ -68,7 +68,7 @@ class Setting:
     """What is explored.
 
     A position is written as the letters of the stations whose zones hold the aircraft; a small letter: that zone is
-    about to end along the track.
+    about to end along the track. "=" before them: the mission declares a gap there.
     """
 
     name: str

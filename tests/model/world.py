@@ -28,8 +28,8 @@ from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
 )
-from mavproxy_handover.core.model import GuardState, Station, ZoneFact
-from tests.model.canonical import EPOCH, Packer, Shift, shifted
+from mavproxy_handover.core.model import GapFact, GuardState, Station, ZoneFact
+from tests.model.canonical import EPOCH, GAP_S, Packer, Shift, shifted
 from tests.model.nodes import DIGEST, Names, Parcel, Stations, Vehicles, too_old
 from tests.model.setting import PARENT, Setting
 from tests.model.station_checks import check_beliefs
@@ -105,6 +105,10 @@ class Draft:
         )
 
 
+def _gap(place: str) -> GapFact | None:
+    return GapFact(GAP_S, "GCSA -> GCSB") if place.startswith("=") else None
+
+
 class World:
     """The graph of one setting. `make_arbiter`, `make_station`: for planted faults."""
 
@@ -132,7 +136,7 @@ class World:
         self._heard = [self.events(StationHeard(sysid)) for sysid in self.sysids]
         self._vehicle_heard = self.events(gcs.VehicleHeard())
         self._peer_heard = [self.events(gcs.PeerHeard(sysid)) for sysid in self.sysids]
-        self._places = [self.events(PositionSeen(self._facts(place))) for place in setting.path]
+        self._places = [self.events(PositionSeen(self._facts(place), _gap(place))) for place in setting.path]
         self._autopilot = [
             self.events(AutopilotState(not place.startswith("_"), not place.startswith("_"))) for place in setting.path
         ]

@@ -24,6 +24,8 @@ __all__ = ["Emergency", "News"]
 
 #: what is done only as long as it is asked for
 _WHILE_ASKED = (FlightAction.HOLD, FlightAction.CONTINUE)
+#: what is news and no emergency: nothing is commanded for it
+_NO_EMERGENCY = (FlightAction.WARN, FlightAction.CONTINUE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,17 @@ class News:
     def resumes(self) -> bool:
         """The aircraft was held, and is not any more."""
         held = self.before is not None and self.before.action is FlightAction.HOLD
-        return held and (self.decision is None or self.decision.action < FlightAction.HOLD)
+        return held and (self.decision is None or self.continues or self.decision.action < FlightAction.HOLD)
+
+    @property
+    def continues(self) -> bool:
+        """The aircraft flies on through a gap that its mission declares. That is no emergency."""
+        return self.decision is not None and self.decision.action is FlightAction.CONTINUE
+
+    @property
+    def crossed(self) -> bool:
+        """It did, and nothing is wrong any more."""
+        return self.decision is None and self.before is not None and self.before.action is FlightAction.CONTINUE
 
 
 class Emergency:
@@ -74,6 +86,12 @@ class Emergency:
         self._resumed = False
         #: something was commanded since something has been wrong
         self._grave = False
+
+    @property
+    def brings_down(self) -> bool:
+        """The decision in force ends the mission: a return, or a landing."""
+        decision = self._strategy.decision
+        return decision is not None and decision.action >= FlightAction.RETURN
 
     @property
     def out_of_coverage(self) -> str:
@@ -110,7 +128,7 @@ class Emergency:
         elif self._known(decision):
             return None
         self.told, self._resumed = decision, False
-        grave = self._grave or (decision is not None and decision.action > FlightAction.WARN)
+        grave = self._grave or (decision is not None and decision.action not in _NO_EMERGENCY)
         self._grave = grave and decision is not None
         return News(decision, told, grave)
 

@@ -6,6 +6,9 @@ Coverage counts only where a station could take the aircraft: the commander's ow
 be asked now, here or where the commander's zone ends. Where the last of it ends ahead (`hold_lead_s`), the aircraft is
 to stop inside. It then stands still, which looks as if nothing ended: so that sign stays until authority has moved, or
 the flight is over. If its commander has it fly on in spite of it, that is the commander's word.
+
+A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
+Weak links are no sign while one is crossed.
 """
 
 from __future__ import annotations
@@ -18,8 +21,9 @@ from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.events import PlaceJudged, SignsSeen
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState, Reason
+from mavproxy_handover.core.model import GapFact, GuardState, Reason
 from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.safety.strategy import Fact
 
 __all__ = ["Lookout"]
@@ -37,7 +41,9 @@ class Lookout:
         "_candidates",
         "_ended_in",
         "_flight",
+        "_in_gap",
         "_limits",
+        "crossing",
         "held_at",
         "place",
         "seen",
@@ -61,17 +67,27 @@ class Lookout:
         self.place: PlaceJudged | None = None
         #: the signs of the last look
         self.seen: frozenset[Cause] = frozenset()
+        #: gaps that the mission declares
+        self.crossing = Crossing()
+        #: at the last look the aircraft was in one, and might fly on
+        self._in_gap = False
 
-    def look_around(self, now: float) -> None:
-        """A position has come: what does coverage look like from there?"""
+    def look_around(self, gap: GapFact | None, now: float) -> None:
+        """A position has come: what does coverage look like from there? `gap`: that the mission declares there."""
         owner, zones = self._authority.owner, self._candidates.zones
+        commanded = owner is not None and not self._authority.lost
+        covered, exposed = commanded and zones.holds(owner), not commanded or zones.out_since is not None
+        before = self.crossing.gap
+        self.crossing.seen(gap if self._flight.flying else None, now, covered=covered, exposed=exposed)
+        if before is not None and self.crossing.gap is None:  # it ended there because the plan has it so
+            self._ended_in = None
         found: set[Cause] = set()
         if owner is not None and self._flight.flying:
             others = self._candidates.ready(zones.inside(), owner, Reason.ZONE_ENDS, now)
             if zones.inside() and not zones.holds(owner) and not others:
                 found.add(Cause.NO_STATION)
             links = self._candidates.links
-            if links.weak(owner) and not links.better(owner, others, now):
+            if links.weak(owner) and not links.better(owner, others, now) and self.crossing.since is None:
                 found.add(Cause.LINKS_WEAK)
             if self._ends_ahead(owner, others, now):
                 self._ended_in = self._authority.epoch
@@ -127,8 +143,11 @@ class Lookout:
     def facts(self, now: float) -> frozenset[Fact]:
         """What else a decision rests on now."""
         authority, flight, transfer = self._authority, self._flight, self._authority.transfer
+        self._in_gap = self.may_cross(now)
         hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
         found = {Fact.PLACE} if self.place is None or self.place.reachable else set()
+        if self._in_gap:
+            found.add(Fact.GAP)
         if flight.flying:
             found.add(Fact.FLYING)
         if flight.autopilot_alive(now):
@@ -140,12 +159,30 @@ class Lookout:
             found.add(Fact.MAY_HOLD)
         return frozenset(found)
 
+    def may_cross(self, now: float) -> bool:
+        """Whether the aircraft is in a gap that its mission declares, or right before it, with time left."""
+        authority, flight = self._authority, self._flight
+        if authority.owner is None or not flight.flying or not flight.position_known(now):
+            return False
+        return self.crossing.open(now, commanded=not authority.lost)
+
+    def lost(self, now: float) -> None:
+        """The commander is, in this moment."""
+        self.crossing.begin(now)
+
+    def landed(self) -> None:
+        """The flight is over."""
+        self.crossing.over()
+
     def due_at(self) -> float | None:
         """When something begins to look wrong without anything being said; None if nothing does."""
         flight = self._flight
         if not flight.flying:
             return None
         times = [] if self.held_at == -inf else [self.held_at + self._limits.hold_s]
+        gap_ends_at = self.crossing.ends_at()
+        if self._in_gap and gap_ends_at is not None:
+            times.append(gap_ends_at)
         if Cause.AUTOPILOT_LOST not in self.seen:
             times.append(flight.autopilot_lost_at())
         if Cause.GUARD_LOST not in self.seen and self._limits.guard_required:

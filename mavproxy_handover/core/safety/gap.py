@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Crossing a gap in coverage that the mission declares: when it begins, how long it may take, when it is over.
+
+Rules
+-----
+* A crossing begins outside every zone, or with the loss of the commander, on a stretch of the way that is declared.
+* It is over where the commander's own zone holds the aircraft again, and with the flight; nothing else ends it. A
+  commander that is heard in between, a mode that comes and goes, or a zone whose station is dead gives no new time.
+* It may take as long as the gap says where the aircraft is now, counted from its beginning.
+* Right before a gap, where its commander is there, the aircraft may fly into it. Where the commander is lost it may
+  not: until the border an ordinary loss is an ordinary loss.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+from mavproxy_handover.core.model import GapFact
+
+__all__ = ["Crossing"]
+
+
+class Crossing:
+    """The crossing of one gap after the other. Times are monotonic seconds; not safe for threads."""
+
+    __slots__ = ("gap", "since")
+
+    def __init__(self) -> None:
+        #: where the last position was; None: in no gap
+        self.gap: GapFact | None = None
+        #: since when the aircraft has been crossing; None if it is not
+        self.since: float | None = None
+
+    def resume(self, since: float | None, *, certain: bool) -> None:
+        """Go on where the run before ended. `certain` False: its clock says nothing here, so no time is left."""
+        self.since = since if since is None or certain else -inf
+
+    def seen(self, gap: GapFact | None, now: float, *, covered: bool, exposed: bool) -> None:
+        """A position has come. `covered`: the commander is there, and its zone holds the aircraft; `exposed`: no zone
+        does, or nobody commands."""
+        self.gap = gap
+        if covered:
+            self.since = None
+        elif exposed:
+            self.begin(now)
+
+    def begin(self, now: float) -> None:
+        """Nobody commands, or no zone holds the aircraft: if it is in a gap, it is crossing from here on."""
+        if self.since is None and self.gap is not None and not self.gap.ahead:
+            self.since = now
+
+    def over(self) -> None:
+        """The flight is."""
+        self.gap = self.since = None
+
+    def open(self, now: float, *, commanded: bool) -> bool:
+        """Whether the aircraft may fly on. `commanded`: there is a commander."""
+        if self.gap is None or (self.gap.ahead and not commanded):
+            return False
+        return self.since is None or now < self.since + self.gap.limit_s
+
+    def left_s(self, now: float) -> float:
+        """How long it may still be alone; 0 where it may not."""
+        if self.gap is None or self.since is None:
+            return 0.0
+        return max(0.0, self.since + self.gap.limit_s - now)
+
+    def ends_at(self) -> float | None:
+        """When that time is over; None while none runs."""
+        return None if self.gap is None or self.since is None else self.since + self.gap.limit_s
