@@ -294,9 +294,9 @@ class Companion:
             self._due_at = inf if deadline is None else deadline
         return now >= self._due_at
 
-    def _send_lease(self, _now: float) -> None:
+    def _send_lease(self, now: float) -> None:
         if not self.failed:
-            self.autopilot.send_lease(self.view)
+            self.autopilot.send_lease(self.view, self.arbiter.alone_s(now))
 
     def _send_authority_status(self, now: float) -> None:
         guard = self.arbiter.guard(now)

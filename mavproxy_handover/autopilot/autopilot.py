@@ -188,9 +188,9 @@ class Autopilot:
 
     # ---- what is wanted of it -------------------------------------------------------------------------------------
 
-    def send_lease(self, view: AuthorityView) -> None:
-        """Tell the guard who has authority."""
-        self._ties.voice.to_autopilot(self._lease.next(view, self._sysid))
+    def send_lease(self, view: AuthorityView, alone_s: float) -> None:
+        """Tell the guard who has authority; `alone_s`: how long the aircraft may still fly on without a commander."""
+        self._ties.voice.to_autopilot(self._lease.next(view, self._sysid, alone_s))
 
     def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there."""

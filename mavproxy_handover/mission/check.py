@@ -14,16 +14,17 @@ import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from math import isfinite
+from math import isclose, isfinite
 from pathlib import Path
 
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.mission.energy import Budget, budget_of
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
+from mavproxy_handover.mission.gaps import Stretch, undeclared
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
-from mavproxy_handover.mission.walk import Handover, Walk
+from mavproxy_handover.mission.walk import Gap, Handover, Walk
 from mavproxy_handover.mission.zones import overlap
 
 __all__ = ["CheckReport", "Finding", "Severity", "check", "main", "report_text"]
@@ -61,6 +62,8 @@ class CheckReport:
     transfer_s: float
     #: None: the mission has no numbers for it
     energy: Budget | None = None
+    #: the declared gaps that are on the route
+    crossed: tuple[Stretch, ...] = ()
 
     def count(self, severity: Severity) -> int:
         """Number of findings that bad."""
@@ -83,11 +86,13 @@ def check(
     walk = package.walk()
     model = package.energy.model(wind)
     energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
+    crossed = package.stretches(walk, wind)
     findings = [
         *_start(package, walk),
         *_gaps(package, walk),
-        *_handovers(package, walk, transfer_s),
-        *_lonely_zones(package),
+        *_declared(package, crossed),
+        *_handovers(package, walk, crossed, transfer_s),
+        *_lonely_zones(package, crossed),
         *_rally(package, walk, reach_m),
         *_fence(package, walk),
         *(() if energy is None else _energy(energy)),
@@ -96,7 +101,7 @@ def check(
     ]
     order = list(Severity)
     findings.sort(key=lambda finding: order.index(finding.severity))
-    return CheckReport(package, walk, tuple(findings), transfer_s, energy)
+    return CheckReport(package, walk, tuple(findings), transfer_s, energy, crossed)
 
 
 def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
@@ -108,15 +113,38 @@ def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
 def _gaps(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
     # a mission that only warns out there has decided to fly its gaps
     warns = package.policies.get("on_out_of_coverage") == "warn"
-    for gap in walk.gaps:
-        place = f"{_place(gap.lat_deg, gap.lon_deg)} at {gap.alt_m:.0f} m, {_way(gap.distance_along_m)}"
-        text = f"no coverage for {gap.length_m:.0f} m ({gap.duration_s:.0f} s) from {place}, on the way to {gap.seq}"
+    for gap in undeclared(package.gaps, walk):
+        text = f"no coverage for {_gap_words(gap)}"
         yield Finding(Severity.WARNING if warns else Severity.ERROR, text)
 
 
-def _handovers(package: MissionPackage, walk: Walk, transfer_s: float) -> Iterator[Finding]:
+def _gap_words(gap: Gap) -> str:
+    place = f"{_place(gap.lat_deg, gap.lon_deg)} at {gap.alt_m:.0f} m, {_way(gap.distance_along_m)}"
+    return f"{gap.length_m:.0f} m ({gap.duration_s:.0f} s) from {place}, on the way to {gap.seq}"
+
+
+def _declared(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterator[Finding]:
+    for stretch in crossed:
+        declared, limit_s = stretch.declared, stretch.declared.limit_s
+        if not isfinite(stretch.time_s):
+            yield Finding(Severity.ERROR, f"gap {declared.words}: the wind does not let it be crossed")
+        elif stretch.time_s > limit_s:
+            text = f"gap {declared.words}: it takes {stretch.time_s:.0f} s against the wind, its limit is {limit_s:g} s"
+            yield Finding(Severity.ERROR, text)
+        note = f": {declared.note}" if declared.note else ""
+        text = f"gap {declared.words}, alone for {_gap_words(stretch.found)}, at most {limit_s:g} s{note}"
+        yield Finding(Severity.INFO, text)
+    for declared in package.gaps:
+        if declared not in [stretch.declared for stretch in crossed]:
+            yield Finding(Severity.ERROR, f"gap {declared.words} is declared, and the route has none there")
+
+
+def _handovers(package: MissionPackage, walk: Walk, crossed: Sequence[Stretch], transfer_s: float) -> Iterator[Finding]:
+    behind = [stretch.found.distance_along_m + stretch.found.length_m for stretch in crossed]
     for number, handover in enumerate(walk.handovers, 1):
         name = f"handover {number} {_pair(package, handover)}"
+        if any(isclose(handover.distance_along_m, end, abs_tol=0.1) for end in behind):  # on contact
+            continue
         if handover.overlap_s == 0.0:
             yield Finding(Severity.ERROR, f"{name}: the zones do not overlap on the route, {_handover_way(handover)}")
         elif handover.overlap_s < transfer_s:
@@ -134,11 +162,14 @@ def _handovers(package: MissionPackage, walk: Walk, transfer_s: float) -> Iterat
             yield Finding(Severity.WARNING, f"station {station.name} never commands on this route")
 
 
-def _lonely_zones(package: MissionPackage) -> Iterator[Finding]:
+def _lonely_zones(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterator[Finding]:
     if len(package.zones) < 2:
         return
+    reached = {station for each in crossed for station in (each.declared.from_station, each.declared.to_station)}
     for zone in package.zones:
-        if all(overlap(zone, other).is_empty for other in package.zones if other is not zone):
+        if zone.station not in reached and all(
+            overlap(zone, other).is_empty for other in package.zones if other is not zone
+        ):
             yield Finding(Severity.ERROR, f"the zone of {zone.station_name} overlaps no other zone")
 
 
@@ -233,6 +264,14 @@ def _energy_line(report: CheckReport) -> str:
     return f"the route takes {budget.need_wh:.1f} Wh, with the reserve {_of_battery(budget)}; wind: {words}"
 
 
+def _crossed_line(report: CheckReport) -> str:
+    if not report.crossed:
+        return ""
+    longest_s = max(stretch.declared.limit_s for stretch in report.crossed)
+    count = len(report.crossed)
+    return f"; {count} gap{'s' if count > 1 else ''} crossed alone: HNDO_ALONE_MAX {longest_s:g} or more"
+
+
 def _wh(energy_wh: float) -> str:
     """Beyond all numbers is what cannot be flown."""
     return f"{energy_wh:.1f} Wh" if isfinite(energy_wh) else "-"
@@ -282,7 +321,7 @@ def report_text(report: CheckReport) -> str:
         f"stations    {', '.join(f'{s.name} ({s.sysid})' for s in package.stations)}; zones from {package.detector}",
         f"route       {len(package.route.items)} items, {walk.length_m / 1000.0:.2f} km, at least "
         f"{_minutes(walk.duration_s)} at {package.cruise_speed_mps:g} m/s, {len(package.route.rally)} rally points",
-        f"coverage    {covered:.1f} % of the route",
+        f"coverage    {covered:.1f} % of the route{_crossed_line(report)}",
         f"commanders  {' -> '.join(names[sysid] for sysid in walk.commanders)}",
         f"energy      {_energy_line(report)}",
     ]

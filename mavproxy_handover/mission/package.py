@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,
     ENERGY_RANGES,
@@ -32,10 +33,11 @@ from mavproxy_handover.core.safety.energy_prior import (
 )
 from mavproxy_handover.mission.corridor import covered_area
 from mavproxy_handover.mission.errors import MissionError, Where
+from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stretches
 from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import Route, read_route
-from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Walk, commanders_along
+from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Walk, commanders_along, legs_of
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 
 if sys.version_info >= (3, 11):
@@ -80,6 +82,7 @@ _KEYS = (
     "stations",
     "policy",
     "energy",
+    "gap",
 )
 
 
@@ -115,6 +118,8 @@ class MissionPackage:
     delivery_waypoint: int | None
     #: the [policy] table: what the mission decides about emergencies, before the vehicle's own configuration
     policies: Mapping[str, str]
+    #: gaps in coverage that the mission means to cross
+    gaps: tuple[DeclaredGap, ...]
     #: the [energy] table: what the aircraft draws and holds, before the vehicle's own configuration
     energy: EnergySettings
     #: the files of the package by name, line ends as \\n
@@ -140,6 +145,11 @@ class MissionPackage:
         return commanders_along(
             self.route, self.zone_finder(), self.parent.sysid, cruise_speed_mps=self.cruise_speed_mps
         )
+
+    def stretches(self, walk: Walk, wind: Wind | None = None) -> tuple[Stretch, ...]:
+        """Where the declared gaps are on the route, which was walked; `wind` None: what [energy] has for one that is
+        not known."""
+        return stretches(self.gaps, legs_of(self.route, self.cruise_speed_mps), walk, self.energy, wind)
 
     def to_bytes(self) -> bytes:
         """The package as it travels, at most 64 KiB; `from_bytes` makes an equal package of it."""
@@ -285,6 +295,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         cruise_speed_named="cruise_speed_mps" in mission or route.cruise_speed_mps is not None,
         delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
         policies=_policies(where, mission.get("policy", {})),
+        gaps=read_gaps(where, mission.get("gap", []), {each.name: each.sysid for each in stations}, route),
         energy=_energy(where, mission.get("energy", {})),
         files=MappingProxyType(files),
         digest=hashlib.sha256(_plain_form(files)).digest(),

@@ -10,21 +10,22 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import shapely
 from shapely.ops import polylabel
 
 from mavproxy_handover.mission.drawing import INK, Points, columns, degrees, halo, note, patch, round_down, ticks
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.gaps import undeclared
 from mavproxy_handover.mission.geodesy import LocalPlane, degree_lengths_m
 from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH, TAKEOFF
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
-from mavproxy_handover.mission.walk import Sample, Walk
+from mavproxy_handover.mission.walk import Gap, Sample, Walk
 from mavproxy_handover.mission.zones import Circle, Zone, beside, overlap
 
 if TYPE_CHECKING:
@@ -215,14 +216,20 @@ class MapSheet:
                 },
                 zorder=5,
             )
-        words: str | None = "no coverage"
-        for gap in self._walk.gaps:
+        open_gaps = undeclared(self._package.gaps, self._walk)
+        self._gaps(axes, open_gaps, "no coverage", {"color": "#d00000", "alpha": 0.6})
+        declared = [gap for gap in self._walk.gaps if gap not in open_gaps]
+        self._gaps(axes, declared, "gap, crossed alone", {"color": INK, "linestyle": (0, (1.0, 1.2))})
+
+    def _gaps(self, axes: Axes, gaps: Sequence[Gap], words: str, style: Mapping[str, Any]) -> None:
+        label: str | None = words
+        for gap in gaps:
             first, last = gap.distance_along_m, gap.distance_along_m + gap.length_m
             points = [
                 self.place(s.lat_deg, s.lon_deg) for s in self._walk.samples if first <= s.distance_along_m <= last
             ]
-            axes.plot(*columns(points), color="#d00000", linewidth=5.0, alpha=0.6, label=words, zorder=6)
-            words = None
+            axes.plot(*columns(points), linewidth=5.0, label=label, zorder=6, **style)
+            label = None
 
     def _arrows(self) -> Iterator[tuple[float, float, float, float, int]]:
         """One arrow in the last third of each item's way, where it is long enough."""

@@ -32,7 +32,7 @@ from mavproxy_handover.mission.items import COMMANDS, LAND, LOITER_TIME, LOITER_
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import legs_of
 
-__all__ = ["Motion", "RouteTracker"]
+__all__ = ["Line", "Motion", "RouteTracker"]
 
 _LOITER_TO_ALT, _LOITER_TURNS, _PAYLOAD_PLACE = 31, 18, 94
 #: commands that are flown to in a straight line; those that land at its end
@@ -67,7 +67,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class _Line:
+class Line:
     """A straight piece of the flight, in degrees."""
 
     start: tuple[float, float]
@@ -111,9 +111,9 @@ class RouteTracker:
         self._seq: int | None = None
         #: where the aircraft was seen last, how fast it was, and when that was
         self._place, self._speed_mps, self._seen_at = place, 0.0, -math.inf
-        self._line: _Line | None = None
+        self._line: Line | None = None
         #: the leg before that one
-        self._behind: _Line | None = None
+        self._behind: Line | None = None
         #: when the leg begins that has no beginning yet
         self._joins_at = -math.inf
         self._landing = False
@@ -132,7 +132,7 @@ class RouteTracker:
         if self._line is None:
             if now < self._joins_at:
                 return None
-            self._line = _Line(motion.place, self._places[motion.waypoint])
+            self._line = Line(motion.place, self._places[motion.waypoint])
         return self._fact(self._line, motion)
 
     def _next(self, motion: Motion, now: float) -> None:
@@ -144,7 +144,7 @@ class RouteTracker:
         if start is None:
             self._behind, self._joins_at = None, now + _JOIN_S
         elif motion.waypoint in self._places:
-            self._line = _Line(start, self._places[motion.waypoint])
+            self._line = Line(start, self._places[motion.waypoint])
 
     def _start(self, before: int, motion: Motion, now: float) -> tuple[float, float] | None:
         """Where the leg begins behind the item `before`; None if that is not where the route has it begin."""
@@ -162,7 +162,7 @@ class RouteTracker:
                 return None  # it was told to go on before it was there
         return self._places[before]
 
-    def _fact(self, line: _Line, motion: Motion) -> TrackFact | None:
+    def _fact(self, line: Line, motion: Motion) -> TrackFact | None:
         along, across, length = line.measure(motion.place)
         turn = _turn_m(motion.speed_mps)
         if self._commands[motion.waypoint] in _LANDS and length - along < turn:

@@ -19,6 +19,7 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ from mavproxy_handover.store.durable import sync_folder
 
 __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
-_FORMAT = 3
+_FORMAT = 4
 _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
@@ -68,6 +69,7 @@ def pack(kept: Kept, vehicle: str) -> bytes:
         "route": list(snapshot.route),
         "takeover_allowed": snapshot.takeover_allowed,
         "out_of_coverage": snapshot.out_of_coverage,
+        "gap_since": snapshot.gap_since,
         "proven": snapshot.proven,
     }
     return json.dumps({"body": body, "sha256": _checksum(body)}, indent=1).encode("utf-8")
@@ -151,6 +153,7 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         route=tuple(_whole("route", station, 1, _MAX_SYSID) for station in route),
         takeover_allowed=takeover_allowed,
         out_of_coverage=None if policy is None else _policy(policy),
+        gap_since=_since(body["gap_since"]),
         proven=proven,
     )
 
@@ -158,6 +161,13 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
 def _whole(key: str, value: object, least: int, most: int) -> int:
     if type(value) is not int or not least <= value <= most:
         raise ValueError(f"{key}: {value!r} must be a whole number from {least} to {most}")
+    return value
+
+
+def _since(value: object) -> float | None:
+    """A monotonic time, or none."""
+    if value is not None and (type(value) is not float or not isfinite(value)):
+        raise ValueError(f"gap_since: {value!r} must be a time in seconds, or none")
     return value
 
 

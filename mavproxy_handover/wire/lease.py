@@ -34,7 +34,10 @@ _FLAG_ENFORCING, _FLAG_ARMED, _FLAG_FLYING, _FLAG_TAMPERED, _FLAG_FOREIGN = 1, 2
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """One lease. `commander` 0 = nobody; `nonce` is drawn when the companion starts, never 0."""
+    """One lease. `commander` 0 = nobody; `nonce` is drawn when the companion starts, never 0.
+
+    `left_s`: how long the aircraft may still fly on alone, in the state ALONE.
+    """
 
     state: LeaseState
     commander: int
@@ -42,6 +45,7 @@ class Lease:
     sequence: int
     epoch: int
     ttl_ms: int
+    left_s: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +81,7 @@ def pack_lease(lease: Lease, vehicle: int, key: bytes | None = None) -> mavlink.
         lease.sequence & 0xFFFFFFFF,
         lease.epoch,
         lease.ttl_ms,
-        0,
+        lease.left_s,
     )
     target = vehicle, AUTOPILOT_COMPID
     if key is not None:
@@ -89,12 +93,12 @@ def unpack_lease(payload: bytes) -> Lease | None:
     """The lease in a TUNNEL payload cut to its length, with a tag (not looked at) or without, or None if it is none."""
     if len(payload) not in (_LEASE.size, _LEASE.size + TAG_BYTES):
         return None
-    version, state, commander, flags, nonce, sequence, epoch, ttl_ms, _reserved = _LEASE.unpack_from(payload)
+    version, state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s = _LEASE.unpack_from(payload)
     if bool(flags & _FLAG_TAGGED) != (len(payload) > _LEASE.size):
         return None
     if version != _VERSION or state not in LeaseState.__members__.values():
         return None
-    return Lease(LeaseState(state), commander, nonce, sequence, epoch, ttl_ms)
+    return Lease(LeaseState(state), commander, nonce, sequence, epoch, ttl_ms, left_s)
 
 
 def unpack_guard_status(payload: bytes) -> GuardStatus | None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from math import ceil
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -15,6 +16,8 @@ __all__ = ["LEASE_INTERVAL_S", "LeaseSequence", "authority_status", "control_sta
 
 LEASE_INTERVAL_S = 0.2
 _LEASE_TTL_MS = 3000
+#: it travels in 16 bits
+_MOST_S = 0xFFFF
 
 
 class LeaseSequence:
@@ -25,10 +28,14 @@ class LeaseSequence:
         self._key = key
         self.sequence = 0
 
-    def next(self, view: AuthorityView, vehicle: int) -> Any:
-        """The next lease, as the TUNNEL message to the autopilot."""
+    def next(self, view: AuthorityView, vehicle: int, alone_s: float = 0.0) -> Any:
+        """The next lease, as the TUNNEL message to the autopilot. `alone_s`: what is left of a gap.
+
+        A second that has begun is a whole one, so that the guard is not the first to act at the end of the gap.
+        """
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
-        lease = Lease(view.lease, view.commander or 0, self.nonce, self.sequence, view.epoch, _LEASE_TTL_MS)
+        left_s = min(ceil(max(0.0, alone_s)), _MOST_S)
+        lease = Lease(view.lease, view.commander or 0, self.nonce, self.sequence, view.epoch, _LEASE_TTL_MS, left_s)
         return pack_lease(lease, vehicle, self._key)
 
 

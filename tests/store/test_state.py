@@ -70,7 +70,7 @@ def signed(body: Any) -> bytes:
 
 def good_body() -> dict[str, Any]:
     return {
-        "format": 3,
+        "format": 4,
         "vehicle": "drone-1",
         "boot": "b1",
         "serial": 12,
@@ -83,6 +83,7 @@ def good_body() -> dict[str, Any]:
         "route": [251, 252, 251],
         "takeover_allowed": True,
         "out_of_coverage": "land",
+        "gap_since": None,
         "proven": True,
     }
 
@@ -96,6 +97,8 @@ class TestKept:
             Snapshot(None, 0, 0, Phase.ON_LOAD, 0, b"", ()),
             Snapshot(255, 0xFFFF_0000, 0xFFFF, Phase.EMERGENCY, 9, DIGEST, (1,) * 50),
             replace(BEFORE, proven=False),
+            replace(BEFORE, gap_since=1234.5),
+            replace(BEFORE, gap_since=-1e9),
         ],
     )
     def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import GuardState, LeaseState
+from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState, Phase
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import GuardStatus, Lease, pack_lease, unpack_guard_status, unpack_lease
+from mavproxy_handover.wire.status import LeaseSequence
 
 LEASE = Lease(LeaseState.TRANSFER, 251, 0x01020304, 0x05060708, 0x090A0B0C, 3000)
 #: version 1, state 2, commander 251, flags 0, nonce, sequence, epoch, ttl, reserved; little-endian
@@ -56,6 +57,21 @@ def test_a_lease_comes_back_as_it_went() -> None:
     assert unpack_lease(LEASE_BYTES) == LEASE
 
 
+def test_the_seconds_that_are_left_alone_stand_behind_the_life_of_the_lease() -> None:
+    alone = Lease(LeaseState.ALONE, 0, 0x01020304, 0x05060708, 0x090A0B0C, 3000, left_s=0x0102)
+    raw = bytes.fromhex("01 05 00 00 04030201 08070605 0c0b0a09 b80b 0201")
+    assert bytes(pack_lease(alone, 1).payload)[:20] == raw
+    assert unpack_lease(raw) == alone
+
+
+@pytest.mark.parametrize(("alone_s", "left_s"), [(0.0, 0), (-3.0, 0), (0.1, 1), (39.2, 40), (40.0, 40), (1e6, 65535)])
+def test_a_second_that_has_begun_is_told_as_a_whole_one(alone_s: float, left_s: int) -> None:
+    view = AuthorityView(Phase.ON_MISSION, None, None, 4, LeaseState.ALONE, armed=True)
+    message = LeaseSequence(9).next(view, 1, alone_s)
+    lease = unpack_lease(bytes(message.payload)[:20])
+    assert lease == Lease(LeaseState.ALONE, 0, 9, 1, 4, 3000, left_s)
+
+
 def test_nobody_is_commander_0() -> None:
     message = pack_lease(Lease(LeaseState.LOST, 0, 1, 1, 0, 3000), 1)
     assert bytes(message.payload[:4]) == bytes([1, 3, 0, 0])
@@ -91,9 +107,9 @@ def test_any_lease_comes_back_as_it_went(lease: Lease) -> None:
         b"\x00" + LEASE_BYTES[1:],
         b"\x02" + LEASE_BYTES[1:],
         b"\x01\x00" + LEASE_BYTES[2:],
-        b"\x01\x05" + LEASE_BYTES[2:],
+        b"\x01\x06" + LEASE_BYTES[2:],
     ],
-    ids=["empty", "short", "long", "version 0", "version 2", "state 0", "state 5"],
+    ids=["empty", "short", "long", "version 0", "version 2", "state 0", "state 6"],
 )
 def test_what_is_no_lease_is_none(payload: bytes) -> None:
     assert unpack_lease(payload) is None

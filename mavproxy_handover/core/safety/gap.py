@@ -14,11 +14,14 @@ Rules
 
 from __future__ import annotations
 
-from math import inf
+from typing import Final
 
 from mavproxy_handover.core.model import GapFact
 
 __all__ = ["Crossing"]
+
+#: before every clock's beginning (s): no gap has time left from then
+_LONG_AGO: Final = -1e9
 
 
 class Crossing:
@@ -34,7 +37,7 @@ class Crossing:
 
     def resume(self, since: float | None, *, certain: bool) -> None:
         """Go on where the run before ended. `certain` False: its clock says nothing here, so no time is left."""
-        self.since = since if since is None or certain else -inf
+        self.since = since if since is None or certain else _LONG_AGO
 
     def seen(self, gap: GapFact | None, now: float, *, covered: bool, exposed: bool) -> None:
         """A position has come. `covered`: the commander is there, and its zone holds the aircraft; `exposed`: no zone
