@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.gaps import GapWatch
 from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import plan_facts
@@ -32,6 +33,7 @@ from mavproxy_handover.core.model import AuthorityView, ZoneFact
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.energy import LANDING, Place, places_of, way_back
+from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.walk import speed_at
@@ -76,6 +78,7 @@ class Autopilot:
         self._loader = MissionLoader(config, self._adopted)
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
+        self._gaps = GapWatch(config.limits, self.aircraft, ties)
         self._missions = MissionWriter(self._loader, copter, talks, ties, self._flies_by)
         self._heed: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_state,
@@ -83,6 +86,7 @@ class Autopilot:
             "GLOBAL_POSITION_INT": self._on_position,
             "TUNNEL": self._on_tunnel,
             "STATUSTEXT": lambda m, _now: self._preflight.text(m.text),
+            "PARAM_VALUE": lambda m, _now: self._preflight.told(m.param_id, m.param_value),
             **dict.fromkeys(("ATTITUDE", "BATTERY_STATUS", "WIND"), self._on_energy),
             "MISSION_ITEM_REACHED": self._on_reached,
         }
@@ -148,7 +152,7 @@ class Autopilot:
         if now - self.aircraft.position_at > _OLD_S:
             return
         self._streams.position_seen()
-        self._ties.handle(PositionSeen(self.zone_facts()), now)
+        self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact()), now)
         self.route.look(now)
 
     def _mode_changed(self, now: float) -> None:
@@ -195,18 +199,26 @@ class Autopilot:
     def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there."""
         self._loader.adopt(package, package.zone_finder(), way_of(package), now)
-        self._flies_by(package)
+        self._flies_by(package, ())
+
+        def found(stretches: tuple[Stretch, ...]) -> None:
+            if self._flown is package:
+                self._gaps.adopt(stretches)
+
+        self._missions.find_gaps(package, found)
 
     def overwritten(self) -> None:
         """Somebody else begins to write a mission: what the autopilot holds is not known here any more."""
-        self._flies_by(None)
+        self._flies_by(None, ())
 
-    def _flies_by(self, package: MissionPackage | None) -> None:
+    def _flies_by(self, package: MissionPackage | None, stretches: tuple[Stretch, ...]) -> None:
         self._flown = package
+        self._gaps.adopt(stretches)
+        self._gaps.judge(self._preflight.parameters, self._ties.clocks.monotonic())
         self.route.adopt(None if package is None else package.route)
         places = () if package is None else places_of(package.route)
         self._returns = tuple(place for place in places if place.name != LANDING)
-        self._preflight.planned(None if package is None else plan_facts(package.route))
+        self._preflight.planned(None if package is None else plan_facts(package.route), self._gaps.longest_s)
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
@@ -232,6 +244,7 @@ class Autopilot:
         firmware = None if self.guard_status is None else self.guard_status.firmware
         self._preflight.each_second(aircraft, grounded, arbiter.guard(now), firmware, now)
         self._energy.each_second(aircraft, grounded, now)
+        self._gaps.judge(self._preflight.parameters, now)
         self._look_for_signs(now)
 
     def _look_for_signs(self, now: float) -> None:

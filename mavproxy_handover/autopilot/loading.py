@@ -22,6 +22,7 @@ from mavproxy_handover.core.events import MissionLoaded
 from mavproxy_handover.core.safety.energy import Piece
 from mavproxy_handover.mission.energy import PreparedWay
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.walk import legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
@@ -59,11 +60,14 @@ class Prepared:
     commanders: tuple[int, ...]
     #: its route for the energy
     way: Way
+    #: gaps in coverage that it means to cross
+    stretches: tuple[Stretch, ...] = ()
 
 
 def prepare(package: MissionPackage) -> Prepared:
     """Walk the route through the zones. Takes as long as the package makes it: not for the main loop."""
-    return Prepared(package, package.zone_finder(), tuple(package.walk().commanders), way_of(package))
+    walk = package.walk()
+    return Prepared(package, package.zone_finder(), walk.commanders, way_of(package), package.stretches(walk))
 
 
 def way_of(package: MissionPackage) -> Way:
@@ -149,7 +153,7 @@ class MissionLoader:
 class MissionWriter:
     """Takes packages from the stations and from on board to the autopilot. What takes time is the `worker`'s.
 
-    `flies_by` is told which package the autopilot holds from now on, None while it holds none.
+    `flies_by` is told which package the autopilot holds from now on, None while it holds none, and the gaps of it.
     """
 
     def __init__(
@@ -158,7 +162,7 @@ class MissionWriter:
         copter: Copter,
         conversations: Conversations,
         ties: Ties,
-        flies_by: Callable[[MissionPackage | None], None],
+        flies_by: Callable[[MissionPackage | None, tuple[Stretch, ...]], None],
     ) -> None:
         self._loader = loader
         self._copter = copter
@@ -205,6 +209,19 @@ class MissionWriter:
 
         self._worker.submit(lambda: prepare(package), prepared)
 
+    def find_gaps(self, package: MissionPackage, found: Callable[[tuple[Stretch, ...]], None]) -> None:
+        """Beside the main loop: where the gaps are that a package declares which the autopilot holds already."""
+        if not package.gaps:
+            return
+
+        def prepared(result: Prepared | Exception, _now: float) -> None:
+            if isinstance(result, Prepared):
+                found(result.stretches)
+            else:
+                self._ties.fault("gaps", f"{type(result).__name__}: {result}")
+
+        self._worker.submit(lambda: prepare(package), prepared)
+
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self._worker.tick(now)
@@ -223,7 +240,7 @@ class MissionWriter:
         ties, loader, package = self._ties, self._loader, prepared.package
         if ties.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
             ties.handle(MissionLoaded(b"", ()), now)
-        self._flies_by(None)
+        self._flies_by(None, ())
         source = _ON_BOARD if port is None else port.name
 
         def done(talk: Conversation, now: float) -> None:
@@ -237,7 +254,7 @@ class MissionWriter:
                 port.send(loader.loaded(prepared, port.target))
             ties.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
             ties.keep(package)
-            self._flies_by(package)
+            self._flies_by(package, prepared.stretches)
             ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
         asking = self._copter.load(_plan(package))

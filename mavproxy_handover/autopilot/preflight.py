@@ -38,6 +38,7 @@ __all__ = ["NAMES", "Finding", "Found", "Preflight", "judge", "reading"]
 #: what is read; of two names in a row a firmware has one (up to 4.6, from 4.7)
 NAMES = (
     "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
+    "HNDO_ALONE_MAX",
     "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "FS_OPTIONS", "RALLY_LIMIT_KM",
     "SYSID_ENFORCE", "MAV_OPTIONS", "FS_THR_ENABLE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
     "ARMING_CHECK", "ARMING_SKIPCHK", *own_failsafes.NAMES,
@@ -80,6 +81,8 @@ class Found:
     heard_on: int | None = None
     #: of the mission that the autopilot holds; None without one
     plan: PlanFacts | None = None
+    #: the longest that it may be alone in a gap (s); 0 without gaps
+    gap_s: float = 0.0
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------
@@ -215,6 +218,13 @@ def _follows(p: Mapping[str, float], found: Found, limits: Limits) -> str | None
     return "is 0: the autopilot's GCS failsafe goes on watching one station, whoever commands"
 
 
+def _alone(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    most_s = p.get("HNDO_ALONE_MAX", 0.0)
+    if most_s >= found.gap_s - _ROUNDED_S:
+        return None
+    return f"is {most_s:g} s: too short for a gap of the mission ({found.gap_s:g} s), START is refused"
+
+
 def _gcs_failsafe(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     if p.get("FS_GCS_ENABLE", 1) != 0:
         return None
@@ -279,6 +289,7 @@ _RULES: tuple[tuple[str, Rule, bool], ...] = (
     ("HNDO_TIMEOUT", _timeout, True),
     ("HNDO_LOST_T", _lost_time, True),
     ("HNDO_SYSID_SW", _follows, True),
+    ("HNDO_ALONE_MAX", _alone, True),
     ("SCR_VM_I_COUNT", _instructions, True),
     ("SCR_LD_CHECKSUM", _checksum, True),
     ("FS_THR_ENABLE", _pilot, True),
@@ -334,16 +345,27 @@ class Preflight:
         self._report = report
         #: None: not read yet
         self.findings: tuple[Finding, ...] | None = None
+        #: what was read last, None before that
+        self.parameters: Mapping[str, float] | None = None
         self._heard_at = -math.inf
         self._due_at = math.inf
         self._unread = True
         self._heard_on: int | None = None
         self._plan: PlanFacts | None = None
+        self._gap_s = 0.0
         self._replanned = False
 
-    def planned(self, plan: PlanFacts | None) -> None:
-        """The autopilot holds another mission, or none: once it has been read, it is read again for one."""
+    def planned(self, plan: PlanFacts | None, gap_s: float = 0.0) -> None:
+        """The autopilot holds another mission, or none: once it has been read, it is read again for one.
+
+        `gap_s`: the longest limit of its gaps."""
         self._plan, self._replanned = plan, plan is not None
+        self._gap_s = gap_s
+
+    def told(self, name: str, value: float) -> None:
+        """A PARAM_VALUE of the autopilot: it tells everybody of each that is set."""
+        if self.parameters is not None and name in NAMES and math.isfinite(value):
+            self.parameters = {**self.parameters, name: float(value)}
 
     def text(self, text: str) -> None:
         """A STATUSTEXT of the autopilot: the guard names the channel that it refuses leases from."""
@@ -369,7 +391,9 @@ class Preflight:
         self._due_at, self._unread = math.inf, False
 
         def done(talk: Conversation, now: float) -> None:
-            found = Found(talk.result or {}, guard, firmware, aircraft.foreign, self._heard_on, self._plan)
+            self.parameters = talk.result or {}
+            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s
+            found = Found(self.parameters, guard, firmware, *told)
             self._conclude(judge(found, self._limits), now)
 
         self._conversations.begin("preflight", reading(self._sysid), done, now)

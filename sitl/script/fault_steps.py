@@ -89,14 +89,15 @@ class Impair(Deed):
 
 @dataclass(frozen=True, slots=True)
 class World(Deed):
-    """The world changes: a parameter of the simulation itself (SIM_*), set past everybody who commands."""
+    """The world changes: a parameter of the simulation itself (SIM_*), or of the guard (HNDO_*: they exist once it
+    runs), set past everybody who commands."""
 
     name: str
     value: float
 
     def __post_init__(self) -> None:
-        if not self.name.startswith("SIM_"):
-            raise ValueError(f"name: {self.name!r} must begin with SIM_: others are somebody's to command")
+        if not self.name.startswith(("SIM_", "HNDO_")):
+            raise ValueError(f"name: {self.name!r} must begin with SIM_ or HNDO_: others are somebody's to command")
 
     def describe(self) -> str:
         return f"{self.name} is {self.value:g}"

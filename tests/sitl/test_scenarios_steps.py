@@ -121,7 +121,7 @@ def test_the_world_has_changed_when_the_vehicle_says_so(stage: FakeStage) -> Non
 
 
 def test_what_is_somebody_s_to_command_is_not_the_world() -> None:
-    with pytest.raises(ValueError, match="'RTL_ALT' must begin with SIM_"):
+    with pytest.raises(ValueError, match="'RTL_ALT' must begin with SIM_ or HNDO_"):
         World("RTL_ALT", 0.0)
 
 

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Declared gaps on the vehicle: is the aircraft in one now, and is everything there that crossing one takes?
+
+Only gaps of the package count that the companion itself has written to the autopilot, on the ground; they are gone as
+soon as somebody else begins to write a mission. They count in AUTO alone.
+
+What START needs for them: a guard that lets them be crossed for long enough, and that has the autopilot's GCS failsafe
+watch the companion meanwhile. A gap that takes longer than its limit against the wind is none to fly into.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import isfinite
+from typing import Final
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.events import GapsJudged
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import GapFact
+from mavproxy_handover.mission.gaps import Stretch
+from mavproxy_handover.wire.ids import COPTER_AUTO
+
+__all__ = ["ALONE_MAX", "GapWatch", "lacking"]
+
+#: the guard's parameter: so long (s) it lets the aircraft be alone
+ALONE_MAX: Final = "HNDO_ALONE_MAX"
+_FOLLOWS: Final = "HNDO_SYSID_SW"
+#: a gap begins for the rules so much (s) before the border as they look ahead, and this
+_EARLIER_S: Final = 3.0
+#: behind the far border there is so much time (s) for contact
+_CONTACT_S: Final = 5.0
+#: parameters have 24 bits
+_ROUNDED_S: Final = 1e-3
+
+
+def lacking(stretches: Sequence[Stretch], parameters: Mapping[str, float] | None, guarded: bool) -> str:
+    """What crossing these takes and is not there, in words; "" if nothing. `parameters` None: not read yet."""
+    if not stretches:
+        return ""
+    for stretch in stretches:
+        declared = stretch.declared
+        if not isfinite(stretch.time_s) or stretch.time_s > declared.limit_s:
+            takes = f"{stretch.time_s:.0f} s against the wind" if isfinite(stretch.time_s) else "for ever in the wind"
+            return f"{declared.words} takes {takes}, its limit is {declared.limit_s:g} s"
+    if not guarded:
+        return "without a guard nothing brings the aircraft home out of one"
+    if parameters is None:
+        return "the guard's parameters are not read yet"
+    longest = max((stretch.declared for stretch in stretches), key=lambda declared: declared.limit_s)
+    most_s = parameters.get(ALONE_MAX)
+    if most_s is None:
+        return f"the guard has no {ALONE_MAX}: it knows no gaps"
+    if not most_s >= longest.limit_s - _ROUNDED_S:
+        return f"{ALONE_MAX} is {most_s:g} s, {longest.words} may take {longest.limit_s:g} s"
+    if parameters.get(_FOLLOWS, 1.0) < 0.5:
+        return f"{_FOLLOWS} is 0: the autopilot's GCS failsafe would end them"
+    return ""
+
+
+class GapWatch:
+    """The gaps of one vehicle's mission. Times are monotonic seconds."""
+
+    def __init__(self, limits: Limits, aircraft: Aircraft, ties: Ties) -> None:
+        self._lead_s = limits.hold_lead_s + _EARLIER_S
+        self._guarded = limits.guard_required
+        self._aircraft = aircraft
+        self._ties = ties
+        self._stretches: tuple[Stretch, ...] = ()
+        self._lacking = ""
+
+    @property
+    def longest_s(self) -> float:
+        """The longest limit (s) of a gap of the mission; 0 without one."""
+        return max((stretch.declared.limit_s for stretch in self._stretches), default=0.0)
+
+    def adopt(self, stretches: Sequence[Stretch]) -> None:
+        """The autopilot holds a mission with these, or none that is known."""
+        self._stretches = tuple(stretches)
+
+    def fact(self) -> GapFact | None:
+        """The gap that the aircraft is in at its last position, or flies into in a moment; None: in none."""
+        aircraft = self._aircraft
+        where = aircraft.where
+        if not self._stretches or where is None or aircraft.custom_mode != COPTER_AUTO:
+            return None
+        if aircraft.foreign or not aircraft.flying:
+            return None
+        for stretch in self._stretches:
+            along_m = stretch.along_m(aircraft.waypoint, *where[:2])
+            speed_mps = max(stretch.speed_mps, aircraft.track[1])
+            if along_m is None or along_m > stretch.found.length_m + speed_mps * _CONTACT_S:
+                continue
+            if along_m >= -speed_mps * self._lead_s:
+                return GapFact(stretch.declared.limit_s, stretch.declared.words, ahead=along_m < 0.0)
+        return None
+
+    def judge(self, parameters: Mapping[str, float] | None, now: float) -> None:
+        """Tell the arbiter what START lacks for them, when that changes. `parameters`: of the autopilot, None before
+        they were read."""
+        found = lacking(self._stretches, parameters, self._guarded)
+        if found != self._lacking:
+            self._lacking = found
+            self._ties.handle(GapsJudged(found), now)
