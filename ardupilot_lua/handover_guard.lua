@@ -1286,7 +1286,8 @@ local function update()
         running.catch_up = WORK.CATCH_UP_CALLS
     end
     local _, more
-    if running.catch_up > 0 then    -- leases may be waiting, oldest first: hear them all before judging
+    local catching_up = running.catch_up > 0
+    if catching_up then             -- leases may be waiting, oldest first: hear them all before judging
         _, more = protected(rx.read, now)
         running.catch_up = more and running.catch_up - 1 or 0
     end
@@ -1294,7 +1295,7 @@ local function update()
         if not protected(enforce, now) then
             protected(last_resort, now)
         end
-        if not stalled then
+        if not catching_up then     -- the queue is read once in a call: twice may be too many instructions
             _, more = protected(rx.read, now)
         end
     end

@@ -69,9 +69,14 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "DEED.disarm: edge: if craft.flown and elapsed(now, craft.flown_at) < MS.LANDED then": _MILLISECOND,
     "send_home: one more: loss.mode, loss.action, loss.attempts = try.mode, try.action, 0": _AGAIN,
     "lease.accept: or: lease.at = stamp and stamp:toint() or now": _BOXED,
+    'key.read: one more: local digits = string.match(file:read(80) or "", "^%s*(%x+)%s*$")': (
+        "behind the digits: how much white space is read"
+    ),
+    "key.read: one more: for i = 1, 8 do (number 2)": "eight bytes are taken of them",
     "key.read: left out: file:close()": "the garbage collector closes it",
     'half_siphash: mask dropped: local tail = string.sub(text, whole + 1) .. string.rep("\\0", 3 - size % 4) .. '
     "string.char(size & 0xFF)": "no text is that long",
+    "half_siphash: one more: for i = 1, whole + 1, 4 do (number 2)": "steps of four: the next one is past either",
     'key.objection: one more: if string.pack("<I4I4", low, high) ~= string.sub(body, 26, 33) then (number 2)': (
         "the body ends there"
     ),
