@@ -3,7 +3,7 @@
 """No call comes near the 10 000 VM instructions that end a script for good, pcall or not: random flights look for it.
 
 Everything that costs comes together by chance: a queue that fills again and again with frames of all kinds, stalls, a
-loss, refused modes, switches of a pilot, companions that restart. What the page states is the worst of ninety such
+loss, refused modes, switches of a pilot, companions that restart. What the page states is the worst of seventy such
 flights; flown here are the two that came nearest to it, and two others.
 """
 
@@ -29,7 +29,7 @@ def kinds_of_frames(dice: random.Random, companion: Companion) -> list[Callable[
     kinds: list[Callable[[], bytes]] = [
         lambda: companion.lease(ttl_ms=0x7FFF),
         lambda: companion.lease(
-            state=dice.randint(1, 4), commander=dice.randrange(256), epoch=companion.epoch + dice.randrange(3)
+            state=dice.randint(1, 5), commander=dice.randrange(256), epoch=companion.epoch + dice.randrange(3), left_s=9
         ),
         lambda: companion.lease(version=2),
         lambda: companion.tunnel(b"", kind=0),
@@ -47,7 +47,7 @@ def dearest_call(bench: Bench, seed: int) -> int:
     """Instructions of the dearest call of one flight."""
     dice = random.Random(seed)
     vehicle, companion = bench.vehicle, bench.companion
-    vehicle.rc = True
+    vehicle.rc, vehicle.parameters["HNDO_ALONE_MAX"] = True, 600.0
     bench.fly()
     if companion.key is not None and dice.random() < 0.2:
         companion.key = OTHER_KEY
@@ -71,11 +71,11 @@ def dearest_call(bench: Bench, seed: int) -> int:
     return bench.most_instructions
 
 
-@pytest.mark.parametrize("seed", [2, 5])
+@pytest.mark.parametrize("seed", [2, 22])
 def test_plain_leases(seed: int) -> None:
     assert dearest_call(Bench(count_instructions=True), seed) <= stated(STATED)[0]
 
 
-@pytest.mark.parametrize("seed", [2, 20])
+@pytest.mark.parametrize("seed", [2, 8])
 def test_leases_with_a_key(seed: int, tmp_path: Path) -> None:
     assert dearest_call(keyed_bench(tmp_path, count_instructions=True), seed) <= stated(STATED)[1]
