@@ -197,7 +197,7 @@ class Companion:
         if what.startswith(_MISSION_WRITES) and self.view.phase is Phase.ON_LOAD and self.arbiter.mission_digest:
             self.handle(events.MissionLoaded(b"", ()), now)
         if what in _ROUTE_WRITES:
-            self.autopilot.overwritten()
+            self.autopilot.overwritten(now)
 
     def _station_told(self, news: News, now: float) -> None:
         self.narrator.stream(self.ports[news.station].name, news, now)

@@ -333,6 +333,35 @@ class Narrator:
         self._journal.write("off_route" if news.off else "on_route", news.text, course_off_deg=course, **values)
         self._tell_sentence(f"WARNING: {news.text}" if news.off else news.text)
 
+    def place(self, text: str, name: str, reachable: bool) -> None:
+        """The autopilot's list holds another place for a return."""
+        self._journal.write("place", text, place=name, reachable=reachable)
+        self._tell_sentence(text)
+
+    def place_failed(self, why: str) -> None:
+        """It could not be written there."""
+        text = f"the place of a return could not be written, it is tried again: {why}"
+        self._journal.write("place_failed", text)
+        self._tell_sentence(f"WARNING: {text}")
+
+    def rally_overwritten(self) -> None:
+        """Somebody else on board has written the autopilot's list."""
+        text = "somebody else has written the autopilot's rally list: the place of a return is written again"
+        self._journal.write("rally_overwritten", text)
+        self._tell_sentence(f"WARNING: {text}")
+
+    def rally_list(self, count: int, station: str) -> None:
+        """The commander has put other rally points in the place of the mission's."""
+        text = f"{count} rally points of {station} count instead of the mission's, for this flight"
+        self._journal.write("rally_list", text, station=station, count=count)
+        self._tell_sentence(text)
+
+    def bounced(self, name: str) -> None:
+        """A return under way is begun anew, for another place."""
+        text = f"the return under way goes to {name} instead: GUIDED, and RTL again"
+        self._journal.write("bounce", text, place=name)
+        self._tell_sentence(text)
+
     def second_manager(self, component: int) -> None:
         """Somebody else on board claims to manage operator control."""
         text = f"component {component} claims to be the system manager too: switch its operator control off"
@@ -363,7 +392,7 @@ class Narrator:
 
     def mission_written(self, package: MissionPackage, fence: Sequence[FencePart], cruise_mps: float) -> None:
         """The autopilot holds the plan of the package; `fence`, `cruise_mps`: in force now, of the plan or not."""
-        lists = "mission, rally points and geofence" if package.route.fence else "mission and rally points"
+        lists = "mission, place of a return and geofence" if package.route.fence else "mission and place of a return"
         self._journal.write("mission_written", f"{lists} written, read back, equal", cruise_mps=round(cruise_mps, 3))
         if fence and not package.route.fence:
             text = f"the plan has no geofence: the autopilot keeps the one that it has ({len(fence)} areas)"

@@ -22,6 +22,7 @@ from mavproxy_handover.autopilot.gaps import GapWatch
 from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import plan_facts
+from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.streams import Streams
@@ -32,9 +33,7 @@ from mavproxy_handover.core.events import AutopilotState, GuardSeen, PositionSee
 from mavproxy_handover.core.model import AuthorityView, ZoneFact
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
-from mavproxy_handover.mission.energy import LANDING, Place, places_of, way_back
 from mavproxy_handover.mission.gaps import Stretch
-from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.walk import speed_at
 from mavproxy_handover.stations.port import StationPort
@@ -79,21 +78,22 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
-        self._missions = MissionWriter(self._loader, copter, talks, ties, self._flies_by)
+        #: where a return goes
+        self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
+        self._missions = MissionWriter(self._loader, copter, talks, ties, self._flies_by, self.places.first_point)
         self._heed: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_state,
             "EXTENDED_SYS_STATE": self._on_state,
             "GLOBAL_POSITION_INT": self._on_position,
             "TUNNEL": self._on_tunnel,
             "STATUSTEXT": lambda m, _now: self._preflight.text(m.text),
-            "PARAM_VALUE": lambda m, _now: self._preflight.told(m.param_id, m.param_value),
+            "PARAM_VALUE": self._on_parameter,
             **dict.fromkeys(("ATTITUDE", "BATTERY_STATUS", "WIND"), self._on_energy),
             "MISSION_ITEM_REACHED": self._on_reached,
+            **dict.fromkeys(("HOME_POSITION", "FENCE_STATUS", "SYS_STATUS"), self.places.take),
         }
         #: the package that the autopilot holds, as far as is known
         self._flown: MissionPackage | None = None
-        #: where RTL may go: home and the rally points of that
-        self._returns: tuple[Place, ...] = ()
         #: what the arbiter was told last of what looks wrong
         self._signs = SignsSeen()
         self._second_manager_told = False
@@ -132,6 +132,7 @@ class Autopilot:
         if aircraft.custom_mode != mode:
             narrator.mode(COPTER_MODES.get(aircraft.custom_mode, f"mode {aircraft.custom_mode}"))
             if known:
+                self.orders.mode_changed()
                 self._mode_changed(now)
         if aircraft.waypoint != waypoint:
             narrator.waypoint(aircraft.waypoint)
@@ -162,8 +163,9 @@ class Autopilot:
         speed_mps = speed_at(package.route, aircraft.waypoint) if resumes and package is not None else None
         self.orders.resume_speed(speed_mps, now)
 
-    def _on_state(self, _message: Any, now: float) -> None:
+    def _on_state(self, message: Any, now: float) -> None:
         aircraft = self.aircraft
+        self.places.take(message, now)
         if aircraft.heartbeat_at > -math.inf:  # before that nothing is known of arming: in flight it would read as no
             self._ties.handle(AutopilotState(aircraft.armed, aircraft.flying, aircraft.foreign), now)
 
@@ -180,6 +182,10 @@ class Autopilot:
             return
         self.guard_status = status
         self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce), now)
+
+    def _on_parameter(self, message: Any, now: float) -> None:
+        self._preflight.told(message.param_id, message.param_value)
+        self.places.take(message, now)
 
     def _on_energy(self, message: Any, now: float) -> None:
         self._energy.take(message, now, on_ground=not self.aircraft.armed)
@@ -199,7 +205,7 @@ class Autopilot:
     def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there."""
         self._loader.adopt(package, package.zone_finder(), way_of(package), now)
-        self._flies_by(package, ())
+        self._flies_by(package, (), now)
 
         def found(stretches: tuple[Stretch, ...]) -> None:
             if self._flown is package:
@@ -207,17 +213,16 @@ class Autopilot:
 
         self._missions.find_gaps(package, found)
 
-    def overwritten(self) -> None:
+    def overwritten(self, now: float) -> None:
         """Somebody else begins to write a mission: what the autopilot holds is not known here any more."""
-        self._flies_by(None, ())
+        self._flies_by(None, (), now)
 
-    def _flies_by(self, package: MissionPackage | None, stretches: tuple[Stretch, ...]) -> None:
+    def _flies_by(self, package: MissionPackage | None, stretches: tuple[Stretch, ...], now: float) -> None:
         self._flown = package
         self._gaps.adopt(stretches)
-        self._gaps.judge(self._preflight.parameters, self._ties.clocks.monotonic())
+        self._gaps.judge(self._preflight.parameters, now)
         self.route.adopt(None if package is None else package.route)
-        places = () if package is None else places_of(package.route)
-        self._returns = tuple(place for place in places if place.name != LANDING)
+        self.places.adopt(package, now)
         self._preflight.planned(None if package is None else plan_facts(package.route), self._gaps.longest_s)
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
@@ -232,6 +237,7 @@ class Autopilot:
         """Time has passed; to be called often."""
         self.conversations.tick(now)
         self._missions.tick(now)
+        self.places.tick(now)
 
     def each_second(self, view: AuthorityView, now: float) -> None:
         """Telemetry, streams that are missing, the mission on board, the checks before flight; `view`: in force."""
@@ -245,24 +251,16 @@ class Autopilot:
         self._preflight.each_second(aircraft, grounded, arbiter.guard(now), firmware, now)
         self._energy.each_second(aircraft, grounded, now)
         self._gaps.judge(self._preflight.parameters, now)
+        self.places.each_second(now)
         self._look_for_signs(now)
 
     def _look_for_signs(self, now: float) -> None:
         """Tell the arbiter what looks wrong that only this side can work out, when it changes."""
-        margin_wh = self._margin_wh() if self.aircraft.flying else None
-        energy = margin_wh is not None and margin_wh <= 0.0
-        signs = SignsSeen(energy, self.aircraft.flying and self.route.deviation is not None)
+        flying = self.aircraft.flying
+        signs = SignsSeen(flying and self.places.short, flying and self.route.deviation is not None)
         if signs != self._signs:
             self._signs = signs
             self._ties.handle(signs, now)
-
-    def _margin_wh(self) -> float | None:
-        """What is left (Wh) over the way to where RTL goes, with the reserve; None where that is not known."""
-        fact, here = self._energy.fact, self.aircraft.where
-        if fact.model is None or here is None or not self._returns:
-            return None
-        nearest = min(self._returns, key=lambda place: distance_m(*here[:2], place.lat_deg, place.lon_deg))
-        return fact.margin_wh(way_back(here, nearest, fact.model.return_alt_m))
 
 
 def _for_companion(message: Any, sysid: int) -> bool:

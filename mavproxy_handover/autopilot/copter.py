@@ -10,6 +10,7 @@ and "Command Protocol"; ArduCopter's GCS_MAVLink_Copter.cpp for arming and MISSI
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -149,6 +150,15 @@ class Copter:
             except NoAnswer as error:
                 trouble = str(error)
         raise AutopilotError(f"the autopilot does not obey: {trouble}")
+
+    def return_anew(self) -> Asking:
+        """Leave RTL and begin it again, at a full stop: it reads its place when it begins. What `bring_home` returns.
+
+        If it does not leave, it is in RTL still.
+        """
+        with suppress(NoAnswer):
+            yield from self._mode(GUIDED)
+        return (yield from self.bring_home(FlightAction.RETURN))
 
     def hold(self, pause: bool) -> Asking:
         """Stop where it is, or go on. Returns what it does."""

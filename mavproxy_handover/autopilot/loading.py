@@ -23,6 +23,7 @@ from mavproxy_handover.core.safety.energy import Piece
 from mavproxy_handover.mission.energy import PreparedWay
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.gaps import Stretch
+from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.walk import legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
@@ -154,6 +155,8 @@ class MissionWriter:
     """Takes packages from the stations and from on board to the autopilot. What takes time is the `worker`'s.
 
     `flies_by` is told which package the autopilot holds from now on, None while it holds none, and the gaps of it.
+    `first_point`: what its rally list is to hold with the plan, and that alone; the rally points of the package are
+    candidates (`places.py`).
     """
 
     def __init__(
@@ -162,13 +165,15 @@ class MissionWriter:
         copter: Copter,
         conversations: Conversations,
         ties: Ties,
-        flies_by: Callable[[MissionPackage | None, tuple[Stretch, ...]], None],
+        flies_by: Callable[[MissionPackage | None, tuple[Stretch, ...], float], None],
+        first_point: Callable[[MissionPackage], RallyPoint],
     ) -> None:
         self._loader = loader
         self._copter = copter
         self._conversations = conversations
         self._ties = ties
         self._flies_by = flies_by
+        self._first_point = first_point
         self._worker = Worker()
         self._on_board_at = 0.0
 
@@ -240,7 +245,7 @@ class MissionWriter:
         ties, loader, package = self._ties, self._loader, prepared.package
         if ties.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
             ties.handle(MissionLoaded(b"", ()), now)
-        self._flies_by(None, ())
+        self._flies_by(None, (), now)
         source = _ON_BOARD if port is None else port.name
 
         def done(talk: Conversation, now: float) -> None:
@@ -254,13 +259,13 @@ class MissionWriter:
                 port.send(loader.loaded(prepared, port.target))
             ties.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
             ties.keep(package)
-            self._flies_by(package, prepared.stretches)
+            self._flies_by(package, prepared.stretches, now)
             ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
-        asking = self._copter.load(_plan(package))
+        asking = self._copter.load(_plan(package, self._first_point(package)))
         self._conversations.begin(_LOAD, asking, done, now)
 
 
-def _plan(package: MissionPackage) -> Plan:
+def _plan(package: MissionPackage, place: RallyPoint) -> Plan:
     route, named = package.route, package.cruise_speed_named
-    return Plan(route.upload_items(), route.rally, route.fence, package.cruise_speed_mps if named else None)
+    return Plan(route.upload_items(), (place,), route.fence, package.cruise_speed_mps if named else None)

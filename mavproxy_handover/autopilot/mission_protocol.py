@@ -95,6 +95,21 @@ class MissionProtocol:
             items.append((yield from self._item_back(_FENCE, seq)))
         return fence_parts(items)
 
+    def held_rally(self) -> Asking:
+        """Returns the one rally point that the autopilot holds, None where it holds none or more than one."""
+        count = yield self._list_request(_RALLY, ("MISSION_COUNT", "MISSION_ACK"))
+        if count.get_type() == "MISSION_ACK":
+            raise AutopilotError("the autopilot does not give its rally points away now")
+        if count.count != 1:
+            return None
+        item = yield from self._item_back(_RALLY, 0)
+        return RallyPoint(item.lat_deg, item.lon_deg, item.alt_m)
+
+    def home(self) -> Asking:
+        """Returns latitude and longitude of the autopilot's own home, which it gives as item 0 of its mission."""
+        item = yield from self._item_back(_MISSION, 0)
+        return item.lat_deg, item.lon_deg
+
     # ---- the steps ------------------------------------------------------------------------------------------------
 
     @property

@@ -9,17 +9,20 @@ station that asked is told so.
 
 from __future__ import annotations
 
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.copter import Copter
+from mavproxy_handover.autopilot.copter import COPTER_MODES, RTL, Copter
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.wire.conversation import Conversation, Conversations
+from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.frames import Frame, field_int
 from mavproxy_handover.wire.ids import MISSION_START
 
@@ -29,6 +32,8 @@ __all__ = ["Orders", "commanded"]
 _START: Final = "start"
 _HOME: Final = "home"
 _SPEED: Final = "speed"
+#: so long (s) a return waits for its place to be in the autopilot's list
+_PLACE_S: Final = 1.0
 
 
 def commanded(frame: Frame) -> int | None:
@@ -52,6 +57,10 @@ class Orders:
         self._conversations = conversations
         self._ties = ties
         self._asker: _Asker | None = None
+        #: is told that a return is about to be ordered; returns what tells whether its place is in the autopilot's list
+        self.before_return: Callable[[float], Callable[[], bool]] = lambda _now: lambda: True
+        #: the autopilot returns because it was told so here
+        self.returning = False
 
     @property
     def starting(self) -> bool:
@@ -136,9 +145,37 @@ class Orders:
         pauses = action in (FlightAction.HOLD, FlightAction.CONTINUE)
         if not pauses:
             self.give_start_up("the aircraft is brought home", now)
-        asking = self._copter.hold(action is FlightAction.HOLD) if pauses else self._copter.bring_home(action)
+        asking = self._copter.hold(action is FlightAction.HOLD) if pauses else self._way_home(action, now)
+        self._begin_home(action, asking, now)
 
+    def again(self, now: float) -> None:
+        """Begin the return anew: the autopilot reads where to when it begins."""
+        self._begin_home(FlightAction.RETURN, self._copter.return_anew(), now)
+
+    def mode_changed(self) -> None:
+        """The autopilot flies another mode than before."""
+        if _HOME not in self._conversations:
+            self.returning = False
+
+    def _begin_home(self, action: FlightAction, asking: Asking, now: float) -> None:
         def done(talk: Conversation, _now: float) -> None:
+            self.returning = action is FlightAction.RETURN and talk.result == COPTER_MODES[RTL]
             self._ties.narrator.flown(action, talk.result, talk.failure)
 
         self._conversations.begin(_HOME, asking, done, now)
+
+    def _way_home(self, action: FlightAction, now: float) -> Asking:
+        """The place first, then the return to it; but no return waits for that longer than a moment."""
+        if action is FlightAction.RETURN:
+            written = self._place(now)
+            if not written():
+                with suppress(NoAnswer):
+                    yield Ask("the place to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
+        return (yield from self._copter.bring_home(action))
+
+    def _place(self, now: float) -> Callable[[], bool]:
+        try:
+            return self.before_return(now)
+        except Exception:
+            self._ties.fault("place of a return", traceback.format_exc(limit=-3))
+            return lambda: True

@@ -48,9 +48,14 @@ class Voice:
         ack = mavlink.MAVLink_command_ack_message(command, result, 0, 0, *asker)
         port.write(codec.pack(ack, self._as_autopilot if component == AUTOPILOT_COMPID else self._own))
 
-    def say(self, port: StationPort, text: str) -> None:
-        """A warning for the station's operator, in as many STATUSTEXT as it takes."""
+    def answer(self, port: StationPort, message: Any) -> None:
+        """Send a message to one station in the autopilot's name: that is whom it asked."""
+        port.write(codec.pack(message, self._as_autopilot))
+
+    def say(self, port: StationPort, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
+        """A line for the station's operator, a warning unless `severity` says otherwise, in as many STATUSTEXT as it
+        takes."""
         raw = text.encode("utf-8")
         for start in range(0, len(raw), _TEXT_BYTES):
-            line = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_WARNING, raw[start : start + _TEXT_BYTES])
+            line = mavlink.MAVLink_statustext_message(severity, raw[start : start + _TEXT_BYTES])
             port.send(line)

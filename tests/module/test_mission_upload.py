@@ -26,7 +26,9 @@ def places(items: list[Any]) -> list[tuple[int, int, int, float]]:
     return [(item.command, item.x, item.y, item.z) for item in items]
 
 
-def test_the_autopilot_holds_mission_and_rally_points_of_the_package(bench: Bench, delivery: MissionPackage) -> None:
+def test_the_autopilot_holds_the_mission_of_the_package_and_one_place_to_return_to(
+    bench: Bench, delivery: MissionPackage
+) -> None:
     bench.connect()
     assert bench.share(delivery).result == LOADED
     mission = places(bench.autopilot.items[0])
@@ -34,13 +36,13 @@ def test_the_autopilot_holds_mission_and_rally_points_of_the_package(bench: Benc
     assert mission[0] == (16, 526790000, 59240000, 0.0), "item 0 is home"
     assert mission[1] == (22, 526790000, 59240000, 30.0)
     assert mission[2] == (16, 526781460, 59250350, 40.0)
-    assert places(bench.autopilot.items[2]) == [(5100, 526796290, 59223740, 30.0), (5100, 526791800, 59319840, 30.0)]
+    assert places(bench.autopilot.items[2]) == [(5100, 526790000, 59240000, 0.0)], "home, where it stands"
     corners = [(526760350, 59197120), (526760350, 59353840), (526832240, 59353850), (526832240, 59197120)]
     fence = [(item.command, item.param1, item.x, item.y) for item in bench.autopilot.items[1]]
     assert fence == [(5001, 4.0, x, y) for x, y in corners]
     assert bench.companion.arbiter.mission_digest == delivery.digest
     (written,) = bench.journal("mission_written")
-    assert written["text"] == "mission, rally points and geofence written, read back, equal"
+    assert written["text"] == "mission, place of a return and geofence written, read back, equal"
     assert [entry["event"] for entry in bench.journal() if "mission" in entry["event"]] == [
         "mission_written",
         "mission_loaded",
@@ -108,14 +110,14 @@ def test_an_item_that_comes_back_changed_refuses_the_mission(bench: Bench, deliv
 
 def test_a_rally_point_that_comes_back_elsewhere_refuses_the_mission(bench: Bench, delivery: MissionPackage) -> None:
     def spoil(item: Any) -> Any:
-        if item.mission_type == 2 and item.seq == 1:
-            item.y = 59319900
+        if item.mission_type == 2:
+            item.y = 59240300
         return item
 
     bench.connect()
     bench.autopilot.spoil = spoil
     sender = bench.share(delivery)
-    assert (sender.result, sender.text) == (REFUSED, "rally point 1 came back at 52.6791800 5.9319900")
+    assert (sender.result, sender.text) == (REFUSED, "rally point 0 came back at 52.6790000 5.9240300")
 
 
 def test_a_mission_that_the_autopilot_refuses_is_refused_to_the_station(bench: Bench, delivery: MissionPackage) -> None:

@@ -1,0 +1,437 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Where a return goes: the places of the mission, judged each second, and the best one kept in the autopilot's list.
+
+What a place is worth is for `core/safety/places.py` to say, what the map says of it for `mission/places.py`, how it
+gets into the autopilot for `rally.py`. Here they meet, with what the autopilot says of its home, its fence and its
+parameters. Rules that live here:
+
+* Home is where the autopilot has it, which moves when it arms; until it has told, where the plan has it.
+* The candidates are home, the rally points and the place where the mission lands. The commander may replace the rally
+  points (`rally_list.py`), for this flight.
+* On its way to a place the aircraft reads no list: RTL has read it when it began. So a choice that changes then needs a
+  bounce, GUIDED and RTL again. It is done only for a return that was ordered here, under a commander who is heard, not
+  outside the fence, not while any failsafe of the autopilot acts, and once for a change. In every other return nothing
+  changes: the list goes on holding the place that is flown to.
+* A place that was found in the list after a restart is kept as a candidate, whoever put it there.
+
+Nothing in here raises: what breaks costs that second, and what was told last stays.
+"""
+
+from __future__ import annotations
+
+import math
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.copter import RTL
+from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
+from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.preflight import reading
+from mavproxy_handover.autopilot.rally import RallyKeeper, alike
+from mavproxy_handover.autopilot.rally_list import RallyList
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.events import PlaceJudged
+from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.safety.energy import EnergyFact
+from mavproxy_handover.core.safety.places import Choice, PlaceChooser, PlaceFact
+from mavproxy_handover.mission.energy import Place, places_of, way_back
+from mavproxy_handover.mission.fence import Fence
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.items import RallyPoint
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.places import FenceLimits, PlaceFinder, flown_s
+from mavproxy_handover.wire.conversation import Conversation, Conversations
+
+__all__ = ["PlaceWatch"]
+
+#: places that are looked at in one second, besides the one that is chosen: each takes up to a millisecond
+_AT_ONCE: Final = 4
+#: an older position tells nothing
+_FRESH_S: Final = 2.0
+#: after this run began, so long the stations may take to be heard: what was found in the list stays meanwhile
+_SETTLE_S: Final = 5.0
+_AGAIN_S: Final = 10.0
+#: an autopilot that was silent for so long may have begun anew
+_REBOOT_S: Final = 3.0
+#: what was said of a breach of the fence counts so long
+_BREACH_S: Final = 3.0
+_GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
+#: height of a return (m) where neither the autopilot nor the mission has told: RTL_ALT of ArduCopter
+_RETURN_ALT_M: Final = 15.0
+#: what is read of the autopilot, and what counts of what it tells
+_NAMES: Final = (
+    "RTL_ALT", "RTL_ALT_M", "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
+)  # fmt: skip
+_CEILING, _CIRCLE = 1, 2
+_HOME: Final = "home"
+_FOUND: Final = "place found in the list"
+#: names of conversations
+_WHERE_HOME_IS, _PARAMETERS, _OWN_FENCE = "where home is", "parameters of a return", "fence of a return"
+_COMMANDED: Final = (LeaseState.HELD, LeaseState.TRANSFER)
+
+
+def _point(place: Place) -> RallyPoint:
+    """A place as the autopilot's list holds it, heights in whole metres."""
+    return RallyPoint(place.lat_deg, place.lon_deg, float(int(place.alt_m)))
+
+
+class PlaceWatch:
+    """The places of one vehicle. Times are monotonic seconds."""
+
+    def __init__(
+        self,
+        sysid: int,
+        aircraft: Aircraft,
+        energy: Callable[[], EnergyFact],
+        orders: Orders,
+        conversations: Conversations,
+        ties: Ties,
+    ) -> None:
+        self._aircraft = aircraft
+        self._energy = energy
+        self._orders = orders
+        self._conversations = conversations
+        self._ties = ties
+        self._sysid = sysid
+        self._lists = MissionProtocol(sysid)
+        self._keeper = RallyKeeper(sysid, conversations, self._held, self._not_held, self._overwritten)
+        #: the rally list as stations see it
+        self.list = RallyList(ties, lambda: self._rally, self._replaced)
+        self._chooser = PlaceChooser()
+        #: where a return goes now; None while there are no places
+        self.choice: Choice | None = None
+        #: of the mission that is flown
+        self._package: MissionPackage | None = None
+        self._finder = PlaceFinder((), Fence(()))
+        self._rally: tuple[RallyPoint, ...] = ()
+        self._found: Place | None = None
+        self._home: tuple[float, float] | None = None
+        self._parameters: dict[str, float] = {}
+        self._places: tuple[Place, ...] = ()
+        self._facts: dict[str, PlaceFact] = {}
+        self._turn = 0
+        #: what is asked for when
+        self._home_at = self._parameters_at = self._fence_at = math.inf
+        self._unread_until = -math.inf
+        self._heard_at = -math.inf
+        self._armed = False
+        self._settled_at = math.inf
+        self._breached_at = -math.inf
+        self._failsafe = False
+        self._judged: PlaceJudged | None = None
+        #: the place that is in the journal, the one that stations know of, and one that a return is sent to when it is
+        #: in the list
+        self._told, self._stations_told = "", _HOME
+        self._bounces_to: str | None = None
+        orders.before_return = self.before_return
+
+    # ---- what there is to choose from -----------------------------------------------------------------------------
+
+    def adopt(self, package: MissionPackage | None, now: float) -> None:
+        """The autopilot holds this mission; None: nobody knows which one, and the places of before stay."""
+        if package is None:
+            return
+        self._package = package
+        self._finder = PlaceFinder(package.zones, Fence(package.route.fence))
+        self._rally, self._found = package.route.rally, None
+        self._keeper.forget()
+        self._home_at = self._parameters_at = now
+        self._fence_at = math.inf if package.route.fence else now
+        self._unread_until = now + _AGAIN_S
+        self._gather()
+
+    def first_point(self, package: MissionPackage) -> RallyPoint:
+        """What is written with a plan: home. Where a return goes is judged when the plan is there."""
+        home = self._home or (package.route.home.lat_deg, package.route.home.lon_deg)
+        return RallyPoint(*home, 0.0)
+
+    def _replaced(self, points: tuple[RallyPoint, ...], station: str, now: float) -> None:
+        self._rally = points
+        self._gather()
+        self._ties.narrator.rally_list(len(points), station)
+        self._look(now)
+
+    def _gather(self) -> None:
+        """The places, from what is known of them."""
+        if self._package is None:
+            return
+        route = replace(self._package.route, rally=self._rally)
+        places = [
+            replace(place, lat_deg=self._home[0], lon_deg=self._home[1])
+            if place.name == _HOME and self._home is not None
+            else place
+            for place in places_of(route)
+        ]
+        if self._found is not None and not any(alike(_point(self._found), _point(place)) for place in places):
+            places.append(self._found)
+        self._places = tuple(places)
+        self._facts = {name: fact for name, fact in self._facts.items() if any(p.name == name for p in places)}
+
+    # ---- what comes in --------------------------------------------------------------------------------------------
+
+    def take(self, message: Any, now: float) -> None:
+        """HEARTBEAT, PARAM_VALUE, HOME_POSITION, SYS_STATUS or FENCE_STATUS of the autopilot."""
+        match message.get_type():
+            case "HEARTBEAT":
+                if now - self._heard_at > _REBOOT_S and self._package is not None:
+                    self._keeper.forget()  # another autopilot, for all that is known
+                self._heard_at = now
+                self._failsafe = message.system_status >= mavlink.MAV_STATE_CRITICAL
+                if self._aircraft.armed and not self._armed:
+                    self._home_at = now  # it moves home to where it arms
+                elif self._armed and not self._aircraft.armed:
+                    self._landed()
+                self._armed = self._aircraft.armed
+            case "PARAM_VALUE":
+                if message.param_id in _NAMES and math.isfinite(message.param_value):
+                    self._parameters[message.param_id] = float(message.param_value)
+                self._keeper.counted(message.param_id, now)
+            case "HOME_POSITION":
+                self._home_is(message.latitude / 1e7, message.longitude / 1e7)
+            case "FENCE_STATUS" if message.breach_status:
+                self._breached_at = now
+            case "SYS_STATUS":
+                wrong = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
+                if wrong & _GEOFENCE:
+                    self._breached_at = now
+
+    def _home_is(self, lat_deg: float, lon_deg: float) -> None:
+        if (lat_deg, lon_deg) not in ((0.0, 0.0), self._home):
+            self._home = lat_deg, lon_deg
+            self._gather()
+
+    def _landed(self) -> None:
+        """The flight is over, and with it what the commander has put in the list."""
+        self._bounces_to = self._found = None
+        self._stations_told = _HOME
+        if self._package is not None:
+            self._rally = self._package.route.rally
+            self._gather()
+
+    # ---- each second ----------------------------------------------------------------------------------------------
+
+    def tick(self, now: float) -> None:
+        """Time has passed; to be called often."""
+        self._keeper.tick(now)
+        self.list.tick(now)
+
+    def each_second(self, now: float) -> None:
+        """Judge the places, and keep the best one in the list."""
+        if self._package is None or self._aircraft.foreign:
+            return
+        self._ask(now)
+        self._look(now)
+
+    def _look(self, now: float) -> None:
+        try:
+            here = self._aircraft.where
+            if here is not None and now - self._aircraft.position_at <= _FRESH_S:
+                self._measure(here)
+            self._choose(now)
+        except Exception:
+            self._ties.fault("places of a return", traceback.format_exc(limit=-3))
+
+    def _measure(self, here: tuple[float, float, float]) -> None:
+        """Look at the place that is chosen, at home, and at some of the others in turn."""
+        chosen = None if self.choice is None else self.choice.place.name
+        others = [place for place in self._places if place.name not in (chosen, _HOME)]
+        now = [place for place in self._places if place.name in (chosen, _HOME)]
+        for _ in range(min(_AT_ONCE, len(others))):
+            self._turn = (self._turn + 1) % len(others)
+            now.append(others[self._turn])
+        now += [place for place in others if place.name not in self._facts and place not in now]
+        for place in now:
+            self._facts[place.name] = self._fact(place, here)
+
+    def _fact(self, place: Place, here: tuple[float, float, float]) -> PlaceFact:
+        assert self._package is not None
+        spot, energy = (place.lat_deg, place.lon_deg), self._energy()
+        model, limits = energy.model, _fence_limits(self._parameters)
+        return_alt = max(self._return_alt_m(), 0.0 if model is None else model.return_alt_m)
+        way = way_back(here, place, return_alt)
+        height = max(here[2], place.alt_m, return_alt)
+        if limits.ceiling_m is not None:
+            height = max(here[2], min(height, limits.ceiling_m))
+        view = self._finder.look(here[:2], spot, height)
+        inside = view.inside and self._within(limits, place)
+        need = None if model is None else model.need_wh(way)
+        margin = spare = needs = left = None
+        if model is not None and need is not None and energy.left_wh is not None:
+            margin = energy.left_wh - model.budget_wh(need)
+            spare = energy.left_wh - model.reserve_factor * need
+            left = energy.left_wh / model.battery_wh
+            needs = model.reserve_factor * need / model.battery_wh if math.isfinite(need) else None
+        return PlaceFact(
+            place.name,
+            distance_m(*here[:2], *spot),
+            flown_s(way, model, self._package.cruise_speed_mps),
+            margin,
+            spare,
+            needs,
+            left,
+            inside,
+            inside and view.way_inside,
+            view.there,
+            view.way,
+        )
+
+    def _within(self, limits: FenceLimits, place: Place) -> bool:
+        """Whether ArduCopter's fences around home and above it hold the place."""
+        if limits.ceiling_m is not None and place.alt_m > limits.ceiling_m:
+            return False
+        home = next(entry for entry in self._places if entry.name == _HOME)
+        away = distance_m(place.lat_deg, place.lon_deg, home.lat_deg, home.lon_deg)
+        return limits.radius_m is None or away <= limits.radius_m
+
+    def _return_alt_m(self) -> float:
+        if "RTL_ALT_M" in self._parameters:
+            return self._parameters["RTL_ALT_M"]
+        return self._parameters["RTL_ALT"] / 100.0 if "RTL_ALT" in self._parameters else _RETURN_ALT_M
+
+    def _choose(self, now: float) -> None:
+        if not self._facts or (not self._keeper.known and now < self._unread_until):
+            return  # what holds is about to be read
+        view = self._ties.arbiter.view
+        if self._settled_at == math.inf:
+            self._settled_at = now + _SETTLE_S
+            self._take_up(now)
+        returning = self._aircraft.flying and self._aircraft.custom_mode == RTL
+        unsettled = now < self._settled_at or view.lease is LeaseState.RECOVERING
+        fixed = unsettled or (returning and not self._may_bounce(now))
+        before = self.choice
+        facts = [self._facts[place.name] for place in self._places if place.name in self._facts]
+        usable = self._ties.arbiter.usable(now)
+        self.choice = self._chooser.choose(facts, usable, now, returning=returning, fixed=fixed)
+        if self.choice is None:
+            return
+        name = self.choice.place.name
+        if returning and before is not None and before.place.name != name:
+            self._bounces_to = name
+        self._keeper.want(_point(next(place for place in self._places if place.name == name)))
+        if self._keeper.settled and name != self._told:
+            self._tell()
+        judged = PlaceJudged(name, self.choice.reachable, self.words())
+        if judged != self._judged:
+            self._judged = judged
+            self._ties.handle(judged, now)
+
+    def _take_up(self, now: float) -> None:
+        """The list has been read for the first time: what it holds is where a return goes."""
+        held = self._keeper.held
+        if held is None or not self._aircraft.flying:
+            return
+        place = next((place for place in self._places if alike(_point(place), held)), None)
+        if place is None:
+            self._found = place = Place(_FOUND, held.lat_deg, held.lon_deg, held.alt_m)
+            self._gather()
+            if self._aircraft.where is not None:
+                self._facts[_FOUND] = self._fact(place, self._aircraft.where)
+        self._chooser.adopt(place.name)
+
+    @property
+    def short(self) -> bool:
+        """No place is in reach any more with the reserve left, as far as is known."""
+        margins = [fact.margin_wh for fact in self._facts.values() if fact.inside]
+        known = [margin for margin in margins if margin is not None]
+        return bool(known) and max(known) <= 0.0
+
+    def words(self) -> str:
+        """Where a return goes, for people; "" while there is no place."""
+        return "" if self.choice is None else self.choice.words(self._ties.arbiter.name)
+
+    # ---- what the autopilot is asked ------------------------------------------------------------------------------
+
+    def _ask(self, now: float) -> None:
+        if "load" in self._conversations:
+            return
+        if now >= self._home_at and _WHERE_HOME_IS not in self._conversations:
+            self._home_at = now + _AGAIN_S
+
+            def home(talk: Conversation, _now: float) -> None:
+                if talk.failure is None:
+                    self._home_at = math.inf
+                    self._home_is(*talk.result)
+
+            self._conversations.begin(_WHERE_HOME_IS, self._lists.home(), home, now)
+        if now >= self._parameters_at and _PARAMETERS not in self._conversations:
+            self._parameters_at = now + _AGAIN_S
+
+            def read(talk: Conversation, _now: float) -> None:
+                if talk.result:
+                    self._parameters_at = math.inf
+                    self._parameters.update(talk.result)
+
+            self._conversations.begin(_PARAMETERS, reading(self._sysid, _NAMES), read, now)
+        if now >= self._fence_at and _OWN_FENCE not in self._conversations:
+            self._fence_at = now + _AGAIN_S
+
+            def own(talk: Conversation, _now: float) -> None:
+                if talk.failure is None and self._package is not None:
+                    self._fence_at = math.inf
+                    self._finder = PlaceFinder(self._package.zones, Fence(talk.result))
+
+            self._conversations.begin(_OWN_FENCE, self._lists.held_fence(), own, now)
+
+    # ---- the list -------------------------------------------------------------------------------------------------
+
+    def _held(self, point: RallyPoint, now: float) -> None:
+        """The list holds that point."""
+        if self.choice is None or not self._keeper.settled:
+            return  # it is not the one any more: the next one is on its way
+        name = self.choice.place.name
+        if name != self._told:
+            self._tell()
+        bounces, self._bounces_to = self._bounces_to == name, None
+        if bounces and self._aircraft.custom_mode == RTL and self._may_bounce(now):
+            self._ties.narrator.bounced(name)
+            self._orders.again(now)
+
+    def _tell(self) -> None:
+        """Which place a return means from now on; the stations read it in flight, where it is not home."""
+        assert self.choice is not None
+        self._told = self.choice.place.name
+        text = f"a return goes to {self.words()}"
+        self._ties.narrator.place(text, self._told, self.choice.reachable)
+        if self._aircraft.armed and self._told != self._stations_told:
+            self._stations_told = self._told
+            for port in self._ties.voice.ports.values():
+                self._ties.voice.say(port, f"A{text[1:]}", mavlink.MAV_SEVERITY_NOTICE)
+
+    def _not_held(self, why: str) -> None:
+        self._ties.narrator.place_failed(why)
+
+    def _overwritten(self) -> None:
+        self._ties.narrator.rally_overwritten()
+
+    # ---- a return -------------------------------------------------------------------------------------------------
+
+    def before_return(self, now: float) -> Callable[[], bool]:
+        """A return is about to be ordered: judge once more, and write what is not written. Returns what tells whether
+        it is, which is not to be waited for long."""
+        self._unread_until = now
+        self._look(now)
+        if not self._keeper.settled:
+            self._keeper.hurry(now)
+        return lambda: self._keeper.settled
+
+    def _may_bounce(self, now: float) -> bool:
+        """Whether a return that is under way may be begun anew."""
+        view, where = self._ties.arbiter.view, self._aircraft.where
+        outside = where is None or not self._finder.in_fence(where[:2]) or now - self._breached_at <= _BREACH_S
+        commanded = view.commander is not None and view.lease in _COMMANDED
+        return self._orders.returning and commanded and not outside and not self._failsafe
+
+
+def _fence_limits(parameters: Mapping[str, float]) -> FenceLimits:
+    """ArduCopter's fences around home and above it, as far as they are known to be on."""
+    kinds = int(parameters.get("FENCE_TYPE", 0))
+    if not parameters.get("FENCE_ENABLE", 0) and not parameters.get("FENCE_AUTOENABLE", 0):
+        kinds = 0
+    radius, ceiling = parameters.get("FENCE_RADIUS"), parameters.get("FENCE_ALT_MAX")
+    return FenceLimits(radius if kinds & _CIRCLE else None, ceiling if kinds & _CEILING else None)
