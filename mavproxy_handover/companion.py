@@ -60,7 +60,9 @@ _CHECKED: Final = frozenset(() if getattr(mavlink, "MAVLINK_IGNORE_CRC", False) 
 #: what passes and changes something: it is in the journal
 _CHANGES: Final = frozenset((Access.COMMAND, Access.SAFEGUARD))
 #: what a system behind a station says in the station's name; the words of a transfer are the station's own
-_COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL))
+_COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.RALLY_READ, Access.RALLY_WRITE))
+#: the list of rally points that stations see is the companion's own
+_RALLY: Final = frozenset((Access.RALLY_READ, Access.RALLY_WRITE))
 #: no time: the arbiter is to be asked
 _UNKNOWN: Final = -inf
 #: what changes the mission at the autopilot behind the companion's back
@@ -206,10 +208,13 @@ class Companion:
         if verdict.access is Access.COMMAND:  # of those only what starts a flight
             self._begins_flight(port, frame, verdict, now)
             return
-        if verdict.access not in (Access.TRANSFER, Access.CONTROL):  # the gate has seen to it
+        if verdict.access not in (Access.TRANSFER, Access.CONTROL, *_RALLY):  # the gate has seen to it
             return
         message = codec.decode_bytes(frame.raw)
         if message is None:
+            return
+        if verdict.access in _RALLY:
+            self.autopilot.places.list.take(port, message, now)
             return
         if verdict.access is Access.CONTROL:
             self._control.take(port, frame, message, self.view.handover_id, now)

@@ -81,6 +81,7 @@ _LISTS: Final = (mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST, mavlink.MAVLINK_MSG_
 _COUNTED: Final[Mapping[tuple[Fate, Access | None], Sort]] = {
     (Fate.FORWARD, Access.READ): Sort.QUESTION,
     (Fate.FORWARD, Access.BULK): Sort.QUESTION,
+    (Fate.CONSUME, Access.RALLY_READ): Sort.COMPANION,
     (Fate.CONSUME, Access.TRANSFER): Sort.COMPANION,
     (Fate.CONSUME, Access.CONTROL): Sort.COMPANION,
 }

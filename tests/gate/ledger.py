@@ -33,9 +33,8 @@ def listed(text: str) -> list[str]:
 
 # --- what everybody may send, and it reaches the autopilot
 PASS_MESSAGES = listed("""
-    PING TIMESYNC PARAM_REQUEST_READ PARAM_EXT_REQUEST_READ MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT
-    MISSION_ACK FENCE_FETCH_POINT RALLY_FETCH_POINT AUTOPILOT_VERSION_REQUEST OSD_PARAM_SHOW_CONFIG GOPRO_GET_REQUEST
-    UAVIONIX_ADSB_GET LOGGING_ACK
+    PING TIMESYNC PARAM_REQUEST_READ PARAM_EXT_REQUEST_READ FENCE_FETCH_POINT AUTOPILOT_VERSION_REQUEST
+    OSD_PARAM_SHOW_CONFIG GOPRO_GET_REQUEST UAVIONIX_ADSB_GET LOGGING_ACK
 """)
 PASS_COMMANDS = [512, 519, 520, 521, 522, 525, 527, 528, 2504, 2505, 410]
 
@@ -49,7 +48,7 @@ BULK_OPCODES = [0, 3, 4, 5, 14, 15, 16]
 
 # --- the commander's alone; anyone else is told
 TOLD_MESSAGES = listed("""
-    SET_MODE MISSION_SET_CURRENT FENCE_POINT RALLY_POINT
+    SET_MODE MISSION_SET_CURRENT FENCE_POINT
     SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN SET_MAG_OFFSETS MOUNT_CONFIGURE
     DIGICAM_CONFIGURE DIGICAM_CONTROL GOPRO_SET_REQUEST LED_CONTROL PLAY_TUNE LOG_ERASE OSD_PARAM_CONFIG
     UAVIONIX_ADSB_OUT_CFG UAVIONIX_ADSB_OUT_CFG_REGISTRATION UAVIONIX_ADSB_OUT_CFG_FLIGHTID
@@ -57,9 +56,14 @@ TOLD_MESSAGES = listed("""
 """)
 TOLD_OPCODES = [1, 2, 6, 7, 8, 9, 10, 11, 12, 13]
 
-# --- writers of missions, fences and rally points: the commander's alone if their mission type exists
+# --- writers of missions and fences: the commander's alone if their mission type exists. Rally points, alone or with
+# all the rest, are the companion's list, and never reach the autopilot
 ITEM_MESSAGES = listed("MISSION_COUNT MISSION_ITEM MISSION_ITEM_INT MISSION_WRITE_PARTIAL_LIST MISSION_CLEAR_ALL")
 MISSION_TYPES = [0, 1, 2, 255]
+RALLY_WRITE_TYPES = [2, 255]
+# --- their readers: everybody's; rally points are read from the companion
+READ_ITEM_MESSAGES = listed("MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT MISSION_ACK")
+RALLY_READ_TYPES = [2]
 
 #: NAV_TAKEOFF, NAV_TAKEOFF_LOCAL, NAV_VTOL_TAKEOFF, SOLO_BTN_FLY_HOLD: they start a flight
 TAKE_OFF_COMMANDS = [22, 24, 84, 42002]
@@ -77,11 +81,13 @@ SAFEGUARD_PARAMETERS = listed("""
     CAN_P1_DRIVER DDS_ENABLE RC_OPTIONS RC_OVERRIDE_TIME RC_PROTOCOLS RCMAP_THROTTLE RC7_OPTION RC16_OPTION RC3_MIN
     RC3_MAX RC3_TRIM RC3_DZ RC3_REVERSED FLTMODE1 FLTMODE_CH FLTMODE_GCSBLOCK MODE_CH BRD_SAFETY_DEFLT BRD_OPTIONS
     FORMAT_VERSION fs_gcs_enable hndo_enable FENCE_TOTAL FENCE_ALT_MAX FENCE_RADIUS FENCE_MARGIN FENCE_OPTIONS
-    RALLY_TOTAL RALLY_LIMIT_KM RALLY_INCL_HOME RTL_ALT RTL_ALT_FINAL RTL_ALT_TYPE RTL_CLIMB_MIN RTL_CONE_SLOPE
+    RALLY_LIMIT_KM RALLY_INCL_HOME RTL_ALT RTL_ALT_FINAL RTL_ALT_TYPE RTL_CLIMB_MIN RTL_CONE_SLOPE
     RTL_LOIT_TIME RTL_OPTIONS RTL_SPEED RTL_AUTOLAND RTL_ALTITUDE RTL_RADIUS rtl_alt RTL_ALT_M RTL_ALT_FINAL_M
     RTL_CLIMB_MIN_M RTL_SPEED_MS LAND_SPEED LAND_SPEED_HIGH LAND_ALT_LOW LAND_REPOSITION LAND_SPD_MS LAND_SPD_HIGH_MS
     LAND_ALT_LOW_M SRTL_ACCURACY SRTL_POINTS SRTL_OPTIONS Q_RTL_MODE Q_RTL_ALT Q_LAND_FINAL_SPD
 """)
+#: What no station sets at all.
+MAINTENANCE_PARAMETERS = ["RALLY_TOTAL", "rally_total"]
 #: What a commander may set in flight, near misses of the names above among it.
 TOLD_PARAMETERS = [
     *listed("""
@@ -137,6 +143,11 @@ MAINTENANCE_FILES = [
     (4, b"/APM/CubeOrange.stg"),
     (4, b"APM/CUBEOR~1.STG"),
     (11, b"APM/mission.stg"),
+    (6, b"@MISSION/rally.dat"),
+    (11, b"/@mission/RALLY.dat"),
+    (4, b"@MISSION/rally.dat"),
+    (14, b"@MISSION\\rally.dat"),
+    (13, b"x\0@MISSION/rally.dat"),
     (4, b"eeprom.bin"),
     (4, b"./eeprom-replay.bin"),
 ]
@@ -230,7 +241,7 @@ MAINTENANCE_MESSAGES = listed("""
     SETUP_SIGNING SECURE_COMMAND SERIAL_CONTROL DEVICE_OP_READ DEVICE_OP_WRITE CAN_FRAME CANFD_FRAME
     CAN_FILTER_MODIFY V2_EXTENSION HIL_STATE HIL_CONTROLS HIL_RC_INPUTS_RAW HIL_ACTUATOR_CONTROLS HIL_SENSOR
     HIL_GPS HIL_OPTICAL_FLOW HIL_STATE_QUATERNION REMOTE_LOG_BLOCK_STATUS CUBEPILOT_FIRMWARE_UPDATE_START
-    WIFI_CONFIG_AP CELLULAR_CONFIG ESC_EEPROM
+    WIFI_CONFIG_AP CELLULAR_CONFIG ESC_EEPROM RALLY_POINT RALLY_FETCH_POINT
 """)
 #: FLASH_BOOTLOADER, DEBUG_TRAP, SET_FACTORY_TEST_MODE, CAN_FORWARD, START_RX_PAIR, STORAGE_FORMAT, SCRIPTING,
 #: INJECT_FAILURE, DO_SET_SYS_CMP_ID
@@ -279,6 +290,7 @@ PASS, BULK, TOLD, SAFEGUARD = "pass", "bulk", "told", "safeguard"
 SILENT, RATE, START, TAKE_OFF, HELD = "silent", "rate", "start", "take off", "held"
 HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
 MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
+RALLY_READ, RALLY_WRITE = "rally read", "rally write"
 
 _ALLOWED = (Fate.FORWARD, GateReason.ALLOWED)
 _NOT_IN_CONTROL = (Fate.REFUSE, GateReason.NOT_IN_CONTROL)
@@ -301,6 +313,8 @@ OUTCOMES = {
     LIVENESS: (_ALLOWED, (Fate.CONSUME, GateReason.LIVENESS_NOT_COMMANDER)),
     HANDOVER: (_CONSUMED, _CONSUMED),
     CONTROL: (_CONSUMED, _CONSUMED),
+    RALLY_READ: (_CONSUMED, _CONSUMED),
+    RALLY_WRITE: (_CONSUMED, _NOT_IN_CONTROL),
     MAINTENANCE: (_NO_RADIO, _NO_RADIO),
     NEVER: (_NEVER, _NEVER),
     UNKNOWN: (_UNKNOWN, _UNKNOWN),
@@ -325,6 +339,8 @@ ACCESS = {
     LIVENESS: Access.LIVENESS,
     HANDOVER: Access.TRANSFER,
     CONTROL: Access.CONTROL,
+    RALLY_READ: Access.RALLY_READ,
+    RALLY_WRITE: Access.RALLY_WRITE,
     MAINTENANCE: Access.MAINTENANCE,
     NEVER: Access.NEVER,
     UNKNOWN: None,
@@ -395,6 +411,13 @@ def kind_of_opcode(number: int) -> str:
     return NEVER if number in (128, 129) else UNKNOWN
 
 
+def kind_of_items(mission_type: int) -> str:
+    """Of what writes a list."""
+    if mission_type in RALLY_WRITE_TYPES:
+        return RALLY_WRITE
+    return TOLD if mission_type in MISSION_TYPES else UNKNOWN
+
+
 def kind_of_frame(name: str, fields: dict[str, int], ftp: bytes = b"", parameter: str = "") -> str | None:
     """The kind of any message by the lists above; None where they do not say (files and parameters not listed)."""
     if name in ("COMMAND_LONG", "COMMAND_INT"):
@@ -404,8 +427,12 @@ def kind_of_frame(name: str, fields: dict[str, int], ftp: bytes = b"", parameter
     if name == "TUNNEL":
         return NEVER if fields["payload_type"] in (47116, 47117) else MAINTENANCE
     if name in ITEM_MESSAGES:
-        return TOLD if fields["mission_type"] in MISSION_TYPES else UNKNOWN
+        return kind_of_items(fields["mission_type"])
+    if name in READ_ITEM_MESSAGES:
+        return RALLY_READ if fields["mission_type"] in RALLY_READ_TYPES else PASS
     if name in PARAMETER_MESSAGES:
+        if parameter in MAINTENANCE_PARAMETERS:
+            return MAINTENANCE
         if parameter in SAFEGUARD_PARAMETERS:
             return SAFEGUARD
         return TOLD if parameter in TOLD_PARAMETERS else None
@@ -428,6 +455,7 @@ class Case:
 BY_PART = [
     *listed("COMMAND_LONG COMMAND_INT COMMAND_ACK FILE_TRANSFER_PROTOCOL TUNNEL"),
     *ITEM_MESSAGES,
+    *READ_ITEM_MESSAGES,
     *PARAMETER_MESSAGES,
 ]
 
@@ -464,10 +492,17 @@ def cases() -> Iterator[Case]:
         yield Case("TUNNEL", MAINTENANCE, (("payload_type", payload_type),), False)
     for name in ITEM_MESSAGES:
         for mission_type in (0, 1, 2, 3, 4, 127, 254, 255):
-            kind = TOLD if mission_type in MISSION_TYPES else UNKNOWN
+            yield Case(name, kind_of_items(mission_type), (("mission_type", mission_type),), mission_type == 0)
+    for name in READ_ITEM_MESSAGES:
+        for mission_type in (0, 1, 2, 3, 255):
+            kind = RALLY_READ if mission_type in RALLY_READ_TYPES else PASS
             yield Case(name, kind, (("mission_type", mission_type),), mission_type == 0)
     for name in PARAMETER_MESSAGES:
-        for parameters, kind in ((SAFEGUARD_PARAMETERS, SAFEGUARD), (TOLD_PARAMETERS, TOLD)):
+        for parameters, kind in (
+            (MAINTENANCE_PARAMETERS, MAINTENANCE),
+            (SAFEGUARD_PARAMETERS, SAFEGUARD),
+            (TOLD_PARAMETERS, TOLD),
+        ):
             for parameter in parameters:
                 yield Case(name, kind, (("param_id", parameter.encode("latin-1")),), ids[name] <= 255)
 

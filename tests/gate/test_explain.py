@@ -108,7 +108,7 @@ def test_the_summary_has_a_line_for_every_class(capsys: pytest.CaptureFixture[st
         "what": "asks and changes nothing",
         "from the commander": "passes",
         "from any other station": "passes",
-        "how many": "15 messages, 11 commands",
+        "how many": "10 messages, 11 commands, 3 mission types to read",
     }
 
 

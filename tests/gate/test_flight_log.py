@@ -25,8 +25,10 @@ LOG = Path(__file__).parents[1] / "data" / "commander.tlog"
 HARMLESS = {
     "COMMAND_LONG/MAV_CMD_GET_HOME_POSITION": 11,
     "COMMAND_LONG/MAV_CMD_REQUEST_MESSAGE": 1,
-    "MISSION_REQUEST_INT": 8,
-    "MISSION_REQUEST_LIST": 3,
+    "MISSION_REQUEST_INT/FENCE": 3,
+    "MISSION_REQUEST_INT/MISSION": 4,
+    "MISSION_REQUEST_LIST/FENCE": 1,
+    "MISSION_REQUEST_LIST/MISSION": 1,
     "PARAM_REQUEST_READ": 1,
 }
 #: ... and of it what slows down what the commander hears: on the ground only.
@@ -45,6 +47,14 @@ FORBIDDEN = {
     "STATUSTEXT": 1,
     "SYSTEM_TIME": 1,
     "TUNNEL/200": 1,
+}
+#: What the companion answers of the commander's: rally points, read and written.
+RALLY_POINTS = {
+    "MISSION_CLEAR_ALL/RALLY": 1,
+    "MISSION_COUNT/RALLY": 1,
+    "MISSION_ITEM_INT/RALLY": 1,
+    "MISSION_REQUEST_INT/RALLY": 1,
+    "MISSION_REQUEST_LIST/RALLY": 1,
 }
 LOCKED_WHILE_ARMED = {
     "COMMAND_LONG/MAV_CMD_PREFLIGHT_STORAGE": 1,
@@ -108,7 +118,9 @@ def test_the_commander_itself_is_not_hindered(flight: list[Frame], armed: bool) 
     verdicts = replay(flight, view(STATION, None, Phase.ON_MISSION, armed))
     refused = {**counted(verdicts, Fate.REFUSE), **counted(verdicts, Fate.DROP)}
     assert refused == {**FORBIDDEN, **(LOCKED_WHILE_ARMED if armed else {})}
-    assert sum(counted(verdicts, Fate.FORWARD).values()) == FRAMES - sum(refused.values())
+    assert counted(verdicts, Fate.CONSUME) == RALLY_POINTS
+    kept = sum(refused.values()) + sum(RALLY_POINTS.values())
+    assert sum(counted(verdicts, Fate.FORWARD).values()) == FRAMES - kept
 
 
 def test_the_flight_from_another_stations_link_is_no_ones(flight: list[Frame]) -> None:

@@ -55,9 +55,7 @@ def aim(message: Any) -> tuple[int, int]:
 # ---- uploads ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "incomplete"), [(0, "mission", True), (1, "fence", False), (2, "rally", True)]
-)
+@pytest.mark.parametrize(("kind", "name", "incomplete"), [(0, "mission", True), (1, "fence", False)])
 def test_an_unfinished_upload_ends_by_a_count_that_cannot_be_stored(
     tracker: FlushTracker, make: Make, kind: int, name: str, incomplete: bool
 ) -> None:
@@ -84,9 +82,9 @@ def test_an_upload_has_ended_when_the_autopilot_says_so(
     tracker: FlushTracker, make: Make, result: int, ended: bool
 ) -> None:
     """DENIED is the answer to a question that its own sender asks while the upload lasts, which goes on."""
-    send(tracker, make("MISSION_COUNT", count=3, mission_type=2))
+    send(tracker, make("MISSION_COUNT", count=3, mission_type=1))
     tracker.heard(
-        make("MISSION_ACK", sysid=1, compid=1, target_system=GCSA, target_component=190, mission_type=2, type=result)
+        make("MISSION_ACK", sysid=1, compid=1, target_system=GCSA, target_component=190, mission_type=1, type=result)
     )
     assert (tracker.flush(GCSA) == []) is ended
 
@@ -106,8 +104,8 @@ def test_other_messages_of_the_autopilot_end_nothing(tracker: FlushTracker, make
 def test_the_end_of_another_upload_is_not_the_end_of_this_one(
     tracker: FlushTracker, make: Make, other: dict[str, int]
 ) -> None:
-    send(tracker, make("MISSION_COUNT", count=3, mission_type=2))
-    fields = {"target_system": GCSA, "target_component": 190, "mission_type": 2, **other}
+    send(tracker, make("MISSION_COUNT", count=3, mission_type=1))
+    fields = {"target_system": GCSA, "target_component": 190, "mission_type": 1, **other}
     tracker.heard(make("MISSION_ACK", sysid=1, compid=1, **fields))
     assert len(tracker.flush(GCSA)) == 1
 
@@ -138,7 +136,7 @@ def test_a_file_open_for_writing_is_closed(tracker: FlushTracker, make: Make) ->
     assert message.payload == [12, 0, 4, 1, *[0] * 247]
 
 
-@pytest.mark.parametrize("path", [b"@MISSION/mission.dat", b"/@mission/rally.dat", b"@PARAM/param.pck"])
+@pytest.mark.parametrize("path", [b"@MISSION/mission.dat", b"/@mission/fence.dat", b"@PARAM/param.pck"])
 def test_what_is_applied_when_it_is_closed_is_spoiled_before_it_is_closed(
     tracker: FlushTracker, make: Make, path: bytes
 ) -> None:

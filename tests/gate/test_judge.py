@@ -29,6 +29,7 @@ from tests.gate.ledger import (
     GCSC,
     HELD,
     MISSION_TYPES,
+    RALLY_WRITE_TYPES,
     SENDERS,
     SILENT,
     TRACKER_OF_A,
@@ -206,11 +207,39 @@ def test_what_disables_guard_failsafe_or_authority_is_locked_while_armed(make: C
 
 
 @pytest.mark.parametrize(
-    "name", ["RALLY_TOTAL", "RALLY_LIMIT_KM", "RTL_ALT", "RTL_ALT_M", "RTL_CLIMB_MIN_M", "LAND_SPD_MS", "FENCE_TOTAL"]
+    "name",
+    ["RALLY_INCL_HOME", "RALLY_LIMIT_KM", "RTL_ALT", "RTL_ALT_M", "RTL_CLIMB_MIN_M", "LAND_SPD_MS", "FENCE_TOTAL"],
 )
 def test_where_a_return_ends_is_settled_before_take_off(make: Callable[..., Frame], name: str) -> None:
     for message in ("PARAM_SET", "PARAM_EXT_SET", "PARAM_MAP_RC"):
         assert both_ways(make(message, param_id=name.encode()), A) == [ALLOWED, LOCKED]
+
+
+def test_nothing_of_a_station_reaches_the_autopilots_own_rally_list(make: Callable[..., Frame]) -> None:
+    """It holds the chosen place of a return: RALLY_TOTAL 0 would send it home, 2 bring back another flight's point."""
+    taken, refused = (Fate.CONSUME, GateReason.COMPANION), (Fate.REFUSE, GateReason.MAINTENANCE_ONLY)
+    for name in (
+        "MISSION_COUNT",
+        "MISSION_ITEM_INT",
+        "MISSION_ITEM",
+        "MISSION_WRITE_PARTIAL_LIST",
+        "MISSION_CLEAR_ALL",
+    ):
+        for mission_type in (2, 255):
+            assert both_ways(make(name, mission_type=mission_type), A) == [taken, taken]
+            theirs = make(name, sysid=GCSB, mission_type=mission_type)
+            assert both_ways(theirs, B) == [NOT_IN_CONTROL, NOT_IN_CONTROL]
+    for name in ("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"):
+        for sysid, station in ((GCSA, A), (GCSB, B)):
+            assert both_ways(make(name, sysid=sysid, mission_type=2), station) == [taken, taken]
+            assert both_ways(make(name, sysid=sysid, mission_type=0), station) == [ALLOWED, ALLOWED]
+    for message in ("PARAM_SET", "PARAM_EXT_SET", "PARAM_MAP_RC"):
+        assert both_ways(make(message, param_id=b"RALLY_TOTAL"), A) == [refused, refused]
+    for opcode in (4, 6, 8, 11, 14):
+        file = make("FILE_TRANSFER_PROTOCOL", payload=ftp_request(opcode, b"@MISSION/rally.dat"))
+        assert both_ways(file, A) == [refused, refused]
+    for name in ("RALLY_POINT", "RALLY_FETCH_POINT"):
+        assert both_ways(make(name), A) == [refused, refused]
 
 
 def test_other_parameters_are_the_commanders_in_flight_too(make: Callable[..., Frame]) -> None:
@@ -267,8 +296,8 @@ def test_no_station_writes_scripts_or_reads_the_memory_with_the_signing_key(make
 def test_a_mission_type_that_does_not_exist_is_refused(make: Callable[..., Frame]) -> None:
     for mission_type in range(256):
         verdict = outcome(make("MISSION_COUNT", count=3, mission_type=mission_type), A)
-        allowed = mission_type in MISSION_TYPES
-        assert verdict.reason is (GateReason.ALLOWED if allowed else GateReason.UNKNOWN_COMMAND), mission_type
+        known = GateReason.COMPANION if mission_type in RALLY_WRITE_TYPES else GateReason.ALLOWED
+        assert verdict.reason is (known if mission_type in MISSION_TYPES else GateReason.UNKNOWN_COMMAND), mission_type
     assert outcome(make("MISSION_COUNT", mission_type=1), A).what == "MISSION_COUNT/FENCE"
     assert outcome(make("MISSION_COUNT", mission_type=9), A).what == "MISSION_COUNT/9"
 

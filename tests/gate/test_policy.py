@@ -156,6 +156,7 @@ def test_the_whole_policy_is_one_table() -> None:
         "command",
         "acknowledged command",
         "mission type",
+        "mission type, read",
         "parameter",
         "file",
         "file opcode",

@@ -27,6 +27,8 @@ class Access(Enum):
     SAFEGUARD = "safeguard"  #: as COMMAND, and while the vehicle is armed from nobody
     STREAM = "stream"  #: the commander's is passed on; anyone else's is dropped in silence, for it is frequent
     ANSWERED = "answered"  #: the commander's is passed on; anyone else is answered by the companion
+    RALLY_READ = "rally points"  #: any station; the companion answers of its own list, never passed on
+    RALLY_WRITE = "rally upload"  #: the commander's goes to that list, never passed on; anyone else is refused
     TRANSFER = "transfer"  #: any station; the companion's business, never passed on
     CONTROL = "control"  #: operator-control request; any station; the companion's business, never passed on
     MAINTENANCE = "maintenance"  #: over no radio link, whoever sends it

@@ -95,6 +95,14 @@ FILE_RULES: Final = (
         reads=True,
     ),
     FileRule(
+        Access.MAINTENANCE,
+        "rally points",
+        "the autopilot's own list, which holds the chosen place alone: the mission protocol reads and writes the list "
+        "that the place is chosen of",
+        ("/@mission*rally*",),
+        reads=True,
+    ),
+    FileRule(
         Access.COMMAND,
         "flight logs",
         "a download fills the channel that the lease travels on, as by LOG_REQUEST_DATA",

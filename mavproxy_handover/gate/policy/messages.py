@@ -27,21 +27,13 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.READ,
-        "asks for one parameter, or for one item of a mission, of the fence or of the rally points, and changes none",
-        names("""
-            PARAM_REQUEST_READ PARAM_EXT_REQUEST_READ MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT
-            FENCE_FETCH_POINT RALLY_FETCH_POINT
-        """),
+        "asks for one parameter, or for one point of the fence, and changes none",
+        names("PARAM_REQUEST_READ PARAM_EXT_REQUEST_READ FENCE_FETCH_POINT"),
     ),
     Rule(
         Access.BULK,
         "asks for a whole list at once; while ArduPilot sends parameters, its streams have a quarter of their rates",
         names("PARAM_REQUEST_LIST PARAM_EXT_REQUEST_LIST MISSION_REQUEST_PARTIAL_LIST"),
-    ),
-    Rule(
-        Access.READ,
-        "ends a mission download",
-        names("MISSION_ACK"),
     ),
     Rule(
         Access.READ,
@@ -95,11 +87,13 @@ MESSAGE_RULES: Final = (
     ),
     Rule(
         Access.COMMAND,
-        "older ways to write fence, rally points, home, origin and compass offsets",
-        names("""
-            FENCE_POINT RALLY_POINT SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN
-            SET_MAG_OFFSETS
-        """),
+        "older ways to write fence, home, origin and compass offsets",
+        names("FENCE_POINT SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN SET_MAG_OFFSETS"),
+    ),
+    Rule(
+        Access.MAINTENANCE,
+        "older ways to read and write the autopilot's own rally list, past the companion's",
+        names("RALLY_POINT RALLY_FETCH_POINT"),
     ),
     Rule(
         Access.COMMAND,

@@ -30,6 +30,11 @@ __all__ = ["PARAMETER_MESSAGES", "PARAMETER_RULES", "OTHER_PARAMETERS", "paramet
 PARAMETER_MESSAGES: Final = names("PARAM_SET PARAM_EXT_SET PARAM_MAP_RC")
 
 PARAMETER_RULES: Final = (
+    Rule(
+        Access.MAINTENANCE,
+        "the length of the autopilot's own rally list: 0 sends a return home, more brings back points of other flights",
+        names("RALLY_TOTAL"),
+    ),
     Rule(Access.SAFEGUARD, "the guard's own", names("HNDO_*")),
     Rule(Access.SAFEGUARD, "scripting, which the guard runs in: SCR_ENABLE 0 ends it in a second", names("SCR_*")),
     Rule(
@@ -41,7 +46,7 @@ PARAMETER_RULES: Final = (
     Rule(Access.SAFEGUARD, "the fence; what the command DO_FENCE_ENABLE does is not saved, this is", names("FENCE_*")),
     Rule(
         Access.SAFEGUARD,
-        "where a return ends, and the way there: RALLY_TOTAL 0 sends it to another place, RTL_ALT_FINAL lets it hover",
+        "where a return ends, and the way there: RALLY_INCL_HOME 1 may send it home, RTL_ALT_FINAL lets it hover",
         names("RALLY_* RTL_* SRTL_* LAND_* Q_RTL_* Q_LAND_*"),
     ),
     Rule(Access.SAFEGUARD, "the checks before arming, the guard's among them", names("ARMING_*")),

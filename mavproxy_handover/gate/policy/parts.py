@@ -9,6 +9,9 @@
   autopilot itself.
 * Mission, fence and rally points are written by the same five messages. All are the commander's: a new plan
   brings its own fence and rally points with it. A type that does not exist is refused.
+* Rally points are the companion's, read and written: the autopilot's own list holds one point, the place that was
+  chosen for a return, and no station's message reaches it. To clear all three lists at once is one of them, for that
+  reason; ArduPilot knows no such thing either.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 __all__ = [
     "COMMAND_ACK_RULES",
     "FTP_RULES",
+    "MISSION_READ_MESSAGES",
+    "MISSION_READ_RULES",
     "MISSION_TYPES",
     "MISSION_TYPE_MESSAGES",
     "MISSION_TYPE_RULES",
@@ -57,8 +62,16 @@ MISSION_TYPES: Final = {0: "MISSION", 1: "FENCE", 2: "RALLY", 255: "ALL"}
 MISSION_TYPE_RULES: Final = (
     Rule(Access.COMMAND, "writes the route", names("MISSION")),
     Rule(Access.COMMAND, "writes the fence, a limit that the autopilot keeps by itself", names("FENCE")),
-    Rule(Access.COMMAND, "writes the rally points, where the aircraft goes when authority is lost", names("RALLY")),
-    Rule(Access.COMMAND, "clears all three at once", names("ALL")),
+    Rule(Access.RALLY_WRITE, "writes the rally points, of which a return chooses its place", names("RALLY")),
+    Rule(Access.RALLY_WRITE, "clears all three at once, the rally points among them", names("ALL")),
+)
+
+#: The messages that say which kind of items they read.
+MISSION_READ_MESSAGES: Final = names("MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT MISSION_ACK")
+
+MISSION_READ_RULES: Final = (
+    Rule(Access.RALLY_READ, "asks for the rally points, or ends that: the companion's list", names("RALLY")),
+    Rule(Access.READ, "asks for the mission or the fence, or ends that, and changes none", names("MISSION FENCE ALL")),
 )
 
 FTP_RULES: Final = (

@@ -24,12 +24,13 @@ from mavproxy_handover.gate.policy.access import ANY
 from mavproxy_handover.gate.policy.commands import MODE_BITS, TAKE_OFF_RULES, TURTLE, TakeOffRule
 from mavproxy_handover.gate.policy.files import file_rule
 from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
-from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
+from mavproxy_handover.gate.policy.parts import MISSION_READ_MESSAGES, MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.tables import (
     COMMAND_ACK_RULES,
     COMMAND_RULES,
     FTP_RULES,
     MESSAGE_RULES,
+    MISSION_READ_RULES,
     MISSION_TYPE_RULES,
     MISSION_TYPES,
     TUNNEL_RULES,
@@ -88,7 +89,7 @@ def _parts(rules: tuple[Rule, ...], numbers: dict[int, str], prefix: str = "") -
 def _part_rows() -> dict[int, dict[int, Row]]:
     commands = _parts(COMMAND_RULES, _COMMAND_NAMES, "MAV_CMD_")
     tunnels = {number: str(number) for number in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL)}
-    kinds = _parts(MISSION_TYPE_RULES, MISSION_TYPES)
+    kinds, reads = _parts(MISSION_TYPE_RULES, MISSION_TYPES), _parts(MISSION_READ_RULES, MISSION_TYPES)
     tables: dict[str, dict[int, tuple[str, Access]]] = {
         "COMMAND_LONG": commands,
         "COMMAND_INT": commands,
@@ -96,6 +97,7 @@ def _part_rows() -> dict[int, dict[int, Row]]:
         "FILE_TRANSFER_PROTOCOL": _parts(FTP_RULES, FTP_OPCODES),
         "TUNNEL": _parts(TUNNEL_RULES, tunnels),
         **dict.fromkeys(MISSION_TYPE_MESSAGES, kinds),
+        **dict.fromkeys(MISSION_READ_MESSAGES, reads),
     }
     return {
         _IDS[message]: {n: Row(f"{message}/{name}", access, n) for n, (name, access) in table.items()}
@@ -113,13 +115,14 @@ _PART_FIELDS: Final = {
     _IDS["COMMAND_INT"]: "command",
     _IDS["COMMAND_ACK"]: "command",
     _IDS["TUNNEL"]: "payload_type",
-    **{_IDS[name]: "mission_type" for name in MISSION_TYPE_MESSAGES},
+    **{_IDS[name]: "mission_type" for name in (*MISSION_TYPE_MESSAGES, *MISSION_READ_MESSAGES)},
 }
 
 #: What a part without a row is; a message that is not here is refused then.
 _PART_DEFAULTS: Final = {
     _IDS["COMMAND_ACK"]: _by_name(COMMAND_ACK_RULES)[ANY],
     _IDS["TUNNEL"]: _by_name(TUNNEL_RULES)[ANY],
+    **{_IDS[name]: Access.READ for name in MISSION_READ_MESSAGES},  # the autopilot says that it has no such list
 }
 
 #: Messages whose id alone decides. `judge` takes them up once, at import.

@@ -28,6 +28,8 @@ from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, PARAMETER
 from mavproxy_handover.gate.policy.parts import (
     COMMAND_ACK_RULES,
     FTP_RULES,
+    MISSION_READ_MESSAGES,
+    MISSION_READ_RULES,
     MISSION_TYPE_MESSAGES,
     MISSION_TYPE_RULES,
     MISSION_TYPES,
@@ -41,6 +43,7 @@ __all__ = [
     "FTP_RULES",
     "MESSAGES_BY_PART",
     "MESSAGE_RULES",
+    "MISSION_READ_RULES",
     "MISSION_TYPES",
     "MISSION_TYPE_RULES",
     "PARAMETER_RULES",
@@ -59,6 +62,7 @@ MESSAGES_BY_PART: Final = {
     "FILE_TRANSFER_PROTOCOL": "file opcode, and file",
     "TUNNEL": "tunnel payload type",
     **dict.fromkeys(MISSION_TYPE_MESSAGES, "mission type"),
+    **dict.fromkeys(MISSION_READ_MESSAGES, "mission type, read"),
     **dict.fromkeys(PARAMETER_MESSAGES, "parameter"),
 }
 
@@ -79,6 +83,7 @@ def _policy() -> tuple[PolicyRow, ...]:
         ("command", COMMAND_RULES),
         ("acknowledged command", COMMAND_ACK_RULES),
         ("mission type", MISSION_TYPE_RULES),
+        ("mission type, read", MISSION_READ_RULES),
         ("parameter", (*PARAMETER_RULES, OTHER_PARAMETERS)),
         ("file opcode", FTP_RULES),
         ("tunnel payload type", TUNNEL_RULES),
