@@ -64,6 +64,9 @@ class VehicleCommands:
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
         self._show(f"energy    {companion.autopilot.energy.words()}")
+        place = companion.autopilot.places.words()
+        if place:
+            self._show(f"place     {place}")
         route = companion.autopilot.route.words(now)
         if route:
             self._show(f"route     {route}")

@@ -11,7 +11,8 @@ count, and `best` is the place that stands highest, the soonest of those that st
 1. The place itself is inside the fence: ArduCopter passes over any other in silence, and goes home.
 2. It is reached with the reserve left; or else with what the reserve is there for.
 3. Climb, way and descent are inside the fence.
-4. Coverage: a station that could take the aircraft covers the place, and one or another of them all the way to it.
+4. Coverage: a station that could take the aircraft covers the place, and one or another of them all the way to it; or
+   the place at least, for who is out of coverage already has a part of every way that is not covered.
 
 So what is reachable, inside the fence and covered is never passed over for what is not. What is not known of energy
 counts as reachable: all places are alike in that, and to land where it is is no better.
@@ -33,7 +34,7 @@ from enum import IntEnum
 from math import inf, isfinite
 from typing import Final, NamedTuple
 
-__all__ = ["Choice", "PlaceChooser", "PlaceFact", "Reach", "Standing", "best", "standing"]
+__all__ = ["Choice", "Coverage", "PlaceChooser", "PlaceFact", "Reach", "Standing", "best", "standing"]
 
 #: a yes that is a no for so long (s) is a no, and a no that is a yes for so long a yes again
 WORSE_S: Final = 2.5
@@ -52,6 +53,14 @@ class Reach(IntEnum):
     NO = 0  #: it does not
     RESERVE = 1  #: with a part of the reserve
     YES = 2  #: and the reserve is left; or nothing is known of it
+
+
+class Coverage(IntEnum):
+    """Where stations that could take the aircraft cover it."""
+
+    NO = 0  #: not at the place
+    THERE = 1  #: at the place, and not all the way
+    ALL = 2  #: and all the way
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +95,11 @@ class PlaceFact:
             return Reach.YES
         return Reach.RESERVE if self.spare_wh is not None and self.spare_wh >= 0.0 else Reach.NO
 
-    def covered(self, usable: Set[int]) -> bool:
-        """Whether stations that could take the aircraft, `usable`, cover the place and every part of the way."""
-        return not self.there.isdisjoint(usable) and all(not part.isdisjoint(usable) for part in self.way)
+    def coverage(self, usable: Set[int]) -> Coverage:
+        """Where stations that could take the aircraft, `usable`, cover it."""
+        if self.there.isdisjoint(usable):
+            return Coverage.NO
+        return Coverage.THERE if any(part.isdisjoint(usable) for part in self.way) else Coverage.ALL
 
 
 class Standing(NamedTuple):
@@ -97,7 +108,7 @@ class Standing(NamedTuple):
     inside: bool
     reach: Reach
     way_inside: bool
-    covered: bool
+    coverage: Coverage
 
     @property
     def reachable(self) -> bool:
@@ -107,7 +118,7 @@ class Standing(NamedTuple):
 
 def standing(place: PlaceFact, usable: Set[int]) -> Standing:
     """How good a place is by the facts of this moment."""
-    return Standing(place.inside, place.reach, place.way_inside, place.covered(usable))
+    return Standing(place.inside, place.reach, place.way_inside, place.coverage(usable))
 
 
 def best(places: Iterable[PlaceFact], usable: Set[int]) -> PlaceFact | None:
@@ -143,10 +154,13 @@ class Choice:
             parts.append("outside the fence")
         elif not self.standing.way_inside:
             parts.append("the way leaves the fence")
-        if self.standing.covered:
-            parts.append(f"covered by {', '.join(map(name, self.covered_by))}")
+        stations = ", ".join(map(name, self.covered_by))
+        if self.standing.coverage is Coverage.NO or not stations:
+            parts.append("not covered")
         else:
-            parts.append("not covered" if not self.covered_by else "not covered on the way")
+            parts.append(
+                f"covered by {stations}{'' if self.standing.coverage is Coverage.ALL else ', not all the way'}"
+            )
         return f"{place.name}: {', '.join(parts)}"
 
 
@@ -171,24 +185,29 @@ class _Steady:
 class _Record:
     """What one place counts as."""
 
-    __slots__ = ("_covered", "_full", "_inside", "_some", "_way")
+    __slots__ = ("_all", "_full", "_inside", "_some", "_there", "_way")
 
     def __init__(self, now: Standing) -> None:
         self._inside, self._way = _Steady(now.inside), _Steady(now.way_inside)
         self._full, self._some = _Steady(now.reach is Reach.YES), _Steady(now.reach is not Reach.NO)
-        self._covered = _Steady(now.covered)
+        self._cover(now)
+
+    def _cover(self, now: Standing) -> None:
+        self._all, self._there = _Steady(now.coverage is Coverage.ALL), _Steady(now.coverage is not Coverage.NO)
 
     def look(self, now: Standing, passed_s: float, *, others: bool) -> Standing:
         """How it stands now by the facts; returns how it counts. `others`: other stations could take the aircraft."""
         if others:
-            self._covered = _Steady(now.covered)
+            self._cover(now)
         full = self._full.look(now.reach is Reach.YES, passed_s)
         some = self._some.look(now.reach is not Reach.NO, passed_s)
+        all_the_way = self._all.look(now.coverage is Coverage.ALL, passed_s)
+        there = self._there.look(now.coverage is not Coverage.NO, passed_s)
         return Standing(
             self._inside.look(now.inside, passed_s),
             Reach.YES if full and some else Reach.RESERVE if some else Reach.NO,
             self._way.look(now.way_inside, passed_s),
-            self._covered.look(now.covered, passed_s),
+            Coverage.ALL if all_the_way and there else Coverage.THERE if there else Coverage.NO,
         )
 
 

@@ -12,7 +12,7 @@ from math import inf
 
 import pytest
 
-from mavproxy_handover.core.safety.places import Choice, PlaceChooser, PlaceFact, Reach, best, standing
+from mavproxy_handover.core.safety.places import Choice, Coverage, PlaceChooser, PlaceFact, Reach, best, standing
 
 A, B, C = 251, 252, 253
 ALL = frozenset({A, B})
@@ -53,8 +53,13 @@ def test_a_way_that_nobody_covers_counts_as_much_as_a_place() -> None:
     assert chosen(HOME, other, usable={A, B, C}) == "rally 1"
 
 
+def test_who_is_out_of_coverage_goes_where_it_is_covered_again() -> None:
+    """The fault: a station was dead, and the way out of its zone counted as much as to come down in it."""
+    assert chosen(replace(HOME, way=sets({B}, {A, B}, {A})), NEAR, usable={A}) == "home"
+
+
 def test_coverage_may_pass_from_one_station_to_another_on_the_way() -> None:
-    assert standing(replace(HOME, way=sets({B}, {A, B}, {A})), ALL).covered
+    assert standing(replace(HOME, way=sets({B}, {A, B}, {A})), ALL).coverage is Coverage.ALL
 
 
 @pytest.mark.parametrize(
@@ -142,7 +147,7 @@ def words(place: PlaceFact, usable: Iterable[int] = ALL) -> str:
         ),
         (replace(HOME, needs=None, left=None), "home: 600 m, covered by GCSA"),
         (replace(HOME, there=frozenset({C})), "home: 600 m, needs 20 % of 60 %, not covered"),
-        (replace(HOME, way=sets({C})), "home: 600 m, needs 20 % of 60 %, not covered on the way"),
+        (replace(HOME, way=sets({C})), "home: 600 m, needs 20 % of 60 %, covered by GCSA, not all the way"),
         (replace(HOME, time_s=inf), "home: 600 m, the wind does not let it be flown, OUT OF REACH, covered by GCSA"),
         (
             replace(HOME, margin_wh=-9.0, spare_wh=-1.0),
@@ -251,7 +256,7 @@ def test_what_is_fixed_stays_whatever_becomes_of_it() -> None:
     flight.look(HOME, NEAR)
     flight.usable = frozenset({A})
     choice = flight.look(HOME, NEAR, seconds=30, fixed=True)
-    assert (choice.place.name, choice.standing.covered) == ("rally 1", False)
+    assert (choice.place.name, choice.standing.coverage) == ("rally 1", Coverage.NO)
 
 
 def test_a_place_that_is_gone_is_left_at_once_even_then() -> None:

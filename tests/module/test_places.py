@@ -1,0 +1,398 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The place of a return: chosen before it is needed, in the autopilot's list at every moment, and told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as stock
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.rally import READ_S, WRITE_S
+from mavproxy_handover.core.events import LinkJudged
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.places import PlaceFinder
+from tests.module.conftest import Bench
+
+START, MODE = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE
+GUIDED, AUTO, RTL, LAND = 4, 3, 6, 9
+RALLY = mavlink.MAV_MISSION_TYPE_RALLY
+#: of the delivery, in 1e-7 degrees: home and rally 1 are in GCSA's zone alone, rally 2 in GCSB's
+HOME, RALLY_1, RALLY_2 = (526790000, 59240000), (526796290, 59223740), (526791800, 59319840)
+#: places in the air: in both zones, nearer to home; in B's alone, near rally 2
+BETWEEN, IN_B = (52.679, 5.9270), (52.6790, 5.9310)
+
+
+def listed(bench: Bench) -> list[tuple[int, int]]:
+    """What the autopilot's own rally list holds."""
+    return [(item.x, item.y) for item in bench.autopilot.items[RALLY]]
+
+
+def counts(bench: Bench) -> int:
+    """Uploads of rally points that were begun."""
+    return sum(m.mission_type == RALLY for m in bench.autopilot.got("MISSION_COUNT"))
+
+
+def told(bench: Bench) -> list[str]:
+    return [entry["text"] for entry in bench.journal("place")]
+
+
+@pytest.fixture
+def ready(bench: Bench, delivery: MissionPackage) -> Bench:
+    """Both stations with the mission, on the ground at home. What is looked at is the place, not why it is needed."""
+    bench.config.write_text(bench.config.read_text() + '[policy]\nno_station = "off"\ncoverage_ends = "off"\n')
+    bench.connect()
+    bench.share(delivery)
+    bench.run(6.0)
+    return bench
+
+
+@pytest.fixture
+def flying(ready: Bench) -> Bench:
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(6.0)
+    return ready
+
+
+def fly_to(bench: Bench, place: tuple[float, float], seconds: float = 30.0) -> None:
+    bench.autopilot.position = place
+    bench.run(seconds)
+
+
+def lose(bench: Bench, *stations: Any) -> None:
+    for station in stations:
+        station.alive = False
+
+
+# ---- the list -----------------------------------------------------------------------------------------------------
+
+
+def test_on_the_ground_the_list_holds_home_and_that_alone(ready: Bench) -> None:
+    assert listed(ready) == [HOME]
+    assert told(ready) == ["a return goes to home: 0 m, needs 3 % of 100 %, covered by GCSA"]
+    assert "place     home: 0 m, needs 3 % of 100 %, covered by GCSA" in ready.mpstate.type("handover status")
+    assert ready.a.texts() == "", "nobody expects anything else"
+
+
+def test_without_a_mission_nobody_touches_it(bench: Bench) -> None:
+    bench.connect()
+    bench.autopilot.items[RALLY] = []
+    bench.run(30.0)
+    assert [m for m in bench.autopilot.received if getattr(m, "mission_type", None) == RALLY] == []
+
+
+def test_it_follows_the_aircraft_and_is_told_to_everybody(flying: Bench) -> None:
+    fly_to(flying, IN_B, 40.0)
+    assert listed(flying) == [RALLY_2]
+    text = told(flying)[-1]
+    assert text.startswith("a return goes to rally 2: 7")
+    assert text.endswith(" m, needs 6 % of 100 %, covered by GCSB")
+    for station in (flying.a, flying.b):
+        assert station.texts().count("A return goes to rally 2") == 1
+
+
+def test_the_nearest_whose_station_is_dead_is_passed_over_at_once(flying: Bench) -> None:
+    fly_to(flying, BETWEEN, 40.0)
+    assert listed(flying) == [HOME]
+    fly_to(flying, IN_B, 40.0)
+    assert listed(flying) == [RALLY_2]
+    lose(flying, flying.b)
+    flying.run(8.0)
+    assert listed(flying) == [HOME]
+    assert told(flying)[-1].startswith("a return goes to home")
+
+
+def test_home_is_written_anew_when_arming_has_moved_it(ready: Bench) -> None:
+    moved = (526790500, 59240900)
+    ready.autopilot.items[0][0].x, ready.autopilot.items[0][0].y = moved
+    ready.run(5.0)
+    assert listed(ready) == [HOME]
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(8.0)
+    assert listed(ready) == [moved]
+
+
+def test_the_autopilots_own_word_of_its_home_counts_too(flying: Bench) -> None:
+    flying.mpstate.deliver(
+        said(stock.MAVLink_home_position_message(526790700, 59240100, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+    )
+    flying.run(8.0)
+    assert listed(flying) == [(526790700, 59240100)]
+
+
+def test_no_change_comes_oftener_than_every_five_seconds(flying: Bench) -> None:
+    before = counts(flying)
+    for n in range(40):
+        lat = 526790000 + 100 * n
+        message = stock.MAVLink_home_position_message(lat, 59240000, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+        flying.mpstate.deliver(said(message))
+        flying.run(0.5)
+    assert 3 <= counts(flying) - before <= 20.0 / WRITE_S + 1
+
+
+def test_nothing_is_written_again_while_nothing_changes(flying: Bench) -> None:
+    before = counts(flying)
+    flying.run(60.0)
+    assert counts(flying) == before
+    reads = [m for m in flying.autopilot.got("MISSION_REQUEST_LIST") if m.mission_type == RALLY]
+    assert len(reads) >= 60.0 / READ_S - 1
+
+
+def test_what_somebody_else_has_written_there_is_found_and_written_over(flying: Bench) -> None:
+    flying.autopilot.items[RALLY][0].x += 5000
+    flying.run(READ_S + 2.0)
+    assert listed(flying) == [HOME]
+    assert len(flying.journal("rally_overwritten")) == 1
+
+
+def test_and_at_once_when_the_autopilot_tells_of_another_number_of_points(flying: Bench) -> None:
+    flying.run(1.0)
+    flying.autopilot.items[RALLY] = []
+    flying.mpstate.deliver(said(stock.MAVLink_param_value_message(b"RALLY_TOTAL", 0.0, 2, 900, 65535)))
+    flying.run(2.0)
+    assert listed(flying) == [HOME]
+    assert flying.mpstate.console.said("somebody else has written the autopilot's rally list")
+
+
+def test_a_refused_upload_is_told_and_tried_again(flying: Bench) -> None:
+    flying.autopilot.results[RALLY] = mavlink.MAV_MISSION_DENIED
+    fly_to(flying, IN_B, 40.0)
+    (entry, *_more) = flying.journal("place_failed")
+    assert entry["text"].endswith("the autopilot refused the rally points: MAV_MISSION_DENIED")
+    attempts = len(flying.journal("place_failed"))
+    assert attempts <= 40.0 / 8.0 + 1
+    flying.autopilot.results = {}
+    flying.run(12.0)
+    assert listed(flying) == [RALLY_2]
+    assert told(flying)[-1].startswith("a return goes to rally 2")
+
+
+def test_a_point_that_comes_back_elsewhere_is_not_believed(flying: Bench) -> None:
+    def spoil(item: Any) -> Any:
+        if item.mission_type == RALLY:
+            item.x += 3000
+        return item
+
+    flying.autopilot.spoil = spoil
+    fly_to(flying, IN_B, 30.0)
+    assert told(flying)[-1].startswith("a return goes to home")
+    assert flying.journal("place_failed")
+
+
+def test_an_autopilot_that_falls_silent_in_an_upload_is_asked_again(flying: Bench) -> None:
+    original = flying.autopilot._take
+    flying.autopilot._take = lambda m: None if getattr(m, "mission_type", None) == RALLY else original(m)  # type: ignore
+    fly_to(flying, IN_B, 40.0)
+    del flying.autopilot._take
+    flying.run(15.0)
+    assert listed(flying) == [RALLY_2]
+
+
+# ---- the return ---------------------------------------------------------------------------------------------------
+
+
+def orders(bench: Bench) -> list[tuple[str, object]]:
+    """What the autopilot was told, in order: modes and rally points."""
+    found: list[tuple[str, object]] = []
+    for message in bench.autopilot.received:
+        if message.get_type() == "COMMAND_LONG" and message.command == MODE:
+            found.append(("mode", int(message.param2)))
+        elif message.get_type() == "MISSION_ITEM_INT" and message.mission_type == RALLY:
+            found.append(("place", (message.x, message.y)))
+    return found
+
+
+def test_the_place_is_written_before_the_return_is_ordered(flying: Bench) -> None:
+    """The commander is lost over its own zone, and its places with it."""
+    fly_to(flying, BETWEEN, 40.0)
+    assert listed(flying) == [HOME]
+    flying.autopilot.received.clear()
+    lose(flying, flying.a)
+    flying.until(lambda: flying.autopilot.mode == RTL, 20.0)
+    assert orders(flying) == [("place", RALLY_2), ("mode", RTL)]
+
+
+def test_a_return_never_waits_longer_than_a_moment_for_its_place(flying: Bench) -> None:
+    fly_to(flying, IN_B, 40.0)
+    original = flying.autopilot._take
+    flying.autopilot._take = lambda m: None if getattr(m, "mission_type", None) == RALLY else original(m)  # type: ignore
+    lose(flying, flying.b)
+    flying.run(5.5)  # the place has changed, and cannot be written
+    asked_at = flying.clock.now
+    flying.companion.autopilot.orders.fly(flying_return(), asked_at)
+    flying.until(lambda: flying.autopilot.mode == RTL, 3.0)
+    assert 0.9 <= flying.clock.now - asked_at <= 1.5
+
+
+def flying_return() -> Any:
+    from mavproxy_handover.core.model import FlightAction
+
+    return FlightAction.RETURN
+
+
+def returning(bench: Bench, place: tuple[float, float] = IN_B) -> None:
+    """On its way to rally 2 by the companion's word, a hundred metres and more before it."""
+    fly_to(bench, place, 40.0)
+    assert listed(bench) == [RALLY_2]
+    fly_to(bench, (place[0] + 0.002, place[1] - 0.001), 3.0)
+    bench.companion.autopilot.orders.fly(flying_return(), bench.clock.now)
+    bench.until(lambda: bench.autopilot.mode == RTL, 3.0)
+    bench.run(1.0)
+    bench.autopilot.received.clear()
+
+
+def test_a_return_under_way_goes_elsewhere_when_its_place_has_become_worse(flying: Bench) -> None:
+    returning(flying)
+    lose(flying, flying.b)
+    flying.run(9.0)
+    assert orders(flying) == [("place", HOME), ("mode", GUIDED), ("mode", RTL)]
+    (entry,) = flying.journal("bounce")
+    assert entry["place"] == "home"
+    flying.run(20.0)
+    assert len(flying.journal("bounce")) == 1
+
+
+def test_not_without_a_commander(flying: Bench) -> None:
+    returning(flying)
+    lose(flying, flying.a, flying.b)
+    flying.run(20.0)
+    assert [order for order in orders(flying) if order[1] == GUIDED] == []
+    assert listed(flying) == [RALLY_2], "the list holds what is flown to"
+
+
+def test_not_outside_the_fence(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    returning(flying)
+    monkeypatch.setattr(PlaceFinder, "in_fence", lambda *_: False)
+    lose(flying, flying.b)
+    flying.run(12.0)
+    assert orders(flying) == []
+
+
+def test_not_while_the_autopilot_says_that_the_fence_is_broken(flying: Bench) -> None:
+    returning(flying)
+    fence = mavlink.MAV_SYS_STATUS_GEOFENCE
+    lose(flying, flying.b)
+    for _ in range(12):
+        values = (fence, fence, 0, 0, 12600, 0, 100, 0, 0, 0, 0, 0, 0)
+        flying.mpstate.deliver(said(stock.MAVLink_sys_status_message(*values)))
+        flying.run(1.0)
+    assert orders(flying) == []
+
+
+def test_not_while_a_failsafe_of_the_autopilot_acts(flying: Bench) -> None:
+    returning(flying)
+    lose(flying, flying.b)
+    for _ in range(24):
+        beat = stock.MAVLink_heartbeat_message(2, 3, 0x81, RTL, mavlink.MAV_STATE_CRITICAL, 3)
+        flying.mpstate.deliver(said(beat))
+        flying.autopilot._beat_at = flying.clock.now + 5.0
+        flying.run(0.5)
+    assert orders(flying) == []
+
+
+def test_not_in_a_return_that_somebody_else_has_ordered(flying: Bench) -> None:
+    """The pilot's, the autopilot's failsafe's, the commander's."""
+    fly_to(flying, IN_B, 40.0)
+    flying.autopilot.mode = RTL
+    flying.run(2.0)
+    flying.autopilot.received.clear()
+    lose(flying, flying.b)
+    flying.run(12.0)
+    assert orders(flying) == []
+    assert listed(flying) == [RALLY_2]
+    flying.autopilot.mode = AUTO
+    flying.run(8.0)
+    assert listed(flying) == [HOME]
+
+
+def test_not_in_a_return_that_a_pilot_has_taken_over_in_between(flying: Bench) -> None:
+    returning(flying)
+    flying.autopilot.mode = 5
+    flying.run(1.5)
+    flying.autopilot.mode = RTL
+    flying.run(1.5)
+    lose(flying, flying.b)
+    flying.run(12.0)
+    assert [order for order in orders(flying) if order[0] == "mode"] == []
+
+
+# ---- energy -------------------------------------------------------------------------------------------------------
+
+
+def test_the_best_place_and_not_the_nearest_tells_when_to_turn_back(flying: Bench) -> None:
+    """GCSB is dead, so RTL goes home from the far end: that is what the energy has to be enough for."""
+    fly_to(flying, IN_B, 40.0)
+    flying.autopilot.battery = 0.34
+    flying.run(8.0)
+    assert flying.journal("emergency") == [], "rally 2 is near"
+
+
+def test_where_no_place_is_in_reach_it_lands(flying: Bench) -> None:
+    fly_to(flying, IN_B, 40.0)
+    flying.autopilot.battery = 0.002
+    flying.until(lambda: flying.autopilot.mode == LAND, 30.0)
+    assert flying.journal("emergency")[-1]["text"] == "energy for the way back only: land"
+    assert "OUT OF REACH" in flying.companion.autopilot.places.words()
+
+
+# ---- restarts and faults ------------------------------------------------------------------------------------------
+
+
+def test_after_a_restart_what_the_list_holds_is_read_first_and_stays(flying: Bench) -> None:
+    fly_to(flying, IN_B, 40.0)
+    flying.mpstate.unload("handover")
+    flying.autopilot.received.clear()
+    flying.load()
+    flying.run(25.0)
+    assert listed(flying) == [RALLY_2]
+    about = [m.get_type() for m in flying.autopilot.received if getattr(m, "mission_type", None) == RALLY]
+    assert about[:2] == ["MISSION_REQUEST_LIST", "MISSION_REQUEST_INT"]
+    assert "MISSION_COUNT" not in about
+
+
+def test_a_place_that_is_none_of_the_missions_is_kept_after_a_restart(flying: Bench) -> None:
+    fly_to(flying, IN_B, 40.0)
+    flying.mpstate.unload("handover")
+    flying.autopilot.items[RALLY][0].x, flying.autopilot.items[RALLY][0].y = 526790500, 59311000
+    flying.load()
+    flying.run(20.0)
+    assert listed(flying) == [(526790500, 59311000)]
+    assert "place found in the list" in flying.companion.autopilot.places.words()
+
+
+def test_after_a_reboot_of_the_autopilot_it_is_read_again(ready: Bench) -> None:
+    ready.autopilot.silent = True
+    ready.run(5.0)
+    ready.autopilot.silent = False
+    ready.autopilot.items[RALLY] = []
+    ready.run(6.0)
+    assert listed(ready) == [HOME]
+
+
+def test_what_breaks_here_costs_no_authority_and_no_return(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_arguments: Any) -> Any:
+        raise RuntimeError("planted")
+
+    monkeypatch.setattr(PlaceFinder, "look", broken)
+    flying.run(3.0)
+    assert flying.companion.faults["places of a return"] >= 2
+    assert not flying.companion.failed
+    flying.companion.autopilot.orders.fly(flying_return(), flying.clock.now)
+    flying.until(lambda: flying.autopilot.mode == RTL, 3.0)
+
+
+def said(message: Any) -> Any:
+    """A message of the autopilot as MAVProxy hands it over."""
+    return stock.MAVLink(None).decode(bytearray(message.pack(stock.MAVLink(None, srcSystem=1, srcComponent=1))))
+
+
+def test_links_that_are_weak_change_no_place(flying: Bench) -> None:
+    fly_to(flying, IN_B, 40.0)
+    flying.companion.handle(LinkJudged(252, True, False, "weak"), flying.clock.now)
+    flying.run(10.0)
+    assert listed(flying) == [RALLY_2]
