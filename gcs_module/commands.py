@@ -13,6 +13,7 @@ from MAVProxy.modules.lib import mp_settings
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.core import Answer, Event, StationCore, Wish
+from gcs_module.decisions import Decisions
 from gcs_module.narrator import StationNarrator
 from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
@@ -33,6 +34,7 @@ class Host(Protocol):
     core: StationCore
     desk: PackageDesk
     route: StationRouteWatch
+    decisions: Decisions
     view: View
     narrator: StationNarrator
     faults: Counter[str]
@@ -185,6 +187,8 @@ class StationCommands:
         show = module.view.show
         show(f"vehicle   {'connected' if core.vehicle_alive(now) else 'not heard'}, {core.phase.name}")
         show(f"commander {core.name(core.commander)}, epoch {core.epoch}; this station is {core.role.value}")
+        if module.decisions.text:
+            show(f"decision  {module.decisions.text}")
         if core.question is not None:
             show(f"question  handover {core.question.handover_id}: 'handover accept' or 'handover deny'")
         held = module.desk.held

@@ -36,6 +36,7 @@ from gcs_module.core import (
     ToVehicle,
     VehicleHeard,
 )
+from gcs_module.decisions import Decisions
 from gcs_module.means import Means
 from gcs_module.narrator import StationNarrator
 from gcs_module.package_desk import PackageDesk
@@ -89,6 +90,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self.desk = PackageDesk(means.held)
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)
+        self.decisions = Decisions()
         self.view = View(self.core, config.station.name, self.console, self._speak)
         self.narrator = StationNarrator(means.journal, self.core, self.view)
         self._ground = ground = means.ground
@@ -237,6 +239,8 @@ class HandoverGcsModule(mp_module.MPModule):
             self._handle(AuthorityHeard(phase, *who, message.epoch, message.handover_id, recovering, why))
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)
+        elif kind == "HANDOVER_DECISION":
+            self._notice(self.decisions.on_message(message))
         else:
             decoded = codec.decode(message)
             if decoded is not None and message.target_system in (0, self.config.station.sysid):

@@ -70,6 +70,8 @@ class VehicleCommands:
         route = companion.autopilot.route.words(now)
         if route:
             self._show(f"route     {route}")
+        if companion.decision:
+            self._show(f"decision  {companion.decision}")
         if not companion.autopilot.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
             self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")

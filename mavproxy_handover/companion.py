@@ -22,6 +22,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.orders import commanded
 from mavproxy_handover.autopilot.ties import Ties
@@ -41,6 +42,7 @@ from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.restart import Restart
 from mavproxy_handover.schedule import Schedule
+from mavproxy_handover.stations.announcer import Announcer
 from mavproxy_handover.stations.operator_control import OperatorControl
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
@@ -63,6 +65,10 @@ _CHANGES: Final = frozenset((Access.COMMAND, Access.SAFEGUARD))
 _COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.RALLY_READ, Access.RALLY_WRITE))
 #: the list of rally points that stations see is the companion's own
 _RALLY: Final = frozenset((Access.RALLY_READ, Access.RALLY_WRITE))
+#: what is decided where nobody is left to decide
+_FAILED: Final = events.Announce(
+    "RETURN: internal fault of the companion, nobody commands", FlightAction.RETURN, Reason.FAULT
+)
 #: no time: the arbiter is to be asked
 _UNKNOWN: Final = -inf
 #: what changes the mission at the autopilot behind the companion's back
@@ -113,6 +119,7 @@ class Companion:
         self.gate.change(self.arbiter.view, edge.clocks.monotonic())
         self._voice = Voice(config.sysid, edge.write_autopilot, ports)
         self.narrator = Narrator(config.name, self.journal, self.arbiter, edge.show, lambda: self.view.phase)
+        self._announcer = Announcer(self._voice)
         self._control = OperatorControl(self._voice, self.narrator, self.handle)
         try:
             self.autopilot = Autopilot(config, self._ties(edge.clocks), edge.nonce)
@@ -147,6 +154,11 @@ class Companion:
     def view(self) -> AuthorityView:
         """The authority that is in force: what the gate judges by."""
         return self.gate.view
+
+    @property
+    def decision(self) -> str:
+        """What is done about what is wrong, in one sentence; "" if nothing is."""
+        return self._announcer.text
 
     # ---- from the stations ----------------------------------------------------------------------------------------
 
@@ -184,6 +196,7 @@ class Companion:
         match verdict.fate:
             case Fate.FORWARD:
                 self._accepted(port, verdict.what, now)
+                self._chosen(frame, now)
             case Fate.CONSUME:
                 if frame.sysid == port.sysid or verdict.access in _COMMANDS:
                     self._consume(port, frame, verdict, now)
@@ -200,6 +213,12 @@ class Companion:
             self.handle(events.MissionLoaded(b"", ()), now)
         if what in _ROUTE_WRITES:
             self.autopilot.overwritten(now)
+
+    def _chosen(self, frame: Frame, now: float) -> None:
+        """The commander's command goes to the autopilot: perhaps it asks for another mode."""
+        hand = hands.of_command(frame)
+        if hand is not None:
+            self.handle(hand, now)
 
     def _station_told(self, news: News, now: float) -> None:
         self.narrator.stream(self.ports[news.station].name, news, now)
@@ -235,6 +254,7 @@ class Companion:
             return
         self.handle(events.TakeOffPassed(port.sysid), now)
         self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
+        self._chosen(frame, now)
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
         port.spoke(frame.compid)
@@ -312,6 +332,7 @@ class Companion:
         self._voice.to_autopilot(beat)
         self._voice.to_stations(beat)
         self._voice.to_stations(status.control_status(self.view))
+        self._announcer.tick(now)
         self.narrator.clock(now)
         self.narrator.sum_up(now)
         self._restart.each_second(self.arbiter.snapshot())
@@ -346,6 +367,7 @@ class Companion:
         self._attempt("end of START", self.autopilot.orders.give_start_up, "internal fault", now)
         if self.autopilot.aircraft.flying:
             self._attempt("way home", self.autopilot.orders.fly, FlightAction.RETURN, now)
+            self._attempt("word of it", self._announce, _FAILED, now)
         self._attempt("console", self.narrator.authority_ends, text)
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
@@ -371,6 +393,8 @@ class Companion:
                 self.narrator.record(action, now)
             case events.Fly():
                 self.autopilot.orders.fly(action.action, now)
+            case events.Announce():
+                self._announce(action, now)
             case events.BeginStart():
                 self.autopilot.orders.start(now)
             case events.StartRefused():
@@ -382,6 +406,10 @@ class Companion:
                 self._control.ask_owner(self.ports[action.station], action, name, self.view.handover_id)
             case _:
                 assert_never(action)
+
+    def _announce(self, told: events.Announce, now: float) -> None:
+        self.narrator.decision(told)
+        self._announcer.tell(told, now)
 
     def _send(self, action: events.Send, now: float) -> None:
         port = self.ports[action.station]

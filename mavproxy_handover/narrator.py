@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import Record
+from mavproxy_handover.core.events import Announce, Record
 from mavproxy_handover.core.messages import TransferMessage
 from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Reason
 from mavproxy_handover.core.safety.energy import EnergyFact
@@ -53,6 +53,8 @@ _STREAMS = {
 }
 #: what the arbiter says of a station each time that it is asked
 _ANSWERS = ("control", "start_refused")
+#: what is in the journal alone: steps of a transfer, and what a sentence of a decision says better
+_UNSPOKEN = ("step", "emergency", "emergency_over", "warning", "warning_over", "order", "helm")
 
 
 def _rounded(value: float | None) -> float | None:
@@ -167,8 +169,20 @@ class Narrator:
             handover_id=self._arbiter.view.handover_id if action.event.startswith(("transfer", "step")) else None,
             epoch=self._arbiter.view.epoch if action.event in ("transfer_committed", "authority") else None,
         )
-        if action.event != "step":
+        if action.event not in _UNSPOKEN:
             self._tell_sentence(action.text)
+
+    def decision(self, told: Announce) -> None:
+        """What is done about what is wrong, or that nothing is any more: the sentence that everybody gets."""
+        self._journal.write(
+            "decision",
+            told.text,
+            action="none" if told.action is None else told.action.name.lower(),
+            reason=told.reason.name.lower(),
+            figures=told.figures or None,
+            place=told.place or None,
+        )
+        self._tell_sentence(told.text)
 
     def view(self, view: AuthorityView, reason: Reason) -> None:
         """A new view is in force."""
@@ -331,7 +345,6 @@ class Narrator:
         values = {} if fact is None else {"waypoint": fact.seq, "cross_track_m": round(fact.cross_track_m, 1)}
         course = None if fact is None or fact.course_off_deg is None else round(fact.course_off_deg)
         self._journal.write("off_route" if news.off else "on_route", news.text, course_off_deg=course, **values)
-        self._tell_sentence(f"WARNING: {news.text}" if news.off else news.text)
 
     def place(self, text: str, name: str, reachable: bool) -> None:
         """The autopilot's list holds another place for a return."""

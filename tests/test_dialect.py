@@ -21,7 +21,7 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 import mavproxy_handover
-from mavproxy_handover.core.model import Consent, GuardState, LeaseState, Outcome, Phase, Reason
+from mavproxy_handover.core.model import Consent, FlightAction, GuardState, LeaseState, Outcome, Phase, Reason
 
 SHIPPED = Path(pymavlink.__file__).parent / "dialects" / "v20"
 WIRE = Path(mavproxy_handover.__file__).parent / "wire"
@@ -43,6 +43,7 @@ MESSAGES = {
     47111: "DISCONNECT_HANDOVER",
     47112: "HANDOVER_RESULT",
     47113: "AUTHORITY_STATUS",
+    47120: "HANDOVER_DECISION",
 }
 STANDARD = {512: "CONTROL_STATUS"}
 
@@ -163,6 +164,14 @@ def test_the_numbers_of_an_enum_are_those_of_the_rules(name: str) -> None:
 def test_the_numbers_of_an_enum_are_those_of_the_installed_dialect(name: str) -> None:
     for member in ENUMS[name]:
         assert getattr(mavlink, f"{name}_{member.name}") == member.value
+
+
+def test_the_actions_are_those_of_the_rules_and_one_for_none() -> None:
+    xml = {
+        entry.removeprefix("HANDOVER_ACTION_"): v
+        for v, entry in entries(WIRE / "handover.xml", "HANDOVER_ACTION").items()
+    }
+    assert xml == {**{action.name: action.value for action in FlightAction}, "NONE": 255}
 
 
 def test_the_numbers_of_the_operator_control_standard() -> None:

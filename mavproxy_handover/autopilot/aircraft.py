@@ -50,6 +50,13 @@ class Aircraft:
         self.waypoint = 0
         self.waypoint_at = -math.inf
         self.waypoint_distance_m = math.nan
+        self.waypoint_distance_at = -math.inf
+        #: a failsafe has triggered, by the heartbeat
+        self.critical = False
+        #: SYS_STATUS, FENCE_STATUS and their times
+        self.sys_status: Any | None = None
+        self.fence_status: Any | None = None
+        self.fence_status_at = -math.inf
 
     def take(self, m: Any, now: float) -> None:
         """Take in a message of the autopilot."""
@@ -61,6 +68,7 @@ class Aircraft:
         self.heartbeat_at = now
         self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.custom_mode = m.custom_mode
+        self.critical = m.system_status == mavlink.MAV_STATE_CRITICAL
         ours = m.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and m.type in _COPTERS
         self.foreign = "" if ours else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}"
 
@@ -72,6 +80,7 @@ class Aircraft:
         self._attitude = m
 
     def _take_battery(self, m: Any, _now: float) -> None:
+        self.sys_status = m
         self._battery_voltage = m.voltage_battery
         self._battery_remaining = m.battery_remaining
 
@@ -81,8 +90,11 @@ class Aircraft:
     def _take_waypoint(self, m: Any, now: float) -> None:
         self.waypoint, self.waypoint_at = m.seq, now
 
-    def _take_distance(self, m: Any, _now: float) -> None:
-        self.waypoint_distance_m = float(m.wp_dist)
+    def _take_distance(self, m: Any, now: float) -> None:
+        self.waypoint_distance_m, self.waypoint_distance_at = float(m.wp_dist), now
+
+    def _take_fence(self, m: Any, now: float) -> None:
+        self.fence_status, self.fence_status_at = m, now
 
     def _take_text(self, m: Any, _now: float) -> None:
         self.status_text = m.text
@@ -167,4 +179,5 @@ _TAKE: Final[dict[str, Callable[[Aircraft, Any, float], None]]] = {
     "MISSION_CURRENT": Aircraft._take_waypoint,
     "NAV_CONTROLLER_OUTPUT": Aircraft._take_distance,
     "STATUSTEXT": Aircraft._take_text,
+    "FENCE_STATUS": Aircraft._take_fence,
 }

@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
 from mavproxy_handover.autopilot.gaps import GapWatch
 from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
@@ -78,6 +79,7 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
+        self._execution = ExecutionWatch(self.aircraft, ties, lambda: self._preflight.radio_watched)
         #: where a return goes
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         self._missions = MissionWriter(self._loader, copter, talks, ties, self._flies_by, self.places.first_point)
@@ -86,7 +88,7 @@ class Autopilot:
             "EXTENDED_SYS_STATE": self._on_state,
             "GLOBAL_POSITION_INT": self._on_position,
             "TUNNEL": self._on_tunnel,
-            "STATUSTEXT": lambda m, _now: self._preflight.text(m.text),
+            "STATUSTEXT": self._on_text,
             "PARAM_VALUE": self._on_parameter,
             **dict.fromkeys(("ATTITUDE", "BATTERY_STATUS", "WIND"), self._on_energy),
             "MISSION_ITEM_REACHED": self._on_reached,
@@ -168,6 +170,11 @@ class Autopilot:
         self.places.take(message, now)
         if aircraft.heartbeat_at > -math.inf:  # before that nothing is known of arming: in flight it would read as no
             self._ties.handle(AutopilotState(aircraft.armed, aircraft.flying, aircraft.foreign), now)
+            self._execution.state(now)
+
+    def _on_text(self, message: Any, now: float) -> None:
+        self._preflight.text(message.text)
+        self._execution.text(message.text, now)
 
     def _on_position(self, _message: Any, now: float) -> None:
         # the second: that message held no position
@@ -182,6 +189,7 @@ class Autopilot:
             return
         self.guard_status = status
         self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce), now)
+        self._execution.guard(status, now)
 
     def _on_parameter(self, message: Any, now: float) -> None:
         self._preflight.told(message.param_id, message.param_value)
@@ -252,12 +260,23 @@ class Autopilot:
         self._energy.each_second(aircraft, grounded, now)
         self._gaps.judge(self._preflight.parameters, now)
         self.places.each_second(now)
+        self._execution.each_second(now)
         self._look_for_signs(now)
 
     def _look_for_signs(self, now: float) -> None:
         """Tell the arbiter what looks wrong that only this side can work out, when it changes."""
         flying = self.aircraft.flying
-        signs = SignsSeen(flying and self.places.short, flying and self.route.deviation is not None)
+        energy = flying and self.places.short
+        track = self.route.deviation if flying else None
+        breach = self._execution.breach(now) if flying else ""
+        signs = SignsSeen(
+            energy,
+            track is not None,
+            bool(breach),
+            energy_words=self.places.energy_words if energy else "",
+            off_route_words="" if track is None else f"off route: {track.text}",
+            fence_words=breach,
+        )
         if signs != self._signs:
             self._signs = signs
             self._ties.handle(signs, now)

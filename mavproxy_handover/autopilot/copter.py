@@ -56,6 +56,7 @@ STREAMS: dict[int, float] = {
     mavlink.MAVLINK_MSG_ID_WIND: 1.0,
     mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: 0.5,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: 1.0,
+    mavlink.MAVLINK_MSG_ID_FENCE_STATUS: 1.0,
 }
 
 _GROUND_SPEED = 1

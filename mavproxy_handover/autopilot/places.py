@@ -316,7 +316,7 @@ class PlaceWatch:
         self._keeper.want(_point(next(place for place in self._places if place.name == name)))
         if self._keeper.settled and name != self._told:
             self._tell()
-        judged = PlaceJudged(name, self.choice.reachable, self.words())
+        judged = PlaceJudged(name, self.choice.reachable, self.choice.figures(self._ties.arbiter.name))
         if judged != self._judged:
             self._judged = judged
             self._ties.handle(judged, now)
@@ -337,9 +337,22 @@ class PlaceWatch:
     @property
     def short(self) -> bool:
         """No place is in reach any more with the reserve left, as far as is known."""
+        margin_wh = self._margin_wh
+        return margin_wh is not None and margin_wh <= 0.0
+
+    @property
+    def _margin_wh(self) -> float | None:
+        """What the best place leaves beyond need and reserve; None where that is not known."""
         margins = [fact.margin_wh for fact in self._facts.values() if fact.inside]
-        known = [margin for margin in margins if margin is not None]
-        return bool(known) and max(known) <= 0.0
+        return max((margin for margin in margins if margin is not None), default=None)
+
+    @property
+    def energy_words(self) -> str:
+        """What is left, and what the way to the best place needs, for people; "" where that is not known."""
+        left_wh, margin_wh = self._energy().left_wh, self._margin_wh
+        if left_wh is None or margin_wh is None or not math.isfinite(margin_wh):
+            return ""
+        return f"energy: {left_wh:.1f} Wh left, the way back needs {left_wh - margin_wh:.1f} Wh with the reserve"
 
     def words(self) -> str:
         """Where a return goes, for people; "" while there is no place."""

@@ -347,6 +347,8 @@ class Preflight:
         self.findings: tuple[Finding, ...] | None = None
         #: what was read last, None before that
         self.parameters: Mapping[str, float] | None = None
+        #: losing the radio would be noticed, as far as is known
+        self.radio_watched = True
         self._heard_at = -math.inf
         self._due_at = math.inf
         self._unread = True
@@ -392,6 +394,7 @@ class Preflight:
 
         def done(talk: Conversation, now: float) -> None:
             self.parameters = talk.result or {}
+            self.radio_watched = self.parameters.get("FS_THR_ENABLE", 1) != 0
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s
             found = Found(self.parameters, guard, firmware, *told)
             self._conclude(judge(found, self._limits), now)

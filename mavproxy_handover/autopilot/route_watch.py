@@ -2,8 +2,8 @@
 
 """The route check on the vehicle: the aircraft against the mission that the companion has written.
 
-It tells journal, console and stations, and offers what it knows; it orders nothing. A mission that somebody has written
-since is not known here, and so is nothing expected of the aircraft then.
+It tells the journal, and offers what it knows; it orders nothing, and people are told by the safety decisions. A
+mission that somebody has written since is not known here, and so is nothing expected of the aircraft then.
 """
 
 from __future__ import annotations
@@ -67,8 +67,6 @@ class RouteWatch:
         if news is None:
             return
         self._ties.narrator.route(news)
-        for port in self._ties.voice.ports.values():
-            self._ties.voice.say(port, news.text)
 
     def _motion(self) -> Motion | None:
         aircraft = self._aircraft

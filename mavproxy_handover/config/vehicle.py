@@ -97,6 +97,8 @@ LIMIT_RANGES: Final[Ranges] = {
     "exit_soon_s": (0, 120),
     "hold_lead_s": (1, 60),
     "hold_s": (0, 3600),
+    "obey_s": (2, 30),
+    "stuck_s": (10, 600),
     "link_weak_s": (0, 60),
     "link_steady_s": (0, 600),
     "position_stale_s": (0.2, 30),
@@ -117,9 +119,7 @@ OBSERVER_RANGES: Final[Ranges] = {
     "bytes_per_s": (300, 1_000_000),
     "silence_s": (2, 3600),
 }
-#: Causes whose signs nobody looks for yet: their policies are no keys.
-_UNSEEN: Final = (Cause.FENCE,)
-_CAUSES: Final = tuple(cause.value for cause in Cause if cause not in _UNSEEN)
+_CAUSES: Final = tuple(cause.value for cause in Cause)
 #: hold-off and clearing time of a cause
 _WAIT_S: Final = (0.0, 600.0)
 

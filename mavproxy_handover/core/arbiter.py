@@ -39,11 +39,13 @@ from mavproxy_handover.core.events import (
     ControlRequested,
     EnergyJudged,
     Event,
-    Fly,
     GapsJudged,
     GuardSeen,
+    HandSeen,
     LinkJudged,
     MissionLoaded,
+    ModeSeen,
+    MotionSeen,
     PlaceJudged,
     PositionSeen,
     Record,
@@ -74,6 +76,7 @@ from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.safety.causes import CAUSES
 from mavproxy_handover.core.safety.causes import Cause as Wrong
 from mavproxy_handover.core.safety.emergency import Emergency, News
+from mavproxy_handover.core.safety.execution import Execution
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.safety.strategy import Fact
 from mavproxy_handover.core.snapshot import Snapshot
@@ -112,6 +115,7 @@ class Arbiter:
         self._start = Start(self._authority, self._flight, self._candidates, self._conductor)
         self._emergency = Emergency(self._limits)
         self._lookout = Lookout(self._authority, self._flight, self._candidates, self._limits)
+        self._execution = Execution(self._authority, self._flight, self._candidates, self._lookout, self._emergency)
         #: the run before ended in a transfer: its zone has still to be served
         self._interrupted = False
         if restored is not None:
@@ -231,6 +235,12 @@ class Arbiter:
                 self._on_position(event, now, actions)
             case AutopilotState():
                 self._on_autopilot(event, now, actions)
+            case ModeSeen():
+                self._execution.mode_seen(event, now, actions)
+            case HandSeen():
+                self._execution.hand_seen(event, now, actions)
+            case MotionSeen():
+                self._lookout.supervision.moved(event)
             case GuardSeen():
                 self._on_guard(event, now, actions)
             case SignsSeen():
@@ -371,6 +381,7 @@ class Arbiter:
         self._authority.land()
         self._emergency.landed()
         self._lookout.landed()
+        self._lookout.supervision.over()
         self._candidates.hold(replace(self._candidates.mission, at=0))
         actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
         self._authority.refresh(Reason.LANDED, actions)
@@ -420,6 +431,12 @@ class Arbiter:
     def _judge_safety(self, now: float, actions: list[Action]) -> None:
         if self._flight.position_lost(now):
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
+        self._execution.settle(now, actions)
+        self._judge(now, actions)
+        if self._execution.look(now, actions):  # the autopilot does not follow: the table has something graver
+            self._judge(now, actions)
+
+    def _judge(self, now: float, actions: list[Action]) -> None:
         signs, facts = self._lookout.signs(now), self._lookout.facts(now)
         news = self._emergency.judge(signs, facts, now, certain=not self._authority.recovering)
         self._authority.fly_alone(Fact.GAP in facts and not self._emergency.brings_down)
@@ -436,7 +453,15 @@ class Arbiter:
             text = "the gap is crossed" if news.crossed else f"the cause of the {what} is gone"
             actions.append(Record(f"{what}_over", text))
         elif news.continues:
-            actions.append(Record("gap", self._gap_words(decision.cause, now), news.reason, authority.owner))
+            actions.append(
+                Record(
+                    "gap",
+                    text = f"{CAUSES[decision.cause].words}: {self._lookout.crossing.words(now)}"
+                    actions.append(Record("gap", text, news.reason, authority.owner))
+                    news.reason,
+                    authority.owner,
+                )
+            )
         else:
             text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
             actions.append(Record("warning" if news.warning else "emergency", text, news.reason, authority.owner))
@@ -446,17 +471,7 @@ class Arbiter:
             authority.move_phase(PhaseCause.RECOVERED)
             authority.resume_transfer_phase()
         authority.refresh(news.reason, actions)
-        if news.resumes:
-            actions.append(Fly(FlightAction.CONTINUE, news.reason))
-        elif decision is not None and not news.warning and not news.continues:
-            actions.append(Fly(decision.action, news.reason))
-
-    def _gap_words(self, cause: Wrong, now: float) -> str:
-        """What is expected in a gap, in words."""
-        crossing = self._lookout.crossing
-        assert crossing.gap is not None
-        left = f"{crossing.left_s(now):.0f} s left" if crossing.since is not None else f"{crossing.gap.limit_s:g} s"
-        return f"{CAUSES[cause].words}: on through the gap {crossing.gap.words}, {left}"
+        self._execution.carry_out(news, now, actions)
 
     def _come_home(self, cause: Wrong, now: float, actions: list[Action]) -> None:
         """The aircraft is about to be brought home, or down."""

@@ -47,6 +47,10 @@ class Candidates:
         """Why this station could not be a partner now; None if it could."""
         return self._presence[station].unfit(self.mission.digest, now)
 
+    def silent_s(self, station: int, now: float) -> float:
+        """For how long the station has not been heard; inf if it never was."""
+        return now - self._presence[station].heard_at
+
     def unable(self, station: int, now: float, flying: bool) -> Reason | None:
         """Why authority must not go to this station in this moment, whatever was agreed; None if it may."""
         presence = self._presence[station]

@@ -12,10 +12,20 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, GapFact, GuardState, Reason, ZoneFact
+from mavproxy_handover.core.model import (
+    AuthorityView,
+    FlightAction,
+    Flown,
+    GapFact,
+    GuardState,
+    Hand,
+    Reason,
+    ZoneFact,
+)
 
 __all__ = [
     "Action",
+    "Announce",
     "AutopilotState",
     "BeginStart",
     "Cancel",
@@ -27,8 +37,11 @@ __all__ = [
     "Fly",
     "GapsJudged",
     "GuardSeen",
+    "HandSeen",
     "LinkJudged",
     "MissionLoaded",
+    "ModeSeen",
+    "MotionSeen",
     "NotifyOwner",
     "PlaceJudged",
     "PositionSeen",
@@ -90,6 +103,37 @@ class AutopilotState:
 
 
 @dataclass(frozen=True, slots=True)
+class ModeSeen:
+    """The autopilot's flight mode: what it does, None for what is no ArduCopter, and its name.
+
+    `landing`: it is coming down to land, in whatever mode. `radio`: a pilot could steer, as far as the autopilot knows.
+    """
+
+    flown: Flown | None
+    name: str = ""
+    landing: bool = False
+    radio: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class HandSeen:
+    """Somebody has, or may have, chosen the flight mode. `flown`: the one that was asked for; None: not known which."""
+
+    hand: Hand
+    flown: Flown | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MotionSeen:
+    """How the aircraft moves: speed over ground and climb (m/s), and how far it is to where the autopilot flies to (m),
+    None where that is not known."""
+
+    speed_mps: float
+    climb_mps: float
+    left_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class GuardSeen:
     """A status message of the guard. `ours`: it echoes the nonce of this companion's leases."""
 
@@ -118,18 +162,23 @@ class GapsJudged:
 class SignsSeen:
     """What the edge has worked out that looks wrong, in flight: it counts until the next one.
 
-    Of `core/safety/causes.py` these are the energy, that is no more than the best place needs, and the route.
+    Of `core/safety/causes.py` these are the energy, that is no more than the best place needs, the route and the fence;
+    the words have the figures.
     """
 
     energy: bool = False
     off_route: bool = False
+    fence: bool = False
+    energy_words: str = ""
+    off_route_words: str = ""
+    fence_words: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class PlaceJudged:
     """Where a return goes now, by name, and whether it gets there with the energy left: it counts until the next one.
 
-    `words`: place and figures for people, as in "rally 2: 1.9 km, needs 21 % of 38 %, covered by GCSA".
+    `words`: figures for people, as in "1.9 km, needs 21 % of 38 %, covered by GCSA".
     """
 
     name: str
@@ -215,6 +264,9 @@ Event = (
     | StationMessage
     | PositionSeen
     | AutopilotState
+    | ModeSeen
+    | HandSeen
+    | MotionSeen
     | GuardSeen
     | EnergyJudged
     | GapsJudged
@@ -259,6 +311,20 @@ class Fly:
 
     action: FlightAction
     reason: Reason
+
+
+@dataclass(frozen=True, slots=True)
+class Announce:
+    """Tell every operator and every program what is done about what is wrong, in one sentence.
+
+    `action`: what is in force from now on, None if nothing is. `figures`: what is wrong; `place`: where a return goes.
+    """
+
+    text: str
+    action: FlightAction | None
+    reason: Reason
+    figures: str = ""
+    place: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,4 +379,4 @@ class Record:
     duration_s: float | None = None
 
 
-Action = Send | ViewChanged | Fly | BeginStart | StartRefused | ControlAnswer | NotifyOwner | Record
+Action = Send | ViewChanged | Fly | Announce | BeginStart | StartRefused | ControlAnswer | NotifyOwner | Record

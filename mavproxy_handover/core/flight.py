@@ -87,6 +87,18 @@ class Flight:
         """Whether the guard answers the leases of this companion, or none is required."""
         return not self._limits.guard_required or (self._guard_ours and self.guard(now) is GuardState.LIVE)
 
+    def autopilot_silent_s(self, now: float) -> float:
+        """For how long the autopilot has said nothing; inf if it never has."""
+        return now - self._autopilot_at
+
+    def guard_silent_s(self, now: float) -> float:
+        """The same of the guard."""
+        return now - self._guard_at
+
+    def position_silent_s(self, now: float) -> float:
+        """How old the position is."""
+        return now - self._position_at
+
     def autopilot_lost_at(self) -> float:
         """When the autopilot's last word counts no more; -inf without one."""
         return self._autopilot_at + self._limits.autopilot_lost_s

@@ -57,6 +57,10 @@ class Limits:
     #: the last coverage that counts ends this soon along the track: the aircraft is to stop. And so long it is held
     hold_lead_s: float = 5.0
     hold_s: float = 60.0
+    #: a mode that was commanded and does not show for so long is commanded again
+    obey_s: float = 6.0
+    #: a return that gets no nearer, or a landing that does not come down, for so long is none
+    stuck_s: float = 30.0
     #: what is done about each cause, and how long its sign has to stay and to be away, where that is not the table's
     policies: Mapping[Cause, str] = field(default_factory=dict)
     hold_off_s: Mapping[Cause, float] = field(default_factory=dict)

@@ -9,7 +9,7 @@ Values that travel (phases, lease states, consents, reasons) have the numbers of
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import Final
 
 __all__ = [
@@ -21,8 +21,10 @@ __all__ = [
     "AuthorityView",
     "Consent",
     "FlightAction",
+    "Flown",
     "GapFact",
     "GuardState",
+    "Hand",
     "LeaseState",
     "Mission",
     "Outcome",
@@ -76,6 +78,31 @@ class FlightAction(IntEnum):
     CONTINUE = 3  #: fly on through a gap that the mission declares
     RETURN = 4  #: to the chosen place
     LAND = 5  #: here and now
+
+
+class Flown(Enum):
+    """What a flight mode does, whatever it is called."""
+
+    HANDS = "by hand"
+    MISSION = "the mission"
+    GUIDED = "to a place that is named"
+    STOP = "stands still"
+    RETURN = "to the place of a return"
+    LAND = "down to the ground"
+    OTHER = "something else"
+
+
+class Hand(Enum):
+    """Who chose the flight mode."""
+
+    NOBODY = "nobody in flight"
+    COMPANION = "the companion"
+    COMMANDER = "the commander"
+    GUARD = "the guard"
+    FAILSAFE = "a failsafe of the autopilot"
+    PILOT = "the pilot"
+    STRANGER = "somebody unknown"
+    DOUBT = "in doubt"
 
 
 class Consent(IntEnum):

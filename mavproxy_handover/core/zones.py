@@ -85,6 +85,11 @@ class ZoneTracker:
         """Stations whose zones hold the aircraft, `first` at the head if it is one of them."""
         return tuple(sorted(self._inside, key=lambda station: (station != first, station)))
 
+    def nearest(self) -> tuple[int, float] | None:
+        """The station whose zone is nearest, and the distance to its border (m, < 0 outside); None if none is known."""
+        nearest = max(self._facts.values(), key=lambda fact: fact.margin_m, default=None)
+        return None if nearest is None else (nearest.station, nearest.margin_m)
+
     def moved(self, now: float) -> None:
         """Authority has just changed: entries before this do not count any more."""
         self._fresh.clear()

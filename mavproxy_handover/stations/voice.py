@@ -29,6 +29,8 @@ class Voice:
         self._own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=COMPANION_COMPID)
         self._as_autopilot = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT_COMPID)
         self._write_autopilot = write_autopilot
+        #: of the last text that came in pieces
+        self._text_id = 0
         #: every station by system id
         self.ports = ports
 
@@ -53,9 +55,14 @@ class Voice:
         port.write(codec.pack(message, self._as_autopilot))
 
     def say(self, port: StationPort, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
-        """A line for the station's operator, a warning unless `severity` says otherwise, in as many STATUSTEXT as it
-        takes."""
+        """A text for the station's operator, a warning unless `severity` says otherwise; what is longer than STATUSTEXT
+        comes in pieces that belong together."""
         raw = text.encode("utf-8")
-        for start in range(0, len(raw), _TEXT_BYTES):
-            line = mavlink.MAVLink_statustext_message(severity, raw[start : start + _TEXT_BYTES])
-            port.send(line)
+        pieces = [raw[start : start + _TEXT_BYTES] for start in range(0, len(raw), _TEXT_BYTES)]
+        if len(pieces) > 1:
+            self._text_id = self._text_id % 0xFFFF + 1
+            if len(raw) % _TEXT_BYTES == 0:  # a piece that is not full ends the text
+                pieces.append(b"")
+        text_id = self._text_id if len(pieces) > 1 else 0
+        for number, piece in enumerate(pieces):
+            port.send(mavlink.MAVLink_statustext_message(severity, piece, text_id, number))

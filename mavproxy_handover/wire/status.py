@@ -9,10 +9,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.events import Announce
 from mavproxy_handover.core.model import AuthorityView, GuardState, Phase, Reason
 from mavproxy_handover.wire.lease import Lease, pack_lease
 
-__all__ = ["LEASE_INTERVAL_S", "LeaseSequence", "authority_status", "control_status", "heartbeat"]
+__all__ = ["LEASE_INTERVAL_S", "LeaseSequence", "authority_status", "control_status", "decision", "heartbeat"]
 
 LEASE_INTERVAL_S = 0.2
 _LEASE_TTL_MS = 3000
@@ -69,3 +70,25 @@ def control_status(view: AuthorityView) -> Any:
     if view.takeover_allowed:
         flags |= mavlink.GCS_CONTROL_STATUS_FLAGS_TAKEOVER_ALLOWED
     return mavlink.MAVLink_control_status_message(flags, view.commander or 0, [0] * 10)
+
+
+#: the texts of HANDOVER_DECISION hold so many bytes
+_PLACE_BYTES, _FIGURES_BYTES, _TEXT_BYTES = 20, 60, 160
+_NO_ACTION = mavlink.HANDOVER_ACTION_NONE
+
+
+def decision(told: Announce, number: int) -> Any:
+    """HANDOVER_DECISION of this dialect; `number` tells one word from the next."""
+    return mavlink.MAVLink_handover_decision_message(
+        number,
+        _NO_ACTION if told.action is None else told.action,
+        told.reason,
+        _cut(told.place, _PLACE_BYTES),
+        _cut(told.figures, _FIGURES_BYTES),
+        _cut(told.text, _TEXT_BYTES),
+    )
+
+
+def _cut(text: str, most: int) -> bytes:
+    """The text in at most so many bytes, and no character in half."""
+    return text.encode("utf-8")[:most].decode("utf-8", "ignore").encode("utf-8")

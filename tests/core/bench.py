@@ -21,6 +21,8 @@ from mavproxy_handover.core.events import (
     Fly,
     GuardSeen,
     MissionLoaded,
+    ModeSeen,
+    MotionSeen,
     PositionSeen,
     Record,
     Send,
@@ -140,6 +142,9 @@ class Bench:
         self.armed = False
         self.flying = False
         self.autopilot = True
+        #: what the autopilot says of its mode and its motion; None: nothing
+        self.mode: ModeSeen | None = None
+        self.motion: MotionSeen | None = None
         self.guard: GuardSeen | None = GuardSeen(GuardState.LIVE, ours=True)
         #: the gap that the mission declares where the aircraft is
         self.gap: GapFact | None = None
@@ -228,6 +233,9 @@ class Bench:
             self.give(StationHeard(station))
         if self.autopilot:
             self.give(AutopilotState(self.armed, self.flying))
+            for said in (self.mode, self.motion):
+                if said is not None:
+                    self.give(said)
         if self.guard is not None:
             self.give(self.guard)
         if self.facts is not None:

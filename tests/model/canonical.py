@@ -40,9 +40,13 @@ from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.results import Results, _Pending
 from mavproxy_handover.core.safety.causes import Cause, CauseWatch
 from mavproxy_handover.core.safety.emergency import Emergency
+from mavproxy_handover.core.safety.execution import Execution
 from mavproxy_handover.core.safety.gap import Crossing
+from mavproxy_handover.core.safety.helm import DOUBT_S, EVIDENCE, Helm
 from mavproxy_handover.core.safety.lookout import Lookout
+from mavproxy_handover.core.safety.sentence import Figures
 from mavproxy_handover.core.safety.strategy import Strategy
+from mavproxy_handover.core.safety.supervision import Supervision
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Transfer
 from mavproxy_handover.core.zones import ZoneTracker
@@ -198,6 +202,17 @@ class _Gone(_Kind):
         return {Cause(word): (NOW, stayed) for word, stayed in value}
 
 
+class _Heard(_Kind):
+    """Who was heard of, when, and of which mode; who explains nothing any more is as good as never heard of."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        moved = ((hand, at - shift.time_s, flown) for hand, (at, flown) in value.items())
+        return frozenset(entry for entry in moved if entry[1] > NOW - EVIDENCE[entry[0]].within_s - DOUBT_S)
+
+    def unpack(self, value: Any) -> Any:
+        return {hand: (at, flown) for hand, at, flown in value}
+
+
 class _Policies(_Kind):
     def pack(self, value: Any, shift: Shift) -> Any:
         return tuple((cause.value, word) for cause, word in value.items())
@@ -343,8 +358,11 @@ def _share(arbiter: Arbiter) -> None:
     arbiter._requests._conductor = conductor
     arbiter._start._authority, arbiter._start._flight, arbiter._start._candidates = authority, flight, candidates
     arbiter._start._conductor = conductor
-    lookout = arbiter._lookout
-    lookout._authority, lookout._flight, lookout._candidates = authority, flight, candidates
+    lookout, execution = arbiter._lookout, arbiter._execution
+    for part in (lookout, execution._figures):
+        part._authority, part._flight, part._candidates = authority, flight, candidates
+    execution._authority, execution._flight = authority, flight
+    execution._lookout, execution._emergency = lookout, arbiter._emergency
 
 
 class Packer:
@@ -499,6 +517,43 @@ class Packer:
         emergency = _Class(
             Emergency, _grave=plain, _resumed=plain, _strategy=_Object(strategy), _watch=_Object(watch), told=plain
         )
+        helm = _Class(
+            Helm,
+            _asked=_Heard(),
+            _before=plain,
+            _flying=plain,
+            _since=_Time(DOUBT_S),
+            chosen_by=plain,
+            flown=plain,
+            landing=plain,
+            name=plain,
+            radio=plain,
+        )
+        supervision = _Class(
+            Supervision,
+            _awaits_pilot=plain,
+            _deaf=plain,
+            _first_speed=plain,
+            _last_m=plain,
+            _limits=the_limits,
+            _motion=plain,
+            _nearest_m=plain,
+            _shown=plain,
+            _since=_Time(max(limits.obey_s, limits.stuck_s)),
+            _tries=plain,
+            order=plain,
+            unable=plain,
+        )
+        figures = _Class(Figures, _authority=_Shared(), _candidates=_Shared(), _flight=_Shared())
+        execution = _Class(
+            Execution,
+            _again_at=_Fixed(lambda: -inf),
+            _authority=_Shared(),
+            _emergency=_Shared(),
+            _figures=_Object(figures),
+            _flight=_Shared(),
+            _lookout=_Shared(),
+        )
         lookout = _Class(
             Lookout,
             _around=plain,
@@ -510,12 +565,15 @@ class Packer:
             _limits=the_limits,
             crossing=_Object(_Class(Crossing, gap=plain, since=_Time(GAP_S))),
             held_at=_Time(limits.hold_s),
-            place=_Fixed(lambda: None),
+            helm=_Object(helm),
+            place=plain,
             seen=plain,
+            supervision=_Object(supervision),
             told=plain,
         )
         self._arbiter = _Class(
             Arbiter,
+            _execution=_Object(execution),
             _lookout=_Object(lookout),
             _parent=plain,
             _limits=the_limits,

@@ -264,14 +264,14 @@ def test_rates_are_asked_for_once_although_positions_come_anyway(bench: Bench) -
     asked = rates(bench)
     assert (33.0, 50000.0) in asked, "GLOBAL_POSITION_INT at 20 Hz"
     assert (245.0, 500000.0) in asked, "EXTENDED_SYS_STATE at 2 Hz"
-    assert len(asked) == len(set(asked)) == 11
+    assert len(asked) == len(set(asked)) == 12
 
 
 def test_rates_are_asked_for_again_while_no_position_comes(bench: Bench) -> None:
     bench.autopilot.position = None
     bench.connect()
     bench.run(12.0)
-    assert len(rates(bench)) == 33
+    assert len(rates(bench)) == 36
 
 
 def test_positions_that_a_station_has_slowed_down_are_asked_for_again(bench: Bench) -> None:

@@ -694,3 +694,36 @@ def test_what_the_gate_says_of_this_stations_sticks_is_told_in_full(station: Sta
     )
     assert sum(full in line for line in station.mpstate.console.lines) == 1
     assert [entry["text"] for entry in station.journal("stream")] == [full]
+
+
+# ---- what the vehicle decides -------------------------------------------------------------------------------------
+
+
+def decision(number: int, action: int, text: str) -> Any:
+    return mavlink.MAVLink_handover_decision_message(number, action, 5, b"home", b"", text.encode())
+
+
+def test_a_decision_is_told_once_spoken_if_something_is_done_and_shown_while_it_lasts(station: StationBench) -> None:
+    station.load()
+    told = "RETURN to home: GCSA silent 5 s; 0.4 km"
+    for _ in range(3):
+        station.hear(decision(1, 4, told))
+    assert sum(told in line for line in station.mpstate.console.lines) == 1
+    (entry,) = station.journal("decision")
+    assert entry["text"] == told
+    station.mpstate.type("handover status")
+    assert f"decision  {told}" in station.mpstate.console.lines
+    for _ in range(3):
+        station.hear(decision(2, 255, "OVER: commander lost"))
+    assert sum("OVER" in line for line in station.mpstate.console.lines) == 1
+    assert station.module.decisions.text == ""
+
+
+def test_after_a_restart_of_the_companion_a_number_that_was_there_is_another_word(station: StationBench) -> None:
+    station.load()
+    for text in ("WARN: guard silent 5 s", "RETURN: GCSA silent 5 s"):
+        station.hear(decision(1, 4, text))
+    assert [entry["text"] for entry in station.journal("decision")] == [
+        "WARN: guard silent 5 s",
+        "RETURN: GCSA silent 5 s",
+    ]

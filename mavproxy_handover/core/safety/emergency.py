@@ -56,9 +56,13 @@ class News:
 
     @property
     def resumes(self) -> bool:
-        """The aircraft was held, and is not any more."""
-        held = self.before is not None and self.before.action is FlightAction.HOLD
-        return held and (self.decision is None or self.continues or self.decision.action < FlightAction.HOLD)
+        """The aircraft was held, and is not any more. What another hand holds back is not the companion's to end."""
+        if self.before is None or self.before.action is not FlightAction.HOLD:
+            return False
+        decision = self.decision
+        if decision is None or self.continues:
+            return True
+        return decision.action < FlightAction.HOLD and decision.withheld is None
 
     @property
     def continues(self) -> bool:
@@ -88,10 +92,14 @@ class Emergency:
         self._grave = False
 
     @property
+    def decision(self) -> Decision | None:
+        """What is done at this moment; it may be less than what was told, as long as that is held back."""
+        return self._strategy.decision
+
+    @property
     def brings_down(self) -> bool:
-        """The decision in force ends the mission: a return, or a landing."""
-        decision = self._strategy.decision
-        return decision is not None and decision.action >= FlightAction.RETURN
+        """That ends the mission: a return, or a landing."""
+        return self.decision is not None and self.decision.action >= FlightAction.RETURN
 
     @property
     def out_of_coverage(self) -> str:

@@ -9,6 +9,9 @@ the flight is over. If its commander has it fly on in spite of it, that is the c
 
 A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
 Weak links are no sign while one is crossed.
+
+What the autopilot was commanded in vain (`supervision.py`) is none of the things that can be done: then it cannot hold,
+and no place can be reached.
 """
 
 from __future__ import annotations
@@ -21,10 +24,12 @@ from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.events import PlaceJudged, SignsSeen
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GapFact, GuardState, Reason
+from mavproxy_handover.core.model import FlightAction, GapFact, GuardState, Reason
 from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.safety.gap import Crossing
+from mavproxy_handover.core.safety.helm import Helm
 from mavproxy_handover.core.safety.strategy import Fact
+from mavproxy_handover.core.safety.supervision import Supervision
 
 __all__ = ["Lookout"]
 
@@ -45,8 +50,10 @@ class Lookout:
         "_limits",
         "crossing",
         "held_at",
+        "helm",
         "place",
         "seen",
+        "supervision",
         "told",
     )
 
@@ -61,6 +68,9 @@ class Lookout:
         self._ended_in: int | None = None
         #: since when the aircraft is held for that; -inf if it is not
         self.held_at = -inf
+        #: who flies, and whether what was commanded is done
+        self.helm = Helm()
+        self.supervision = Supervision(limits)
         #: what the edge has seen by itself
         self.told = SignsSeen()
         #: where a return goes; None while nobody has said
@@ -131,6 +141,8 @@ class Lookout:
             found.add(Cause.ENERGY)
         if self.told.off_route:
             found.add(Cause.OFF_ROUTE)
+        if self.told.fence:
+            found.add(Cause.FENCE)
         if authority.owner is None or authority.lost:
             self._ended_in = None
             return found
@@ -145,7 +157,10 @@ class Lookout:
         authority, flight, transfer = self._authority, self._flight, self._authority.transfer
         self._in_gap = self.may_cross(now)
         hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
-        found = {Fact.PLACE} if self.place is None or self.place.reachable else set()
+        unable = self.supervision.unable
+        found = self.helm.facts()
+        if FlightAction.RETURN not in unable and (self.place is None or self.place.reachable):
+            found.add(Fact.PLACE)
         if self._in_gap:
             found.add(Fact.GAP)
         if flight.flying:
@@ -155,7 +170,8 @@ class Lookout:
         if authority.lost and (authority.recovering or (transfer is not None and transfer.forced and hurried)):
             found.add(Fact.SUCCESSOR)
         held_long = self.held_at > -inf and now >= self.held_at + self._limits.hold_s
-        if flight.position_known(now) and not authority.lost and not held_long:
+        may_hold = flight.position_known(now) and FlightAction.HOLD not in unable
+        if may_hold and not authority.lost and not held_long:
             found.add(Fact.MAY_HOLD)
         return frozenset(found)
 
@@ -180,7 +196,9 @@ class Lookout:
         if not flight.flying:
             return None
         times = [] if self.held_at == -inf else [self.held_at + self._limits.hold_s]
-        gap_ends_at = self.crossing.ends_at()
+        doubt_ends_at, gap_ends_at = self.helm.due_at(), self.crossing.ends_at()
+        if doubt_ends_at is not None:
+            times.append(doubt_ends_at)
         if self._in_gap and gap_ends_at is not None:
             times.append(gap_ends_at)
         if Cause.AUTOPILOT_LOST not in self.seen:

@@ -142,6 +142,10 @@ class Choice:
 
     def words(self, name: Callable[[int], str]) -> str:
         """Place and figures for people: "rally 2: 1.9 km, needs 21 % of 38 %, covered by GCSA". `name` of a station."""
+        return f"{self.place.name}: {self.figures(name)}"
+
+    def figures(self, name: Callable[[int], str]) -> str:
+        """The same without the name of the place."""
         place, far = self.place, self.place.distance_m
         parts = [f"{far / 1000.0:.1f} km" if far >= 1000.0 else f"{far:.0f} m"]
         if not isfinite(place.time_s):
@@ -161,7 +165,7 @@ class Choice:
             parts.append(
                 f"covered by {stations}{'' if self.standing.coverage is Coverage.ALL else ', not all the way'}"
             )
-        return f"{place.name}: {', '.join(parts)}"
+        return ", ".join(parts)
 
 
 class _Steady:

@@ -23,7 +23,7 @@ go, and whatever milder that cause would ask for by now. That is the only state.
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
@@ -101,10 +101,11 @@ MILDER_THAN: Final[Mapping[Fact, FlightAction]] = {Fact.LANDING: FlightAction.LA
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What is done, and why."""
+    """What is done, and why. `withheld`: the fact for which no more than a warning is done."""
 
     action: FlightAction
     cause: Cause
+    withheld: Fact | None = field(default=None, compare=False)
 
 
 def _asked(cause: Cause, policy: str, facts: Situation) -> FlightAction:
@@ -113,13 +114,17 @@ def _asked(cause: Cause, policy: str, facts: Situation) -> FlightAction:
     return next(rung.action for rung in rungs if rung.needs is None or rung.needs in facts)
 
 
-def _possible(action: FlightAction, facts: Situation) -> FlightAction:
-    """What of it can be, and need be, done now."""
-    if action is FlightAction.TRANSFER:  # nothing is done to the aircraft
-        return action
-    if Fact.FLYING not in facts or Fact.AUTOPILOT not in facts or any(fact in facts for fact in OVERRULE):
-        return FlightAction.WARN
-    return FlightAction.WARN if any(fact in facts and action < least for fact, least in MILDER_THAN.items()) else action
+def _withheld(action: FlightAction, facts: Situation) -> Fact | None:
+    """For which fact it cannot be, or need not be, done now; None if it is."""
+    if action in (FlightAction.WARN, FlightAction.TRANSFER):  # nothing is done to the aircraft
+        return None
+    for fact in (Fact.FLYING, Fact.AUTOPILOT):
+        if fact not in facts:
+            return fact
+    for fact in OVERRULE:
+        if fact in facts:
+            return fact
+    return next((fact for fact, least in MILDER_THAN.items() if fact in facts and action < least), None)
 
 
 def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) -> Decision | None:
@@ -127,9 +132,12 @@ def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) 
     order = list(Cause)
     best: Decision | None = None
     for cause in sorted(causes, key=order.index):
-        action = _possible(_asked(cause, policies[cause], facts), facts)
+        action = _asked(cause, policies[cause], facts)
+        withheld = _withheld(action, facts)
+        if withheld is not None:
+            action = FlightAction.WARN
         if best is None or action > best.action:
-            best = Decision(action, cause)
+            best = Decision(action, cause, withheld)
     return best
 
 
@@ -151,7 +159,7 @@ class Strategy:
         found, held = decide(causes, facts, self.policies), self.decision
         if held is not None and held.action >= FlightAction.RETURN and held.cause in causes:
             graver = found is not None and found.action >= held.action
-            if not graver and _possible(held.action, facts) is held.action:
+            if not graver and _withheld(held.action, facts) is None:
                 return held
         self.decision = found
         return found

@@ -231,7 +231,7 @@ MESSAGE_RULES: Final = (
         "ours, from the vehicle to stations: whoever sends it here pretends to be the vehicle",
         names("""
             AUTHORITY_STATUS CONTROL_STATUS HANDOVER_TELEMETRY HANDOVER_REQUEST CONNECT_HANDOVER
-            HANDOVER_RESULT
+            HANDOVER_RESULT HANDOVER_DECISION
         """),
     ),
     Rule(

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What was decided, on its way to becoming true: told, commanded, watched, and left to whoever takes the aircraft.
+
+`helm.py` knows who flies, `supervision.py` whether the autopilot follows; here both meet the decision in force. Every
+decision is told in one sentence, and so is what becomes of it: another hand on the aircraft, a command that has to be
+repeated, one that the autopilot does not follow.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Final
+
+from mavproxy_handover.core.authority import Authority
+from mavproxy_handover.core.candidates import Candidates
+from mavproxy_handover.core.events import Action, Announce, Fly, HandSeen, ModeSeen, Record
+from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Reason
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.emergency import Emergency, News
+from mavproxy_handover.core.safety.helm import Change, Helm
+from mavproxy_handover.core.safety.lookout import Lookout
+from mavproxy_handover.core.safety.sentence import Figures, over, sentence
+from mavproxy_handover.core.safety.strategy import Decision
+from mavproxy_handover.core.safety.supervision import Seen, Supervision
+
+__all__ = ["Execution"]
+
+#: whose choice of a mode ends an order; the guard's is the same order
+_TAKES: Final = {Change.PILOT: Hand.PILOT, Change.COMMANDER: Hand.COMMANDER, Change.FAILSAFE: Hand.FAILSAFE}
+#: the mode of an order, which needs no order where it is flown
+_SAME: Final = {FlightAction.RETURN: (Flown.RETURN,), FlightAction.LAND: (Flown.LAND,)}
+#: what is commanded again and again is told so often (s)
+_AGAIN_TOLD_S: Final = 10.0
+
+
+class Execution:
+    """Of one vehicle. Times are monotonic seconds; not safe for threads."""
+
+    __slots__ = ("_again_at", "_authority", "_emergency", "_figures", "_flight", "_lookout")
+
+    def __init__(
+        self,
+        authority: Authority,
+        flight: Flight,
+        candidates: Candidates,
+        lookout: Lookout,
+        emergency: Emergency,
+    ) -> None:
+        self._authority = authority
+        self._flight = flight
+        self._lookout = lookout
+        self._emergency = emergency
+        self._figures = Figures(authority, flight, candidates)
+        #: when it was told last that something is commanded again
+        self._again_at = -inf
+
+    @property
+    def _helm(self) -> Helm:
+        return self._lookout.helm
+
+    @property
+    def _supervision(self) -> Supervision:
+        return self._lookout.supervision
+
+    # ---- who flies ------------------------------------------------------------------------------------------------
+
+    def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
+        """The autopilot has said its mode."""
+        self._changed(self._helm.seen(event, self._flight.flying, now), actions)
+
+    def hand_seen(self, event: HandSeen, now: float, actions: list[Action]) -> None:
+        """Somebody has, or may have, chosen the mode."""
+        self._changed(self._helm.heard(event, now), actions)
+        if event.hand is Hand.COMMANDER and self._supervision.order is FlightAction.HOLD:
+            self._supervision.taken(event.hand)  # what moves now moves by its word
+
+    def settle(self, now: float, actions: list[Action]) -> None:
+        """Time has passed: what was in doubt is not any more."""
+        self._changed(self._helm.settle(now), actions)
+
+    def _changed(self, change: Change | None, actions: list[Action]) -> None:
+        if change is None:
+            return
+        who = {Change.COMMANDER: self._authority.name(self._authority.owner)}.get(change)
+        text = f"{self._helm.name}: {change.value}" if who is None else f"{self._helm.name}: chosen by {who}"
+        actions.append(Record("helm", text))
+        ended = self._supervision.taken(_TAKES[change]) if change in _TAKES else None
+        told = self._emergency.told
+        if change is Change.PILOT:
+            behind = "" if ended is None else f"; {ended.name} is not commanded any more"
+            self._tell(f"PILOT: a pilot has taken over, {self._helm.name}{behind}", FlightAction.WARN, told, actions)
+        elif change is Change.GIVEN_BACK:
+            self._tell(f"PILOT: the pilot has given it back, {self._helm.name}", FlightAction.WARN, told, actions)
+        elif ended is not None:
+            text = f"{text}; {ended.name} is not commanded any more"
+            self._tell(text, FlightAction.WARN, told, actions)
+
+    # ---- what was decided -----------------------------------------------------------------------------------------
+
+    def carry_out(self, news: News, now: float, actions: list[Action]) -> None:
+        """A decision is news: it is told, commanded where it is not flown already, and watched from now on."""
+        decision, place = news.decision, self._lookout.place
+        if decision is None:
+            actions.append(over(news.before))
+        else:
+            figures = self._figures.of(decision.cause, self._lookout.told, now)
+            if news.continues:
+                figures += f"; {self._lookout.crossing.words(now)}"
+            actions.append(sentence(decision, figures, place))
+        if news.resumes:
+            self._supervision.over()
+            actions.append(Fly(FlightAction.CONTINUE, news.reason))
+        elif decision is not None and not news.warning and not news.continues:
+            self._supervision.ordered(decision.action, now)
+            if not self._flown_already(decision.action):
+                self._fly(decision.action, news.reason, now, actions)
+        elif decision is None or decision.withheld is None:  # what another hand holds back may have to be done yet
+            self._supervision.over()
+
+    def _flown_already(self, action: FlightAction) -> bool:
+        """Whoever has chosen it, guard, failsafe or a run before this one: to command it again would change nothing."""
+        return self._helm.flown in _SAME.get(action, ())
+
+    def _fly(self, action: FlightAction, reason: Reason, now: float, actions: list[Action]) -> None:
+        if action in _SAME:
+            self._helm.heard(HandSeen(Hand.COMPANION), now)
+        actions.append(Fly(action, reason))
+
+    def look(self, now: float, actions: list[Action]) -> bool:
+        """Compare what the autopilot does to what it was commanded; whether it is to be decided anew."""
+        supervision, decision = self._supervision, self._emergency.told
+        order, breached = supervision.order, self._lookout.told.fence
+        seen = supervision.look(self._helm, self._lookout.facts(now), breached, now)
+        if seen is None:
+            return False
+        order = order or supervision.order
+        assert order is not None
+        if seen is Seen.OBEYED:
+            actions.append(Record("order", f"{order.name}: {seen.value}, {self._helm.name}"))
+        elif seen is Seen.AGAIN:
+            if now >= self._again_at + _AGAIN_TOLD_S:
+                self._again_at = now
+                self._tell(f"{order.name} again: the autopilot flies {self._helm.name}", order, decision, actions)
+            self._fly(order, Reason.NONE if decision is None else CAUSES[decision.cause].reason, now, actions)
+        else:
+            text = f"{order.name}: the autopilot does not follow, flies {self._helm.name}"
+            self._tell(text, FlightAction.WARN, decision, actions)
+            return True
+        return False
+
+    def _tell(self, text: str, action: FlightAction, decision: Decision | None, actions: list[Action]) -> None:
+        cause: Cause | None = None if decision is None else decision.cause
+        if cause is None:
+            actions.append(Announce(text, action, Reason.NONE))
+        else:
+            actions.append(Announce(f"{text} ({CAUSES[cause].words})", action, CAUSES[cause].reason))

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Who flies: what the autopilot's mode says, and who chose it.
+
+Theory of operation
+-------------------
+ArduPilot tells its mode and not who chose it. So whoever may have is noted beforehand: the companion's own orders, the
+commander's commands that pass, the guard when it says that it acts, and the autopilot's own words of a failsafe
+(STATUSTEXT, the state CRITICAL). A mode that changes in flight is his of `EVIDENCE` who was heard of last, shortly
+before or up to DOUBT_S behind it: a word may come after its deed. Until then it is in doubt, and nobody is fought.
+What nobody is known to have chosen is
+
+* the pilot's while the radio lives: the autopilot hears a receiver, is not in its radio failsafe, and has one;
+* else a failsafe's, if it returns or lands;
+* else a stranger's, of whom nobody knows anything: it counts for nothing, as at the guard.
+
+What cannot be told apart, and how it is read: a failsafe whose words were lost, and a pilot (either way nothing is
+commanded); a pilot's switch soon after a command to the same mode, and that command (the mode is what both wanted); RC
+overrides of the commander that turn the mode switch, and a pilot's (while they last nothing is commanded, and the
+autopilot's radio failsafe follows when they end); a second computer on board, and nobody at all.
+
+A pilot has the aircraft while it flies by hand, or in a mode that he chose, and his radio lives. He gives it back by
+choosing AUTO or GUIDED after he has flown by hand, by landing, and by what a commander's accepted command or the
+companion's own order makes of the mode. No cause ends it, a new one neither. On the ground nobody flies: whatever is
+chosen there is the flight's beginning, unless it is flown by hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from math import inf
+from typing import Final
+
+from mavproxy_handover.core.events import HandSeen, ModeSeen
+from mavproxy_handover.core.model import Flown, Hand
+from mavproxy_handover.core.safety.strategy import Fact
+
+__all__ = ["DOUBT_S", "EVIDENCE", "GIVES_BACK", "Change", "Helm", "Trace"]
+
+#: so long (s) behind a change of the mode a word may explain it: the guard speaks twice a second
+DOUBT_S: Final = 1.0
+
+_ENDS: Final = frozenset({Flown.RETURN, Flown.LAND})
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """What somebody who was heard of may have done: for so long (s), and which modes, where none was named."""
+
+    within_s: float
+    modes: frozenset[Flown]
+
+
+#: Who may have chosen a mode; of two who were heard of at once the first. The companion's orders are repeated, and RTL
+#: that cannot be had becomes LAND within one of them; a command of the commander is carried out or it is not.
+EVIDENCE: Final[Mapping[Hand, Trace]] = {
+    Hand.COMPANION: Trace(15.0, _ENDS),
+    Hand.COMMANDER: Trace(5.0, frozenset(Flown)),
+    Hand.GUARD: Trace(5.0, _ENDS),
+    Hand.FAILSAFE: Trace(5.0, _ENDS | {Flown.STOP}),
+}
+
+#: What a pilot chooses after he has flown by hand, and that gives the aircraft back.
+GIVES_BACK: Final = frozenset({Flown.MISSION, Flown.GUIDED})
+
+
+class Change(Enum):
+    """What became of a mode that changed."""
+
+    PILOT = "a pilot has taken over"
+    GIVEN_BACK = "the pilot has given it back"
+    COMMANDER = "the commander has chosen another mode"
+    FAILSAFE = "a failsafe of the autopilot acts"
+    GUARD = "the guard acts"
+    STRANGER = "nobody is known to have chosen the mode"
+
+
+_CHANGES: Final = {
+    Hand.PILOT: Change.PILOT,
+    Hand.COMMANDER: Change.COMMANDER,
+    Hand.FAILSAFE: Change.FAILSAFE,
+    Hand.GUARD: Change.GUARD,
+    Hand.STRANGER: Change.STRANGER,
+}
+
+
+class Helm:
+    """Who flies one aircraft. Times are monotonic seconds; not safe for threads."""
+
+    __slots__ = ("_asked", "_before", "_flying", "_since", "chosen_by", "flown", "landing", "name", "radio")
+
+    def __init__(self) -> None:
+        #: None before the autopilot has said it, and for what is no ArduCopter
+        self.flown: Flown | None = None
+        #: the mode's own name, for people
+        self.name = ""
+        #: it is coming down to land, whatever the mode is called
+        self.landing = False
+        #: a pilot could steer
+        self.radio = False
+        self.chosen_by = Hand.NOBODY
+        #: who flew what before the mode changed
+        self._before: tuple[Hand, Flown | None] = Hand.NOBODY, None
+        self._flying = False
+        #: when the mode changed, while it is in doubt who chose it; -inf when it is not
+        self._since = -inf
+        #: who was heard of, when, and the mode that was asked for, None if that is not known
+        self._asked: dict[Hand, tuple[float, Flown | None]] = {}
+
+    # ---- what is heard --------------------------------------------------------------------------------------------
+
+    def heard(self, event: HandSeen, now: float) -> Change | None:
+        """Somebody has, or may have, chosen the mode."""
+        self._asked[event.hand] = now, event.flown
+        return self.settle(now)
+
+    def seen(self, event: ModeSeen, flying: bool, now: float) -> Change | None:
+        """The autopilot has said its mode; returns what has become known by it."""
+        before, self.flown = self.flown, event.flown
+        self.name, self.landing, self.radio = event.name, event.landing, event.radio
+        was_flying, self._flying = self._flying, flying
+        if not flying or not was_flying or before is None:
+            self.chosen_by, self._since = Hand.NOBODY, -inf
+        elif event.flown is not before:
+            self._before = self.chosen_by, before
+            self.chosen_by, self._since = Hand.DOUBT, now
+        return self.settle(now)
+
+    def settle(self, now: float) -> Change | None:
+        """Who chose the mode that changed, if that is known by now; None if it was known before, or is not yet."""
+        if self.chosen_by is not Hand.DOUBT:
+            return None
+        hand = self._by_evidence()
+        if hand is None:
+            if now < self._since + DOUBT_S:
+                return None
+            hand = self._by_nobody()
+        self._since = -inf
+        pilot, flown = self._before
+        if hand is Hand.PILOT and pilot is Hand.PILOT and flown is Flown.HANDS and self.flown in GIVES_BACK:
+            self.chosen_by = Hand.NOBODY
+            return Change.GIVEN_BACK
+        self.chosen_by = hand
+        return _CHANGES.get(hand)
+
+    def _by_evidence(self) -> Hand | None:
+        latest, found = -inf, None
+        for hand, trace in EVIDENCE.items():
+            at, flown = self._asked.get(hand, (-inf, None))
+            fits = self.flown in trace.modes if flown is None else self.flown is flown
+            if fits and at >= self._since - trace.within_s and at > latest:
+                latest, found = at, hand
+        return found
+
+    def _by_nobody(self) -> Hand:
+        if self.radio:
+            return Hand.PILOT
+        return Hand.FAILSAFE if self.flown in _ENDS else Hand.STRANGER
+
+    # ---- what it comes to -----------------------------------------------------------------------------------------
+
+    @property
+    def piloted(self) -> bool:
+        """A pilot has the aircraft, or may have."""
+        if self.chosen_by is Hand.DOUBT:
+            return True
+        by_hand = self.chosen_by is Hand.NOBODY and self.flown is Flown.HANDS
+        return self.radio and (by_hand or self.chosen_by is Hand.PILOT)
+
+    def facts(self) -> set[Fact]:
+        """What of it a decision rests on."""
+        found = set()
+        if self.piloted:
+            found.add(Fact.PILOT)
+        if self.chosen_by is Hand.FAILSAFE and self.flown in _ENDS:
+            found.add(Fact.FAILSAFE)
+        if self.landing or self.flown is Flown.LAND:
+            found.add(Fact.LANDING)
+        elif self.flown is Flown.RETURN:
+            found.add(Fact.RETURNING)
+        return found
+
+    def due_at(self) -> float | None:
+        """When it is no more in doubt who chose the mode; None while it is not."""
+        return self._since + DOUBT_S if self.chosen_by is Hand.DOUBT else None

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Whether the autopilot does what was commanded: seen by its mode and by its motion, commanded again, given up.
+
+Theory of operation
+-------------------
+A command that is acknowledged is not a deed. `FOLLOW` says for each action by which mode it shows, by which motion, and
+how long each may take (the limits have the seconds):
+
+* HOLD shows by rest alone: ArduCopter pauses within its mode. Rest takes as long as the speed at the command needs.
+* RETURN shows by the mode, then by getting nearer to where RTL flies to, or climbing, which it does first (there it
+  flies to a place above itself; one that is suddenly far away is another one). What has not got nearer for `stuck_s`,
+  by NEARER_M at least, is blown backwards, or flies somewhere else. At the place (AT_PLACE_M) nothing more is expected:
+  it waits, or comes down.
+* LAND shows by the mode, then by coming down.
+
+What does not show in time is commanded again, TRIES times; then the action is one that the autopilot does not follow
+(`unable`). The strategy learns that as a fact: it cannot hold, no place can be reached. So it is the table of
+`strategy.py` that goes on to the next graver action, and nothing here. Under LAND there is nothing: it is repeated.
+
+Who has taken the aircraft keeps it. A pilot, a failsafe and the commander's own word end the order (`withdrawn`): what
+the pilot gives back is commanded again while its cause is there, the commander's word stands until something new is
+decided. A mode that a stranger has chosen is commanded away. While the autopilot is not heard nothing is counted, and
+when it is heard again, the order in force is commanded again at once.
+
+While the fence is breached nothing is commanded again and nothing given up of what returns or lands already: a change
+of the mode gives ArduCopter's fence ten seconds of "manual recovery", in which a further breach is never acted on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from dataclasses import dataclass
+from enum import Enum
+from math import inf
+from typing import Final
+
+from mavproxy_handover.core.events import MotionSeen
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import FlightAction, Flown, Hand
+from mavproxy_handover.core.safety.helm import Helm
+from mavproxy_handover.core.safety.strategy import Fact
+
+__all__ = ["AT_PLACE_M", "FOLLOW", "NEARER_M", "TRIES", "Follow", "Seen", "Supervision"]
+
+#: commanded so often before it is given up
+TRIES: Final = 2
+#: what counts as nearer (m), as at the place (m), as a climb and a descent (m/s), and as rest (m/s)
+NEARER_M: Final = 5.0
+AT_PLACE_M: Final = 15.0
+CLIMBS_MPS: Final = 0.3
+RESTS_MPS: Final = 1.0
+#: a stop loses at least so much speed each second (m/s2), once the command has arrived (s)
+BRAKES_MPS2: Final = 1.25
+ARRIVES_S: Final = 2.0
+#: more than it can be blown away from one report to the next (m): it flies to another place now
+OTHER_PLACE_M: Final = 50.0
+
+_COMING_HOME: Final = frozenset({Fact.RETURNING, Fact.LANDING})
+
+
+@dataclass(frozen=True, slots=True)
+class Follow:
+    """How an action shows: the modes of it (none: any), and the name of the motion."""
+
+    modes: frozenset[Flown]
+    motion: str
+
+
+#: A landing is more than a return: the wing lands what cannot return.
+FOLLOW: Final[Mapping[FlightAction, Follow]] = {
+    FlightAction.HOLD: Follow(frozenset(), "comes to rest"),
+    FlightAction.RETURN: Follow(frozenset({Flown.RETURN, Flown.LAND}), "gets nearer to the place, or climbs"),
+    FlightAction.LAND: Follow(frozenset({Flown.LAND}), "comes down"),
+}
+
+
+class Seen(Enum):
+    """What has come of an order."""
+
+    OBEYED = "the autopilot follows"
+    AGAIN = "commanded again"
+    UNABLE = "the autopilot does not follow"
+    WITHDRAWN = "not commanded any more"
+
+
+class Supervision:
+    """The order in force. Times are monotonic seconds; not safe for threads."""
+
+    __slots__ = (
+        "_awaits_pilot",
+        "_deaf",
+        "_first_speed",
+        "_last_m",
+        "_limits",
+        "_motion",
+        "_nearest_m",
+        "_shown",
+        "_since",
+        "_tries",
+        "order",
+        "unable",
+    )
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        #: what the autopilot is to do; None: nothing is commanded
+        self.order: FlightAction | None = None
+        #: what it has been commanded in vain, while something is wrong
+        self.unable: frozenset[FlightAction] = frozenset()
+        #: since when what is awaited now has been awaited
+        self._since = -inf
+        self._tries = 0
+        #: the order has shown by mode, or by rest
+        self._shown = False
+        #: what a pilot has interrupted
+        self._awaits_pilot: FlightAction | None = None
+        #: the autopilot is not heard
+        self._deaf = False
+        #: the least distance to the place (m) since the order showed
+        self._nearest_m = self._last_m = inf
+        #: speed (m/s) when the order was given
+        self._first_speed = 0.0
+        self._motion: MotionSeen | None = None
+
+    # ---- what happens ---------------------------------------------------------------------------------------------
+
+    def moved(self, motion: MotionSeen) -> None:
+        """How the aircraft moves."""
+        self._motion = motion
+
+    def ordered(self, action: FlightAction, now: float) -> None:
+        """The autopilot is commanded this from now on."""
+        self._awaits_pilot = None
+        if action not in FOLLOW:  # to go on ends a hold, and nothing is expected of it
+            self.order = None
+            return
+        self.order, self._tries = action, 1
+        self._begin(now)
+
+    def _begin(self, now: float) -> None:
+        self._since, self._shown = now, False
+        self._nearest_m = self._last_m = inf
+        self._first_speed = 0.0 if self._motion is None else self._motion.speed_mps
+
+    def over(self) -> None:
+        """Nothing is wrong any more, or the flight is over: the next order begins anew."""
+        self.order = self._awaits_pilot = None
+        self.unable = frozenset()
+
+    def taken(self, hand: Hand) -> FlightAction | None:
+        """Somebody else has chosen the mode; returns the order that this has ended, None if none."""
+        order, self.order = self.order, None
+        # a hold that may be again is a decision of its own
+        if hand is Hand.PILOT and order is not FlightAction.HOLD:
+            self._awaits_pilot = order or self._awaits_pilot
+        return order
+
+    # ---- what is seen ---------------------------------------------------------------------------------------------
+
+    def look(self, helm: Helm, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
+        """Compare what the autopilot does to the order; what is news about it.
+
+        `breached`: the aircraft is outside the fence. AGAIN asks for the same command once more.
+        """
+        if Fact.FLYING not in facts or helm.flown is None:
+            return None
+        if Fact.AUTOPILOT not in facts:
+            self._deaf = True
+            return None
+        if Fact.PILOT in facts or Fact.FAILSAFE in facts:
+            return None
+        if self._awaits_pilot is not None:  # he has given it back
+            return self._again(self._awaits_pilot, now)
+        was_deaf, self._deaf = self._deaf, False
+        if self.order is None:
+            return None
+        if not self._follows(helm):
+            return self._astray(was_deaf, breached and bool(facts & _COMING_HOME), now)
+        return self._moves(self.order, helm, facts, breached, now)
+
+    def _again(self, action: FlightAction, now: float) -> Seen:
+        tries = self._tries
+        self.ordered(action, now)
+        self._tries = tries + 1
+        return Seen.AGAIN
+
+    def _follows(self, helm: Helm) -> bool:
+        assert self.order is not None
+        modes = FOLLOW[self.order].modes
+        return not modes or helm.flown in modes or (self.order is FlightAction.LAND and helm.landing)
+
+    def _astray(self, was_deaf: bool, home: bool, now: float) -> Seen | None:
+        """The mode is another one."""
+        order = self.order
+        assert order is not None
+        if home:
+            return None
+        if self._shown or was_deaf:  # it was left, or nothing arrived
+            self._tries = 0
+            return self._again(order, now)
+        if now < self._since + self._limits.obey_s:
+            return None
+        return self._again(order, now) if self._tries < TRIES or order is FlightAction.LAND else self._give_up(order)
+
+    def _moves(self, order: FlightAction, helm: Helm, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
+        """The mode is right: what of the motion?"""
+        if order is FlightAction.HOLD:
+            return self._rests(now)
+        first, motion = not self._shown, self._motion
+        if first:
+            self._shown, self._since = True, now
+            return Seen.OBEYED
+        if motion is None or self._on_its_way(order, motion, facts) or breached:
+            self._since = now
+            return None
+        if now < self._since + self._limits.stuck_s:
+            return None
+        self._since = now
+        return self._give_up(order)
+
+    def _rests(self, now: float) -> Seen | None:
+        if self._shown or self._motion is None:
+            return None
+        if self._motion.speed_mps < RESTS_MPS:
+            self._shown = True
+            return Seen.OBEYED
+        if now < self._since + ARRIVES_S + self._first_speed / BRAKES_MPS2:
+            return None
+        return self._give_up(FlightAction.HOLD)
+
+    def _on_its_way(self, order: FlightAction, motion: MotionSeen, facts: Set[Fact]) -> bool:
+        if Fact.LANDING in facts:  # a gust may hold it up: that it lands is enough for a return
+            return order is FlightAction.RETURN or motion.climb_mps < -CLIMBS_MPS
+        if motion.climb_mps > CLIMBS_MPS:
+            return True
+        if motion.left_m is None:  # it is not known where to
+            return True
+        last_m, self._last_m = self._last_m, motion.left_m
+        if motion.left_m <= self._nearest_m - NEARER_M or motion.left_m > last_m + OTHER_PLACE_M:
+            self._nearest_m = motion.left_m
+            return True
+        return motion.left_m <= AT_PLACE_M
+
+    def _give_up(self, order: FlightAction) -> Seen | None:
+        if order in self.unable:
+            return None
+        self.unable |= {order}
+        if order is not FlightAction.LAND:
+            self.order = None
+        return Seen.UNABLE

@@ -1,0 +1,455 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What was decided becomes true, or something graver does, or it is left to whoever has taken the aircraft."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from mavproxy_handover.core.events import Announce, Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, SignsSeen
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Reason
+from mavproxy_handover.core.safety.causes import Cause
+from tests.core.bench import A, Bench, outside
+from tests.core.safety.test_lookout import ends, mission
+
+LOST = Reason.COMMANDER_LOST
+HOME, DOWN = Fly(FlightAction.RETURN, LOST), Fly(FlightAction.LAND, LOST)
+HOLD, BACK = Fly(FlightAction.HOLD, Reason.COVERAGE_ENDS), Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)
+AUTO, RTL = ModeSeen(Flown.MISSION, "AUTO"), ModeSeen(Flown.RETURN, "RTL")
+LAND, LOITER = ModeSeen(Flown.LAND, "LAND", landing=True), ModeSeen(Flown.HANDS, "LOITER")
+#: on the way back at 8 m/s
+HOMEWARD = MotionSeen(8.0, 0.0, 600.0)
+
+
+def with_radio(mode: ModeSeen) -> ModeSeen:
+    return ModeSeen(mode.flown, mode.name, mode.landing, radio=True)
+
+
+def aloft(limits: Limits | None = None, mode: ModeSeen = AUTO) -> Bench:
+    """On its mission, in AUTO, at 8 m/s."""
+    bench = mission(limits)
+    bench.mode, bench.motion = mode, MotionSeen(8.0, 0.0, 300.0)
+    bench.run(1.0)
+    bench.log.clear()
+    return bench
+
+
+def lost(bench: Bench, mode: ModeSeen | None = RTL) -> Bench:
+    """The commander is lost: it is to come home. The autopilot flies `mode` then, None: it does nothing."""
+    bench.alive = set()
+    while not bench.flights():
+        bench.run(0.1)
+    if mode is not None:
+        bench.mode, bench.motion = mode, HOMEWARD
+    return bench
+
+
+def nearer(bench: Bench, seconds: float, by_mps: float, climb_mps: float = 0.0) -> None:
+    """It flies on towards its place, so fast; away from it with less than 0."""
+    for _ in range(round(seconds * 2)):
+        motion = bench.motion
+        assert motion is not None
+        assert motion.left_m is not None
+        bench.motion = MotionSeen(abs(by_mps), climb_mps, motion.left_m - by_mps / 2)
+        bench.run(0.5)
+
+
+def said(bench: Bench) -> list[str]:
+    return [action.text for _at, action in bench.log if isinstance(action, Announce)]
+
+
+def times(bench: Bench) -> list[tuple[float, FlightAction]]:
+    """The commands, and how long after the first each came."""
+    found = [(at, action.action) for at, action in bench.log if isinstance(action, Fly)]
+    return [(round(at - found[0][0], 1), action) for at, action in found]
+
+
+class TestReturn:
+    def test_what_is_done_is_commanded_once(self) -> None:
+        bench = lost(aloft())
+        nearer(bench, 60.0, 8.0)
+        assert bench.flights() == [HOME]
+        assert [record.text for record in bench.records("order")] == ["RETURN: the autopilot follows, RTL"]
+
+    def test_a_mode_that_does_not_show_is_commanded_again_and_then_it_lands(self) -> None:
+        bench = lost(aloft(), None)
+        bench.run(30.0)
+        assert [action for _at, action in times(bench)][:3] == [
+            FlightAction.RETURN,
+            FlightAction.RETURN,
+            FlightAction.LAND,
+        ]
+        waits = [at for at, _action in times(bench)][:3]
+        assert 6.0 <= waits[1] <= 6.6
+        assert 12.0 <= waits[2] <= 13.2
+        assert said(bench)[1:4] == [
+            "RETURN again: the autopilot flies AUTO (commander lost)",
+            "RETURN: the autopilot does not follow, flies AUTO (commander lost)",
+            "LAND: GCSA silent 17 s",
+        ]
+
+    def test_a_landing_that_does_not_come_is_commanded_as_long_as_it_takes(self) -> None:
+        bench = lost(aloft(Limits(policies={Cause.COMMANDER_LOST: "land"})), None)
+        bench.run(40.0)
+        commanded = [at for at, _action in times(bench)]
+        assert len(commanded) > 5
+        assert all(6.0 <= later - earlier <= 6.6 for earlier, later in pairwise(commanded))
+        bench.mode = LAND
+        bench.run(20.0)
+        assert bench.flights() == [DOWN] * len(commanded)
+
+    def test_the_wait_for_the_mode_is_configured(self) -> None:
+        bench = lost(aloft(Limits(obey_s=3.0)), None)
+        bench.run(3.6)
+        assert bench.flights() == [HOME, HOME]
+
+    def test_blown_backwards_for_long_it_lands(self) -> None:
+        """Flown: a wind of 11 m/s blew RTL backwards for good, in mode RTL."""
+        bench = lost(aloft())
+        nearer(bench, 29.0, -1.0)
+        assert bench.flights() == [HOME]
+        nearer(bench, 3.0, -1.0)
+        assert bench.flights() == [HOME, DOWN]
+        assert "RETURN: the autopilot does not follow, flies RTL (commander lost)" in said(bench)
+
+    def test_against_the_wind_it_comes_home_slowly(self) -> None:
+        bench = lost(aloft())
+        nearer(bench, 250.0, 2.0)
+        assert bench.flights() == [HOME]
+
+    def test_a_gust_is_no_wind_that_cannot_be_flown_against(self) -> None:
+        bench = lost(aloft())
+        for _ in range(5):
+            nearer(bench, 20.0, -0.5)
+            nearer(bench, 8.0, 4.0)
+        assert bench.flights() == [HOME]
+
+    def test_first_it_climbs_over_where_it_is_and_then_its_place_is_far_away(self) -> None:
+        bench = lost(aloft())
+        bench.motion = MotionSeen(0.5, 2.5, 1.0)
+        bench.run(60.0)
+        bench.motion = MotionSeen(0.5, 0.0, 2.0)
+        bench.run(5.0)
+        bench.motion = MotionSeen(1.0, 0.0, 640.0)
+        bench.run(1.0)
+        nearer(bench, 60.0, 8.0)
+        assert bench.flights() == [HOME]
+
+    def test_at_its_place_it_may_wait(self) -> None:
+        bench = lost(aloft())
+        bench.motion = MotionSeen(0.0, 0.0, 3.0)
+        bench.run(120.0)
+        assert bench.flights() == [HOME]
+
+    def test_where_it_is_not_known_how_far_it_is_nothing_is_concluded(self) -> None:
+        bench = lost(aloft())
+        bench.motion = MotionSeen(0.0, 0.0)
+        bench.run(120.0)
+        assert bench.flights() == [HOME]
+
+    def test_a_landing_instead_will_do(self) -> None:
+        bench = lost(aloft(), LAND)
+        bench.run(60.0)
+        assert bench.flights() == [HOME]
+
+    def test_after_the_flight_the_next_one_is_trusted_again(self) -> None:
+        bench = lost(aloft(), None)
+        bench.run(13.0)
+        assert bench.flights()[-1] == DOWN
+        bench.autopilot_says(armed=False, flying=False)
+        bench.run(2.0)
+        bench.alive = {A}
+        bench.run(2.0)
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(2.0)
+        bench.log.clear()
+        assert lost(bench).flights() == [HOME]
+
+
+class TestHold:
+    def held(self, limits: Limits | None = None) -> Bench:
+        bench = aloft(limits)
+        bench.position(ends(4.0), outside(A + 1))
+        assert bench.flights() == [HOLD]
+        return bench
+
+    def test_what_stands_is_held(self) -> None:
+        bench = self.held()
+        bench.motion = MotionSeen(0.4, 0.0)
+        bench.run(30.0)
+        assert bench.flights() == [HOLD]
+        assert [record.text for record in bench.records("order")] == ["HOLD: the autopilot follows, AUTO"]
+
+    def test_what_does_not_stop_comes_home(self) -> None:
+        """At 8 m/s a stop takes 6.4 s, and 2 s until it begins."""
+        bench = self.held()
+        bench.run(8.3)
+        assert bench.flights() == [HOLD]
+        bench.run(0.7)
+        assert bench.flights() == [HOLD, BACK]
+        bench.mode = RTL
+        bench.run(2.0)
+        assert bench.flights() == [HOLD, BACK]
+        assert "HOLD: the autopilot does not follow, flies AUTO (coverage ends ahead)" in said(bench)
+
+    def test_what_is_blown_about_once_it_stood_is_left_alone(self) -> None:
+        bench = self.held()
+        bench.motion = MotionSeen(0.5, 0.0)
+        bench.run(2.0)
+        bench.motion = MotionSeen(3.0, 0.0)
+        bench.run(20.0)
+        assert bench.flights() == [HOLD]
+
+    def test_if_the_commander_has_it_fly_on_that_is_the_commanders_word(self) -> None:
+        bench = self.held()
+        bench.run(2.0)
+        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.run(20.0)
+        assert bench.flights() == [HOLD]
+
+    def test_a_pilot_ends_it_and_nothing_is_told_to_go_on(self) -> None:
+        """The fault: what was held, and taken over, was commanded to go on."""
+        bench = self.held()
+        bench.motion = MotionSeen(0.0, 0.0)
+        bench.mode = with_radio(LOITER)
+        bench.run(3.0)
+        assert bench.flights() == [HOLD]
+        bench.mode = with_radio(AUTO)
+        bench.run(3.0)
+        assert bench.flights() == [HOLD, HOLD]
+
+    def test_an_autopilot_that_is_not_heard_is_not_told_to_go_on(self) -> None:
+        bench = self.held()
+        bench.motion = MotionSeen(0.0, 0.0)
+        bench.run(1.0)
+        bench.autopilot = False
+        bench.run(5.0)
+        assert bench.flights() == [HOLD]
+        bench.autopilot = True
+        bench.run(2.0)
+        assert bench.flights() == [HOLD, HOLD]
+
+
+class TestPilot:
+    def test_he_is_not_fought_whatever_else_goes_wrong_until_he_gives_it_back(self) -> None:
+        bench = lost(aloft(mode=with_radio(AUTO)), with_radio(RTL))
+        bench.run(10.0)
+        bench.mode = with_radio(LOITER)
+        bench.run(2.0)
+        bench.give(SignsSeen(energy=True))
+        bench.run(60.0)
+        assert bench.flights() == [HOME]
+        assert said(bench)[1] == (
+            "PILOT: a pilot has taken over, LOITER; RETURN is not commanded any more (commander lost)"
+        )
+        bench.mode = with_radio(AUTO)
+        bench.run(1.0)
+        assert bench.flights() == [HOME]  # it is in doubt yet
+        bench.run(1.0)
+        assert bench.flights() == [HOME, Fly(FlightAction.RETURN, Reason.ENERGY)]
+        assert said(bench)[-2:] == [
+            "PILOT: the pilot has given it back, AUTO (commander lost)",
+            "RETURN: energy for the way back only",
+        ]
+
+    def test_what_begins_while_he_flies_is_told_and_done_when_he_gives_it_back(self) -> None:
+        bench = aloft(mode=with_radio(AUTO))
+        bench.mode = with_radio(LOITER)
+        bench.run(3.0)
+        bench.give(SignsSeen(energy=True, energy_words="3.1 of 12.0 Wh"))
+        bench.run(10.0)
+        assert bench.flights() == []
+        assert said(bench)[-1] == "WARN: 3.1 of 12.0 Wh; a pilot has the aircraft"
+        bench.mode = with_radio(AUTO)
+        bench.run(2.0)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
+
+    def test_what_he_interrupted_is_commanded_again(self) -> None:
+        bench = lost(aloft(mode=with_radio(AUTO)), with_radio(RTL))
+        bench.run(2.0)
+        bench.mode = with_radio(LOITER)
+        bench.run(20.0)
+        bench.mode = with_radio(AUTO)
+        bench.run(3.0)
+        assert bench.flights() == [HOME, HOME]
+        assert said(bench)[-1] == "RETURN again: the autopilot flies AUTO (commander lost)"
+
+    def test_when_his_radio_is_gone_the_aircraft_is_nobodys(self) -> None:
+        bench = lost(aloft(mode=with_radio(AUTO)), with_radio(LOITER))
+        bench.run(20.0)
+        assert bench.flights() == [HOME]
+        bench.mode = LOITER
+        bench.run(1.0)
+        assert bench.flights() == [HOME, HOME]
+
+    def test_what_was_wrong_and_is_not_any_more_is_not_commanded_when_he_gives_it_back(self) -> None:
+        bench = lost(aloft(mode=with_radio(AUTO)), with_radio(RTL))
+        bench.run(2.0)
+        bench.mode = with_radio(LOITER)
+        bench.run(2.0)
+        bench.alive = {A}
+        bench.run(2.0)
+        bench.mode = with_radio(AUTO)
+        bench.run(5.0)
+        assert bench.flights() == [HOME]
+
+
+class TestOtherHands:
+    def test_the_commanders_word_stands_until_something_new_is_decided(self) -> None:
+        bench = aloft()
+        bench.give(SignsSeen(energy=True))
+        bench.run(3.0)
+        bench.mode = RTL
+        bench.run(2.0)
+        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.mode = AUTO
+        bench.run(60.0)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
+        assert "AUTO: chosen by GCSA; RETURN is not commanded any more (energy for the way back only)" in said(bench)
+        bench.motion = HOMEWARD
+        assert lost(bench, None).flights()[-1] == Fly(FlightAction.RETURN, Reason.ENERGY)
+
+    def test_a_mode_of_somebody_unknown_is_commanded_away(self) -> None:
+        bench = lost(aloft())
+        nearer(bench, 5.0, 8.0)
+        bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+        bench.run(2.5)
+        assert bench.flights() == [HOME, HOME]
+        assert [record.text for record in bench.records("helm")] == ["GUIDED: nobody is known to have chosen the mode"]
+
+    @pytest.mark.parametrize("hand", [Hand.GUARD, Hand.FAILSAFE])
+    def test_a_return_that_is_under_way_already_is_not_commanded_again(self, hand: Hand) -> None:
+        bench = aloft()
+        bench.give(HandSeen(hand))
+        bench.mode, bench.motion = RTL, HOMEWARD
+        bench.run(2.0)
+        bench.alive = set()
+        bench.run(10.0)
+        assert bench.flights() == []
+        assert bench.records("emergency" if hand is Hand.GUARD else "warning") != []
+
+    def test_one_that_the_guard_has_begun_is_watched_like_one_of_our_own(self) -> None:
+        bench = aloft()
+        bench.give(HandSeen(Hand.GUARD))
+        bench.mode, bench.motion = RTL, HOMEWARD
+        bench.run(2.0)
+        bench.alive = set()
+        bench.run(6.0)
+        nearer(bench, 33.0, -1.0)
+        assert bench.flights() == [DOWN]
+
+    def test_a_failsafe_that_lands_instead_is_left_alone(self) -> None:
+        bench = lost(aloft())
+        nearer(bench, 5.0, 8.0)
+        bench.give(HandSeen(Hand.FAILSAFE))
+        bench.mode = LAND
+        bench.run(60.0)
+        assert bench.flights() == [HOME]
+        assert "LAND: a failsafe of the autopilot acts; RETURN is not commanded any more (commander lost)" in said(
+            bench
+        )
+
+
+class TestLink:
+    def test_what_did_not_arrive_is_commanded_when_the_autopilot_is_heard_again(self) -> None:
+        bench = aloft()
+        bench.alive = set()
+        bench.run(4.6)
+        while not bench.flights():
+            bench.run(0.1)
+        bench.autopilot = False  # the command went into a link that was cut
+        bench.run(20.0)
+        assert bench.flights() == [HOME]
+        bench.autopilot = True
+        bench.run(0.6)
+        assert bench.flights() == [HOME, HOME]
+        assert times(bench)[1][0] <= 20.6
+
+    def test_what_had_arrived_is_not(self) -> None:
+        bench = lost(aloft())
+        nearer(bench, 5.0, 8.0)
+        bench.autopilot = False
+        bench.run(20.0)
+        bench.autopilot = True
+        nearer(bench, 5.0, 8.0)
+        assert bench.flights() == [HOME]
+
+
+class TestFence:
+    def breached(self, policy: str) -> Bench:
+        bench = aloft(Limits(policies={Cause.FENCE: policy}))
+        bench.give(SignsSeen(fence=True, fence_words="outside the fence: its border"))
+        return bench
+
+    def test_what_the_autopilots_fence_brings_home_is_left_to_it(self) -> None:
+        bench = self.breached("return")
+        bench.give(HandSeen(Hand.FAILSAFE))
+        bench.mode, bench.motion = RTL, MotionSeen(0.0, 0.0, 600.0)
+        bench.run(120.0)
+        assert bench.flights() == []
+        assert said(bench) == [
+            "WARN: outside the fence: its border; a failsafe of the autopilot acts",
+        ]
+
+    def test_a_fence_that_only_reports_can_have_the_companion_return(self) -> None:
+        bench = self.breached("return")
+        bench.run(2.0)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.FENCE)]
+
+    def test_outside_it_nothing_is_commanded_anew_to_what_comes_home(self) -> None:
+        """A change of the mode would give the fence ten seconds in which it does nothing."""
+        bench = lost(aloft())
+        nearer(bench, 2.0, 8.0)
+        bench.give(SignsSeen(fence=True))
+        nearer(bench, 60.0, -1.0)
+        assert bench.flights() == [HOME]
+        bench.give(SignsSeen())
+        nearer(bench, 33.0, -1.0)
+        assert bench.flights() == [HOME, DOWN]
+
+
+class TestSentences:
+    @pytest.mark.parametrize(
+        ("event", "text"),
+        [
+            (SignsSeen(off_route=True, off_route_words="42 m beside the route"), "WARN: 42 m beside the route"),
+            (SignsSeen(fence=True, fence_words="outside the fence: its border"), "WARN: outside the fence: its border"),
+            (
+                LinkJudged(A, weak=False, attacked=True, text="bad"),
+                "WARN: repeated authentication failures in the name of GCSA",
+            ),
+        ],
+        ids=["route", "fence", "attack"],
+    )
+    def test_each_has_its_figures(self, event: SignsSeen | LinkJudged, text: str) -> None:
+        bench = aloft()
+        bench.give(event)
+        bench.run(2.0)
+        assert said(bench) == [text]
+
+    def test_of_what_is_not_heard_it_is_for_how_long(self) -> None:
+        for attribute, text in (
+            ("autopilot", "WARN: autopilot silent 3 s"),
+            ("guard", "WARN: guard silent 5 s"),
+            ("facts", "WARN: no fresh position for 3 s"),
+        ):
+            bench = aloft()
+            setattr(bench, attribute, False if attribute == "autopilot" else None)
+            bench.run(10.0)
+            assert said(bench)[0] == text
+
+    def test_on_the_ground_it_says_so(self) -> None:
+        bench = Bench().on_ground()
+        bench.log.clear()
+        bench.alive = set()
+        bench.run(8.0)
+        assert said(bench) == ["WARN: GCSA silent 5 s; on the ground"]
+
+    def test_and_when_it_is_over(self) -> None:
+        bench = lost(aloft())
+        bench.alive = {A}
+        bench.run(1.0)
+        assert said(bench)[-1] == "OVER: commander lost"

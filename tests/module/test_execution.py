@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What was decided, as the autopilot is commanded it and as everybody is told it, through the whole module."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as stock
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.hands import of_text
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import Bench
+from tests.module.test_route import beside, take_off
+from tests.module.vehicle import AUTO, GUIDED, LAND, RTL
+
+LOITER, STABILIZE = 5, 0
+MODE = mavlink.MAV_CMD_DO_SET_MODE
+RADIO, FENCE = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER, mavlink.MAV_SYS_STATUS_GEOFENCE
+OUTSIDE = (52.678146, 5.95)  # east of every zone
+
+
+@pytest.fixture
+def flown(bench: Bench, delivery: MissionPackage) -> Bench:
+    return take_off(bench, delivery)
+
+
+def say_health(bench: Bench, *, enabled: int = 0, healthy: int = 0) -> None:
+    """SYS_STATUS, twice a second from now on."""
+
+    def each_round() -> None:
+        if round(bench.clock.now * 20) % 10 == 0:
+            bench.mpstate.deliver(packed(stock.MAVLink_sys_status_message(enabled, enabled, healthy, *[0] * 10)))
+
+    bench.each_round = each_round
+
+
+def packed(message: Any) -> Any:
+    """As MAVProxy hands it over."""
+    return stock.MAVLink(None).decode(bytearray(message.pack(stock.MAVLink(None, srcSystem=1, srcComponent=1))))
+
+
+def modes(bench: Bench) -> list[int]:
+    """The modes that the autopilot was commanded since START."""
+    return [int(m.param2) for m in bench.autopilot.got("COMMAND_LONG") if m.command == MODE][1:]
+
+
+def decisions(bench: Bench) -> list[str]:
+    return [entry["text"] for entry in bench.journal("decision")]
+
+
+def test_a_decision_is_one_sentence_to_every_station_and_program(flown: Bench) -> None:
+    flown.autopilot.position = OUTSIDE
+    flown.until(lambda: flown.autopilot.mode == RTL)
+    flown.run(0.5)
+    (entry,) = flown.journal("decision")
+    text = entry["text"]
+    assert text == "RETURN to rally 2: out of coverage, 1079 m outside the zone of GCSB; 1.2 km"
+    assert (entry["action"], entry["reason"], entry["place"]) == ("return", "out_of_coverage", "rally 2")
+    for station in (flown.a, flown.b):
+        told = station.got("HANDOVER_DECISION")
+        assert {(m.text, m.action, m.cause, m.place) for m in told} == {(text, 4, 13, "rally 2")}
+        assert station.texts().count(text) == 1
+        pieces = [m for m in station.got("STATUSTEXT") if m.severity == mavlink.MAV_SEVERITY_CRITICAL]
+        assert len({m.id for m in pieces}) == 1
+        assert [m.chunk_seq for m in pieces] == list(range(len(pieces)))
+    assert flown.mpstate.console.said(f"{text}.")
+    flown.mpstate.type("handover status")
+    assert f"decision  {text}" in flown.mpstate.console.lines
+
+
+def test_it_is_repeated_while_it_lasts_with_the_same_number_and_its_end_three_times(flown: Bench) -> None:
+    flown.autopilot.position = OUTSIDE
+    flown.until(lambda: flown.autopilot.mode == RTL)
+    flown.run(9.0)
+    told = [m.number for m in flown.b.got("HANDOVER_DECISION")]
+    assert (len(told), len(set(told))) == (5, 1)
+    flown.autopilot.position = beside(0.5, 0.0)
+    flown.run(12.0)
+    over = [m for m in flown.b.got("HANDOVER_DECISION") if m.action == 255]
+    assert [m.text for m in over] == ["OVER: out of coverage"] * 3
+    assert over[0].number == told[0] + 1
+    flown.mpstate.type("handover status")
+    assert not any(line.startswith("decision") for line in flown.mpstate.console.lines)
+
+
+def test_a_pilot_at_a_live_radio_is_not_fought(flown: Bench) -> None:
+    say_health(flown, enabled=RADIO, healthy=RADIO)
+    flown.run(2.0)
+    flown.autopilot.position = OUTSIDE
+    flown.until(lambda: flown.autopilot.mode == RTL)
+    flown.run(20.0)
+    flown.autopilot.mode = LOITER
+    flown.run(60.0)
+    assert (flown.autopilot.mode, modes(flown)) == (LOITER, [RTL])
+    assert decisions(flown)[-1] == (
+        "PILOT: a pilot has taken over, LOITER; RETURN is not commanded any more (out of coverage)"
+    )
+    flown.autopilot.mode = AUTO  # given back
+    flown.until(lambda: flown.autopilot.mode == RTL)
+    assert modes(flown) == [RTL, RTL]
+
+
+@pytest.mark.parametrize("healthy", [0, RADIO], ids=["radio failsafe", "its loss would not be noticed"])
+def test_without_a_live_radio_nobody_is_a_pilot(flown: Bench, healthy: int) -> None:
+    say_health(flown, enabled=RADIO, healthy=healthy)
+    flown.companion.autopilot._preflight.radio_watched = healthy == 0
+    flown.run(2.0)
+    flown.autopilot.position = OUTSIDE
+    flown.until(lambda: flown.autopilot.mode == RTL)
+    flown.run(20.0)
+    flown.autopilot.mode = LOITER
+    flown.until(lambda: flown.autopilot.mode == RTL)
+    assert modes(flown) == [RTL, RTL]
+
+
+def test_that_a_lost_radio_would_go_unnoticed_is_read_before_the_flight(bench: Bench) -> None:
+    bench.autopilot.parameters |= {"FS_THR_ENABLE": 0.0}
+    bench.connect()
+    bench.until(lambda: bench.companion.autopilot.findings is not None, 60.0)
+    assert bench.companion.autopilot._preflight.radio_watched is False
+
+
+def test_the_commanders_accepted_command_is_its_word(flown: Bench) -> None:
+    flown.autopilot.position = OUTSIDE
+    flown.until(lambda: flown.autopilot.mode == RTL)
+    flown.run(3.0)
+    flown.a.command(MODE, 1.0, GUIDED)
+    flown.run(60.0)
+    assert (flown.autopilot.mode, modes(flown)) == (GUIDED, [RTL, GUIDED])
+    assert decisions(flown)[-1] == "GUIDED: chosen by GCSA; RETURN is not commanded any more (out of coverage)"
+
+
+def test_what_nobody_is_known_to_have_chosen_is_commanded_away(flown: Bench) -> None:
+    flown.autopilot.position = OUTSIDE
+    flown.until(lambda: flown.autopilot.mode == RTL)
+    flown.run(3.0)
+    flown.autopilot.mode = GUIDED
+    flown.run(3.0)
+    assert (flown.autopilot.mode, modes(flown)) == (RTL, [RTL, RTL])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Battery Failsafe",
+        "EKF Failsafe: changed to LAND Mode",
+        "Polygon fence breached",
+        "Failsafe: Terrain data missing",
+    ],
+)
+def test_a_failsafe_of_the_autopilot_has_its_way(flown: Bench, text: str) -> None:
+    say_health(flown, enabled=RADIO, healthy=RADIO)
+    flown.run(2.0)
+    flown.mpstate.deliver(packed(stock.MAVLink_statustext_message(4, text.encode())))
+    flown.autopilot.mode = LAND
+    flown.run(3.0)
+    flown.autopilot.position = OUTSIDE
+    flown.run(10.0)
+    assert modes(flown) == []
+    assert decisions(flown)[-1].endswith("; a failsafe of the autopilot acts")
+
+
+@pytest.mark.parametrize("text", ["Battery Failsafe Cleared", "Fence breach cleared", "Handover: GCS failsafe off"])
+def test_the_end_of_one_and_what_others_say_of_it_is_none(text: str) -> None:
+    assert of_text(text) is None
+
+
+def test_a_breach_of_the_fence_is_told(flown: Bench) -> None:
+    breach = stock.MAVLink_fence_status_message(1, 1, mavlink.FENCE_BREACH_BOUNDARY, 1000)
+    for _ in range(6):
+        flown.mpstate.deliver(packed(breach))
+        flown.run(0.5)
+    assert decisions(flown) == ["WARN: outside the fence: its border"]
+    for _ in range(10):
+        flown.mpstate.deliver(packed(stock.MAVLink_fence_status_message(0, 1, 0, 1000)))
+        flown.run(0.5)
+    assert decisions(flown)[1:] == ["OVER: outside the fence"]
+    assert modes(flown) == []
+
+
+def test_so_is_one_that_only_the_status_of_the_system_tells(flown: Bench) -> None:
+    say_health(flown, enabled=FENCE)
+    flown.run(4.0)
+    assert decisions(flown) == ["WARN: outside the fence"]
+
+
+def test_a_fence_that_is_off_cannot_be_left(flown: Bench) -> None:
+    say_health(flown)
+    flown.run(4.0)
+    assert decisions(flown) == []
+
+
+def test_the_policy_may_have_the_companion_return(bench: Bench, delivery: MissionPackage) -> None:
+    bench.config.write_text(bench.config.read_text() + '\n[policy]\nfence = "return"\n')
+    take_off(bench, delivery)
+    say_health(bench, enabled=FENCE)
+    bench.run(4.0)
+    assert modes(bench) == [RTL]
+
+
+def test_what_was_commanded_into_a_link_that_was_cut_is_commanded_when_it_is_back(flown: Bench) -> None:
+    flown.autopilot.script[MODE] = None  # it hears nothing
+    flown.autopilot.position = OUTSIDE
+    flown.run(2.0)
+    flown.autopilot.silent = True
+    flown.run(15.0)
+    assert flown.autopilot.mode == AUTO
+    flown.autopilot.script.clear()
+    flown.autopilot.silent = False
+    flown.until(lambda: flown.autopilot.mode == RTL, 3.0)
+
+
+def test_an_internal_fault_is_told_to_everybody(flown: Bench) -> None:
+    flown.companion.fail_closed("test", flown.clock.now)
+    flown.run(1.0)
+    text = "RETURN: internal fault of the companion, nobody commands"
+    assert [m.text for m in flown.a.got("HANDOVER_DECISION")][-1] == text
+    assert text in flown.b.texts()
