@@ -29,6 +29,7 @@ _COMMANDS = {
     "check": ("mavproxy_handover.mission.check", "main", "check a mission package before flight"),
     "report": ("sitl.report.page", "main_report", "write the report of a run folder again"),
     "policy": ("mavproxy_handover.cli.policy", "main", "print what the gate lets through, and why"),
+    "explain": ("mavproxy_handover.cli.explain", "main", "print what is done about what is wrong, and why"),
     "keys": ("mavproxy_handover.cli.keys", "main", "make, list and rotate the keys that stations sign with"),
     "guard": ("mavproxy_handover.cli.guard", "main", "put the guard on the autopilot's SD card, and check the card"),
     "init": (

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from mavproxy_handover.gate.explain import for_commander, for_others, markdown_table, summary
+from mavproxy_handover.gate.explain import columns, for_commander, for_others, markdown_table, summary
 from mavproxy_handover.gate.policy.access import ANY, Access
 from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART, POLICY, PolicyRow
 
@@ -43,7 +43,7 @@ def main(argv: Sequence[str]) -> int:
         if arguments.json:
             print(json.dumps([dict(zip(lines[0], line, strict=True)) for line in lines[1:]], indent=1))
         else:
-            print(markdown_table(lines) if arguments.markdown else _columns(lines))
+            print(markdown_table(lines) if arguments.markdown else columns(lines))
         return 0
     rows = [row for row in POLICY if _wanted(row, arguments.name, arguments.classes)]
     if not rows:
@@ -53,7 +53,7 @@ def main(argv: Sequence[str]) -> int:
         print(json.dumps([_as_json(row) for row in rows], indent=1))
         return 0
     lines = [("class", "what", "name", "why"), *((r.access.value, r.kind, r.name, r.why) for r in rows)]
-    print(markdown_table(lines) if arguments.markdown else _columns(lines))
+    print(markdown_table(lines) if arguments.markdown else columns(lines))
     if not arguments.markdown:
         _explain(rows, arguments.name)
     return 0
@@ -81,13 +81,6 @@ def _as_json(row: PolicyRow) -> dict[str, str]:
         "others": for_others(row.access),
         "why": row.why,
     }
-
-
-def _columns(lines: list[tuple[str, ...]]) -> str:
-    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]) - 1)]
-    return "\n".join(
-        "  ".join([*(cell.ljust(width) for cell, width in zip(line, widths, strict=False)), line[-1]]) for line in lines
-    )
 
 
 def _explain(rows: Sequence[PolicyRow], names: Sequence[str]) -> None:

@@ -453,15 +453,8 @@ class Arbiter:
             text = "the gap is crossed" if news.crossed else f"the cause of the {what} is gone"
             actions.append(Record(f"{what}_over", text))
         elif news.continues:
-            actions.append(
-                Record(
-                    "gap",
-                    text = f"{CAUSES[decision.cause].words}: {self._lookout.crossing.words(now)}"
-                    actions.append(Record("gap", text, news.reason, authority.owner))
-                    news.reason,
-                    authority.owner,
-                )
-            )
+            text = f"{CAUSES[decision.cause].words}: {self._lookout.crossing.words(now)}"
+            actions.append(Record("gap", text, news.reason, authority.owner))
         else:
             text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
             actions.append(Record("warning" if news.warning else "emergency", text, news.reason, authority.owner))

@@ -8,13 +8,14 @@ Every word of what is allowed comes from the tables that the gate judges by; onl
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Final
 
 from mavproxy_handover.gate.judge import Fate, outcome
 from mavproxy_handover.gate.policy.access import ANY, Access
 from mavproxy_handover.gate.policy.tables import POLICY
 
-__all__ = ["CLASSES", "contents", "for_commander", "for_others", "markdown_table", "summary"]
+__all__ = ["CLASSES", "columns", "contents", "for_commander", "for_others", "markdown_table", "summary"]
 
 #: What each class is for. Order: from open to closed.
 CLASSES: Final = {
@@ -84,6 +85,14 @@ def summary() -> list[tuple[str, ...]]:
     head = ("class", "what", "from the commander", "from any other station", "how many")
     rows = [(a.value, what, for_commander(a), for_others(a), contents(a)) for a, what in CLASSES.items()]
     return [head, *rows]
+
+
+def columns(rows: Sequence[Sequence[str]]) -> str:
+    """Rows for a terminal, the head first: each column as wide as its longest cell, the last as it is."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+    return "\n".join(
+        "  ".join([*(cell.ljust(width) for cell, width in zip(row, widths, strict=False)), row[-1]]) for row in rows
+    )
 
 
 def markdown_table(lines: list[tuple[str, ...]]) -> str:

@@ -41,6 +41,8 @@ __all__ = [
     "Situation",
     "Strategy",
     "decide",
+    "ladder",
+    "withheld",
 ]
 
 
@@ -108,13 +110,17 @@ class Decision:
     withheld: Fact | None = field(default=None, compare=False)
 
 
+def ladder(cause: Cause, policy: str) -> tuple[Rung, ...]:
+    """All that a cause may ask for under a policy other than "off", in order; the last needs nothing."""
+    return (*FIRST.get(cause, ()), *POLICY_LADDERS[policy])
+
+
 def _asked(cause: Cause, policy: str, facts: Situation) -> FlightAction:
     """What a cause asks for by itself."""
-    rungs = (*FIRST.get(cause, ()), *POLICY_LADDERS[policy])
-    return next(rung.action for rung in rungs if rung.needs is None or rung.needs in facts)
+    return next(rung.action for rung in ladder(cause, policy) if rung.needs is None or rung.needs in facts)
 
 
-def _withheld(action: FlightAction, facts: Situation) -> Fact | None:
+def withheld(action: FlightAction, facts: Situation) -> Fact | None:
     """For which fact it cannot be, or need not be, done now; None if it is."""
     if action in (FlightAction.WARN, FlightAction.TRANSFER):  # nothing is done to the aircraft
         return None
@@ -133,11 +139,11 @@ def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) 
     best: Decision | None = None
     for cause in sorted(causes, key=order.index):
         action = _asked(cause, policies[cause], facts)
-        withheld = _withheld(action, facts)
-        if withheld is not None:
+        held_back = withheld(action, facts)
+        if held_back is not None:
             action = FlightAction.WARN
         if best is None or action > best.action:
-            best = Decision(action, cause, withheld)
+            best = Decision(action, cause, held_back)
     return best
 
 
@@ -159,7 +165,7 @@ class Strategy:
         found, held = decide(causes, facts, self.policies), self.decision
         if held is not None and held.action >= FlightAction.RETURN and held.cause in causes:
             graver = found is not None and found.action >= held.action
-            if not graver and _withheld(held.action, facts) is None:
+            if not graver and withheld(held.action, facts) is None:
                 return held
         self.decision = found
         return found

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover explain`: the table of safety decisions as it is configured, and what would be decided in a given state."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+from mavproxy_handover.config.toml import ConfigError
+from mavproxy_handover.config.vehicle import load_vehicle
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.explain import HEAD, facts_table, story, table
+from mavproxy_handover.core.safety.strategy import Fact
+from mavproxy_handover.gate.explain import columns, markdown_table
+
+__all__ = ["main", "markdown"]
+
+_YES, _NO = ("yes", "true", "1", "on"), ("no", "false", "0", "off")
+#: what holds in the air when nothing is said of it
+_ALOFT: Final = frozenset({Fact.FLYING, Fact.AUTOPILOT, Fact.MAY_HOLD, Fact.PLACE})
+_CAUSES: Final[Mapping[str, Cause]] = {cause.value: cause for cause in Cause}
+_FACTS: Final[Mapping[str, Fact]] = {fact.name.lower(): fact for fact in Fact}
+
+
+class _BadState(Exception):
+    """A --state that says nothing. One line."""
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    causes: frozenset[Cause]
+    facts: frozenset[Fact]
+
+
+def _state(words: Sequence[str], limits: Limits) -> tuple[_State, Limits]:
+    """Raises _BadState."""
+    state = _State(frozenset(), _ALOFT)
+    for word in words:
+        key, equals, value = word.partition("=")
+        if key.startswith("policy."):
+            limits = _with_policy(limits, key.removeprefix("policy."), value)
+            continue
+        if value not in (*_YES, *_NO) and equals:
+            raise _BadState(f"{word}: {value!r} must be yes or no")
+        on = value in _YES or not equals
+        if key in _CAUSES:
+            cause = {_CAUSES[key]}
+            state = replace(state, causes=state.causes | cause if on else state.causes - cause)
+        elif key in _FACTS:
+            fact = {_FACTS[key]}
+            state = replace(state, facts=state.facts | fact if on else state.facts - fact)
+        else:
+            raise _BadState(f"{word}: {key!r} must be a cause ({', '.join(_CAUSES)}) or a fact ({', '.join(_FACTS)})")
+    return state, limits
+
+
+def _with_policy(limits: Limits, key: str, value: str) -> Limits:
+    if key not in _CAUSES:
+        raise _BadState(f"policy.{key}: {key!r} must be one of {', '.join(_CAUSES)}")
+    cause = _CAUSES[key]
+    allowed = CAUSES[cause].policies
+    if value not in allowed:
+        raise _BadState(f"policy.{key}: {value!r} must be one of {', '.join(allowed)}")
+    return replace(limits, policies={**limits.policies, cause: value})
+
+
+def markdown() -> str:
+    """The tables for the documentation, of the defaults."""
+    causes = markdown_table([HEAD, *table(Limits())])
+    facts = markdown_table([("fact", "it holds when", "what it does"), *facts_table()])
+    return f"{causes}\n\n{facts}"
+
+
+def main(argv: Sequence[str]) -> int:
+    """Print the table, or what is decided in a state. 2: a bad file or a bad state."""
+    parser = argparse.ArgumentParser(
+        prog="handover explain",
+        description="What the aircraft does about what is wrong: each cause, how long its sign has to stay, and what "
+        "is done, by the configuration. With --state: what would be decided then, and why.",
+        epilog="A state names causes and facts: --state commander_lost --state place=no --state policy.fence=return. "
+        "In the air, the autopilot heard, a place in reach and room to hold are taken for granted.",
+    )
+    parser.add_argument("--config", type=Path, help="the vehicle's configuration; without it the defaults")
+    parser.add_argument(
+        "--state", nargs="+", action="extend", metavar="KEY=VALUE", help="a cause or a fact, =no: not so"
+    )
+    parser.add_argument("--markdown", action="store_true", help="the tables of the defaults for a document")
+    try:
+        arguments = parser.parse_args(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    if arguments.markdown:
+        print(markdown())
+        return 0
+    try:
+        limits = Limits() if arguments.config is None else load_vehicle(arguments.config).limits
+        state, limits = _state(arguments.state or (), limits)
+    except (ConfigError, _BadState) as error:
+        print(f"handover explain: {error}", file=sys.stderr)
+        return 2
+    if arguments.state is not None:
+        print("\n".join(story(state.causes, state.facts, limits)))
+        return 0
+    print(columns([HEAD, *table(limits)]))
+    print()
+    print(columns([("fact", "it holds when", "what it does"), *facts_table()]))
+    return 0

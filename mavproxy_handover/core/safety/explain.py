@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The strategy in words: its table, and what it decides in a given state, each cause and each rung considered.
+
+Made from the data that decides (`causes.py`, `strategy.py`), so that it cannot say anything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Set
+from dataclasses import dataclass
+from typing import Final
+
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.safety.causes import CAUSES, Cause, Ends
+from mavproxy_handover.core.safety.strategy import (
+    MILDER_THAN,
+    OVERRULE,
+    POLICY_LADDERS,
+    Decision,
+    Fact,
+    Rung,
+    Situation,
+    Strategy,
+    decide,
+    ladder,
+    withheld,
+)
+
+__all__ = ["HEAD", "Considered", "consider", "facts_table", "story", "table"]
+
+Row = tuple[str, ...]
+#: what the columns of `table` are
+HEAD: Final[Row] = ("cause", "what is wrong", "counts after", "ends", "policy", "what is done: the first that can be")
+
+
+def _rung(rung: Rung) -> str:
+    word = rung.action.name.lower()
+    return word if rung.needs is None else f"{word} if {rung.needs.value}"
+
+
+def _seconds(value: float) -> str:
+    return "at once" if value == 0.0 else f"{value:g} s"
+
+
+def table(limits: Limits) -> list[Row]:
+    """A row for each cause, as it is configured; the policy that is not in force in brackets behind."""
+    rows: list[Row] = []
+    policies = Strategy(limits.policies).policies
+    for cause, row in CAUSES.items():
+        policy = policies[cause]
+        clear_s = limits.clear_s.get(cause, row.clear_s)
+        ends = row.ends.value
+        if row.ends is Ends.WITH_ITS_SIGN and clear_s > 0.0:
+            ends = f"gone for {clear_s:g} s"
+        others = [word for word in row.policies if word != policy]
+        done = "nothing" if policy == "off" else ", else ".join(_rung(rung) for rung in ladder(cause, policy))
+        after = _seconds(limits.hold_off_s.get(cause, row.hold_off_s))
+        rows.append((cause.value, row.words, after, ends, f"{policy} ({', '.join(others)})", done))
+    return rows
+
+
+def facts_table() -> list[Row]:
+    """What may hold besides what is wrong, and what it does to a decision."""
+    rows: list[Row] = []
+    for fact in Fact:
+        needed = sorted({rung.action for steps in _ALL for rung in steps if rung.needs is fact})
+        if fact in OVERRULE:
+            does = "nothing is commanded"
+        elif fact in (Fact.FLYING, Fact.AUTOPILOT):
+            does = "without it nothing is commanded"
+        elif fact in MILDER_THAN:
+            does = f"what is milder than {MILDER_THAN[fact].name.lower()} is not commanded"
+        else:
+            does = f"{', '.join(action.name.lower() for action in needed)} can be"
+        rows.append((fact.name.lower(), fact.value, does))
+    return rows
+
+
+_ALL: Final = [*(ladder(cause, "warn") for cause in Cause), *POLICY_LADDERS.values()]
+
+
+@dataclass(frozen=True, slots=True)
+class Considered:
+    """What a cause asks for: the rungs that cannot be, the one that can, and the fact for which less is done."""
+
+    cause: Cause
+    policy: str
+    passed: tuple[Rung, ...]
+    asked: Rung
+    withheld: Fact | None
+
+
+def consider(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) -> list[Considered]:
+    """Each cause by itself, in the order of `Cause`."""
+    found = []
+    for cause in Cause:
+        if cause not in causes or policies[cause] == "off":
+            continue
+        rungs = ladder(cause, policies[cause])
+        asked = next(rung for rung in rungs if rung.needs is None or rung.needs in facts)
+        passed = rungs[: rungs.index(asked)]
+        found.append(Considered(cause, policies[cause], passed, asked, withheld(asked.action, facts)))
+    return found
+
+
+def story(causes: Set[Cause], facts: Situation, limits: Limits) -> list[str]:
+    """What would be decided in this state, and why, line by line."""
+    policies = Strategy(limits.policies).policies
+    lines = [f"{cause.value}: off, not looked at" for cause in Cause if cause in causes and policies[cause] == "off"]
+    for each in consider(causes, facts, policies):
+        lines.append(f"{each.cause.value} ({CAUSES[each.cause].words}), policy {each.policy}:")
+        lines += [f"  no {rung.action.name.lower()}: not so that {_needs(rung)}" for rung in each.passed]
+        because = "" if each.asked.needs is None else f": {_needs(each.asked)}"
+        lines.append(f"  asks for {each.asked.action.name.lower()}{because}")
+        if each.withheld is not None:
+            lines.append(f"  not commanded, a warning: {_why_not(each.withheld)}")
+    decision = decide({cause for cause in causes if policies[cause] != "off"}, facts, policies)
+    lines.append(_conclusion(decision))
+    return lines
+
+
+def _needs(rung: Rung) -> str:
+    return "" if rung.needs is None else rung.needs.value
+
+
+def _why_not(fact: Fact) -> str:
+    return f"not so that it is {fact.value}" if fact is Fact.FLYING else _WHY.get(fact, f"it is {fact.value}")
+
+
+_WHY: Final = {
+    Fact.AUTOPILOT: "the autopilot is not heard",
+    Fact.PILOT: Fact.PILOT.value,
+    Fact.FAILSAFE: Fact.FAILSAFE.value,
+}
+
+
+def _conclusion(decision: Decision | None) -> str:
+    if decision is None:
+        return "decision: none, nothing is wrong"
+    return f"decision: {decision.action.name}, for {decision.cause.value}"

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover explain` and docs/safety.md say what is decided, and say it of the table that decides."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.cli.explain import main, markdown
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.explain import story
+from mavproxy_handover.core.safety.strategy import Fact, decide
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "safety.md"
+CONFIG = """
+[vehicle]
+name = "drone-1"
+parent = "GCSA"
+allow_unsigned = true
+[[station]]
+name = "GCSA"
+sysid = 251
+links = ["udpin:127.0.0.1:14550"]
+[policy]
+fence = "land"
+off_route = "off"
+[hold_off]
+fence = 4.5
+[clear]
+fence = 7.0
+"""
+
+
+def printed(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
+    assert main(argv) == 0
+    return capsys.readouterr().out
+
+
+def test_the_document_has_the_tables() -> None:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    _before, begin, rest = text.partition("<!-- explain:begin -->\n")
+    tables, end, _behind = rest.partition("\n<!-- explain:end -->")
+    assert (begin, end) != ("", ""), "the markers are missing"
+    assert tables == markdown(), "make it anew: handover explain --markdown"
+
+
+def test_the_readme_leads_there() -> None:
+    assert "docs/safety.md" in (DOCUMENT.parents[1] / "README.md").read_text(encoding="utf-8")
+
+
+def test_every_cause_has_its_line(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = printed(capsys).splitlines()
+    assert [line.split()[0] for line in lines[1 : len(Cause) + 1]] == [cause.value for cause in Cause]
+    fence = next(line for line in lines if line.startswith("fence"))
+    assert fence.split("  ")[0] == "fence"
+    assert "outside the fence" in fence
+    assert fence.split()[-5:] == ["warn", "(return,", "land,", "off)", "warn"]
+
+
+def test_a_configuration_is_heeded(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    config = tmp_path / "handover.toml"
+    config.write_text(CONFIG)
+    lines = printed(capsys, "--config", str(config)).splitlines()
+    (fence,) = [line.split() for line in lines if line.startswith("fence")]
+    assert fence[4:6] == ["4.5", "s"]
+    assert fence[6:10] == ["gone", "for", "7", "s"]
+    assert fence[10] == "land"
+    assert fence[-1] == "land"
+    (route,) = [line for line in lines if line.startswith("off_route")]
+    assert route.endswith("nothing")
+
+
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [
+        (
+            "commander_lost place=no",
+            [
+                "commander_lost (commander lost), policy return:",
+                "  no transfer: not so that a station is about to take the aircraft",
+                "  no continue: not so that the mission declares this gap",
+                "  no return: not so that a place can be reached",
+                "  asks for land",
+                "decision: LAND, for commander_lost",
+            ],
+        ),
+        (
+            "energy pilot",
+            [
+                "energy (energy for the way back only), policy return:",
+                "  asks for return: a place can be reached",
+                "  not commanded, a warning: a pilot steers",
+                "decision: WARN, for energy",
+            ],
+        ),
+        (
+            "coverage_ends flying=no",
+            [
+                "coverage_ends (coverage ends ahead), policy hold:",
+                "  no continue: not so that the mission declares this gap",
+                "  asks for hold: it can stand still here",
+                "  not commanded, a warning: not so that it is flying",
+                "decision: WARN, for coverage_ends",
+            ],
+        ),
+        (
+            "off_route fence policy.off_route=off policy.fence=land",
+            [
+                "off_route: off, not looked at",
+                "fence (outside the fence), policy land:",
+                "  asks for land",
+                "decision: LAND, for fence",
+            ],
+        ),
+        ("landing", ["decision: none, nothing is wrong"]),
+    ],
+)
+def test_a_state_is_decided_and_explained(capsys: pytest.CaptureFixture[str], state: str, expected: list[str]) -> None:
+    assert printed(capsys, "--state", *state.split()).splitlines() == expected
+
+
+def test_what_it_says_is_what_is_decided() -> None:
+    policies = {cause: row.policies[0] for cause, row in CAUSES.items()}
+    for causes in product(Cause, repeat=2):
+        for facts in (set(), set(Fact), {Fact.FLYING, Fact.AUTOPILOT}, {Fact.FLYING, Fact.AUTOPILOT, Fact.MAY_HOLD}):
+            decision = decide(set(causes), facts, policies)
+            assert decision is not None
+            said = story(set(causes), facts, Limits())[-1]
+            assert said == f"decision: {decision.action.name}, for {decision.cause.value}"
+
+
+@pytest.mark.parametrize(
+    ("argv", "error"),
+    [
+        (["--state", "moon"], "moon: 'moon' must be a cause (energy, "),
+        (["--state", "fence=maybe"], "fence=maybe: 'maybe' must be yes or no"),
+        (["--state", "fence="], "fence=: '' must be yes or no"),
+        (["--state", "policy.moon=warn"], "policy.moon: 'moon' must be one of energy, "),
+        (["--state", "policy.fence=hold"], "policy.fence: 'hold' must be one of warn, return, land, off"),
+        (["--config", "nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_what_makes_no_sense_is_said_in_one_line(
+    capsys: pytest.CaptureFixture[str], argv: list[str], error: str
+) -> None:
+    assert main(argv) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("handover explain: ")
+    assert error in said
+    assert said.count("\n") == 1
