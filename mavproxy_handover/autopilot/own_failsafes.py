@@ -2,9 +2,10 @@
 
 """What the autopilot does by itself when something is wrong: battery, geofence, the way home. Do its parameters fit?
 
-Rules for `preflight.py`, each one of a table. What they rest on: plain RTL alone goes to the rally points (SMART_RTL
-flies back the way it came, AUTO_RTL along the mission's landing sequence); a fence that is stored and not switched on
-keeps nothing in; and ArduCopter's own fences, around home and above it, end a mission that leaves them.
+Rules for `preflight.py`, each one of a table. What they rest on: plain RTL alone goes to the place that was chosen for
+a return, the one point of the rally list (SMART_RTL flies back the way it came, AUTO_RTL along the mission's landing
+sequence), and only where home is no choice beside it; a fence that is stored and not switched on keeps nothing in; and
+ArduCopter's own fences, around home and above it, end a mission that leaves them.
 
 Names and units differ by firmware: RTL_ALT and RTL_ALT_FINAL are centimetres, RTL_ALT_M and RTL_ALT_FINAL_M (from 4.7
 on) metres.
@@ -59,12 +60,12 @@ Rule = Callable[[Parameters, "PlanFacts | None"], "str | None"]
 # ---- the way home -------------------------------------------------------------------------------------------------
 
 _SMART, _AUTO, _MOTORS_OFF = (
-    "SMART_RTL flies back the way it came, and to no rally point",
-    "AUTO_RTL follows the mission's landing sequence, and goes to no rally point",
+    "SMART_RTL flies back the way it came, and not to the place that was chosen",
+    "AUTO_RTL follows the mission's landing sequence, and goes not to the place that was chosen",
     "stops the motors in the air",
 )
 _BATTERY_WAYS: Final = {3: _SMART, 4: _SMART, 5: _MOTORS_OFF, 6: _AUTO}
-#: parameter -> its values that end otherwise than at a rally point or with a landing
+#: parameter -> its values that end otherwise than at the place that was chosen or with a landing
 _WAYS: Final[Mapping[str, Mapping[int, str]]] = {
     "HNDO_ACTION": {2: _SMART},
     "FS_GCS_ENABLE": {3: _SMART, 4: _SMART, 6: _AUTO},
@@ -103,9 +104,9 @@ def _return_height(name: str, unit_m: float) -> Rule:
 
 
 def _home(p: Parameters, plan: PlanFacts | None) -> str | None:
-    if p.get("RALLY_INCL_HOME", 1) != 0:
+    if p.get("RALLY_INCL_HOME", 0) == 0:
         return None
-    return "is 0: with a rally point anywhere a return never goes home, however near that is"
+    return "is 1: where home is nearer a return goes there, and not to the place that was chosen"
 
 
 # ---- battery ------------------------------------------------------------------------------------------------------

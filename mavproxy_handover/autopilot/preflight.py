@@ -250,7 +250,7 @@ def _options(p: Mapping[str, float], found: Found, limits: Limits) -> str | None
 
 def _rally(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     limit_km = p.get("RALLY_LIMIT_KM", 0.0)
-    return f"is {limit_km:g}: rally points farther away are ignored" if limit_km > 0 else None
+    return f"is {limit_km:g}: a return goes home where the chosen place is farther away" if limit_km > 0 else None
 
 
 def _enforce(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:

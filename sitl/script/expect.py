@@ -9,6 +9,7 @@ change of commander has a higher one.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -219,8 +220,8 @@ class Landed(Expectation):
 
     def __post_init__(self) -> None:
         for word in self.near:
-            if word not in ("home", "rally", "last_item"):
-                raise ValueError(f"near: {word!r} must be one of home, rally, last_item")
+            if word not in ("home", "rally", "last_item") and not re.fullmatch(r"rally [1-9]\d?", word):
+                raise ValueError(f"near: {word!r} must be one of home, rally, rally 1 and so on, last_item")
 
     def judge(self, evidence: Evidence) -> Verdict:
         wanted = f"landed within {self.within_m:g} m of {' or '.join(self.near)}, disarmed"
@@ -235,7 +236,7 @@ class Landed(Expectation):
         away = sorted(
             (distance_m(place.get("lat_deg"), place.get("lon_deg"), lat, lon), word)
             for word, lat, lon in _landing_places(evidence)
-            if word.split()[0] in self.near
+            if word.split()[0] in self.near or word.replace(" point", "") in self.near
         )
         if not away:
             return Verdict(False, wanted, "the mission has no such place")

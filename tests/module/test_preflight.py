@@ -56,7 +56,7 @@ GOOD = {
     "FENCE_ALT_MAX": 100.0,
     "RTL_ALT_M": 15.0,
     "RTL_ALT_FINAL_M": 0.0,
-    "RALLY_INCL_HOME": 1.0,
+    "RALLY_INCL_HOME": 0.0,
 }
 
 
@@ -210,7 +210,7 @@ def test_checksums_are_of_scripts_that_run() -> None:
         ),
         ({"FS_OPTIONS": 10.0}, "FS_OPTIONS is 10: bit 1 lets a mission go on without a ground station"),
         ({"FS_OPTIONS": 16.0}, "FS_OPTIONS is 16: bit 4 is for flights with a safety pilot at hand"),
-        ({"RALLY_LIMIT_KM": 0.3}, "RALLY_LIMIT_KM is 0.3: rally points farther away are ignored"),
+        ({"RALLY_LIMIT_KM": 0.3}, "RALLY_LIMIT_KM is 0.3: a return goes home where the chosen place is farther away"),
         ({"MAV_OPTIONS": 1.0}, "MAV_OPTIONS is 1: bit 0 makes the autopilot not answer observers"),
         ({"SYSID_ENFORCE": 1.0}, "SYSID_ENFORCE is 1: the autopilot does not answer observers"),
         ({"ARMING_CHECK": 0.0}, "ARMING_CHECK is 0: the guard cannot refuse arming, only disarm"),
@@ -231,8 +231,8 @@ def test_each_thing_that_does_not_fit_is_said_alone(changes: dict[str, Any], tex
 #: a route of 800 m, up to 50 m, with one area to stay inside, and with two
 PLAN, TWO = PlanFacts(True, 1, 800.0, 50.0), PlanFacts(True, 2, 800.0, 50.0)
 NO_FENCE = PlanFacts(False, 0, 800.0, 50.0)
-SMART = "SMART_RTL flies back the way it came, and to no rally point"
-AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes to no rally point"
+SMART = "SMART_RTL flies back the way it came, and not to the place that was chosen"
+AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes not to the place that was chosen"
 
 
 @pytest.mark.parametrize(
@@ -299,8 +299,8 @@ AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes to no rall
             "RTL_ALT_FINAL is 500: a return ends hovering at 5 m, not landed",
         ),
         (
-            {"RALLY_INCL_HOME": 0.0},
-            "RALLY_INCL_HOME is 0: with a rally point anywhere a return never goes home, however near that is",
+            {"RALLY_INCL_HOME": 1.0},
+            "RALLY_INCL_HOME is 1: where home is nearer a return goes there, and not to the place that was chosen",
         ),
     ],
 )
@@ -406,7 +406,7 @@ def test_what_does_not_fit_is_journalled_shown_and_in_the_status_until_it_is_put
     flown.autopilot.parameters["RALLY_LIMIT_KM"] = 0.3  # type: ignore[attr-defined]
     flown.connect()
     flown.run(90.0)
-    text = "RALLY_LIMIT_KM is 0.3: rally points farther away are ignored"
+    text = "RALLY_LIMIT_KM is 0.3: a return goes home where the chosen place is farther away"
     assert said(flown) == [(text, False)]
     assert flown.journal("preflight")[0]["parameter"] == "RALLY_LIMIT_KM"
     assert len([line for line in flown.mpstate.console.lines if f"Preflight WARNING: {text}." in line]) == 1

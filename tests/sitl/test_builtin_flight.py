@@ -234,6 +234,66 @@ def test_a_rally_point_beyond_the_limit_is_ignored() -> None:
     assert (target.lat_e7, target.lon_e7) == HOME
 
 
+SQUARE = [(-30000, -30000), (30000, -30000), (30000, 30000), (-30000, 30000)]
+
+
+def corners(command: int, half: int = 30000) -> list[Item]:
+    """A square around home, in 1e-7 degrees."""
+    places = [(HOME[0] + north * half // 30000, HOME[1] + east * half // 30000) for north, east in SQUARE]
+    return [Item(command, 0, 4.0, x=x, y=y) for x, y in places]
+
+
+@pytest.mark.parametrize(
+    ("fence", "parameters", "north", "taken"),
+    [
+        (corners(5001), {}, 20000, True),
+        (corners(5001), {}, 40000, False),
+        (corners(5001), {"FENCE_ENABLE": 0}, 40000, True),
+        (corners(5001), {"FENCE_TYPE": 3, "FENCE_RADIUS": 1000}, 40000, True),
+        ([*corners(5001), *corners(5002, 10000)], {}, 5000, False),
+        ([Item(5003, 0, 300.0, x=HOME[0], y=HOME[1])], {}, 20000, True),
+        ([Item(5003, 0, 200.0, x=HOME[0], y=HOME[1])], {}, 20000, False),
+        ([Item(5004, 0, 50.0, x=HOME[0] + 20000, y=HOME[1])], {}, 20000, False),
+        ([], {"FENCE_TYPE": 7, "FENCE_RADIUS": 300}, 40000, False),
+        ([], {"FENCE_TYPE": 7, "FENCE_RADIUS": 300}, 20000, True),
+        ([], {"FENCE_TYPE": 1, "FENCE_ALT_MAX": 24}, 20000, False),
+    ],
+)
+def test_a_rally_point_outside_an_enabled_fence_is_passed_over_without_a_word(
+    fence: list[Item], parameters: dict[str, float], north: int, taken: bool
+) -> None:
+    on = {"RALLY_LIMIT_KM": 0, "RALLY_INCL_HOME": 0, "FENCE_ENABLE": 1, "FENCE_TYPE": 4}
+    bench = ready({**on, **parameters})
+    point = (HOME[0] + north, HOME[1])
+    assert bench.upload([Item(5100, 3, x=point[0], y=point[1], z=25.0)], kind=2) == ACCEPTED
+    assert not fence or bench.upload(fence, kind=1) == ACCEPTED
+    target, _ = bench.vehicle.copter.return_target()
+    assert (target.lat_e7, target.lon_e7) == (point if taken else HOME)
+
+
+def test_with_one_point_in_the_list_and_home_left_out_every_return_goes_there() -> None:
+    bench = ready({"RALLY_LIMIT_KM": 0, "RALLY_INCL_HOME": 0})
+    assert bench.upload([Item(5100, 3, x=HOME[0] + 90000, y=HOME[1], z=25.0)], kind=2) == ACCEPTED
+    target, _ = bench.vehicle.copter.return_target()
+    assert target.lat_e7 == HOME[0] + 90000
+
+
+def test_a_return_under_way_reads_no_list_until_it_is_begun_anew() -> None:
+    bench = ready({"RALLY_LIMIT_KM": 0, "RALLY_INCL_HOME": 0})
+    near, far = (HOME[0] + 15000, HOME[1]), (HOME[0], HOME[1] + 30000)
+    assert bench.upload([Item(5100, 3, x=near[0], y=near[1], z=20.0)], kind=2) == ACCEPTED
+    bench.fly(20.0)
+    bench.command(20)
+    bench.run(3.0)
+    assert bench.upload([Item(5100, 3, x=far[0], y=far[1], z=20.0)], kind=2) == ACCEPTED
+    bench.command(20)
+    assert bench.run(100.0, until=lambda: distance_from(bench, *near) < 0.5)
+    bench.command(176, 1, 4)
+    bench.command(176, 1, 6)
+    assert bench.run(200.0, until=lambda: landed(bench))
+    assert distance_from(bench, *far) < 0.5
+
+
 def test_land_descends_fast_then_slowly_and_disarms() -> None:
     bench = ready()
     bench.fly(20.0)

@@ -56,7 +56,7 @@ PROMISED = {
     *("operator-denies", "both-dead", "companion-restart", "lossy", "slow", "corridor", "standard-gcs"),
     *("rogue-station", "spoofed-sysid", "replay", "unsigned", "link-failover", "flood", "ground-forgery"),
     *("latent-sticks", "slow-disk", "southern", "noisy-serial", "transfer-ranks", "hold-at-border", "hold-then-home"),
-    *("off-route", "planned-gap"),
+    *("off-route", "planned-gap", "rally-choice", "rally-choice-guard", "battery-land"),
 }
 
 

@@ -183,6 +183,10 @@ def test_landing_at_a_rally_point_counts_where_it_may() -> None:
         for entry in nominal()
     ]
     assert Landed(3.0).judge(evidence(entries)).seen.endswith("m from rally point 1")
+    assert Landed(3.0, ("rally 1",)).judge(evidence(entries)).held
+    assert not Landed(3.0, ("rally 2",)).judge(evidence(entries)).held
+    with pytest.raises(ValueError, match="must be one of home, rally, rally 1 and so on, last_item"):
+        Landed(3.0, ("rally 0",))
     assert Landed(3.0).judge(evidence(entries)).held
     assert not Landed(3.0, ("home",)).judge(evidence(entries)).held
 

@@ -11,9 +11,9 @@ What it does not model is in `NOT_MODELLED`, and in `python -m sitl.vehicles.bui
 depends on any of it has to be flown with `arducopter`.
 
 Layers, each in modules of its own: geometry and airframe (`frame`, `physics`, `navigator`, `battery`), flight
-(`aircraft`, `modes`, `auto`, `returning`, `mission`, `copter`, `arming`, `failsafe`, together `autopilot`), MAVLink
-(`framing`, `link`, `routing`, `telemetry`, `commands`, the two protocols, `guided_input`), scripts (`script_host`), the
-whole (`vehicle`) and the process (`__main__`).
+(`aircraft`, `fence`, `modes`, `auto`, `returning`, `mission`, `copter`, `arming`, `failsafe`, together `autopilot`),
+MAVLink (`framing`, `link`, `routing`, `telemetry`, `commands`, the two protocols, `guided_input`), scripts
+(`script_host`), the whole (`vehicle`) and the process (`__main__`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NOT_MODELLED = (
     "radio control: no receiver, no RC failsafe; overrides are taken in and shown, not flown; STABILIZE is refused in "
     "flight",
     "modes other than STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE and SMART_RTL",
-    "geofence: accepted, checked, stored and given back, never enforced",
+    "geofence: accepted, checked, stored, given back, and asked about rally points; never enforced on the aircraft",
     "mission items beyond take-off, waypoint, loiter (timed, unlimited), delay, land, RTL, speed, home, jump and the "
     "conditions delay and distance: splines are flown straight, payload items count as done, the rest is skipped",
     "GUIDED by attitude, acceleration or local coordinates; place and velocity together",

@@ -15,6 +15,7 @@ import math
 from typing import Protocol
 
 from sitl.vehicles.builtin.battery import Battery
+from sitl.vehicles.builtin.fence import keeps_to_fence
 from sitl.vehicles.builtin.frame import AltFrame, Location, Vector, offset_ne_m, shift
 from sitl.vehicles.builtin.items import Item
 from sitl.vehicles.builtin.mission import Mission
@@ -185,11 +186,17 @@ class Aircraft:
 
     def _nearest_rally(self, here: Location) -> tuple[float, Location] | None:
         places = [self.item_location(item, here) for item in self.rally if (item.x, item.y) != (0, 0)]
+        places = [place for place in places if self._in_fence(place)]  # any other is passed over without a word
         if not places:
             return None
         distance, place = min(((math.hypot(*offset_ne_m(here, p)), p) for p in places), key=lambda pair: pair[0])
         limit_m = self.parameters["RALLY_LIMIT_KM"] * 1000
         return None if 0 < limit_m < distance else (distance, place)
+
+    def _in_fence(self, place: Location) -> bool:
+        home = self.home or self.start
+        above_m = place.alt_m if place.frame is AltFrame.ABOVE_HOME else place.alt_m - home.alt_m
+        return keeps_to_fence(place, above_m, home, self.fence, self.parameters)
 
     # -- what others do -------------------------------------------------------------------------------------------
 

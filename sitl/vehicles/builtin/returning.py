@@ -3,8 +3,9 @@
 """RTL and SMART_RTL.
 
 RTL: climb to the return height, fly to home or the nearest rally point, wait RTL_LOIT_TIME, land (or descend to
-RTL_ALT_FINAL and stay). On the ground it does nothing at all: it never takes off. SMART_RTL flies the recorded
-path back to where the aircraft armed, two metres above its end, and lands there; it refuses without a path.
+RTL_ALT_FINAL and stay). Where to is read once, when it begins: told again, it goes on to where it was going. On the
+ground it does nothing at all: it never takes off. SMART_RTL flies the recorded path back to where the aircraft armed,
+two metres above its end, and lands there; it refuses without a path.
 """
 
 from __future__ import annotations
