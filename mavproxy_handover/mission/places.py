@@ -34,6 +34,8 @@ _Spot = tuple[float, float]
 _Span = tuple[float, float]
 #: a part of the way that is shorter than this (m) is none: two zones that touch leave no gap
 _SLIVER_M = 1.0
+#: over the place itself there is no way to it; a line as short as that is none to those who cut it
+_NO_WAY_DEG, _NO_WAY_M = 1e-8, 1e-3
 #: slower is nothing that a return is flown with
 _LEAST_MPS = 0.1
 
@@ -125,7 +127,7 @@ class _Cover:
             return []
         dx, dy = to_lon - lon, place[0] - here[0]
         square = dx * dx + dy * dy
-        if square == 0.0:
+        if square < _NO_WAY_DEG**2:
             return [(0.0, 1.0)] if shapely.contains_xy(self._area, lon, here[0]) else []
         cut = shapely.intersection(LineString([(lon, here[0]), (to_lon, place[0])]), self._area)
         found = []
@@ -142,7 +144,7 @@ def _in_circle(circle: Circle, here: _Spot, place: _Spot) -> list[_Span]:
     dx, dy = to_x - x, to_y - y
     square = dx * dx + dy * dy
     beyond = x * x + y * y - circle.radius_m**2
-    if square == 0.0:
+    if square < _NO_WAY_M**2:
         return [(0.0, 1.0)] if beyond < 0.0 else []
     half, root = (x * dx + y * dy) / square, ((x * dx + y * dy) / square) ** 2 - beyond / square
     if root <= 0.0:

@@ -70,6 +70,13 @@ def test_over_the_place_itself_there_is_no_way() -> None:
     assert look((WEST,), (52.5, 5.0095), (52.5, 5.0095)) == PlaceView(True, True, frozenset(), sets(set()))
 
 
+def test_nor_where_the_place_is_a_rounding_error_away() -> None:
+    """The fault: a line of a millionth of a millimetre, cut by a zone, was nothing, and nobody covered the place."""
+    for zone in (WEST, Zone(A, "GCSA", Circle(52.005, 5.005, 500.0))):
+        view = look((zone,), (52.005, 5.005), (52.005 + 7e-15, 5.005 - 9e-16))
+        assert (view.there, view.way) == ({A}, sets({A}))
+
+
 @pytest.mark.parametrize(("height", "there"), [(50.0, {A}), (50.1, set()), (9.0, set())])
 def test_the_height_of_the_return_has_to_be_inside(height: float, there: set[int]) -> None:
     zone = Zone(A, "GCSA", box(5.0, 52.0, 5.01, 52.01), min_alt_m=10.0, max_alt_m=50.0)

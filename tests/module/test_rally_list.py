@@ -16,7 +16,7 @@ from tests.module.test_places import HOME, RALLY, RALLY_1, RALLY_2, listed
 from tests.module.vehicle import Station
 
 ACCEPTED, ERROR, DENIED = mavlink.MAV_MISSION_ACCEPTED, mavlink.MAV_MISSION_ERROR, mavlink.MAV_MISSION_DENIED
-NEW = (526795000, 59245000)
+NEW = (526795000, 59290000)
 
 
 @pytest.fixture
