@@ -81,7 +81,7 @@ _MISSION_WRITES: Final = (
 #: of these, what may change the route: not fences, nor rally points
 _ROUTE_WRITES: Final = frozenset(
     {
-        *(f"{word}/{kind}" for word in _MISSION_WRITES[:3] for kind in ("MISSION", "ALL")),
+        *(f"{word}/MISSION" for word in _MISSION_WRITES[:3]),
         *(f"FILE_TRANSFER_PROTOCOL/{word}" for word in ("CreateFile", "OpenFileWO", "Rename")),
     }
 )

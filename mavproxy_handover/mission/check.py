@@ -179,6 +179,8 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float) -> Iterator[Find
         name = f"rally point {number} at {_place(point.lat_deg, point.lon_deg)}"
         if not finder.holding(point.lat_deg, point.lon_deg, point.alt_m):
             yield Finding(Severity.WARNING, f"{name} is in no zone: nobody would command the aircraft there")
+        if outside_fence(route.fence, point.lat_deg, point.lon_deg):
+            yield Finding(Severity.WARNING, f"{name} is outside the geofence: no return goes there")
         nearest = min(distance_m(s.lat_deg, s.lon_deg, point.lat_deg, point.lon_deg) for s in walk.samples)
         if nearest > reach_m:
             yield Finding(Severity.WARNING, f"{name} is out of reach: {nearest:.0f} m off the route ({reach_m:g} m)")
@@ -211,7 +213,7 @@ def _energy(budget: Budget) -> Iterator[Finding]:
             yield Finding(Severity.ERROR, text)
             return
     if budget.no_return_m is not None:
-        text = f"energy: from {_way(budget.no_return_m)} on neither home nor a rally point is in reach with the reserve"
+        text = f"energy: from {_way(budget.no_return_m)} on no place of a return is in reach with the reserve"
         yield Finding(Severity.INFO, text)
 
 

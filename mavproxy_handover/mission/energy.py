@@ -47,7 +47,7 @@ _STEP_M, _MOST_STEPS = 25.0, 4000
 _SAME_PLACE_M = 5.0
 
 
-#: the name of the place where a route lands; RTL does not go there
+#: the name of the place where a route lands
 LANDING = "landing"
 
 
@@ -85,8 +85,8 @@ class ItemBudget:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What a route costs (Wh). `no_return_m`: so far along it neither home nor a rally point is in reach any more, with
-    the reserve; None: one always is."""
+    """What a route costs (Wh). `no_return_m`: so far along it no place of a return is in reach any more, with the
+    reserve; None: one always is."""
 
     model: EnergyModel
     items: tuple[ItemBudget, ...]
@@ -160,8 +160,7 @@ def _piece(leg: Leg) -> Piece:
 
 
 def way_back(here: tuple[float, float, float], place: Place, return_alt_m: float) -> tuple[Piece, ...]:
-    """The way of a return from here (degrees, degrees, metres above home) to a place."""
-    """The way that RTL takes from here."""
+    """The way of a return, as RTL flies it, from here (degrees, degrees, metres above home) to a place."""
     there = (place.lat_deg, place.lon_deg)
     distance = distance_m(*here[:2], *there)
     bearing = bearing_deg(*here[:2], *there) if distance > 0.0 else 0.0
@@ -180,22 +179,21 @@ class _Route:
         self.used_wh = list(accumulate(self.needs, initial=0.0))
         self.gone_m = list(accumulate((leg.size_m for leg in self.legs), initial=0.0))
 
-    def best(self, here: tuple[float, float, float], left_wh: float, places: tuple[Place, ...]) -> Return:
+    def best(self, here: tuple[float, float, float], left_wh: float) -> Return:
         """The best return from here."""
         model, found = self.model, []
-        for place in places:
+        for place in self.places:
             need = model.need_wh(way_back(here, place, model.return_alt_m))
             found.append(Return(place.name, need, left_wh - model.budget_wh(need)))
         return max(found, key=lambda way: way.margin_wh)
 
     def margin_wh(self, gone_m: float) -> float:
-        """Of the best return to home or a rally point from there."""
+        """Of the best return from there."""
         number = min(bisect_right(self.gone_m, gone_m), len(self.legs)) - 1
         leg, size = self.legs[number], self.legs[number].size_m
         part = min(1.0, (gone_m - self.gone_m[number]) / size) if size > 0.0 else 1.0
         left = self.model.battery_wh - self.used_wh[number] - part * self.needs[number]
-        places = tuple(place for place in self.places if place.name != "landing")
-        return self.best(leg.at(part), left, places).margin_wh
+        return self.best(leg.at(part), left).margin_wh
 
     def no_return_m(self) -> float | None:
         """Where the last way back ends, in metres along the route as people count them: horizontally."""
@@ -227,7 +225,7 @@ class _Route:
                 self.model.made_good(piece.bearing_deg, piece.speed_mps) if level else None,
                 sum(self.needs[first:number]),
                 left,
-                self.best(end, left, self.places) if end[2] > 0.0 else None,
+                self.best(end, left) if end[2] > 0.0 else None,
             )
 
 

@@ -107,6 +107,15 @@ def test_rally_point_in_no_zone_is_a_warning(small):
     ]
 
 
+def test_rally_point_outside_the_geofence_is_a_warning(small):
+    """ArduCopter passes over it without a word, and goes home."""
+    fence = [[0.0008, 9.9], [0.0008, 10.1], [-0.01, 10.1], [-0.01, 9.9]]
+    small.plan["geoFence"]["polygons"] = [{"inclusion": True, "polygon": fence, "version": 1}]
+    small.plan["rallyPoints"]["points"].append([0.0009, 10.003, 30])
+    text = "rally point 2 at 0.00090 N 10.00300 E is outside the geofence: no return goes there"
+    assert text in warnings(small)
+
+
 def test_rally_point_out_of_reach_is_a_warning(small):
     small.plan["rallyPoints"]["points"].append([0.0009, 10.003, 30])
     assert warnings(small, reach_m=99.0) == [

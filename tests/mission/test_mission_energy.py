@@ -236,7 +236,7 @@ def test_a_wind_that_cannot_be_flown_against_is_an_error(small):
 def test_the_point_of_no_return_is_an_info(small):
     (text,) = found(numbers(small, battery=17.0), Severity.INFO)
     assert text.startswith("energy: from ")
-    assert text.endswith(" m along the route on neither home nor a rally point is in reach with the reserve")
+    assert text.endswith(" m along the route on no place of a return is in reach with the reserve")
 
 
 def test_the_table_of_the_budget(small):

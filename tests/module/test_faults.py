@@ -229,7 +229,7 @@ def airborne(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.a.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, *[65535] * 17))
     velocity = 0b1101_1100_0111
     bench.a.send(mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, velocity, 0, 0, 0, 5, *[0] * 7))
-    bench.a.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 2))
+    bench.a.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
     bench.run(0.1)
     assert len(bench.autopilot.got("MISSION_COUNT", 251)) == 1
     bench.autopilot.received.clear()

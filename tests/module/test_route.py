@@ -110,11 +110,10 @@ def test_in_another_mode_there_is_no_route(flown: Bench) -> None:
     [
         mavlink.MAVLink_mission_count_message(1, 1, 3, 0),
         mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
-        mavlink.MAVLink_mission_clear_all_message(1, 1, 255),
         mavlink.MAVLink_mission_write_partial_list_message(1, 1, 2, 3, 0),
         mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, list(bytes([0, 0, 0, 6]) + bytes(247))),
     ],
-    ids=["upload", "clear", "clear all", "partial", "file"],
+    ids=["upload", "clear", "partial", "file"],
 )
 def test_a_mission_of_somebody_else_is_no_route_that_is_known(flown: Bench, message: Any) -> None:
     flown.a.send(message)
@@ -126,8 +125,12 @@ def test_a_mission_of_somebody_else_is_no_route_that_is_known(flown: Bench, mess
 
 @pytest.mark.parametrize(
     "message",
-    [mavlink.MAVLink_mission_count_message(1, 1, 3, 2), mavlink.MAVLink_mission_clear_all_message(1, 1, 1)],
-    ids=["rally points", "fence"],
+    [
+        mavlink.MAVLink_mission_count_message(1, 1, 3, 2),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 1),
+        mavlink.MAVLink_mission_clear_all_message(1, 1, 255),
+    ],
+    ids=["rally points", "fence", "all, which the companion does not pass on"],
 )
 def test_other_lists_are_no_mission(flown: Bench, message: Any) -> None:
     flown.a.send(message)
