@@ -191,7 +191,7 @@ def _refusals(evidence: Evidence) -> str:
 
 def _decisions(evidence: Evidence) -> str:
     words = {
-        "authority", "authority_lost", "emergency", "emergency_over", "warning",
+        "authority", "authority_lost", "emergency", "emergency_over", "warning", "gap", "gap_over",
         "warning_over", "fly", "guard", "start_refused", "start_failed",
         "started", "transfer_aborted", "partner_unfit", "position_stale", "off_route", "on_route",
         "failed_closed", "landed", "fault",

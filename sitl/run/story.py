@@ -23,7 +23,7 @@ __all__ = ["Story", "sentence"]
 _TOLD = {
     "connected", "authority", "authority_lost", "package_received", "mission_loaded", "mission_failed", "start",
     "start_refused", "start_failed", "started", "zone_entered", "zone_left", "transfer_begun", "transfer_aborted",
-    "partner_unfit", "emergency", "emergency_over", "warning",
+    "partner_unfit", "emergency", "emergency_over", "warning", "gap", "gap_over",
     "warning_over", "fly", "guard", "refused", "delivery", "landed", "fault",
     "failed_closed", "position_stale", "off_route", "on_route", "flush", "consent", "lost", "result_unacknowledged",
     "dropped",
