@@ -68,7 +68,7 @@ DEEP = (
     Setting("weak links", faults=2, kinds=frozenset({Fault.WEAK, Fault.LOSE, Fault.KILL_STATION})),
     Setting("there and back", path=("A", "AB", "A", "AB"), faults=1),
     Setting("over the edge", path=("A", "AB", "A", "", "B"), faults=1),
-    Setting("over a declared gap and back", path=("A", "=", "B", "=", "A"), faults=1),
+    Setting("over a declared gap and back", path=("A", "=", "B", "=", "A"), faults=1, kinds=GAPS),
     Setting("declared gap", path=("A", "=", "=B", "B"), faults=2, kinds=GAPS),
     Setting("whole flight", path=("_A", "A", "AB", "B", "_B"), faults=1, kinds=CRASHES),
     Setting("commander's operator", operators="A", faults=1),

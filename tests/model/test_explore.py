@@ -20,6 +20,8 @@ from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.messages import DisconnectHandover
 from mavproxy_handover.core.model import Consent, Outcome, Reason
+from mavproxy_handover.core.safety.gap import Crossing
+from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.transfer import Cause, End, Step
 from tests.model.explorer import explore
 from tests.model.plans import BLANK, MESSAGES, QUICK
@@ -34,6 +36,8 @@ LIARS = Setting("liars", faults=1, kinds=frozenset({Fault.LIE}))
 TWO_MESSAGES = Setting("messages", faults=2, kinds=MESSAGES, limits=IMPATIENT)
 LATE = Setting("late", path=("A", "AB", "A", "AB"), faults=1, kinds=frozenset({Fault.HOLD}))
 OPERATOR = Setting("operator", operators="A", faults=0)
+GAP = Setting("gap", path=("A", "=", "B"), faults=1, kinds=frozenset({Fault.KILL_STATION}))
+GAP_TWICE = Setting("gap, twice", path=("A", "="), faults=2, kinds=frozenset({Fault.KILL_STATION}))
 STATE_LOST = Setting("state file lost", path=("A", "_A", "AB"), faults=1, kinds=BLANK)
 
 
@@ -191,6 +195,24 @@ def station_consents_for_its_operator(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(gcs.StationCore, "_consent", eager)
 
 
+def a_gap_that_never_ends(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(Crossing, "open", lambda self, _now, *, commanded: self.gap is not None)
+    patch.setattr(Crossing, "ends_at", lambda _self: None)
+
+
+def alone_in_no_gap(patch: pytest.MonkeyPatch) -> None:
+    original = Authority.fly_alone
+    patch.setattr(Authority, "fly_alone", lambda self, _allowed: original(self, True))
+
+
+def new_time_with_each_loss(patch: pytest.MonkeyPatch) -> None:
+    def generous(self: Lookout, now: float) -> None:
+        self.crossing.since = None
+        self.crossing.begin(now)
+
+    patch.setattr(Lookout, "lost", generous)
+
+
 PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
     commit_without_the_partners_word: (TWO_MESSAGES, "committed without the word of station 252"),
     commit_without_consent: (TRANSFER, "committed without the consent of station 251"),
@@ -210,6 +232,9 @@ PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
     told_before_the_gate: (TRANSFER, "is told of epoch"),
     station_believes_anything: (MESSAGE_LOST, "a station's epoch fell"),
     station_answers_old_questions: (MESSAGE_LOST, "about an old epoch"),
+    a_gap_that_never_ends: (GAP, "ALONE for longer than the gap's limit"),
+    alone_in_no_gap: (GAP, "for a lost commander, but it is not lost"),
+    new_time_with_each_loss: (GAP_TWICE, "ALONE for longer than the gap's limit"),
     station_consents_for_its_operator: (OPERATOR, "OkHandover without the operator's word"),
 }
 
