@@ -34,7 +34,7 @@ from tests.lua.plant_faults_survivors import KNOWN_SURVIVORS
 ROOT = Path(__file__).parents[2]
 SCRIPT = ROOT / "ardupilot_lua" / "handover_guard.lua"
 TESTS = ROOT / "tests" / "lua"
-#: the likeliest to notice first
+#: the likeliest to notice first; the random flights of test_guard_budget see nothing that the others do not
 FILES = (
     "test_guard_enforcement",
     "test_guard_flight",
@@ -43,6 +43,7 @@ FILES = (
     "test_guard_vehicles",
     "test_guard_firmware",
     "test_guard_lease",
+    "test_guard_alone",
     "test_guard_arming",
     "test_guard_standing",
     "test_guard_tag",
