@@ -64,8 +64,8 @@ LIKELY = {
     "test_guard_arming": ("arming_objection", "permit_arming"),
     "test_guard_standing": ("rx", "gcs_id", "status", "say", "second", "housekeeping", "announce_commander", "WORK"),
 }
-#: of processor time
-TIMEOUT_S = 120
+#: of processor time: no more than so many times what the tests take without a fault, for a fault that loops for ever
+PATIENCE = 3
 #: asked only when all the others have noticed nothing
 SLOW = re.compile("Budget|Resources|wraps_at_16|station_gets_nowhere|while_authority_is_there")
 #: what is looked at outside of functions
@@ -176,6 +176,8 @@ class Tests:
     def __init__(self, work: Callable[[Tests], None]) -> None:
         self._work = work
         self._items: list[pytest.Item] = []
+        #: how long the tests may take (s of processor time); 0: as long as they like
+        self._limit_s = 0.0
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
@@ -184,7 +186,13 @@ class Tests:
         self._work(self)
         return True
 
-    def notice(self, function: str = "") -> bool:
+    def hold(self) -> bool:
+        """Whether all of them pass with the script as it comes; the time that takes is the measure for the faults."""
+        failed, took_s = self._fail(self._items)
+        self._limit_s = PATIENCE * took_s
+        return not failed
+
+    def notice(self, function: str) -> bool:
         """Whether one of them fails with the script as it is now, whose fault is in `function`."""
         first = [name for name, functions in LIKELY.items() if function.split(".", maxsplit=1)[0] in functions]
         order = [*first, *FILES]
@@ -192,22 +200,23 @@ class Tests:
         def rank(item: pytest.Item) -> tuple[bool, int]:
             return SLOW.search(item.nodeid) is not None, order.index(item.path.stem)
 
-        return self._fail(sorted(self._items, key=rank))
+        return self._fail(sorted(self._items, key=rank))[0]
 
-    def _fail(self, items: Sequence[pytest.Item]) -> bool:
-        """A process of its own: it may never end."""
+    def _fail(self, items: Sequence[pytest.Item]) -> tuple[bool, float]:
+        """Whether one fails, and the time it took (s), in a process of its own: it may never end."""
         child = os.fork()
         if child == 0:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, 1)
             os.dup2(nowhere, 2)
-            signal.setitimer(signal.ITIMER_PROF, TIMEOUT_S)
+            signal.setitimer(signal.ITIMER_PROF, self._limit_s)
             for item, following in zip(items, [*items[1:], None], strict=True):
                 item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
                 if item.session.testsfailed:
                     os._exit(1)
             os._exit(0)
-        return os.waitpid(child, 0)[1] != 0
+        _, status, used = os.wait4(child, 0)
+        return status != 0, used.ru_utime + used.ru_stime
 
 
 def chosen_faults(source: str, arguments: Sequence[str]) -> tuple[dict[str, str], set[str]]:
@@ -244,7 +253,7 @@ def main(arguments: Sequence[str]) -> int:
         sound: list[bool] = []
 
         def work(tests: Tests) -> None:
-            sound.append(not tests.notice())
+            sound.append(tests.hold())
             for name, faulty in mine.items() if sound[0] else ():
                 script.write_text(faulty, encoding="utf-8")
                 if tests.notice(name.partition(":")[0]):
@@ -256,6 +265,7 @@ def main(arguments: Sequence[str]) -> int:
         os.environ["PLANTED_GUARD"] = str(script)
         options = ["-q", "-s", "--no-header", "--tb=no", "--assert=plain", "-p", "no:cacheprovider", "-p", "no:xdist"]
         options += ["--rootdir", str(ROOT), "-o", "addopts=", "--hypothesis-seed=0", "--no-summary"]
+        options += ["-o", "timeout=0"]  # of the wall clock: on a busy computer it would count as noticed
         options += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
         pytest.main([*options, *(str(TESTS / f"{name}.py") for name in FILES)], plugins=[Tests(work)])
         if sound != [True]:
