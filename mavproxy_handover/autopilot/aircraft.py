@@ -53,6 +53,8 @@ class Aircraft:
         self.waypoint_distance_at = -math.inf
         #: a failsafe has triggered, by the heartbeat
         self.critical = False
+        #: its receiver had a fix, and whether it has one now
+        self._had_fix = self._has_fix = False
         #: SYS_STATUS, FENCE_STATUS and their times
         self.sys_status: Any | None = None
         self.fence_status: Any | None = None
@@ -98,6 +100,15 @@ class Aircraft:
 
     def _take_text(self, m: Any, _now: float) -> None:
         self.status_text = m.text
+
+    @property
+    def dead_reckoning(self) -> bool:
+        """The receiver had a fix and has it no more: positions come on, and are the estimator's guess."""
+        return self._had_fix and not self._has_fix
+
+    def _take_fix(self, m: Any, _now: float) -> None:
+        self._has_fix = m.fix_type >= mavlink.GPS_FIX_TYPE_3D_FIX
+        self._had_fix = self._had_fix or self._has_fix
 
     @property
     def flying(self) -> bool:
@@ -180,4 +191,5 @@ _TAKE: Final[dict[str, Callable[[Aircraft, Any, float], None]]] = {
     "NAV_CONTROLLER_OUTPUT": Aircraft._take_distance,
     "STATUSTEXT": Aircraft._take_text,
     "FENCE_STATUS": Aircraft._take_fence,
+    "GPS_RAW_INT": Aircraft._take_fix,
 }

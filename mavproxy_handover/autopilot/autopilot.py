@@ -152,7 +152,7 @@ class Autopilot:
     def check_zones(self, now: float) -> None:
         """Tell the arbiter where the last position is with respect to every zone."""
         self.position_waits = False
-        if now - self.aircraft.position_at > _OLD_S:
+        if now - self.aircraft.position_at > _OLD_S or self.aircraft.dead_reckoning:
             return
         self._streams.position_seen()
         self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact()), now)

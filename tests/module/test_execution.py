@@ -219,3 +219,27 @@ def test_an_internal_fault_is_told_to_everybody(flown: Bench) -> None:
     text = "RETURN: internal fault of the companion, nobody commands"
     assert [m.text for m in flown.a.got("HANDOVER_DECISION")][-1] == text
     assert text in flown.b.texts()
+
+
+def say_fix(bench: Bench, kind: int) -> None:
+    bench.mpstate.deliver(packed(stock.MAVLink_gps_raw_int_message(0, kind, *[0] * 8)))
+
+
+def test_positions_of_a_receiver_that_has_lost_its_fix_are_guesses(flown: Bench) -> None:
+    """Flown: GLOBAL_POSITION_INT goes on, fresh, when the fix is gone."""
+    say_fix(flown, mavlink.GPS_FIX_TYPE_3D_FIX)
+    flown.run(5.0)
+    assert decisions(flown) == []
+    say_fix(flown, mavlink.GPS_FIX_TYPE_NO_FIX)
+    flown.autopilot.position = OUTSIDE
+    flown.run(5.0)
+    assert decisions(flown) == ["WARN: no fresh position for 3 s"]
+    say_fix(flown, mavlink.GPS_FIX_TYPE_3D_FIX)
+    flown.run(3.0)
+    assert any(text.startswith("RETURN to rally 2: out of coverage") for text in decisions(flown))
+
+
+def test_a_vehicle_without_a_receiver_has_its_position_from_elsewhere(flown: Bench) -> None:
+    say_fix(flown, mavlink.GPS_FIX_TYPE_NO_GPS)
+    flown.run(5.0)
+    assert decisions(flown) == []
