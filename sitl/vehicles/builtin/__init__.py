@@ -23,12 +23,13 @@ __all__ = ["NOT_MODELLED"]
 NOT_MODELLED = (
     "air: drag, gusts, ground effect; of the wind only that it slows the aircraft and carries it away",
     "attitude dynamics: lean angles are reported, not flown; no motor, vibration or thrust loss",
-    "sensors and estimator: no noise, no drift, no GPS or EKF failure; ready ten seconds after the start",
+    "sensors and estimator: no noise, no drift; a receiver without a fix is an EKF failsafe after eight seconds, and "
+    "the position stays right; ready ten seconds after the start",
     "terrain: the ground is flat at the height of the start; terrain altitudes count from there",
-    "radio control: no receiver, no RC failsafe; overrides are taken in and shown, not flown; STABILIZE is refused in "
-    "flight",
+    "radio control: of a transmitter the mode switch and its failsafe only; sticks and overrides are not flown; "
+    "STABILIZE is refused in flight",
     "modes other than STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE and SMART_RTL",
-    "geofence: accepted, checked, stored, given back, and asked about rally points; never enforced on the aircraft",
+    "geofence: no fence above home, no margin, no manual recovery after a change of the mode",
     "mission items beyond take-off, waypoint, loiter (timed, unlimited), delay, land, RTL, speed, home, jump and the "
     "conditions delay and distance: splines are flown straight, payload items count as done, the rest is skipped",
     "GUIDED by attitude, acceleration or local coordinates; place and velocity together",

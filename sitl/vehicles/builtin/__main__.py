@@ -90,7 +90,7 @@ class Port:
             vehicle.links[self.serial].detach()
 
 
-def run(vehicle: Vehicle, ports: list[Port]) -> None:
+def run(vehicle: Vehicle, ports: list[Port], radio: socket.socket) -> None:
     """Serve until SIGTERM or SIGINT, at the pace of SIM_SPEEDUP, which may change on the way."""
     running = [True]
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -98,12 +98,14 @@ def run(vehicle: Vehicle, ports: list[Port]) -> None:
     behind_s, last_s = 0.0, time.monotonic()
     while running:
         speedup = min(max(vehicle.parameters["SIM_SPEEDUP"], _SPEEDUPS[0]), _SPEEDUPS[1])
-        sockets = [s for port in ports for s in (port.listener, port.client) if s is not None]
+        sockets = [radio, *(s for port in ports for s in (port.listener, port.client) if s is not None)]
         wait_s = max(_MIN_SLEEP_S, (STEP_S - behind_s) / speedup)
         try:
             readable, _, _ = select.select(sockets, [], [], wait_s)
         except InterruptedError:
             continue
+        if radio in readable:
+            vehicle.radio.receive(radio.recv(_CHUNK))
         for port in ports:
             if port.listener in readable:
                 port.accept(vehicle)
@@ -167,6 +169,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--defaults", default="", metavar="FILE,...", help="parameter files, the last word wins")
     parser.add_argument("--speedup", type=_speedup, default=1.0, metavar="N")
     parser.add_argument("--sysid", type=int, default=1, choices=range(1, 256), metavar="ID")
+    parser.add_argument(
+        "--rc-in-port", type=int, default=0, metavar="PORT", help="UDP port for pulse widths of a transmitter, 0: any"
+    )
     parser.add_argument("--scripts", type=Path, metavar="DIR", help="run the Lua scripts in this directory")
     parser.add_argument("--verbose", action="store_true", help="print the log records of the scripts too")
     options = parser.parse_args(_joined(arguments))
@@ -204,12 +209,14 @@ def main(arguments: list[str] | None = None) -> int:
             )
         )
         ports = [Port(serial, number) for serial, number in numbers.items()]
+        radio = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        radio.bind(("127.0.0.1", options.rc_in_port))
     except (OSError, ValueError) as error:
         print(f"builtin vehicle: {error}", file=sys.stderr)
         return 2
     if vehicle.unknown_parameters:
         print(f"{vehicle.unknown_parameters} parameters of the files are not modelled", flush=True)
-    run(vehicle, ports)
+    run(vehicle, ports, radio)
     return 0
 
 

@@ -73,6 +73,8 @@ class Aircraft:
         self.home_locked = False
         self.rally: list[Item] = []
         self.fence: list[Item] = []
+        #: the estimator has been without a receiver for too long
+        self.ekf_failed = False
         self.armed = False
         self.auto_armed = False
         self.land_complete = True
@@ -92,9 +94,14 @@ class Aircraft:
         return self.time_s >= INITIALISED_AFTER_S
 
     @property
+    def gps_ok(self) -> bool:
+        """The receiver has a fix."""
+        return self.time_s >= ORIGIN_AFTER_S and self.parameters["SIM_GPS1_ENABLE"] != 0
+
+    @property
     def position_ok(self) -> bool:
         """The estimator has a position that modes may rely on."""
-        return self.time_s >= POSITION_AFTER_S
+        return self.time_s >= POSITION_AFTER_S and not self.ekf_failed
 
     @property
     def in_arming_delay(self) -> bool:

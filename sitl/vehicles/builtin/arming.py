@@ -21,8 +21,12 @@ _SHOW_EVERY_S = 30.0
 class Arming:
     """Arms and disarms the aircraft on request."""
 
-    def __init__(self, copter: Copter, script_refusal: Callable[[], str | None]) -> None:
+    def __init__(
+        self, copter: Copter, script_refusal: Callable[[], str | None], radio: Callable[[], bool] = lambda: False
+    ) -> None:
+        """`radio`: whether a transmitter is heard."""
         self._copter = copter
+        self._radio = radio
         self._script_refusal = script_refusal
         self._checked_at_s = 0.0
         self._shown_at_s = 0.0
@@ -92,7 +96,7 @@ class Arming:
         faults = []
         if copter.failsafe_active:
             faults.append("GCS failsafe on")
-        if copter.parameters["FS_THR_ENABLE"] != 0:
+        if copter.parameters["FS_THR_ENABLE"] != 0 and not self._radio():
             faults.append("RC not found")
         return faults
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from sitl.vehicles.builtin.arming import Arming
 from sitl.vehicles.builtin.copter import Copter
 from sitl.vehicles.builtin.failsafe import Failsafes
+from sitl.vehicles.builtin.geofence import Geofence
+from sitl.vehicles.builtin.radio import Radio
 from sitl.vehicles.builtin.sticks import Sticks
 
 __all__ = ["Autopilot"]
@@ -22,6 +24,8 @@ class Autopilot:
     arming: Arming
     failsafes: Failsafes
     sticks: Sticks
+    radio: Radio
+    fence: Geofence
     unix_start_us: int
     """The receiver's time at the start, microseconds since 1970."""
 

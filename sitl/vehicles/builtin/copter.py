@@ -28,10 +28,14 @@ class ModeReason(IntEnum):
     """ArduPilot's reasons for a mode change that occur here."""
 
     UNKNOWN = 0
+    RC_COMMAND = 1
     GCS_COMMAND = 2
+    RADIO_FAILSAFE = 3
     BATTERY_FAILSAFE = 4
     GCS_FAILSAFE = 5
+    EKF_FAILSAFE = 6
     MISSION_END = 8
+    FENCE_BREACHED = 10
     INITIALISED = 26
     SCRIPTING = 32
 

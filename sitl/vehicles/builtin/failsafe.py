@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The autopilot's own failsafes that matter here: ground station and battery.
+"""The autopilot's own failsafes that matter here: ground station, battery, and an estimator without a receiver.
 
 The ground station failsafe watches the heartbeats of MAV_GCS_SYSID, starts only after the first one, fires once
 per loss and never fights the mode that someone sets afterwards. The battery failsafe always wins over it while
@@ -18,6 +18,7 @@ from sitl.vehicles.builtin.copter import Copter, ModeReason
 __all__ = ["Failsafes"]
 
 _CHECK_PERIOD_S = 1 / 3
+_EKF_PATIENCE_S = 8.0
 _RTL, _LAND, _SMART_RTL, _BRAKE, _AUTO = 6, 9, 21, 17, 3
 #: FS_OPTIONS bits.
 _GCS_CONTINUE_IF_AUTO, _CONTINUE_IF_LANDING, _GCS_CONTINUE_IF_PILOT = 2, 8, 16
@@ -67,6 +68,7 @@ class Failsafes:
     def __init__(self, copter: Copter) -> None:
         self._copter = copter
         self._checked_at_s = 0.0
+        self._fix_at_s = 0.0
         self.gcs_seen_at_s: float | None = None
 
     def gcs_seen(self) -> None:
@@ -78,6 +80,7 @@ class Failsafes:
             return
         self._checked_at_s = copter.time_s
         self._check_gcs()
+        self._check_estimator()
         if copter.armed:
             level = copter.battery.check(copter.time_s)
             if level is not None:
@@ -95,6 +98,22 @@ class Failsafes:
             self._gcs_lost()
         else:
             copter.say(4, "GCS Failsafe Cleared")
+
+    def _check_estimator(self) -> None:
+        """Eight seconds without a fix: LAND, from whatever mode needs a position."""
+        copter = self._copter
+        if copter.gps_ok or not copter.armed or copter.land_complete:
+            self._fix_at_s = copter.time_s
+            if copter.ekf_failed and copter.gps_ok:
+                copter.ekf_failed = False
+                copter.say(2, "EKF Failsafe Cleared")
+            return
+        if copter.ekf_failed or copter.time_s - self._fix_at_s < _EKF_PATIENCE_S:
+            return
+        copter.ekf_failed = True
+        if copter.mode.needs_position and copter.set_mode(_LAND, ModeReason.EKF_FAILSAFE):
+            copter.land.hold_first()
+        copter.say(2, f"EKF Failsafe: changed to {copter.mode.name} Mode")
 
     def _gcs_lost(self) -> None:
         copter = self._copter

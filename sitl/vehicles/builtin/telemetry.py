@@ -34,8 +34,12 @@ BANNER = ("ArduCopter V4.7.0-dev (builtin model)", "Frame: QUAD/PLUS")
 #: local NED (0x80) and attitude (0x40) targets, which the model does not have.
 CAPABILITIES = 63983 & ~(0x20 | 0x1000 | 0x200 | 0x80 | 0x40)
 
-#: MAV_SYS_STATUS_SENSOR bits as ArduCopter's SITL reports them once it is ready.
-_SENSORS_PRESENT, _SENSORS_ENABLED, _SENSORS_HEALTHY = 0x5331_FC2F, 0x5221_9C2F, 0x4731_9C2F
+#: Radio and fence depend on what there is.
+_VARIABLE = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER | dialect.MAV_SYS_STATUS_GEOFENCE
+#: The other MAV_SYS_STATUS_SENSOR bits as ArduCopter's SITL reports them once it is ready.
+_SENSORS_PRESENT, _SENSORS_ENABLED, _SENSORS_HEALTHY = (
+    bits & ~_VARIABLE for bits in (0x5331_FC2F, 0x5221_9C2F, 0x4731_9C2F)
+)
 _PREARM = 0x1000_0000
 _EKF_FLAGS_READY, _EKF_FLAGS_WAITING = 831, 167
 
@@ -68,7 +72,7 @@ def _system_status(a: Autopilot) -> int:
     copter = a.copter
     if not copter.initialised:
         return int(dialect.MAV_STATE_BOOT)
-    if copter.failsafe_active or copter.battery.level:
+    if copter.failsafe_active or copter.battery.level or copter.ekf_failed or a.radio.failed:
         return int(dialect.MAV_STATE_CRITICAL)
     return int(dialect.MAV_STATE_STANDBY if copter.land_complete else dialect.MAV_STATE_ACTIVE)
 
@@ -80,10 +84,11 @@ def sys_status(a: Autopilot) -> Message | None:
     health = _SENSORS_HEALTHY
     if a.arming.ready or a.copter.armed:
         health |= _PREARM
+    more, well = _more_sensors(a)
     return dialect.MAVLink_sys_status_message(
-        _SENSORS_PRESENT,
-        _SENSORS_ENABLED,
-        health,
+        _SENSORS_PRESENT | more,
+        _SENSORS_ENABLED | more,
+        health | well,
         0,
         round(battery.voltage_v * 1000) if battery.present else 0,
         round(battery.current_a * 100) if battery.present else -1,
@@ -95,6 +100,25 @@ def sys_status(a: Autopilot) -> Message | None:
         0,
         0,
     )
+
+
+def _more_sensors(a: Autopilot) -> tuple[int, int]:
+    """Radio and fence: what of them is there and on, and what is well."""
+    on = well = 0
+    if a.radio.ever:
+        on |= dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+        well |= 0 if a.radio.failed else dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    if a.fence.on:
+        on |= dialect.MAV_SYS_STATUS_GEOFENCE
+        well |= 0 if a.fence.breached else dialect.MAV_SYS_STATUS_GEOFENCE
+    return on, well
+
+
+def fence_status(a: Autopilot) -> Message | None:
+    if not a.fence.on:
+        return None
+    kind = dialect.FENCE_BREACH_BOUNDARY if a.fence.breached else dialect.FENCE_BREACH_NONE
+    return dialect.MAVLink_fence_status_message(int(a.fence.breached), a.fence.count, kind, round(a.fence.at_s * 1000))
 
 
 def power_status(a: Autopilot) -> Message:
@@ -117,7 +141,7 @@ def mission_current(a: Autopilot, seq: int | None = None) -> Message:
 
 
 def gps_raw_int(a: Autopilot) -> Message:
-    if not _has_fix(a):
+    if not a.copter.gps_ok:
         return dialect.MAVLink_gps_raw_int_message(0, 0, 0, 0, 0, 65535, 65535, 0, 0, 0)
     place, body = a.copter.location(), a.copter.body
     course = math.degrees(math.atan2(body.velocity[1], body.velocity[0])) % 360
@@ -359,6 +383,7 @@ BUILDERS: dict[int, Callable[[Autopilot], Message | None]] = {
     dialect.MAVLINK_MSG_ID_VIBRATION: vibration,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
     dialect.MAVLINK_MSG_ID_RC_CHANNELS: rc_channels,
+    dialect.MAVLINK_MSG_ID_FENCE_STATUS: fence_status,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: home_position,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,

@@ -24,11 +24,13 @@ from sitl.vehicles.builtin.copter import Copter
 from sitl.vehicles.builtin.failsafe import Failsafes
 from sitl.vehicles.builtin.frame import Location
 from sitl.vehicles.builtin.framing import decode, message_id
+from sitl.vehicles.builtin.geofence import Geofence
 from sitl.vehicles.builtin.guided_input import handle_position_target
 from sitl.vehicles.builtin.link import Link
 from sitl.vehicles.builtin.mission_protocol import MissionProtocol
 from sitl.vehicles.builtin.param_protocol import ParameterProtocol
 from sitl.vehicles.builtin.params import ParameterTable
+from sitl.vehicles.builtin.radio import Radio
 from sitl.vehicles.builtin.routing import Router
 from sitl.vehicles.builtin.script_host import ScriptHost
 from sitl.vehicles.builtin.sticks import Sticks
@@ -82,10 +84,17 @@ class Vehicle:
         start = Location(round(latitude * 1e7), round(longitude * 1e7), altitude)
         self.links = {channel: Link(channel, config.sysid) for channel in sorted(config.channels)}
         self.copter = Copter(self.parameters, start, heading, self)
-        self.arming = Arming(self.copter, self._script_refusal)
+        self.radio, self.fence = Radio(self.copter), Geofence(self.copter)
+        self.arming = Arming(self.copter, self._script_refusal, lambda: self.radio.ever and not self.radio.failed)
         self.failsafes = Failsafes(self.copter)
         self.autopilot = Autopilot(
-            self.copter, self.arming, self.failsafes, Sticks(self.parameters), config.unix_start_us
+            self.copter,
+            self.arming,
+            self.failsafes,
+            Sticks(self.parameters),
+            self.radio,
+            self.fence,
+            config.unix_start_us,
         )
         self.parameter_protocol = ParameterProtocol(self.parameters, self.links)
         self.mission_protocol = MissionProtocol(self.autopilot)
@@ -113,6 +122,8 @@ class Vehicle:
         """Advance simulated time: aircraft, failsafes, scripts, then everything that is due to be sent."""
         self.copter.step(dt)
         self.failsafes.update()
+        self.radio.update()
+        self.fence.update()
         self.arming.update()
         self.mission_protocol.update()
         if self._scripting is not None and self.copter.initialised:
