@@ -13,6 +13,9 @@ Started as `python -m sitl.run.noisy_lines --config FILE [--autopilot PORT]`:
     damage = 0.0005            # see `sitl.run.noise`, each way
     bursts_per_s = 2.0
 
+What is typed at it: `cut NAME` and `heal NAME`, answered by `ok` and the same. What is sent while a line is cut is
+lost.
+
 Bytes leave at the line's rate, ten bits each, in the pieces in which a serial port hands them over. What does not fit
 into QUEUE_S of the rate is lost, and so is what nobody reads. When all lines are there it prints `ready`; at the end,
 which is the end of its standard input, a line for each direction with what it did. For systems with pseudo-terminals.
@@ -152,6 +155,7 @@ class _Way:
         self.source = source
         self.noise = noise
         self.passed = self.lost = 0
+        self.cut = False
         self._sink = sink
         self._byte_s = BITS_OF_BYTE / baud
         self._free_at = 0.0
@@ -160,6 +164,9 @@ class _Way:
 
     def take(self, data: bytes, now: float) -> None:
         """Bytes (or none) go onto the line."""
+        if self.cut:
+            self.lost += len(data)
+            return
         data = self.noise.carry(data, now)
         for start in range(0, len(data), PIECE_BYTES):
             piece = data[start : start + PIECE_BYTES]
@@ -227,6 +234,16 @@ class NoisyLines:
             way.deliver(now)
         return max(0.0, min(way.due() for way in self.ways.values()) - now)
 
+    def order(self, line: str) -> str:
+        """Carry out a line that was typed; returns the answer."""
+        what, _, name = line.partition(" ")
+        ways = [self.ways[key] for key in (f"{name} down", f"{name} up") if key in self.ways]
+        if what not in ("cut", "heal") or not ways:
+            return f"{line!r} must be cut or heal, and the name of a line"
+        for way in ways:
+            way.cut = what == "cut"
+        return f"ok {line}"
+
     def summary(self) -> list[str]:
         """A line for each direction."""
         return [
@@ -271,8 +288,12 @@ def _serve(lines: NoisyLines, orders: Orders) -> None:
         for descriptor in readable:
             if descriptor not in orders.descriptors:
                 lines.readable(descriptor, time.monotonic())
-            elif orders.read(descriptor) is None:
-                return
+            else:
+                typed = orders.read(descriptor)
+                if typed is None:
+                    return
+                for line in typed:
+                    print(lines.order(line), flush=True)
 
 
 if __name__ == "__main__":

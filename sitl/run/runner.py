@@ -35,7 +35,8 @@ from sitl.run.observer import Observer
 from sitl.run.processes import Processes, ProcessGone, ending
 from sitl.run.proxy import give_orders
 from sitl.run.story import Story
-from sitl.run.wiring import COMPANION, IMPAIRMENT, SYSID, Program, Wiring, lay_out
+from sitl.run.transmitter import Transmitter
+from sitl.run.wiring import COMPANION, IMPAIRMENT, LINES, SYSID, Program, Wiring, lay_out
 from sitl.script.expect import ALWAYS
 from sitl.script.places import SetupError, guard_files
 from sitl.script.scenario import Scenario, Step
@@ -124,6 +125,7 @@ class _Flight:
         self.begun_utc = datetime.now(timezone.utc)
         self.vehicle: RunningVehicle | None = None
         self._observer: Observer | None = None
+        self._transmitter: Transmitter | None = None
         self._told = 0
         self._impaired: tuple[str, ...] = ()
         self._memory_at = 0.0
@@ -180,14 +182,29 @@ class _Flight:
 
     def impair(self, orders: Sequence[str]) -> Callable[[], bool]:
         self._begin_anew()
-        if IMPAIRMENT not in self.processes:
-            raise StepFailed("no link goes through the proxy: say so by [impair]")
-        return give_orders(self.processes[IMPAIRMENT], self._impaired, orders)
+        serial = tuple(name for lines in self.order.scenario.serial for name in lines.lines)
+        wired = [order for order in orders if order.split()[1] in serial]
+        others = [order for order in orders if order not in wired]
+        given = [give_orders(self.processes[LINES], serial, wired)] if wired else []
+        if others:
+            if IMPAIRMENT not in self.processes:
+                raise StepFailed("no link goes through the proxy: say so by [impair]")
+            given.append(give_orders(self.processes[IMPAIRMENT], self._impaired, others))
+        return lambda: all(done() for done in given)
 
     def change_world(self, name: str, value: float) -> Callable[[], bool]:
         self._begin_anew()
         assert self._observer is not None
         return self._observer.change_world(name, value)
+
+    def transmit(self, position: int | None) -> None:
+        self._begin_anew()
+        assert self.vehicle is not None
+        try:
+            self._transmitter = self._transmitter or Transmitter(self.vehicle.pid)
+        except OSError as error:
+            raise StepFailed(str(error)) from None
+        self._transmitter.switch(position)
 
     # ---- the three parts of a run ---------------------------------------------------------------------------------
 
@@ -307,6 +324,8 @@ class _Flight:
         """End everything that was started, whatever has happened."""
         if self._observer is not None:
             self._observer.close()
+        if self._transmitter is not None:
+            self._transmitter.close()
         self._memory.close()
         try:
             self.processes.stop_all()
@@ -325,6 +344,8 @@ class _Flight:
         else:
             time.sleep(timeout_s)
         self.reader.poll()
+        if self._transmitter is not None:
+            self._transmitter.tick(time.monotonic())
         self._weigh()
         while self._told < len(self.reader.entries):
             entry = self.reader.entries[self._told]

@@ -70,7 +70,8 @@ class Restart(Deed):
 
 @dataclass(frozen=True, slots=True)
 class Impair(Deed):
-    """Orders to the proxies between the programs, as `python -m sitl.run.bad_links` takes them, one or several."""
+    """Orders to the proxies between the programs, as `python -m sitl.run.bad_links` takes them, one or several; to a
+    serial line "cut" and "heal"."""
 
     value: tuple[str, ...]
 
@@ -106,6 +107,37 @@ class World(Deed):
         return Running(stage.change_world(self.name, self.value))
 
 
+@dataclass(frozen=True, slots=True)
+class Guard(Deed):
+    """The guard is switched off (false) or on, past everybody who commands."""
+
+    value: bool
+
+    def describe(self) -> str:
+        return f"the guard is switched {'on' if self.value else 'off'}"
+
+    def begin(self, stage: Stage) -> Running:
+        return Running(stage.change_world("HNDO_ENABLE", float(self.value)))
+
+
+@dataclass(frozen=True, slots=True)
+class Transmit(Deed):
+    """A pilot moves the flight mode switch of his transmitter, 1 to 6, which is on from then on; 0: off."""
+
+    value: int
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.value <= 6:
+            raise ValueError(f"{self.value} must be 1 to 6, or 0: off")
+
+    def describe(self) -> str:
+        return f"the pilot's switch is at {self.value}" if self.value else "the pilot's transmitter is off"
+
+    def begin(self, stage: Stage) -> Running:
+        stage.transmit(self.value or None)
+        return Running(done_at_once)
+
+
 #: word in the file -> step
 FAULT_STEPS: Mapping[str, type[Deed]] = {
     "kill": Kill,
@@ -113,4 +145,6 @@ FAULT_STEPS: Mapping[str, type[Deed]] = {
     "restart": Restart,
     "impair": Impair,
     "world": World,
+    "guard": Guard,
+    "pilot": Transmit,
 }

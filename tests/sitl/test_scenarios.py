@@ -57,6 +57,8 @@ PROMISED = {
     *("rogue-station", "spoofed-sysid", "replay", "unsigned", "link-failover", "flood", "ground-forgery"),
     *("latent-sticks", "slow-disk", "southern", "noisy-serial", "transfer-ranks", "hold-at-border", "hold-then-home"),
     *("off-route", "planned-gap", "rally-choice", "rally-choice-guard", "battery-land"),
+    *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
+    *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return"),
 }
 
 

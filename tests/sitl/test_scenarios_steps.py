@@ -11,7 +11,7 @@ import pytest
 from sitl.report.journal_reader import Entry
 from sitl.report.matching import Match
 from sitl.report.watch import Sample, Watch
-from sitl.script.fault_steps import Crash, Impair, Kill, Restart, World
+from sitl.script.fault_steps import Crash, Guard, Impair, Kill, Restart, Transmit, World
 from sitl.script.steps import (
     Pause,
     Steady,
@@ -65,6 +65,9 @@ class FakeStage:
     def impair(self, orders: Sequence[str]) -> Callable[[], bool]:
         self.deeds += [("impairment", order) for order in orders]
         return lambda: len(self.journal) > 0
+
+    def transmit(self, position: int | None) -> None:
+        self.deeds.append(("pilot", str(position)))
 
     def change_world(self, name: str, value: float) -> Callable[[], bool]:
         self.deeds.append(("world", f"{name} {value:g}"))
@@ -244,3 +247,17 @@ def test_steady_does_not_judge_by_what_was_before_it(stage: FakeStage) -> None:
     running = Steady(1.0, "flies on", above_mps=3.0).begin(stage)
     assert not running.done()
     assert running.seen() == "nothing was seen"
+
+
+def test_the_guard_is_switched_past_everybody_who_commands(stage: FakeStage) -> None:
+    Guard(False).begin(stage)
+    Guard(True).begin(stage)
+    assert stage.deeds == [("world", "HNDO_ENABLE 0"), ("world", "HNDO_ENABLE 1")]
+
+
+def test_a_pilot_moves_his_switch_or_switches_off(stage: FakeStage) -> None:
+    for position in (1, 6, 0):
+        Transmit(position).begin(stage)
+    assert stage.deeds == [("pilot", "1"), ("pilot", "6"), ("pilot", "None")]
+    with pytest.raises(ValueError, match="7 must be 1 to 6, or 0: off"):
+        Transmit(7)
