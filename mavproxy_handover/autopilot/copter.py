@@ -191,6 +191,12 @@ class Copter:
         yield from write_cruise(self.sysid, plan.cruise_mps)
         return Loaded(fence, plan.cruise_mps)
 
+    def replace_mission(self, items: tuple[MissionItem, ...]) -> Asking:
+        """Write another mission in flight and read it back; `items` begins with home. Raises AutopilotError."""
+        lists = MissionProtocol(self.sysid)
+        yield from lists.write_mission(items)
+        yield from lists.compare_mission(items)
+
 
 def _ack_of(command: int) -> Callable[[Any], Any]:
     def answer(m: Any) -> Any:

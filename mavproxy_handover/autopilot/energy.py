@@ -76,6 +76,8 @@ class EnergyWatch:
         self._began_at: float | None = None
         self._told: tuple[object, ...] = ()
         self._told_at = -inf
+        #: the operator has lifted what START lacks until then
+        self._lifted_until = -inf
         #: what is known of energy now
         self.fact = EnergyFact(-inf, missing=settings.missing or "not looked at yet")
         self._adopt(settings)
@@ -176,7 +178,7 @@ class EnergyWatch:
     def _judge(self, fact: EnergyFact, now: float) -> None:
         """What START lacks, on the ground."""
         policy = self._settings.start_policy
-        if policy == "off" or self._way is None or fact.model is None:
+        if policy == "off" or self._way is None or fact.model is None or now < self._lifted_until:
             self._say("", now)
             return
         shortfall = fact.shortfall(self._need_wh(fact.model, self._way, now))
@@ -185,6 +187,20 @@ class EnergyWatch:
         elif bool(shortfall) != bool(self._shortfall):
             self._ties.narrator.energy_warning(shortfall)
             self._shortfall = shortfall
+
+    @property
+    def shortfall(self) -> str:
+        """What START is refused for, in words; "" where it is not."""
+        return self._shortfall if self._settings.start_policy == "refuse" else ""
+
+    def lift(self, until: float, now: float) -> None:
+        """The operator has START go on without the energy: so long, and at this moment."""
+        self._lifted_until = until
+        self._say("", now)
+
+    def lift_no_more(self) -> None:
+        """Whoever has lifted it commands no more."""
+        self._lifted_until = -inf
 
     def _need_wh(self, model: EnergyModel, way: Callable[[float], Sequence[Piece]], now: float) -> float:
         if self._counted is not None:

@@ -25,6 +25,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
+from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.stations.port import StationPort
@@ -140,10 +141,14 @@ class MissionLoader:
         self.package = package
         self.finder = finder
         self.delivery = package.delivery_waypoint
-        self._places = tuple((leg.seq, leg.end[:2]) for leg in legs_of(package.route))
+        self.reroute(package.route)
         word = package.policies.get("on_out_of_coverage")
         self.out_of_coverage = word
         self._adopted(package, way, now)
+
+    def reroute(self, route: Route) -> None:
+        """Another route is flown than the package's."""
+        self._places = tuple((leg.seq, leg.end[:2]) for leg in legs_of(route))
 
     def way(self, waypoint: int) -> tuple[tuple[float, float], ...]:
         """The places (latitude, longitude) that are flown to next, from the item `waypoint` on; none if it has none."""

@@ -24,7 +24,15 @@ from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
-__all__ = ["AutopilotError", "MissionProtocol", "NoRoomError", "fence_items", "fence_parts", "rally_items"]
+__all__ = [
+    "AutopilotError",
+    "MissionProtocol",
+    "NoRoomError",
+    "fence_items",
+    "fence_parts",
+    "rally_items",
+    "same_fence",
+]
 
 _MISSION, _FENCE, _RALLY = (
     mavlink.MAV_MISSION_TYPE_MISSION,
@@ -211,6 +219,12 @@ def fence_parts(items: Sequence[MissionItem]) -> tuple[FencePart, ...]:
     if corners or any(isinstance(part, FencePolygon) and len(part.corners) < 3 for part in parts):
         raise AutopilotError("the autopilot holds a geofence with a polygon that is not whole")
     return tuple(parts)
+
+
+def same_fence(items: Sequence[MissionItem], parts: Sequence[FencePart]) -> bool:
+    """Whether items that came from elsewhere are this geofence."""
+    own = fence_items(parts)
+    return len(own) == len(items) and all(_fence_difference(*pair) is None for pair in zip(own, items, strict=True))
 
 
 # ---- what came back -----------------------------------------------------------------------------------------------

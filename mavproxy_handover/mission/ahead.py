@@ -7,7 +7,7 @@ Rules that live here
 * Near (`NEAR_M` along the way) coverage is what stations give that could take the aircraft now; farther on it is what
   the mission declares: a station down the route need not be there yet.
 * What lies outside at the beginning does not count: whoever brings an aircraft back inside may do so. But inside it
-  has to come, and to stay.
+  has to come with the first leg, and to stay there.
 * The vertical pieces of a way, take-off and landing, leave nothing that their place does not.
 * A way is looked at every `STEP_M`, and at `MOST_STEPS` places at most; the fence is exact.
 
@@ -21,7 +21,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import Leg, legs_from
+from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Leg, legs_from
 from mavproxy_handover.mission.zones import ZoneFinder
 
 __all__ = ["NEAR_M", "Ahead", "leaves_coverage", "leaves_fence", "straight"]
@@ -42,7 +42,9 @@ def straight(here: _Place, there: _Place, speed_mps: float) -> tuple[Leg, ...]:
 def leaves_coverage(legs: Sequence[Leg], finder: ZoneFinder, usable: Collection[int]) -> str:
     """Where a way leaves coverage, in words; "" where it does not. `usable`: stations that could take the aircraft."""
     inside, before, outside = False, 0.0, ""
-    for far_m, place, seq in _places(legs):
+    for far_m, place, seq, first in _places(legs):
+        if not inside and not first:
+            return outside
         holding = finder.holding(*place)
         # until it has been inside once, only what can be used counts: that is what it has to come back to
         by_plan = inside and far_m > NEAR_M
@@ -65,17 +67,21 @@ def leaves_fence(legs: Sequence[Leg], fence: Fence) -> str:
     return ""
 
 
-def _places(legs: Sequence[Leg]) -> Iterator[tuple[float, _Place, int]]:
-    """Places on a way: how far each is along it (m), where, and to which item. The first is where it begins."""
+def _places(legs: Sequence[Leg]) -> Iterator[tuple[float, _Place, int, bool]]:
+    """Places on a way: how far each is along it (m), where, to which item, and whether on the first leg.
+
+    The first one is where it begins.
+    """
     level = [(leg, leg.length_m) for leg in legs]
     step_m = max(STEP_M, sum(length for _leg, length in level) / MOST_STEPS)
     gone_m = 0.0
     if legs:
-        yield 0.0, legs[0].start, 0
+        yield 0.0, legs[0].start, 0, True
     for leg, length_m in level:
+        first = gone_m == 0.0
         steps = math.ceil(length_m / step_m)
         for step in range(1, steps + 1):
-            yield gone_m + length_m * step / steps, leg.at(step / steps), leg.seq
+            yield gone_m + length_m * step / steps, leg.at(step / steps), leg.seq, first
         gone_m += length_m
 
 
@@ -99,8 +105,9 @@ class Ahead:
         self.route = route
         self.finder = finder
         self.fence = Fence(route.fence)
-        self._cruise_speed_mps = cruise_speed_mps
+        #: horizontal speed where the plan itself sets none
+        self.speed_mps = cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS
 
     def way(self, seq: int, here: _Place) -> tuple[Leg, ...]:
         """The way when the mission is taken up here with that item."""
-        return legs_from(self.route, seq, here, self._cruise_speed_mps)
+        return legs_from(self.route, seq, here, self.speed_mps)

@@ -10,7 +10,7 @@ end on the ground, the return from its end to home is a part of it.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from math import isfinite
@@ -36,6 +36,7 @@ __all__ = [
     "PreparedWay",
     "Return",
     "budget_of",
+    "pieces_along",
     "pieces_of",
     "places_of",
     "way_back",
@@ -141,6 +142,16 @@ class PreparedWay:
 def pieces_of(route: Route, cruise_speed_mps: float | None, return_alt_m: float) -> tuple[Piece, ...]:
     """The whole way of a route, with the return to home where it does not end on the ground."""
     return PreparedWay(route, cruise_speed_mps).pieces(return_alt_m)
+
+
+def pieces_along(legs: Sequence[Leg], places: Iterable[Place], model: EnergyModel) -> tuple[Piece, ...]:
+    """A way that begins in the air: its legs and, where it does not end on the ground, the return from there to the
+    place that costs least."""
+    pieces = tuple(_piece(leg) for leg in legs)
+    if not legs or legs[-1].end[2] <= 0.0:
+        return pieces
+    backs = [way_back(legs[-1].end, place, model.return_alt_m) for place in places]
+    return (*pieces, *min(backs, key=model.need_wh, default=()))
 
 
 def _piece(leg: Leg) -> Piece:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from mavproxy_handover.mission.errors import Where, parse_json
@@ -31,7 +31,7 @@ from mavproxy_handover.mission.items import (
     RallyPoint,
 )
 
-__all__ = ["FenceCircle", "FencePart", "FencePolygon", "Home", "Route", "read_route"]
+__all__ = ["FenceCircle", "FencePart", "FencePolygon", "Home", "Route", "read_route", "with_items"]
 
 #: what a flight controller's mission storage holds, rounded down (Cube Orange: 724 items)
 MAX_ITEMS = 700
@@ -315,6 +315,30 @@ def _item(
 
 def _allowed() -> str:
     return ", ".join(f"{number} {command.name}" for number, command in COMMANDS.items())
+
+
+def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
+    """The same plan with other items to fly, as they came from a station; the first of them is home, and not looked at.
+
+    For an aircraft in flight: the mission need not begin with a take-off. Raises MissionError.
+    """
+    where = Where("the upload")
+    if len(items) - 1 > MAX_ITEMS:
+        raise where.error(f"{len(items) - 1} items (allowed: at most {MAX_ITEMS})")
+    checked = tuple(
+        _item(
+            where.at(f"item {seq}"),
+            seq,
+            item.command,
+            frame=item.frame,
+            numbers=(*item.params, item.lat_deg, item.lon_deg, item.alt_m),
+            auto_continue=item.auto_continue,
+        )
+        for seq, item in enumerate(items[1:], 1)
+    )
+    if not any(COMMANDS[item.command].flown for item in checked):
+        raise where.error("nothing is flown (allowed: at least one item that is)")
+    return replace(route, items=checked)
 
 
 def _finish(

@@ -35,7 +35,18 @@ from mavproxy_handover.mission.items import (
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.zones import ZoneFinder
 
-__all__ = ["Gap", "Handover", "Leg", "Sample", "Walk", "commanders_along", "legs_from", "legs_of", "speed_at"]
+__all__ = [
+    "Gap",
+    "Handover",
+    "Leg",
+    "Sample",
+    "Walk",
+    "commanders_along",
+    "legs_from",
+    "legs_of",
+    "speed_at",
+    "walk_legs",
+]
 
 #: WPNAV_SPEED of ArduCopter, for routes that name no speed
 DEFAULT_CRUISE_MPS = 10.0
@@ -264,7 +275,11 @@ def commanders_along(
     step_m: float = STEP_M,
 ) -> Walk:
     """Walk `route` through the zones of `finder`, from take-off under `parent` (a system id) to landing."""
-    legs = legs_of(route, cruise_speed_mps)
+    return walk_legs(legs_of(route, cruise_speed_mps), finder, parent, step_m)
+
+
+def walk_legs(legs: tuple[Leg, ...], finder: ZoneFinder, parent: int, step_m: float = STEP_M) -> Walk:
+    """The same for a path of at least one leg, whose beginning is under `parent`."""
     places = list(_places(legs, finder, max(step_m, sum(leg.size_m for leg in legs) / MOST_STEPS)))
     order = [zone.station for zone in finder.zones]
     commander, waiting = parent, frozenset[int]()

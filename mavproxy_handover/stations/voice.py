@@ -48,7 +48,14 @@ class Voice:
     ) -> None:
         """COMMAND_ACK to `asker` (system, component), in the name of the `component` that was asked."""
         ack = mavlink.MAVLink_command_ack_message(command, result, 0, 0, *asker)
-        port.write(codec.pack(ack, self._as_autopilot if component == AUTOPILOT_COMPID else self._own))
+        if component == AUTOPILOT_COMPID:
+            self.as_autopilot(port, ack)
+        else:
+            port.write(codec.pack(ack, self._own))
+
+    def as_autopilot(self, port: StationPort, message: Any) -> None:
+        """Send a station a message in the autopilot's name: where it waits for the autopilot's answer."""
+        port.write(codec.pack(message, self._as_autopilot))
 
     def answer(self, port: StationPort, message: Any) -> None:
         """Send a message to one station in the autopilot's name: that is whom it asked."""

@@ -66,6 +66,8 @@ def path(*places: tuple[float, float, float]) -> tuple[Leg, ...]:
         (OVERLAP, (-1200.0, -1100.0), {A}, "leads out of coverage (item 1)"),
         (OVERLAP, (-1800.0, 0.0), {A}, ""),
         (OVERLAP, (1000.0, 2000.0), {A}, "leads out of coverage (item 1)"),  # into the zone of who is not there
+        (OVERLAP, (1000.0, 2000.0, 0.0), {A}, "leads out of coverage (item 1)"),  # later is too late
+        (OVERLAP, (1000.0, 900.0, 100.0), {A}, ""),
         ((), (0.0, 100.0), {A}, "leads out of coverage (item 1)"),
     ],
 )
