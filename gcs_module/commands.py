@@ -20,7 +20,7 @@ from gcs_module.route_watch import StationRouteWatch
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, command_long
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, MISSION_START, OPERATOR_CONTROL
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LIMITS, MISSION_START, OPERATOR_CONTROL
 
 __all__ = ["StationCommands"]
 
@@ -78,13 +78,21 @@ class StationCommands:
         #: those that take a name: of what, text, what is done
         self._named: dict[str, tuple[str, Callable[[str], None]]] = {
             "give": ("STATION: hand the aircraft to it now", self._give),
+            "override": ("energy|fence|coverage: let commands leave this limit for a minute", self._override),
             "take": ("MISSION: make a mission that another station has offered this station's own", self._take),
         }
 
     def completions(self) -> list[str]:
         """For MAVProxy's tab completion."""
         peers = "|".join(peer.station.name for peer in self._module.config.peers)
-        return ["<" + "|".join(self._table) + ">", f"give <{peers}>", "take", "set (HANDOVERSETTING)"]
+        limits = "|".join(LIMITS.values())
+        return [
+            "<" + "|".join(self._table) + ">",
+            f"give <{peers}>",
+            f"override <{limits}>",
+            "take",
+            "set (HANDOVERSETTING)",
+        ]
 
     def run(self, args: list[str]) -> None:
         """Run one command line; anything unknown shows the usage."""
@@ -144,8 +152,21 @@ class StationCommands:
         known = ", ".join(peer.station.name for peer in self._module.config.peers) or "none"
         self._module.view.show(f"handover give: no station {name!r}; known are {known}")
 
+    def _override(self, limit: str) -> None:
+        """Whoever commands may; the vehicle answers how long it holds."""
+        number = next((number for number, name in LIMITS.items() if name == limit), None)
+        if number is None:
+            self._module.view.show(f"handover override: no limit {limit!r}; there are {', '.join(LIMITS.values())}")
+            return
+        now = time.monotonic()
+        word = f"OVERRIDE {limit}"
+        nonce = int(now * 1e6) & 0xFFFFFFFF  # another one each time it is typed
+        asking = _override_asking(self._module.config.vehicle, number, nonce)
+        self._talks[word] = Conversation(asking, self._module.to_vehicle, now)
+        self._module.narrator.command_sent(word)
+
     def on_message(self, message: Any, now: float) -> None:
-        """A COMMAND_ACK or heartbeat of the autopilot."""
+        """A COMMAND_ACK or heartbeat of the autopilot, or the vehicle's HANDOVER_OVERRIDE."""
         for talk in list(self._talks.values()):
             talk.on_message(message, now)
 
@@ -210,6 +231,16 @@ class StationCommands:
             show(f"telemetry {telemetry_line(telemetry, zone)}")
         if module.faults:
             show("faults    " + ", ".join(f"{where} {count}" for where, count in module.faults.items()))
+
+
+def _override_asking(vehicle: int, limit: int, nonce: int) -> Asking:
+    message = mavlink.MAVLink_handover_override_message(vehicle, COMPANION_COMPID, vehicle, limit, nonce, 0)
+
+    def answer(m: Any) -> Any:
+        return m.seconds if m.get_type() == "HANDOVER_OVERRIDE" and m.nonce == nonce else None
+
+    seconds = yield Ask("the override", (message,), answer, timeout_s=1.0, tries=5)
+    return mavlink.MAV_RESULT_ACCEPTED if seconds else mavlink.MAV_RESULT_DENIED
 
 
 def _ack(command: int, *, final: bool = False) -> Callable[[Any], Any]:

@@ -85,6 +85,8 @@ class HandoverGcsModule(mp_module.MPModule):
         self.faults: Counter[str] = Counter()
         #: the autopilot has said that it is
         self.disarmed = False
+        #: the vehicle flies another mission than its package's
+        self._rerouted = False
         stations = tuple(peer.station for peer in config.peers)
         self.core = StationCore(config.station, f"vehicle {config.vehicle}", stations, automatic=config.automatic)
         self.desk = PackageDesk(means.held)
@@ -237,10 +239,13 @@ class HandoverGcsModule(mp_module.MPModule):
             who = message.commander or None, message.partner or None
             why = Reason(message.transfer_reason) if message.transfer_reason in list(Reason) else Reason.NONE
             self._handle(AuthorityHeard(phase, *who, message.epoch, message.handover_id, recovering, why))
+            self._route_changed(bool(message.route_changed))
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)
         elif kind == "HANDOVER_DECISION":
             self._notice(self.decisions.on_message(message))
+        elif kind == "HANDOVER_OVERRIDE":
+            self.commands.on_message(message, time.monotonic())
         else:
             decoded = codec.decode(message)
             if decoded is not None and message.target_system in (0, self.config.station.sysid):
@@ -280,7 +285,17 @@ class HandoverGcsModule(mp_module.MPModule):
         if held is not None and held.digest != self.core.digest:
             self._handle(MissionHeld(held.digest))
         same = held is not None and held.digest == self.core.vehicle_digest
-        self.route.compare_to(held if same else None)
+        self.route.compare_to(held if same and not self._rerouted else None)
+
+    def _route_changed(self, changed: bool) -> None:
+        """The vehicle says whether it flies its package's mission, or another one that its commander has sent since."""
+        if changed == self._rerouted:
+            return
+        self._rerouted = changed
+        if changed:
+            text = "The commander has changed the mission in flight: no route check here until it has landed."
+            self._notice(Notice("rerouted", text, urgent=False))
+        self._hold()
 
     def _read_ground(self) -> None:
         frames = self._ground.read()

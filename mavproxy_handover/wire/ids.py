@@ -28,6 +28,7 @@ __all__ = [
     "FTP_WRITE",
     "GUARD_STATUS_TUNNEL",
     "LEASE_TUNNEL",
+    "LIMITS",
     "MISSION_START",
     "NOT_IN_CONTROL",
     "OPERATOR_CONTROL",
@@ -69,6 +70,13 @@ MISSION_START: Final[int] = mavlink.MAV_CMD_MISSION_START
 OPERATOR_CONTROL: Final[int] = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 #: the MAV_RESULT of the operator-control standard
 NOT_IN_CONTROL: Final[int] = mavlink.MAV_RESULT_NOT_IN_CONTROL
+
+#: HANDOVER_LIMIT by number, in the words of the configuration
+LIMITS: Final[dict[int, str]] = {
+    mavlink.HANDOVER_LIMIT_ENERGY: "energy",
+    mavlink.HANDOVER_LIMIT_FENCE: "fence",
+    mavlink.HANDOVER_LIMIT_COVERAGE: "coverage",
+}
 
 # ---- file transfer (MAVLink file transfer protocol, FtpOpcode) -----------------------------------------------------
 

@@ -48,8 +48,10 @@ def heartbeat(view: AuthorityView) -> Any:
     )
 
 
-def authority_status(view: AuthorityView, zone: int, guard: GuardState, reason: Reason) -> Any:
-    """AUTHORITY_STATUS of this dialect."""
+def authority_status(
+    view: AuthorityView, zone: int, guard: GuardState, reason: Reason, *, route_changed: bool = False
+) -> Any:
+    """AUTHORITY_STATUS of this dialect. `route_changed`: the mission that is flown is not the package's any more."""
     return mavlink.MAVLink_authority_status_message(
         view.phase,
         view.commander or 0,
@@ -61,6 +63,7 @@ def authority_status(view: AuthorityView, zone: int, guard: GuardState, reason: 
         guard,
         reason,
         view.why,
+        int(route_changed),
     )
 
 

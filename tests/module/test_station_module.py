@@ -337,9 +337,12 @@ def test_drone_connected_over_the_ground_link_releases_the_vehicle(station: Stat
 def test_no_word_shows_the_usage(station: StationBench, words: str) -> None:
     station.load()
     lines = station.mpstate.type(f"handover{words}")
-    assert lines[0] == "usage: handover <status|share|start|stop|continue|request|release|accept|deny|give|take|set>"
+    assert (
+        lines[0]
+        == "usage: handover <status|share|start|stop|continue|request|release|accept|deny|give|override|take|set>"
+    )
     assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
-    assert len(lines) == 13
+    assert len(lines) == 14
 
 
 @pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
@@ -356,6 +359,7 @@ def test_completion_offers_words_and_settings(station: StationBench) -> None:
     assert station.mpstate.completions["handover"] == [
         "<status|share|start|stop|continue|request|release|accept|deny>",
         "give <GCSB>",
+        "override <energy|fence|coverage>",
         "take",
         "set (HANDOVERSETTING)",
     ]
