@@ -18,6 +18,7 @@ from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tabl
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Station
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.commands import POLICIES, Limit
 from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,
     ENERGY_RANGES,
@@ -71,6 +72,8 @@ class VehicleConfig:
     energy: EnergySettings = field(default_factory=EnergySettings)
     #: from when on the aircraft is off its route
     route: RouteLimits = field(default_factory=RouteLimits)
+    #: what becomes of a command that would leave a limit, where that is not the table's word
+    commands: Mapping[Limit, str] = field(default_factory=dict)
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -159,6 +162,19 @@ def _energy(data: Mapping[str, Any], path: Path) -> EnergySettings:
     return EnergySettings(**table.numbers(ENERGY_RANGES), start=start)
 
 
+def _commands(data: Mapping[str, Any], path: Path) -> dict[Limit, str]:
+    table = Table(data.get("commands", {}), "commands", path, tuple(limit.value for limit in Limit))
+    found = {}
+    for limit in Limit:
+        word = table.get(limit.value, str)
+        if word is None:
+            continue
+        if word not in POLICIES:
+            raise table.error(limit.value, f"{word!r} must be one of " + ", ".join(POLICIES))
+        found[limit] = word
+    return found
+
+
 def _check_ranges() -> None:
     described: tuple[tuple[type, set[str]], ...] = (
         (Limits, {*LIMIT_RANGES, "policies", "hold_off_s", "clear_s", "guard_required"}),
@@ -187,6 +203,7 @@ _TABLES: Final = (
     "observers",
     "energy",
     "route",
+    "commands",
 )
 _VEHICLE_KEYS: Final = (
     "name",
@@ -241,6 +258,7 @@ def load_vehicle(path: Path) -> VehicleConfig:
         observers=ObserverLimits(**observers.numbers(OBSERVER_RANGES)),
         energy=_energy(data, path),
         route=route_limits(data, path),
+        commands=_commands(data, path),
     )
 
 
