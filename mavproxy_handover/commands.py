@@ -8,9 +8,11 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
+from mavproxy_handover.autopilot.overrides import CONSOLE
 from mavproxy_handover.companion import Companion
 from mavproxy_handover.core import events
 from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.stations.port import StationPort
 
@@ -29,21 +31,35 @@ class VehicleCommands:
             "zones": ("zones of the loaded mission and where the aircraft is", self._zones),
             "cancel": ("call the present transfer off; the commander stays", self._cancel),
         }
+        #: those that take a word: which there are, text, what is done
+        self._worded: dict[str, tuple[tuple[str, ...], str, Callable[[str], None]]] = {
+            "override": (
+                tuple(limit.value for limit in Limit),
+                "let commands leave this limit for a minute, as whoever commands may",
+                self._override,
+            ),
+        }
 
     def completions(self) -> list[str]:
         """For MAVProxy's tab completion."""
-        return ["<" + "|".join(self._table) + ">"]
+        worded = [f"{name} <{'|'.join(words)}>" for name, (words, _text, _run) in self._worded.items()]
+        return ["<" + "|".join([*self._table, *self._worded]) + ">", *worded]
 
     def run(self, args: list[str]) -> None:
         """Run one command line; anything unknown shows the usage."""
         if len(args) == 1 and args[0] in self._table:
             self._table[args[0]][1]()
             return
+        if len(args) == 2 and args[0] in self._worded and args[1] in self._worded[args[0]][0]:
+            self._worded[args[0]][2](args[1])
+            return
         if args and args[0] != "help":
             self._show(f"handover: unknown command {' '.join(args)!r}")
-        self._show("usage: handover <" + "|".join(self._table) + ">")
+        self._show("usage: handover <" + "|".join([*self._table, *self._worded]) + ">")
         for name, (text, _run) in self._table.items():
             self._show(f"  {name:9} {text}")
+        for name, (words, text, _override) in self._worded.items():
+            self._show(f"  {name:9} {'|'.join(words)}: {text}")
 
     def _status(self) -> None:
         companion, now = self._companion, time.monotonic()
@@ -72,6 +88,8 @@ class VehicleCommands:
             self._show(f"route     {route}")
         if companion.decision:
             self._show(f"decision  {companion.decision}")
+        for limit, left_s in companion.autopilot.desk.rules.lifted_s(now).items():
+            self._show(f"lifted    {limit.value}, {left_s:.0f} s yet")
         if not companion.autopilot.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
             self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")
@@ -119,6 +137,9 @@ class VehicleCommands:
                 f"inside, {fact.margin_m:.0f} m to its border" if fact.margin_m > 0 else f"{-fact.margin_m:.0f} m away"
             )
             self._show(f"{name}: {where}{ends}")
+
+    def _override(self, limit: str) -> None:
+        self._companion.autopilot.desk.lift(Limit(limit), CONSOLE, time.monotonic())
 
     def _cancel(self) -> None:
         companion = self._companion

@@ -25,6 +25,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.orders import commanded
+from mavproxy_handover.autopilot.overrides import Overrides
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.vehicle import VehicleConfig
@@ -34,7 +35,8 @@ from mavproxy_handover.core.messages import Connect, ConnectAck
 from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase, Reason
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.gate.gate import Gate
-from mavproxy_handover.gate.judge import Fate, Verdict
+from mavproxy_handover.gate.intent import intent_of, repeats, wish_of
+from mavproxy_handover.gate.judge import Fate, Verdict, uploads
 from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import classify
@@ -62,7 +64,7 @@ _CHECKED: Final = frozenset(() if getattr(mavlink, "MAVLINK_IGNORE_CRC", False) 
 #: what passes and changes something: it is in the journal
 _CHANGES: Final = frozenset((Access.COMMAND, Access.SAFEGUARD))
 #: what a system behind a station says in the station's name; the words of a transfer are the station's own
-_COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.RALLY_READ, Access.RALLY_WRITE))
+_COMMANDS: Final = frozenset((Access.COMMAND, Access.CONTROL, Access.READ, Access.RALLY_READ, Access.RALLY_WRITE))
 #: the list of rally points that stations see is the companion's own
 _RALLY: Final = frozenset((Access.RALLY_READ, Access.RALLY_WRITE))
 #: what is decided where nobody is left to decide
@@ -127,6 +129,8 @@ class Companion:
             self._restart.close()
             self.journal.close()
             raise
+        self.gate.targets.judge = self.autopilot.desk.target
+        self._overrides = Overrides(self.autopilot.desk, lambda: self.view.commander, config.sysid)
         jobs = [
             ("send_lease", self._send_lease, status.LEASE_INTERVAL_S),
             ("send_authority_status", self._send_authority_status, 0.5),
@@ -145,6 +149,7 @@ class Companion:
             fault=self.fault,
             commands=lambda station: self.view.commander == station,
             keep=self._restart.keep,
+            stale_s=self.config.limits.position_stale_s,
             narrator=self.narrator,
             voice=self._voice,
             clocks=clocks,
@@ -224,8 +229,11 @@ class Companion:
         self.narrator.stream(self.ports[news.station].name, news, now)
 
     def _consume(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
-        if verdict.access is Access.COMMAND:  # of those only what starts a flight
-            self._begins_flight(port, frame, verdict, now)
+        if verdict.access in (Access.COMMAND, Access.READ):  # of those what starts a flight, or is judged during it
+            if self.view.phase is Phase.ON_LOAD:
+                self._begins_flight(port, frame, verdict, now)
+            else:
+                self._in_flight(port, frame, verdict, now)
             return
         if verdict.access not in (Access.TRANSFER, Access.CONTROL, *_RALLY):  # the gate has seen to it
             return
@@ -243,6 +251,7 @@ class Companion:
     def _begins_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """The commander's START, or what else arms or takes off on the ground: that needs no less."""
         orders = self.autopilot.orders
+        self.autopilot.desk.start(port, wish_of(frame), repeats(frame), now)
         if commanded(frame) == MISSION_START:
             orders.start_asked(port, frame, verdict.what, now)
             return
@@ -256,11 +265,29 @@ class Companion:
         self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
         self._chosen(frame, now)
 
+    def _in_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
+        """A command of the commander that the situation judges, or a part of an upload."""
+        if uploads(frame):
+            self.autopilot.staging.on_frame(port, frame, now)
+            return
+        intent = intent_of(frame)
+        if intent is None or self.autopilot.desk.judge(port, intent, now).passes:
+            self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
+            self._chosen(frame, now)
+            return
+        refused = self.gate.turn_down(port, frame, verdict, now)
+        kind, proven = (frame.msgid, refused.reason), port.proves(frame)
+        self.narrator.refused(port.name, kind, refused.what, refused.reason.value, True, proven, now)
+
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
         port.spoke(frame.compid)
         kind = message.get_type()
         if kind.startswith("MISSION_"):
             self.autopilot.on_package(port, message, now)
+            return
+        if kind == "HANDOVER_OVERRIDE":
+            if message.vehicle == self.config.sysid:
+                port.send(self._overrides.take(port, message, now))
             return
         decoded = codec.decode(message)
         if decoded is None or getattr(message, "vehicle", 0) != self.config.sysid:
@@ -325,7 +352,9 @@ class Companion:
 
     def _send_authority_status(self, now: float) -> None:
         guard = self.arbiter.guard(now)
-        self._voice.to_stations(status.authority_status(self.view, self.arbiter.zone(), guard, self._reason))
+        changed = self.autopilot.route_changed
+        zone = self.arbiter.zone()
+        self._voice.to_stations(status.authority_status(self.view, zone, guard, self._reason, route_changed=changed))
 
     def _each_second(self, now: float) -> None:
         beat = status.heartbeat(self.view)
@@ -430,6 +459,7 @@ class Companion:
                 return
             self.fault("what follows from a new view", traceback.format_exc(limit=-3))
         if view.commander != former:
+            self.autopilot.authority_moved(now)
             if former is not None:
                 self.autopilot.renew_streams()
             self.autopilot.orders.give_start_up("its commander commands no more", now)

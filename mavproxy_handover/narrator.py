@@ -22,6 +22,7 @@ from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.events import Announce, Record
 from mavproxy_handover.core.messages import TransferMessage
 from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Reason
+from mavproxy_handover.core.safety.commands import Ruling
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.core.safety.route import RouteNews
 from mavproxy_handover.gate.flush import Closing
@@ -264,6 +265,38 @@ class Narrator:
         if self._heard_out(station, now):
             text = _STREAMS[news.state].format(kind=news.kind, station=station)
             self._journal.write("stream", text, station=station, stream=news.kind, state=news.state.value)
+
+    def command_refused(self, station: str, word: str, ruling: Ruling) -> None:
+        """A command of the commander would leave energy, fence or coverage."""
+        limits = [limit.value for limit in ruling.limits]
+        text = f"{word} of {station} refused: {ruling.words}"
+        self._journal.write("command_refused", text, station=station, limits=limits)
+        self._tell_sentence(text)
+
+    def command_passed(self, station: str, word: str, ruling: Ruling) -> None:
+        """The same, and it is carried out: somebody has lifted that, or it is only warned of."""
+        limits = [limit.value for limit in ruling.limits]
+        text = f"{word} of {station} {ruling.outcome.value}: {ruling.words}"
+        self._journal.write("command_passed", text, station=station, limits=limits, outcome=ruling.outcome.name.lower())
+        self._tell_sentence(text)
+
+    def override(self, limit: str, by: str, for_s: float) -> None:
+        """An operator lifts a limit."""
+        text = f"{by} lifts {limit} for {for_s:g} s"
+        self._journal.write("override", text, by=by, limit=limit, for_s=for_s)
+        self._tell_sentence(text)
+
+    def upload_refused(self, station: str, what: str, why: str) -> None:
+        """A list that a station sends in flight is not taken, or did not come whole."""
+        self._journal.write("upload_refused", f"{what} of {station}: {why}", station=station)
+        self._tell_sentence(f"{what} of {station} not taken: {why}")
+
+    def rerouted(self, station: str, items: int, commanders: Sequence[int]) -> None:
+        """The autopilot holds another mission than the package's, as its commander wished in flight."""
+        names = " ".join(self._arbiter.name(each) for each in commanders)
+        text = f"mission of {station} written in flight, read back, equal: {items} items"
+        self._journal.write("rerouted", text, station=station, items=items, commanders=names)
+        self._tell_sentence(text)
 
     def closed(self, station: int, closing: Closing) -> None:
         """Something that `station` had open at the autopilot was closed."""

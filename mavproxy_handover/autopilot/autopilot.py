@@ -16,6 +16,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
@@ -26,16 +27,19 @@ from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight
 from mavproxy_handover.autopilot.route_watch import RouteWatch
+from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.core.events import AutopilotState, GuardSeen, PositionSeen, SignsSeen
+from mavproxy_handover.core.events import AutopilotState, GuardSeen, MissionLoaded, PositionSeen, SignsSeen
 from mavproxy_handover.core.model import AuthorityView, ZoneFact
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
+from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import speed_at
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.store.keys import load_key
@@ -83,6 +87,10 @@ class Autopilot:
         #: where a return goes
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         self._missions = MissionWriter(self._loader, copter, talks, ties, self._flies_by, self.places.first_point)
+        #: the commander's commands in flight, judged by the situation
+        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, ties)
+        #: and what it uploads then
+        self.staging = Staging(self.desk, copter, talks, ties, lambda: self._loader.package, self._rerouted)
         self._heed: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_state,
             "EXTENDED_SYS_STATE": self._on_state,
@@ -94,8 +102,10 @@ class Autopilot:
             "MISSION_ITEM_REACHED": self._on_reached,
             **dict.fromkeys(("HOME_POSITION", "FENCE_STATUS", "SYS_STATUS"), self.places.take),
         }
-        #: the package that the autopilot holds, as far as is known
-        self._flown: MissionPackage | None = None
+        #: what the autopilot holds to fly, as far as is known
+        self._flown: Route | None = None
+        #: the commander has changed it in flight: on the ground no package is loaded any more
+        self._changed_aloft = False
         #: what the arbiter was told last of what looks wrong
         self._signs = SignsSeen()
         self._second_manager_told = False
@@ -112,6 +122,11 @@ class Autopilot:
     def energy(self) -> EnergyFact:
         """What is left, what flying costs, and what is odd about it; made anew each second."""
         return self._energy.fact
+
+    @property
+    def route_changed(self) -> bool:
+        """The commander has changed the mission in flight: it is not the package's any more."""
+        return self._changed_aloft
 
     def zone_facts(self) -> tuple[ZoneFact, ...]:
         """Facts about every zone at the last position; none before there are mission and position."""
@@ -160,9 +175,9 @@ class Autopilot:
 
     def _mode_changed(self, now: float) -> None:
         """In AUTO again, in flight: it has forgotten what a DO_CHANGE_SPEED had set before the aircraft left it."""
-        aircraft, package = self.aircraft, self._flown
+        aircraft, route = self.aircraft, self._flown
         resumes = aircraft.custom_mode == AUTO and aircraft.flying and not aircraft.foreign
-        speed_mps = speed_at(package.route, aircraft.waypoint) if resumes and package is not None else None
+        speed_mps = speed_at(route, aircraft.waypoint) if resumes and route is not None else None
         self.orders.resume_speed(speed_mps, now)
 
     def _on_state(self, message: Any, now: float) -> None:
@@ -216,7 +231,7 @@ class Autopilot:
         self._flies_by(package, (), now)
 
         def found(stretches: tuple[Stretch, ...]) -> None:
-            if self._flown is package:
+            if self._flown is package.route:
                 self._gaps.adopt(stretches)
 
         self._missions.find_gaps(package, found)
@@ -226,12 +241,33 @@ class Autopilot:
         self._flies_by(None, (), now)
 
     def _flies_by(self, package: MissionPackage | None, stretches: tuple[Stretch, ...], now: float) -> None:
-        self._flown = package
+        self._flown = route = None if package is None else package.route
+        self._changed_aloft = False
         self._gaps.adopt(stretches)
         self._gaps.judge(self._preflight.parameters, now)
-        self.route.adopt(None if package is None else package.route)
+        self.route.adopt(route)
+        self.desk.ahead = (
+            None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
+        )
         self.places.adopt(package, now)
-        self._preflight.planned(None if package is None else plan_facts(package.route), self._gaps.longest_s)
+        self._preflight.planned(None if route is None else plan_facts(route), self._gaps.longest_s)
+
+    def _rerouted(self, rerouted: Rerouted | None, now: float) -> None:
+        """The autopilot holds the mission that its commander has sent in flight; None: nobody knows what it holds."""
+        self._changed_aloft = True
+        self._flown = None if rerouted is None else rerouted.ahead.route
+        self._gaps.adopt(())  # what is declared is a gap of the package
+        self.route.adopt(self._flown)
+        self.desk.ahead = None if rerouted is None else rerouted.ahead
+        if rerouted is None:
+            return
+        self._loader.reroute(rerouted.ahead.route)
+        self._ties.handle(MissionLoaded(self._ties.arbiter.mission_digest, rerouted.commanders), now)
+
+    def authority_moved(self, now: float) -> None:
+        """Somebody else commands, or nobody."""
+        self.desk.authority_moved()
+        self.staging.authority_moved(now)
 
     def on_package(self, port: StationPort, message: Any, now: float) -> None:
         """A message of a mission package. Only the commander's is taken, on the ground."""
@@ -246,6 +282,7 @@ class Autopilot:
         self.conversations.tick(now)
         self._missions.tick(now)
         self.places.tick(now)
+        self.staging.tick(now)
 
     def each_second(self, view: AuthorityView, now: float) -> None:
         """Telemetry, streams that are missing, the mission on board, the checks before flight; `view`: in force."""
@@ -253,6 +290,9 @@ class Autopilot:
         grounded = arbiter.grounded(now)
         self._telemetry.each_second(view, now)
         self._streams.each_second(aircraft, now)
+        if self._changed_aloft and grounded:
+            self._ties.handle(MissionLoaded(b"", ()), now)
+            self._flies_by(None, (), now)
         if self._on_board is not None and grounded and aircraft.position is not None:
             self._missions.load_on_board(self._on_board, now)
         firmware = None if self.guard_status is None else self.guard_status.firmware

@@ -189,7 +189,7 @@ class RallyList:
         self._send(port, mavlink.MAVLink_mission_ack_message(*sender, result, kind))
 
     def _send(self, port: StationPort, message: Any) -> None:
-        self._ties.voice.answer(port, message)
+        self._ties.voice.as_autopilot(port, message)
 
 
 def _item(sender: _Sender, item: MissionItem) -> Any:

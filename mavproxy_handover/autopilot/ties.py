@@ -31,6 +31,8 @@ class Ties:
     commands: Callable[[int], bool]
     #: keeps the mission package that the autopilot holds
     keep: Callable[[MissionPackage], None]
+    #: an older position (s) is not known any more
+    stale_s: float
     narrator: Narrator
     voice: Voice
     clocks: Clocks

@@ -15,7 +15,7 @@ component that began it. Rules, from ArduPilot's source:
 2. **File open for writing** (GCS_FTP): one for everybody. TerminateSession closes it, and closing is what applies
    a parameter or mission file, half-written or not. So the header of such a file is overwritten with zeros first:
    a file without its magic number is thrown away. Left alone it would be closed, and applied, whenever some
-   station next asks for a file. Parameter files are closed at arming too (`parameters`: nobody may set them then).
+   station next asks for a file. They are closed at arming too (`arming`: nobody may write them then).
    What a request says is not what has happened: a file counts as open until the autopilot has acknowledged its end,
    or refused to open it. A second one that is refused, because one is open, does not hide the first.
 3. **Sticks** (RC_CHANNELS_OVERRIDE, its second version, MANUAL_CONTROL): released; the autopilot would wait for
@@ -41,7 +41,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.judge import Fate, Verdict
-from mavproxy_handover.gate.policy.files import is_parameter_file, is_upload
+from mavproxy_handover.gate.policy.files import is_upload
 from mavproxy_handover.gate.policy.parts import MISSION_TYPES
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import (
@@ -199,12 +199,12 @@ class FlushTracker:
         opened = self._open.get(station_sysid)
         return opened is not None and bool(opened.files)
 
-    def parameters(self) -> list[Closing]:
-        """Throw away parameter files that are being written: to be called when the vehicle is armed."""
+    def arming(self) -> list[Closing]:
+        """Throw away parameter and mission files that are being written: to be called when the vehicle is armed."""
         closings = []
         for opened in self._open.values():
             for name, file in list(opened.files.items()):
-                if is_parameter_file(name[2]):
+                if is_upload(name[2]):
                     del opened.files[name]
                     closings.append(self._close_file(name, file))
         return closings

@@ -18,11 +18,13 @@ Rules that live here
    is the companion's to give (`observers`): the autopilot is not asked for more.
 4. What a former commander left open at the autopilot is closed in its own name (`flush`), before anything else is sent
    for the new one; then the successor's last heartbeat is passed on if it is fresh: the autopilot watches this station
-   from now on. At arming, parameter files that are being written are thrown away: nobody may set those in flight.
+   from now on. At arming, parameter and mission files that are being written are thrown away: nobody may write those
+   in flight.
 5. The stations hear one manager, the companion: CONTROL_STATUS of anybody else on board goes no further.
 6. Sticks and setpoints that a station already sent before it had control are refused until they have ended once, and
    the station is told (`latent`).
-7. The stations hear one companion: what comes from the vehicle's side in its name (its component, that of its link
+7. In flight a guided target is judged by the situation before it passes, whatever rate it comes at (`targets`).
+8. The stations hear one companion: what comes from the vehicle's side in its name (its component, that of its link
    probes) or in its language (the messages of `handover.xml`, whoever says them) stays aboard and is counted. It would
    be sealed with the stations' keys, and they would believe it. The companion's own words do not come this way.
 
@@ -41,12 +43,14 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import AuthorityView, Phase
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import Closing, FlushTracker
+from mavproxy_handover.gate.intent import TARGET_MESSAGES
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
 from mavproxy_handover.gate.latent import LatentStreams, News, State, arms, lines
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.questions import Questions
 from mavproxy_handover.gate.refusals import RefusalLimiter, line_of_text, refusal
+from mavproxy_handover.gate.targets import TargetStreams
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
@@ -55,7 +59,7 @@ __all__ = ["UNNOTED", "Gate", "Port"]
 
 _HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _CONTROL_STATUS: Final[int] = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
-#: components of the vehicle that only the companion speaks as (rule 7)
+#: components of the vehicle that only the companion speaks as (rule 8)
 _OURS: Final = frozenset((COMPANION_COMPID, PROBE_COMPID))
 #: of the commander's frames, what may come often (rule 2)
 _FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM))
@@ -111,7 +115,7 @@ class Gate:
         self.view = AuthorityView(armed=True)
         #: what became of every station's frames and why
         self.counts: dict[int, Counter[GateReason]] = {station: Counter() for station in ports}
-        #: frames of the vehicle's side in the companion's name or language, by system and component (rule 7)
+        #: frames of the vehicle's side in the companion's name or language, by system and component (rule 8)
         self.in_our_name: Counter[tuple[int, int]] = Counter()
         self._vehicle = vehicle
         self._ports = ports
@@ -121,6 +125,8 @@ class Gate:
         self._flusher = FlushTracker(vehicle)
         self._questions = Questions(self._flusher)
         self._latent = LatentStreams(ports)
+        #: whoever knows the situation sets `judge` of it
+        self.targets = TargetStreams()
         self._rates = ObserverRates(limits)
         self._downlink = DownlinkPolicy((port.identity for port in ports.values()), self._rates)
         self._refusals = RefusalLimiter()
@@ -161,6 +167,8 @@ class Gate:
                 verdict = verdict._replace(fate=Fate.DROP, reason=GateReason.NOT_ARMED)
             if self._latent.untold:
                 self._tell_stations(now)
+            if frame.msgid in TARGET_MESSAGES and verdict.fate is Fate.FORWARD and self.view.phase is not Phase.ON_LOAD:
+                verdict = self.targets.limit(frame, verdict, port.sysid, now)
         commands = port.sysid == self.view.commander
         if not commands:
             self.note()
@@ -189,6 +197,18 @@ class Gate:
         self._passed.append((port, frame, passed, now))
         self.note()
         return passed
+
+    def turn_down(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> Verdict:
+        """Refuse a frame of the commander that was the companion's matter first; how it is judged then.
+
+        It is answered in its protocol's own way; the words are the caller's.
+        """
+        refused = Verdict(Fate.REFUSE, verdict.access, GateReason.SITUATION, verdict.what)
+        self.counts[port.sysid][refused.reason] += 1
+        if self._refusals.allow(port.sysid, frame.msgid, now):
+            for answer in refusal(frame, refused, self._own, words=False):
+                port.write(answer)
+        return refused
 
     def tick(self, now: float) -> None:
         """Note what waits to be noted, and see which streams have ended; to be called often."""
@@ -246,7 +266,7 @@ class Gate:
     def down(self, frame: Frame, now: float) -> bool:
         """A frame that came from the vehicle's side: it goes to the stations that hear it.
 
-        False: it speaks in the companion's name (rule 7); to tell people is left to the caller.
+        False: it speaks in the companion's name (rule 8); to tell people is left to the caller.
         """
         if frame.msgid in OUR_MESSAGES or (frame.compid in _OURS and frame.sysid == self._vehicle):
             self.in_our_name[frame.sysid, frame.compid] += 1
@@ -280,7 +300,7 @@ class Gate:
             if successor is not None and now - successor.heartbeat_at < _HEARTBEAT_FRESH_S:
                 self._to_autopilot(successor.heartbeat)
         if view.armed and not before.armed and view.commander is not None:
-            closed += self._close(view.commander, self._flusher.parameters())
+            closed += self._close(view.commander, self._flusher.arming())
         return closed
 
     def distrust(self) -> None:

@@ -17,6 +17,9 @@ Rules, in this order; the first that applies decides:
    commander it carries out itself, and what else arms or takes off it lets pass only when START may be.
 6. What would pass but is aimed at the companion's own component is refused: it has nothing there to command,
    read or set but what it consumes.
+7. In flight, the commander's commands that could leave energy, fence or coverage (`intent`) are the companion's matter:
+   it has them passed on, or refused, when it has seen what they would leave. So is every upload of a mission or a
+   fence (`STAGED`), which ends at the companion.
 
 Frames of further system ids behind a station (its `sysids`) are judged as the station's own, except heartbeats:
 only the station's own may keep the autopilot's GCS failsafe quiet, or a tracker would vouch for a dead operator.
@@ -30,12 +33,16 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final, NamedTuple
 
+from pymavlink.dialects.v20 import handover as mavlink
+
 from mavproxy_handover.core.model import AuthorityView, Phase
+from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
+from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, Access, Row, classify, takes_off
-from mavproxy_handover.wire.frames import Frame, target, target_places
+from mavproxy_handover.wire.frames import Frame, field_int, target, target_places
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START
 
-__all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "judge", "outcome"]
+__all__ = ["Fate", "GateReason", "StationIdentity", "Verdict", "judge", "outcome", "uploads"]
 
 
 class Fate(Enum):
@@ -72,6 +79,7 @@ class GateReason(Enum):
     NOT_ARMED = "not armed: sticks could arm"  #: on the ground; to arm needs what START needs
     RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
+    SITUATION = "it would leave energy, fence or coverage"  #: in flight, or not to be judged by now
 
     #: as in `Access`
     __hash__ = object.__hash__
@@ -170,6 +178,13 @@ def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_s
     return Verdict(fate, row.access, reason, row.what)
 
 
+_ACK: Final[int] = mavlink.MAVLINK_MSG_ID_MISSION_ACK
+#: MAV_MISSION_TYPEs whose uploads end at the companion in flight, and what may write such a list, or call that off
+STAGED: Final = frozenset({mavlink.MAV_MISSION_TYPE_MISSION, mavlink.MAV_MISSION_TYPE_FENCE})
+_WRITERS: Final = frozenset(
+    {_ACK, *(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in MISSION_TYPE_MESSAGES)}
+)
+
 #: Length of the payload, where target system and component are in it, verdict on others' frames and the commander's.
 _Usual = tuple[int, int | None, int | None, Verdict, Verdict]
 
@@ -194,6 +209,8 @@ def _usual_by_id() -> dict[int, _Usual]:
         if row.access in same
         and row.access is not Access.LIVENESS  # there it matters whose heartbeat it is
         and msgid not in TAKE_OFF_MESSAGES
+        and msgid not in INTENT_MESSAGES
+        and msgid != _ACK
     }
 
 
@@ -230,4 +247,13 @@ def _decide(
         return Fate.DROP if row.access is Access.STREAM else Fate.REFUSE, GateReason.COMPANION_TARGET
     if on_ground and takes_off(frame, row):
         return Fate.CONSUME, GateReason.COMPANION
+    if commands and view.phase is not Phase.ON_LOAD and (uploads(frame) or intent_of(frame) is not None):
+        return Fate.CONSUME, GateReason.COMPANION
     return fate, reason
+
+
+def uploads(frame: Frame) -> bool:
+    """Whether a frame is a part of an upload that ends at the companion in flight (rule 7)."""
+    if frame.msgid not in _WRITERS or field_int(frame, "mission_type") not in STAGED:
+        return False
+    return frame.msgid not in INTENT_MESSAGES or intent_of(frame) is None

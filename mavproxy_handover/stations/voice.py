@@ -57,10 +57,6 @@ class Voice:
         """Send a station a message in the autopilot's name: where it waits for the autopilot's answer."""
         port.write(codec.pack(message, self._as_autopilot))
 
-    def answer(self, port: StationPort, message: Any) -> None:
-        """Send a message to one station in the autopilot's name: that is whom it asked."""
-        port.write(codec.pack(message, self._as_autopilot))
-
     def say(self, port: StationPort, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
         """A text for the station's operator, a warning unless `severity` says otherwise; what is longer than STATUSTEXT
         comes in pieces that belong together."""

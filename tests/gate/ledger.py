@@ -48,7 +48,7 @@ BULK_OPCODES = [0, 3, 4, 5, 14, 15, 16]
 
 # --- the commander's alone; anyone else is told
 TOLD_MESSAGES = listed("""
-    SET_MODE MISSION_SET_CURRENT FENCE_POINT
+    SET_MODE FENCE_POINT
     SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN SET_MAG_OFFSETS MOUNT_CONFIGURE
     DIGICAM_CONFIGURE DIGICAM_CONTROL GOPRO_SET_REQUEST LED_CONTROL PLAY_TUNE LOG_ERASE OSD_PARAM_CONFIG
     UAVIONIX_ADSB_OUT_CFG UAVIONIX_ADSB_OUT_CFG_REGISTRATION UAVIONIX_ADSB_OUT_CFG_FLIGHTID
@@ -64,6 +64,14 @@ RALLY_WRITE_TYPES = [2, 255]
 # --- their readers: everybody's; rally points are read from the companion
 READ_ITEM_MESSAGES = listed("MISSION_REQUEST_LIST MISSION_REQUEST MISSION_REQUEST_INT MISSION_ACK")
 RALLY_READ_TYPES = [2]
+
+#: of these, what ends at the companion in flight: mission and fence
+STAGED_TYPES = [0, 1]
+
+# --- the commander's alone; in flight the companion looks first what they would leave
+#: NAV_WAYPOINT, DO_ORBIT, NAV_SPLINE_WAYPOINT, DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MISSION_CURRENT, OVERRIDE_GOTO
+JUDGED_COMMANDS = [16, 34, 82, 178, 192, 224, 252]
+JUDGED_MESSAGES = ["MISSION_SET_CURRENT"]
 
 #: NAV_TAKEOFF, NAV_TAKEOFF_LOCAL, NAV_VTOL_TAKEOFF, SOLO_BTN_FLY_HOLD: they start a flight
 TAKE_OFF_COMMANDS = [22, 24, 84, 42002]
@@ -166,11 +174,13 @@ SAFEGUARD_FILES = [
     (11, b"@PARAMparam.pck"),
     (11, b"@PARAM/param.pck?/../../x"),
     (11, b"@PARAM\\param.pck"),
+    (6, b"@MISSION/mission.dat"),
+    (11, b"@MISSION/fence.dat"),
+    (6, b"/@mission/rally.dat"),
 ]
 #: by the opcode alone
 PLAIN_FILES = [
-    (6, b"@MISSION/mission.dat"),
-    (11, b"@MISSION/fence.dat"),
+    (4, b"@MISSION/mission.dat"),
     (6, b"APM/LOGS/1.bin"),
     (6, b"x/myscripts/y"),
     (6, b"scripts.txt"),
@@ -232,7 +242,7 @@ RATE_COMMANDS = [510, 511]
 # --- from everybody, for the companion itself
 HANDOVER_MESSAGES = listed("""
     CONNECT CONNECT_ACK MISSION_PACKAGE MISSION_CHUNK MISSION_PACKAGE_ACK ON_HANDOVER OK_HANDOVER
-    DRONE_CONNECTED DISCONNECT_HANDOVER
+    DRONE_CONNECTED DISCONNECT_HANDOVER HANDOVER_OVERRIDE
 """)
 CONTROL_COMMANDS = [32100]
 
@@ -289,6 +299,7 @@ ALL_COMMANDS = sorted(n for n, e in mavlink.enums["MAV_CMD"].items() if e.name !
 PASS, BULK, TOLD, SAFEGUARD = "pass", "bulk", "told", "safeguard"
 SILENT, RATE, START, TAKE_OFF, HELD = "silent", "rate", "start", "take off", "held"
 HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
+JUDGED, CALLED_OFF = "judged", "called off"
 MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
 RALLY_READ, RALLY_WRITE = "rally read", "rally write"
 
@@ -304,6 +315,8 @@ OUTCOMES = {
     PASS: (_ALLOWED, _ALLOWED),
     BULK: (_ALLOWED, _ALLOWED),
     TOLD: (_ALLOWED, _NOT_IN_CONTROL),
+    JUDGED: (_ALLOWED, _NOT_IN_CONTROL),
+    CALLED_OFF: (_ALLOWED, _ALLOWED),
     START: (_ALLOWED, _NOT_IN_CONTROL),
     TAKE_OFF: (_ALLOWED, _NOT_IN_CONTROL),
     SAFEGUARD: (_ALLOWED, _NOT_IN_CONTROL),
@@ -330,6 +343,8 @@ ACCESS = {
     PASS: Access.READ,
     BULK: Access.BULK,
     TOLD: Access.COMMAND,
+    JUDGED: Access.COMMAND,
+    CALLED_OFF: Access.READ,
     START: Access.COMMAND,
     TAKE_OFF: Access.COMMAND,
     SAFEGUARD: Access.SAFEGUARD,
@@ -354,15 +369,23 @@ PARAMETER_DEPENDENT = [
     (400, -1.0, 0.0, TAKE_OFF),
     (400, float("nan"), 0.0, TAKE_OFF),
     (400, 0.0, 21196.0, TOLD),
-    *((218, function, 2.0, TAKE_OFF) for function in (41.0, 151.0, 153.0, 153.5, 154.0, 165.0, float("nan"))),
+    *((218, function, 2.0, TAKE_OFF) for function in (41.0, 151.0, 153.0, 153.5, 154.0, 165.0)),
+    (218, float("nan"), 2.0, START),  # what is no number may be anything: on the ground it arms, in flight it is AUTO
     *((218, function + 65536.0, 2.0, TAKE_OFF) for function in (41.0, 151.0, 153.0, 154.0, 165.0)),
     (218, 153.0 - 65536.0, 2.0, TAKE_OFF),
     (218, 153.0 + 256.0, 2.0, TOLD),
-    *((176, 1.0, mode, TAKE_OFF) for mode in (28.0, 28.5, 284.0, 65564.0, -228.0, float("nan"), float("inf"))),
+    *((176, 1.0, mode, TAKE_OFF) for mode in (28.0, 28.5, 284.0, 65564.0, -228.0)),
+    *((176, 1.0, mode, START) for mode in (float("nan"), float("inf"))),
     *((176, 1.0, mode, TOLD) for mode in (0.0, 4.0, 27.0, 29.0, 32.0, 12.0, 283.0)),
     (218, 153.0, 1.0, TAKE_OFF),
     (218, 153.0, 0.0, TOLD),
     (218, 4.0, 2.0, TOLD),
+    *((176, 1.0, mode, JUDGED) for mode in (3.0, 3.5, 259.0, -253.0)),
+    *((176, 1.0, mode, TOLD) for mode in (5.0, 6.0, 9.0, 16.0, 17.0, 21.0)),  # LOITER, RTL, LAND ...: never judged
+    *((218, 16.0, position, JUDGED) for position in (2.0, float("nan"))),
+    *((218, 16.0, position, TOLD) for position in (0.0, 1.0)),
+    *((193, goes_on, 0.0, JUDGED) for goes_on in (1.0, 1.9, 257.0, float("nan"))),
+    *((193, pauses, 0.0, TOLD) for pauses in (0.0, 2.0)),
     (218, 81.0, 2.0, TOLD),
 ]
 
@@ -372,6 +395,7 @@ def kind_of_message(name: str) -> str:
         (PASS, PASS_MESSAGES),
         (BULK, BULK_MESSAGES),
         (TOLD, TOLD_MESSAGES),
+        (JUDGED, JUDGED_MESSAGES),
         (HELD, HELD_MESSAGES),
         (SILENT, [name for name in SILENT_MESSAGES if name not in HELD_MESSAGES]),
         (RATE, RATE_MESSAGES),
@@ -397,6 +421,7 @@ def kind_of_command(number: int, commands: Collection[int] = ALL_COMMANDS) -> st
         (SAFEGUARD, SAFEGUARD_COMMANDS),
         (START, [300]),
         (TAKE_OFF, TAKE_OFF_COMMANDS),
+        (JUDGED, JUDGED_COMMANDS),
     ]
     found = [kind for kind, numbers in lists if number in numbers]
     assert len(found) <= 1, number
@@ -415,7 +440,14 @@ def kind_of_items(mission_type: int) -> str:
     """Of what writes a list."""
     if mission_type in RALLY_WRITE_TYPES:
         return RALLY_WRITE
-    return TOLD if mission_type in MISSION_TYPES else UNKNOWN
+    return JUDGED if mission_type in STAGED_TYPES else UNKNOWN
+
+
+def kind_of_reading(name: str, mission_type: int) -> str:
+    """Of what reads one, or ends that; the end of an upload is MISSION_ACK, too."""
+    if mission_type in RALLY_READ_TYPES:
+        return RALLY_READ
+    return CALLED_OFF if name == "MISSION_ACK" and mission_type in STAGED_TYPES else PASS
 
 
 def kind_of_frame(name: str, fields: dict[str, int], ftp: bytes = b"", parameter: str = "") -> str | None:
@@ -429,7 +461,7 @@ def kind_of_frame(name: str, fields: dict[str, int], ftp: bytes = b"", parameter
     if name in ITEM_MESSAGES:
         return kind_of_items(fields["mission_type"])
     if name in READ_ITEM_MESSAGES:
-        return RALLY_READ if fields["mission_type"] in RALLY_READ_TYPES else PASS
+        return kind_of_reading(name, fields["mission_type"])
     if name in PARAMETER_MESSAGES:
         if parameter in MAINTENANCE_PARAMETERS:
             return MAINTENANCE
@@ -472,6 +504,8 @@ def cases() -> Iterator[Case]:
     for command, first, second, kind in PARAMETER_DEPENDENT:
         for name in ("COMMAND_LONG", "COMMAND_INT"):
             yield Case(name, kind, (("command", command), ("param1", first), ("param2", second)))
+    for mode in (3, 259, 0xFFFFFF03):
+        yield Case("SET_MODE", JUDGED, (("custom_mode", mode),))
     for mode, kind in ((28, TAKE_OFF), (0xFFFFFF1C, TAKE_OFF), (0, TOLD), (27, TOLD), (29, TOLD), (0x1C00, TOLD)):
         yield Case("SET_MODE", kind, (("custom_mode", mode),))
     for opcode in range(256):
@@ -495,8 +529,10 @@ def cases() -> Iterator[Case]:
             yield Case(name, kind_of_items(mission_type), (("mission_type", mission_type),), mission_type == 0)
     for name in READ_ITEM_MESSAGES:
         for mission_type in (0, 1, 2, 3, 255):
-            kind = RALLY_READ if mission_type in RALLY_READ_TYPES else PASS
+            kind = kind_of_reading(name, mission_type)
             yield Case(name, kind, (("mission_type", mission_type),), mission_type == 0)
+    for name in ("MISSION_ITEM", "MISSION_ITEM_INT"):
+        yield Case(name, JUDGED, (("current", 2),))
     for name in PARAMETER_MESSAGES:
         for parameters, kind in (
             (MAINTENANCE_PARAMETERS, MAINTENANCE),
@@ -554,6 +590,8 @@ def expected(
     if not commands:
         return ARMED_OTHERS.get(kind, OUTCOMES[kind][1]) if view.armed else OUTCOMES[kind][1]
     if kind in (START, TAKE_OFF) and view.phase is Phase.ON_LOAD:
+        return Fate.CONSUME, GateReason.COMPANION
+    if kind in (START, JUDGED, CALLED_OFF) and view.phase is not Phase.ON_LOAD:
         return Fate.CONSUME, GateReason.COMPANION
     if kind == HELD and view.phase is Phase.ON_LOAD and not view.armed:
         return Fate.DROP, GateReason.NOT_ARMED

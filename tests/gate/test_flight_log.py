@@ -62,6 +62,20 @@ LOCKED_WHILE_ARMED = {
     "PARAM_SET/FS_GCS_ENABLE": 1,
     "PARAM_SET/RTL_ALT": 1,
 }
+#: in flight the companion's matter first
+JUDGED = {
+    "COMMAND_INT/MAV_CMD_DO_REPOSITION": 2,
+    "COMMAND_LONG/MAV_CMD_DO_CHANGE_SPEED": 1,
+    "COMMAND_LONG/MAV_CMD_DO_PAUSE_CONTINUE": 1,
+    "COMMAND_LONG/MAV_CMD_DO_SET_MISSION_CURRENT": 2,
+    "COMMAND_LONG/MAV_CMD_DO_SET_MODE": 1,
+    "MISSION_CLEAR_ALL/FENCE": 1,
+    "MISSION_CLEAR_ALL/MISSION": 1,
+    "MISSION_COUNT/FENCE": 1,
+    "MISSION_COUNT/MISSION": 1,
+    "MISSION_ITEM_INT/FENCE": 3,
+    "MISSION_ITEM_INT/MISSION": 4,
+}
 FRAMES = 286
 
 
@@ -118,9 +132,9 @@ def test_the_commander_itself_is_not_hindered(flight: list[Frame], armed: bool) 
     verdicts = replay(flight, view(STATION, None, Phase.ON_MISSION, armed))
     refused = {**counted(verdicts, Fate.REFUSE), **counted(verdicts, Fate.DROP)}
     assert refused == {**FORBIDDEN, **(LOCKED_WHILE_ARMED if armed else {})}
-    assert counted(verdicts, Fate.CONSUME) == RALLY_POINTS
-    kept = sum(refused.values()) + sum(RALLY_POINTS.values())
-    assert sum(counted(verdicts, Fate.FORWARD).values()) == FRAMES - kept
+    consumed = counted(verdicts, Fate.CONSUME)
+    assert consumed == {**RALLY_POINTS, **JUDGED}, "the companion passes the latter on when it has looked"
+    assert sum(counted(verdicts, Fate.FORWARD).values()) == FRAMES - sum(refused.values()) - sum(consumed.values())
 
 
 def test_the_flight_from_another_stations_link_is_no_ones(flight: list[Frame]) -> None:

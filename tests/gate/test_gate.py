@@ -50,7 +50,7 @@ def test_a_frame_is_on_its_way_before_anything_is_noted(make: Make) -> None:
     noted: list[int] = []
     door = Door(to_autopilot=lambda _raw: noted.append(door.gate.counts[GCSA][GateReason.ALLOWED]))
     door.change(OF_A)
-    door.up(A, make("COMMAND_LONG", command=178))
+    door.up(A, make("COMMAND_LONG", command=183))
     assert noted == [0]
     assert door.gate.counts[GCSA][GateReason.ALLOWED] == 1
 
@@ -60,9 +60,9 @@ def test_a_frame_is_on_its_way_before_anything_is_noted(make: Make) -> None:
     [
         ("RC_CHANNELS_OVERRIDE", {}, False),
         ("PARAM_REQUEST_LIST", {}, False),
-        ("COMMAND_LONG", {"command": 178}, True),
+        ("COMMAND_LONG", {"command": 183}, True),
         ("PARAM_SET", {"param_id": b"FS_OPTIONS"}, True),
-        ("MISSION_COUNT", {}, True),
+        ("MISSION_COUNT", {"mission_type": 2}, True),
         ("HEARTBEAT", {}, True),
     ],
 )
@@ -272,26 +272,26 @@ def test_what_the_former_commander_left_open_is_closed_in_its_name_before_the_su
     door: Door, make: Make
 ) -> None:
     door.up(A, make("RC_CHANNELS_OVERRIDE"))  # not noted yet
-    door.up(A, make("MISSION_COUNT", count=9))
+    door.up(A, make("MISSION_COUNT", count=9, mission_type=2))
     beat = make("HEARTBEAT", sysid=GCSB).raw
     door.ports[GCSB].heartbeat, door.ports[GCSB].heartbeat_at = beat, door.now
     door.passed.clear()
     closed = door.change(OF_B)
     assert [(station, closing.what) for station, closing in closed] == [
         (GCSA, "RC override released"),
-        (GCSA, "unfinished mission upload ended"),
+        (GCSA, "unfinished rally upload ended"),
     ]
     assert names(door.passed) == ["RC_CHANNELS_OVERRIDE", "MISSION_COUNT", "HEARTBEAT"]
     assert [decoded(raw).get_srcSystem() for raw in door.passed] == [GCSA, GCSA, GCSB]
 
 
 def test_the_frames_after_a_change_are_judged_by_the_new_view(door: Door, make: Make) -> None:
-    command = make("COMMAND_LONG", command=178)
+    command = make("COMMAND_LONG", command=183)
     assert door.up(A, command).verdict.fate is Fate.FORWARD
     door.change(OF_B)
     assert door.gate.view is OF_B
     assert door.up(A, command).verdict.reason is GateReason.NOT_IN_CONTROL
-    assert door.up(B, make("COMMAND_LONG", sysid=GCSB, command=178)).verdict.fate is Fate.FORWARD
+    assert door.up(B, make("COMMAND_LONG", sysid=GCSB, command=183)).verdict.fate is Fate.FORWARD
 
 
 def test_when_nobody_commands_any_more_it_is_closed_too_and_nobodys_heartbeat_follows(door: Door, make: Make) -> None:
@@ -343,9 +343,10 @@ def test_a_view_is_in_force_even_if_what_follows_from_it_breaks(
 
 def test_an_upload_that_the_autopilot_has_ended_is_not_closed_again(door: Door, make: Make) -> None:
     def begin_upload() -> None:
-        door.up(A, make("MISSION_COUNT", count=9))
+        door.up(A, make("MISSION_COUNT", count=9, mission_type=2))
 
-    ack = make("MISSION_ACK", sysid=VEHICLE, compid=1, target_system=GCSA, target_component=190, type=0)
+    aim = {"target_system": GCSA, "target_component": 190, "mission_type": 2}
+    ack = make("MISSION_ACK", sysid=VEHICLE, compid=1, type=0, **aim)
     begin_upload()
     door.down(ack)
     assert door.change(OF_B) == []

@@ -140,6 +140,9 @@ def test_where_a_station_has_a_key_no_frame_reaches_the_judge_without_its_signat
 COMMANDED_BY_A = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
 
 
+GROUNDED = AuthorityView(Phase.ON_LOAD, GCSA, None, 1, LeaseState.HELD)
+
+
 def outcome(frame: Frame, station: StationIdentity, view: AuthorityView = COMMANDED_BY_A) -> Verdict:
     return judge(frame, station, view, VEHICLE)
 
@@ -153,7 +156,7 @@ def test_no_verdict_is_worked_out_beforehand_where_more_than_the_message_matters
     assert {manual, ping} <= set(gate_judge._usual_by_id())
     rows = {**MESSAGE_ROWS, manual: Row("MANUAL_CONTROL", Access.SAFEGUARD), ping: Row("PING", Access.BULK)}
     monkeypatch.setattr(gate_judge, "MESSAGE_ROWS", rows)
-    by_contents = {make("SET_MODE").msgid}
+    by_contents = {make(name).msgid for name in ("SET_MODE", "MISSION_SET_CURRENT", "MISSION_ACK")}
     assert sorted(gate_judge._usual_by_id()) == sorted(set(rows) - dear - by_contents - {manual, beat, ping})
 
 
@@ -273,9 +276,11 @@ def test_parameters_that_are_not_named_are_locked_while_armed(make: Callable[...
     assert both_ways(make("COMMAND_INT", command=180), A) == [ALLOWED, LOCKED]
 
 
-def test_missions_may_be_uploaded_as_files_in_flight(make: Callable[..., Frame]) -> None:
+def test_missions_may_be_uploaded_as_files_on_the_ground_alone(make: Callable[..., Frame]) -> None:
     upload = ftp_request(6, b"@MISSION/mission.dat")
-    assert both_ways(make("FILE_TRANSFER_PROTOCOL", payload=upload), A) == [ALLOWED, ALLOWED]
+    assert both_ways(make("FILE_TRANSFER_PROTOCOL", payload=upload), A) == [ALLOWED, LOCKED]
+    download = ftp_request(4, b"@MISSION/mission.dat")
+    assert both_ways(make("FILE_TRANSFER_PROTOCOL", payload=download), A) == [ALLOWED, ALLOWED]
     frame = make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, payload=upload)
     assert both_ways(frame, B) == [NOT_IN_CONTROL, NOT_IN_CONTROL]
 
@@ -295,7 +300,7 @@ def test_no_station_writes_scripts_or_reads_the_memory_with_the_signing_key(make
 
 def test_a_mission_type_that_does_not_exist_is_refused(make: Callable[..., Frame]) -> None:
     for mission_type in range(256):
-        verdict = outcome(make("MISSION_COUNT", count=3, mission_type=mission_type), A)
+        verdict = outcome(make("MISSION_COUNT", count=3, mission_type=mission_type), A, GROUNDED)
         known = GateReason.COMPANION if mission_type in RALLY_WRITE_TYPES else GateReason.ALLOWED
         assert verdict.reason is (known if mission_type in MISSION_TYPES else GateReason.UNKNOWN_COMMAND), mission_type
     assert outcome(make("MISSION_COUNT", mission_type=1), A).what == "MISSION_COUNT/FENCE"

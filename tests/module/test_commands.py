@@ -11,11 +11,12 @@ from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
 
 USAGE = [
-    "usage: handover <status|stations|zones|cancel>",
+    "usage: handover <status|stations|zones|cancel|override>",
     "  status    phase, commander, epoch, lease, guard, mission, energy",
     "  stations  every station: link, liveness, what the gate did",
     "  zones     zones of the loaded mission and where the aircraft is",
     "  cancel    call the present transfer off; the commander stays",
+    "  override  energy|fence|coverage: let commands leave this limit for a minute, as whoever commands may",
 ]
 
 
@@ -27,7 +28,20 @@ def test_no_word_shows_the_usage(bench: Bench, line: str) -> None:
 
 @pytest.mark.parametrize(
     "words",
-    ["foo", "status now", "STATUS", "cancel 7", "stations \x00", "zones --help", "set", "ünïcode", "status " * 300],
+    [
+        "foo",
+        "status now",
+        "STATUS",
+        "cancel 7",
+        "stations \x00",
+        "zones --help",
+        "set",
+        "override",
+        "override all",
+        "override energy now",
+        "ünïcode",
+        "status " * 300,
+    ],
 )
 def test_unknown_words_are_named_and_the_usage_shown(bench: Bench, words: str) -> None:
     bench.load()
@@ -37,7 +51,10 @@ def test_unknown_words_are_named_and_the_usage_shown(bench: Bench, words: str) -
 
 def test_completion_offers_the_words_of_the_usage(bench: Bench) -> None:
     bench.load()
-    assert bench.mpstate.completions["handover"] == ["<status|stations|zones|cancel>"]
+    assert bench.mpstate.completions["handover"] == [
+        "<status|stations|zones|cancel|override>",
+        "override <energy|fence|coverage>",
+    ]
     assert bench.mpstate.command_map["handover"][1].startswith("authority handover"), "what MAVProxy's help shows"
 
 

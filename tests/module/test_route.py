@@ -111,12 +111,20 @@ def test_in_another_mode_there_is_no_route(flown: Bench) -> None:
         mavlink.MAVLink_mission_count_message(1, 1, 3, 0),
         mavlink.MAVLink_mission_clear_all_message(1, 1, 0),
         mavlink.MAVLink_mission_write_partial_list_message(1, 1, 2, 3, 0),
-        mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, list(bytes([0, 0, 0, 6]) + bytes(247))),
     ],
-    ids=["upload", "clear", "partial", "file"],
+    ids=["upload", "clear", "partial"],
 )
-def test_a_mission_of_somebody_else_is_no_route_that_is_known(flown: Bench, message: Any) -> None:
+def test_an_upload_that_has_only_begun_changes_no_route(flown: Bench, message: Any) -> None:
     flown.a.send(message)
+    flown.run(0.5)
+    flown.autopilot.position = beside(0.5, 41.0)
+    flown.run(5.0)
+    assert [event for event, _text in told(flown)] == ["off_route"]
+
+
+def test_a_file_that_is_written_may_be_a_mission_of_somebody_else(flown: Bench) -> None:
+    create = list(bytes([0, 0, 0, 6]) + bytes(247))
+    flown.a.send(mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, create))
     flown.run(0.5)
     flown.autopilot.position = beside(0.5, 41.0)
     flown.run(20.0)

@@ -7,9 +7,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from mavproxy_handover.core.safety.commands import Kind
 from mavproxy_handover.gate.policy.access import Access, Rule, names
+from mavproxy_handover.wire.ids import COPTER_AUTO
 
-__all__ = ["COMMAND_RULES", "MODE_BITS", "TAKE_OFF_RULES", "TURTLE", "TakeOffRule"]
+__all__ = [
+    "COMMAND_RULES",
+    "JUDGED_RULES",
+    "MODE_BITS",
+    "TAKE_OFF_RULES",
+    "TURTLE",
+    "JudgedRule",
+    "TakeOffRule",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +55,47 @@ TAKE_OFF_RULES: Final = (
     TakeOffRule("NAV_VTOL_TAKEOFF", "takes off"),
     TakeOffRule("SOLO_BTN_FLY_HOLD", "on the ground ArduCopter arms and takes off by it"),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedRule:
+    """A command that is judged by the situation in flight: what it does, what people call it, and why it is one.
+
+    `which` and `values`: it is one only where that parameter has such a value, of which the autopilot keeps the last
+    8 bits; a second pair likewise. `item`: the parameter that names an item of the mission, `speed`: the one that is a
+    speed. Of `Kind.FLY_TO` parameters 5 to 7 are the place.
+    """
+
+    name: str
+    kind: Kind
+    word: str
+    why: str
+    which: int | None = None
+    values: tuple[int, ...] = ()
+    also: tuple[int, int] | None = None
+    item: int | None = None
+    speed: int | None = None
+    #: it does something in AUTO only; elsewhere it goes on to what was judged before, or the autopilot refuses it
+    auto_only: bool = False
+
+
+#: In flight these are judged by energy, fence and coverage. What leads away from danger is not among them: RTL, LAND,
+#: BRAKE, LOITER, a pause, landing sequences and return paths. Names without their MAV_CMD_.
+JUDGED_RULES: Final = (
+    JudgedRule("DO_SET_MODE", Kind.GO_ON, "AUTO", "AUTO flies the mission on", which=2, values=(COPTER_AUTO,)),
+    JudgedRule("MISSION_START", Kind.GO_ON, "START", "the same"),
+    # the switch functions of AUTO; its high position
+    JudgedRule("DO_AUX_FUNCTION", Kind.GO_ON, "AUTO", "the same, by a switch", which=1, values=(16,), also=(2, 2)),
+    JudgedRule("DO_PAUSE_CONTINUE", Kind.GO_ON, "CONTINUE", "the same", which=1, values=(1,), auto_only=True),
+    JudgedRule("DO_SET_MISSION_CURRENT", Kind.GO_ON, "another item", "flies from another item on", item=1),
+    JudgedRule("DO_REPOSITION", Kind.FLY_TO, "target", "flies to a place"),
+    JudgedRule("NAV_WAYPOINT", Kind.FLY_TO, "target", "flies to a place"),
+    JudgedRule("NAV_SPLINE_WAYPOINT", Kind.FLY_TO, "target", "flies to a place"),
+    JudgedRule("OVERRIDE_GOTO", Kind.FLY_TO, "target", "flies to a place"),
+    JudgedRule("DO_ORBIT", Kind.FLY_TO, "target", "flies around a place"),
+    JudgedRule("DO_CHANGE_SPEED", Kind.SPEED, "speed", "another speed needs other energy", speed=2, auto_only=True),
+)
+
 
 #: Commands, in COMMAND_LONG and COMMAND_INT alike. Names without their MAV_CMD_.
 COMMAND_RULES: Final = (

@@ -26,7 +26,7 @@ from typing import Final
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME
 
-__all__ = ["FILE_RULES", "FileRule", "file_rule", "is_parameter_file", "is_upload"]
+__all__ = ["FILE_RULES", "FileRule", "file_rule", "is_upload"]
 
 _WRITES: Final = frozenset({FTP_CREATE, 8, 9, 10, FTP_OPEN_WRITE, 12, FTP_RENAME})
 _READS: Final = frozenset({3, 4, 14, 16})
@@ -115,11 +115,16 @@ FILE_RULES: Final = (
         "sets any parameter, and names it only after the file is open",
         ("/@param*",),
     ),
+    FileRule(
+        Access.SAFEGUARD,
+        "missions",
+        "in flight a mission, fence or rally list is judged before it is written: by the mission protocol",
+        ("/@mission*",),
+    ),
 )
 
-#: Files that are applied when they are closed, and those of them that hold parameters.
-_PARAMETER_FILES: Final = "/@param*"
-_UPLOADS: Final = (_PARAMETER_FILES, "/@mission*")
+#: Files that are applied when they are closed.
+_UPLOADS: Final = ("/@param*", "/@mission*")
 
 
 def _read(path: bytes) -> str:
@@ -149,8 +154,3 @@ def file_rule(opcode: int, payload: bytes) -> FileRule | None:
 def is_upload(path: bytes) -> bool:
     """Whether a file that is written becomes parameters or mission items when it is closed."""
     return any(fnmatchcase(_read(path), pattern) for pattern in _UPLOADS)
-
-
-def is_parameter_file(path: bytes) -> bool:
-    """Whether a file that is written becomes parameters when it is closed."""
-    return fnmatchcase(_read(path), _PARAMETER_FILES)

@@ -190,7 +190,7 @@ MESSAGE_RULES: Final = (
         "ours, from stations: the companion's own business",
         names("""
             CONNECT CONNECT_ACK MISSION_PACKAGE MISSION_CHUNK MISSION_PACKAGE_ACK ON_HANDOVER OK_HANDOVER
-            DRONE_CONNECTED DISCONNECT_HANDOVER
+            DRONE_CONNECTED DISCONNECT_HANDOVER HANDOVER_OVERRIDE
         """),
     ),
     Rule(

@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The commander's commands in flight, judged by the situation: what each would leave, what becomes of it, who is told.
+
+The rules are `core/safety/commands.py`, the geometry `mission/ahead.py`; here they meet what is known of the aircraft.
+
+* What is not known is not judged: without a position, a mission package, a model of the energy the command passes, as
+  it would without this. So it does when something breaks in here: authority is not the question.
+* To judge takes milliseconds, and a station may send what it likes: `MOST` at once, then `PER_S` a second. What comes
+  faster is refused without a look.
+* The operator is told in words, in the journal stands who lifted what.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import cos, inf, radians, sin
+from typing import Final
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.safety.commands import LIFTED_S, CommandRules, Kind, Limit, Outcome, Ruling
+from mavproxy_handover.gate.intent import Aim, Intent
+from mavproxy_handover.gate.refusals import RefusalLimiter
+from mavproxy_handover.mission.ahead import Ahead, leaves_coverage, leaves_fence, straight
+from mavproxy_handover.mission.energy import LANDING, pieces_along, places_of
+from mavproxy_handover.mission.geodesy import offset
+from mavproxy_handover.mission.walk import Leg
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.wire.ids import COPTER_AUTO
+
+__all__ = ["MOST", "PER_S", "CommandDesk"]
+
+MOST: Final = 10
+PER_S: Final = 5.0
+#: words to one station about one kind of command: not oftener, and about a stream not oftener than that
+_WORDS_S, _STREAM_WORDS_S = 1.0, 10.0
+#: MAV_FRAMEs that are above the sea, and local frames whose origin is where the aircraft is, turned with it or not
+_ABOVE_SEA: Final = (0, 5)
+_OFFSETS: Final = (7, 8, 9)
+_TURNED: Final = (8, 9)
+_UNKNOWN_HEADING: Final = 0xFFFF
+#: how fast a guided target is flown to, if no mission says it
+_GUIDED_MPS: Final = 10.0
+
+_Place = tuple[float, float, float]
+_NOT_JUDGED: Final = Ruling(Outcome.PASSES)
+
+
+@dataclass(slots=True)
+class _Purse:
+    """Judgements that may still be made, and when that was counted."""
+
+    left: float = float(MOST)
+    counted_at: float = -inf
+
+    def take(self, now: float) -> bool:
+        """Whether there is one."""
+        self.left = min(float(MOST), self.left + max(0.0, now - self.counted_at) * PER_S)
+        self.counted_at = now
+        if self.left < 1.0:
+            return False
+        self.left -= 1.0
+        return True
+
+
+class CommandDesk:
+    """Judges for one vehicle. Times are monotonic seconds."""
+
+    def __init__(self, policies: Mapping[Limit, str], aircraft: Aircraft, energy: EnergyWatch, ties: Ties) -> None:
+        self.rules = CommandRules(policies)
+        #: the plan that the autopilot holds; None: nobody knows which one
+        self.ahead: Ahead | None = None
+        self._aircraft = aircraft
+        self._energy = energy
+        self._ties = ties
+        self._purse = _Purse()
+        self._words = RefusalLimiter(1, _WORDS_S)
+        self._stream_words = RefusalLimiter(1, _STREAM_WORDS_S)
+
+    # ---- commands -------------------------------------------------------------------------------------------------
+
+    def judge(self, port: StationPort, intent: Intent, now: float) -> Ruling:
+        """What becomes of a command of the commander in flight; people are told."""
+        return self._rule(port, intent.kind, intent.word, intent.wish, intent.repeats, now, lambda: self._way(intent))
+
+    def target(self, aim: Aim, station: int, now: float) -> bool:
+        """Whether the commander's stream of targets may lead there."""
+        port = self._ties.voice.ports[station]
+        return self._rule(port, Kind.TARGET, "target", aim, False, now, lambda: self._to(aim)).passes
+
+    def route(self, port: StationPort, ahead: Ahead, wish: object, now: float) -> Ruling:
+        """What becomes of another mission; what is known of the situation is looked at in this moment."""
+        here = self.here(now)
+        legs = () if here is None else ahead.way(self.item_in(ahead), here)
+        return self._rule(port, Kind.ROUTE, "mission", wish, False, now, lambda: legs, ahead)
+
+    def item_in(self, ahead: Ahead) -> int:
+        """The item that the autopilot goes on with when it is given this plan."""
+        last = ahead.route.items[-1].seq
+        return self._aircraft.waypoint if 1 <= self._aircraft.waypoint <= last else 1
+
+    def start(self, port: StationPort, wish: object, repeats: bool, now: float) -> None:
+        """START, or a part of it: sent anew in time it goes on without the energy. What it lacks is told elsewhere."""
+        left = {Limit.ENERGY: self._energy.shortfall}
+        ruling = self.rules.rule(Kind.START, wish, left, port.sysid, now, repeats=repeats)
+        if ruling.outcome is Outcome.LIFTED:
+            self._energy.lift(now, now)
+            self._ties.narrator.command_passed(port.name, "START", ruling)
+
+    # ---- what the operator lifts ----------------------------------------------------------------------------------
+
+    def lift(self, limit: Limit, by: str, now: float) -> None:
+        """The operator of whoever commands, or of the vehicle itself, lifts a limit; `by`: who, for people."""
+        self.rules.lift(limit, now)
+        if limit is Limit.ENERGY:
+            self._energy.lift(now + LIFTED_S, now)
+        self._ties.narrator.override(limit.value, by, LIFTED_S)
+
+    def authority_moved(self) -> None:
+        """Somebody else commands, or nobody."""
+        self.rules.authority_moved()
+        self._energy.lift_no_more()
+
+    # ---- judging --------------------------------------------------------------------------------------------------
+
+    def _rule(
+        self,
+        port: StationPort,
+        kind: Kind,
+        word: str,
+        wish: object,
+        repeats: bool,
+        now: float,
+        way: Callable[[], Sequence[Leg]],
+        ahead: Ahead | None = None,
+    ) -> Ruling:
+        limits = self.rules.looks_at(kind)
+        if not limits or self.here(now) is None:
+            return _NOT_JUDGED
+        if not self._purse.take(now):
+            return Ruling(Outcome.REFUSED, (), "too many commands at once")
+        try:
+            left = self._left(way(), limits, ahead or self.ahead, now)
+            ruling = self.rules.rule(kind, wish, left, port.sysid, now, repeats=repeats)
+        except Exception:
+            self._ties.fault("judging a command", traceback.format_exc(limit=-3))
+            return _NOT_JUDGED
+        self._tell(port, kind, word, ruling, now)
+        return ruling
+
+    def _left(self, legs: Sequence[Leg], limits: Sequence[Limit], ahead: Ahead | None, now: float) -> dict[Limit, str]:
+        """What a way would leave, of these limits."""
+        if not legs or ahead is None:
+            return {}
+        look: dict[Limit, Callable[[], str]] = {
+            Limit.ENERGY: lambda: self._energy_short(legs, ahead),
+            Limit.FENCE: lambda: leaves_fence(legs, ahead.fence),
+            Limit.COVERAGE: lambda: leaves_coverage(legs, ahead.finder, self._usable(now)),
+        }
+        return {limit: look[limit]() for limit in limits}
+
+    def _energy_short(self, legs: Sequence[Leg], ahead: Ahead) -> str:
+        fact = self._energy.fact
+        if fact.model is None or fact.left_wh is None:  # on the ground START asks for it; in the air it was granted
+            return ""
+        places = [place for place in places_of(ahead.route) if place.name != LANDING]
+        return fact.shortfall(fact.model.need_wh(pieces_along(legs, places, fact.model)))
+
+    def _usable(self, now: float) -> frozenset[int]:
+        """The commander, and whoever could take the aircraft from it now."""
+        commands, unfit = self._ties.commands, self._ties.arbiter.unfit
+        return frozenset(each for each in self._ties.voice.ports if commands(each) or unfit(each, now) is None)
+
+    def here(self, now: float) -> _Place | None:
+        """Where the aircraft is: latitude, longitude, metres above home; None: nobody knows."""
+        aircraft = self._aircraft
+        return aircraft.where if now - aircraft.position_at < self._ties.stale_s else None
+
+    # ---- ways -----------------------------------------------------------------------------------------------------
+
+    def _way(self, intent: Intent) -> Sequence[Leg]:
+        """The way that a command would have the aircraft fly; none where nothing is known of it."""
+        aircraft, ahead = self._aircraft, self.ahead
+        if intent.aim is not None:
+            return self._to(intent.aim)
+        if ahead is None or aircraft.where is None or (intent.auto_only and aircraft.custom_mode != COPTER_AUTO):
+            return ()
+        item = aircraft.waypoint if intent.item is None or intent.item < 0 else max(1, intent.item)
+        legs = ahead.way(item, aircraft.where)
+        speed_mps = intent.speed_mps
+        if speed_mps is None:
+            return legs
+        return tuple(replace(leg, speed_mps=speed_mps) for leg in legs) if 0.0 < speed_mps < inf else ()
+
+    def _to(self, aim: Aim) -> Sequence[Leg]:
+        here = self._aircraft.where
+        there = None if here is None or not aim.makes_sense else self._place_of(aim, here)
+        if here is None or there is None:
+            return ()
+        speed_mps = _GUIDED_MPS if self.ahead is None else self.ahead.speed_mps
+        return straight(here, there, speed_mps)
+
+    def _place_of(self, aim: Aim, here: _Place) -> _Place | None:
+        """Where a target lies: degrees, metres above home. None: a local frame, and home is not known."""
+        position = self._aircraft.position
+        assert position is not None
+        if aim.on_earth:
+            if aim.first == 0.0 and aim.second == 0.0:  # "where it is", to the autopilot
+                return *here[:2], aim.third
+            home_m = (position.alt - position.relative_alt) / 1000.0 if aim.frame in _ABOVE_SEA else 0.0
+            return aim.first, aim.second, aim.third - home_m
+        if aim.frame in _OFFSETS:
+            turn = radians(position.hdg / 100.0) if aim.frame in _TURNED and position.hdg != _UNKNOWN_HEADING else 0.0
+            north, east = aim.first * cos(turn) - aim.second * sin(turn), aim.first * sin(turn) + aim.second * cos(turn)
+            return *offset(*here[:2], east, north), here[2] - aim.third
+        if self.ahead is None:
+            return None
+        home = self.ahead.route.home  # the estimator's origin is where the aircraft was switched on
+        return *offset(home.lat_deg, home.lon_deg, aim.second, aim.first), -aim.third
+
+    # ---- telling --------------------------------------------------------------------------------------------------
+
+    def _tell(self, port: StationPort, kind: Kind, word: str, ruling: Ruling, now: float) -> None:
+        if ruling.outcome is Outcome.PASSES:
+            return
+        words = self._stream_words if kind is Kind.TARGET else self._words
+        if not words.allow(port.sysid, (kind, ruling.outcome, ruling.limits), now):
+            return
+        narrator, voice = self._ties.narrator, self._ties.voice
+        if ruling.passes:
+            narrator.command_passed(port.name, word, ruling)
+            if ruling.outcome is Outcome.WARNED:
+                voice.say(port, f"{word}, warning: {ruling.words}")
+            return
+        narrator.command_refused(port.name, word, ruling)
+        limit = ruling.limits[0].value
+        voice.say(port, f"{word} refused: {ruling.words}")
+        again = "" if kind is Kind.TARGET else "send again in 3-15 s, or "
+        voice.say(port, f"{again}handover override {limit}")

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover override`: the operator lifts one limit of commands for a minute, at the commander's station or aboard.
+
+By HANDOVER_OVERRIDE, which is answered in kind. A station repeats it until it is answered, so a copy (the same nonce of
+the same station) is answered again and lifts nothing anew. Of whoever does not command it is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.command_desk import CommandDesk
+from mavproxy_handover.core.safety.commands import Limit
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.wire.ids import LIMITS
+
+__all__ = ["CONSOLE", "Overrides"]
+
+#: who lifts a limit at the vehicle's own console
+CONSOLE: Final = "the vehicle's console"
+
+
+class Overrides:
+    """Takes them for one vehicle; `commander`: the system id of the station whose word counts, None: nobody's."""
+
+    def __init__(self, desk: CommandDesk, commander: Callable[[], int | None], vehicle: int) -> None:
+        self._desk = desk
+        self._commander = commander
+        self._vehicle = vehicle
+        #: the last one of each station that was carried out
+        self._last: dict[int, int] = {}
+
+    def take(self, port: StationPort, message: Any, now: float) -> Any:
+        """HANDOVER_OVERRIDE of a station, any; returns the answer."""
+        name = LIMITS.get(message.limit)
+        limit = None if name is None else Limit(name)
+        commands = port.sysid == self._commander()
+        if limit is not None and commands and self._last.get(port.sysid) != message.nonce:
+            self._last[port.sysid] = message.nonce
+            self._desk.lift(limit, port.name, now)
+        left_s = self._desk.rules.lifted_s(now).get(limit, 0.0) if limit is not None and commands else 0.0
+        return mavlink.MAVLink_handover_override_message(
+            *port.target, self._vehicle, message.limit, message.nonce, round(left_s)
+        )

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a frame of the commander wants of an aircraft in flight, where that is judged by the situation.
+
+Which frames these are stands in the policy (`JUDGED_RULES`, and here the messages that are no commands). Nothing is
+judged here, and no place looked up: frames are read, and any of them may hold anything.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from math import isfinite
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.safety.commands import Kind
+from mavproxy_handover.gate.policy.commands import JUDGED_RULES, MODE_BITS, JudgedRule
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int, field_offset
+from mavproxy_handover.wire.ids import COPTER_AUTO
+
+__all__ = [
+    "GUIDED_ITEM",
+    "INTENT_MESSAGES",
+    "TARGET_MESSAGES",
+    "Aim",
+    "Intent",
+    "aim_of",
+    "intent_of",
+    "repeats",
+    "wish_of",
+]
+
+_COMMAND_LONG: Final = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
+_COMMAND_INT: Final = mavlink.MAVLINK_MSG_ID_COMMAND_INT
+_SET_MODE: Final = mavlink.MAVLINK_MSG_ID_SET_MODE
+_SET_CURRENT: Final = mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT
+_ITEM: Final = mavlink.MAVLINK_MSG_ID_MISSION_ITEM
+_ITEM_INT: Final = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
+_GLOBAL: Final = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
+_LOCAL: Final = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+
+#: guided targets that come many times a second
+TARGET_MESSAGES: Final = frozenset({_GLOBAL, _LOCAL})
+#: MISSION_ITEM.current: not an item, but a place to fly to. 3, which changes the height alone, leaves nothing
+GUIDED_ITEM: Final = 2
+#: frames whose place is in degrees
+_GLOBAL_FRAMES: Final = frozenset({0, 3, 5, 6, 10, 11})
+_ABOVE_HOME: Final = 3
+#: type_mask: any of these, and there is no place
+_NO_PLACE: Final = 0b111
+_INT32: Final = struct.Struct("<i")
+#: where COMMAND_LONG counts its repetitions
+_COUNTER: Final = field_offset(_COMMAND_LONG, "confirmation")
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """A place to fly to, as the frame has it: MAV_FRAME, and latitude, longitude, altitude (degrees, metres), or, of a
+    local frame, metres north, east and down."""
+
+    frame: int
+    first: float
+    second: float
+    third: float
+
+    @property
+    def on_earth(self) -> bool:
+        """Its place is in degrees."""
+        return self.frame in _GLOBAL_FRAMES
+
+    @property
+    def makes_sense(self) -> bool:
+        """It is a place at all; the autopilot flies to no other."""
+        if not all(map(isfinite, (self.first, self.second, self.third))):
+            return False
+        return not self.on_earth or (abs(self.first) <= 90.0 and abs(self.second) <= 180.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Intent:
+    """What a frame wants. `word`: what people call it. `wish` tells it from others of its kind; `repeats`: it says of
+    itself that it was sent before. `item`: of the mission to go on with, None: the one that it is at."""
+
+    kind: Kind
+    word: str
+    wish: Hashable
+    repeats: bool = False
+    item: int | None = None
+    aim: Aim | None = None
+    speed_mps: float | None = None
+    auto_only: bool = False
+
+
+_RULES: Final[Mapping[int, JudgedRule]] = {
+    getattr(mavlink, f"MAV_CMD_{rule.name}"): rule for rule in JUDGED_RULES if hasattr(mavlink, f"MAV_CMD_{rule.name}")
+}
+
+
+def intent_of(frame: Frame) -> Intent | None:
+    """What the frame wants; None: nothing that is judged. The frame is known to the dialect."""
+    read = _READERS.get(frame.msgid)
+    return None if read is None else read(frame)
+
+
+def _of_command(frame: Frame) -> Intent | None:
+    rule = _RULES.get(field_int(frame, "command"))
+    if rule is None:
+        return None
+    if rule.which is not None and not _holds(field_float(frame, f"param{rule.which}"), rule.values):
+        return None
+    if rule.also is not None and not _holds(field_float(frame, f"param{rule.also[0]}"), rule.also[1:]):
+        return None
+    whole = frame.msgid == _COMMAND_INT
+    item = None if rule.item is None else _whole(field_float(frame, f"param{rule.item}"))
+    return Intent(
+        rule.kind,
+        rule.word if item is None else f"item {item}",
+        wish_of(frame),
+        repeats=repeats(frame),
+        item=item,
+        aim=_aim_of_command(frame, whole) if rule.kind is Kind.FLY_TO else None,
+        speed_mps=None if rule.speed is None else field_float(frame, f"param{rule.speed}"),
+        auto_only=rule.auto_only,
+    )
+
+
+def _aim_of_command(frame: Frame, whole: bool) -> Aim:
+    if whole:
+        place = _signed(frame, "x") / 1e7, _signed(frame, "y") / 1e7, field_float(frame, "z")
+        return Aim(field_int(frame, "frame"), *place)
+    return Aim(_ABOVE_HOME, *(field_float(frame, f"param{n}") for n in (5, 6, 7)))
+
+
+def _of_mode(frame: Frame) -> Intent | None:
+    if field_int(frame, "custom_mode") & ((1 << MODE_BITS) - 1) != COPTER_AUTO:
+        return None
+    return Intent(Kind.GO_ON, "AUTO", wish_of(frame))
+
+
+def _of_current(frame: Frame) -> Intent | None:
+    item = field_int(frame, "seq")
+    return Intent(Kind.GO_ON, f"item {item}", wish_of(frame), item=item)
+
+
+def _of_item(frame: Frame) -> Intent | None:
+    if field_int(frame, "current") != GUIDED_ITEM:
+        return None
+    return Intent(Kind.FLY_TO, "target", wish_of(frame), aim=_aim_of_item(frame))
+
+
+def _aim_of_item(frame: Frame) -> Aim:
+    number = field_int(frame, "frame")
+    if frame.msgid == _ITEM_INT:
+        return Aim(number, _signed(frame, "x") / 1e7, _signed(frame, "y") / 1e7, field_float(frame, "z"))
+    return Aim(number, *(field_float(frame, name) for name in ("x", "y", "z")))
+
+
+def aim_of(frame: Frame) -> Aim | None:
+    """The place in a frame of TARGET_MESSAGES; None where it holds none."""
+    if field_int(frame, "type_mask") & _NO_PLACE:
+        return None
+    number = field_int(frame, "coordinate_frame")
+    if frame.msgid == _GLOBAL:
+        place = _signed(frame, "lat_int") / 1e7, _signed(frame, "lon_int") / 1e7
+        return Aim(number, *place, field_float(frame, "alt"))
+    return Aim(number, *(field_float(frame, name) for name in ("x", "y", "z")))
+
+
+_READERS: Final[Mapping[int, Callable[[Frame], Intent | None]]] = {
+    _COMMAND_LONG: _of_command,
+    _COMMAND_INT: _of_command,
+    _SET_MODE: _of_mode,
+    _SET_CURRENT: _of_current,
+    _ITEM: _of_item,
+    _ITEM_INT: _of_item,
+}
+#: messages that may hold an intent
+INTENT_MESSAGES: Final = frozenset(_READERS)
+
+
+def wish_of(frame: Frame) -> Hashable:
+    """What tells it from another: who sent what, but for the counter of repetitions."""
+    contents = frame.payload
+    if frame.msgid == _COMMAND_LONG:
+        contents = contents[:_COUNTER] + contents[_COUNTER + 1 :]
+    return frame.sysid, frame.compid, frame.msgid, contents
+
+
+def repeats(frame: Frame) -> bool:
+    """Whether a frame says of itself that it was sent before."""
+    return frame.msgid == _COMMAND_LONG and field_int(frame, "confirmation") > 0
+
+
+def _holds(value: float, values: tuple[int, ...]) -> bool:
+    """Whether the autopilot reads one of these in it; what is no number may be anything."""
+    return not isfinite(value) or int(value) & 0xFF in values
+
+
+def _whole(value: float) -> int:
+    return int(value) if isfinite(value) else -1
+
+
+def _signed(frame: Frame, field: str) -> int:
+    (value,) = _INT32.unpack(field_bytes(frame, field))
+    return int(value)

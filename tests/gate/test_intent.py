@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a frame of the commander wants: read out of the frame, whatever it holds."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.safety.commands import Kind
+from mavproxy_handover.gate.intent import INTENT_MESSAGES, TARGET_MESSAGES, Aim, aim_of, intent_of, repeats, wish_of
+from mavproxy_handover.wire.frames import Frame
+
+Make = Callable[..., Frame]
+GO_ON, FLY_TO, SPEED = Kind.GO_ON, Kind.FLY_TO, Kind.SPEED
+
+#: frame -> kind, what people call it, and what else stands in it
+WANTED: list[tuple[str, dict[str, Any], Kind, str, dict[str, Any]]] = [
+    ("COMMAND_LONG", {"command": 176, "param2": 3.0}, GO_ON, "AUTO", {}),
+    ("COMMAND_INT", {"command": 176, "param2": 3.0}, GO_ON, "AUTO", {}),
+    ("SET_MODE", {"custom_mode": 3}, GO_ON, "AUTO", {}),
+    ("COMMAND_LONG", {"command": 300}, GO_ON, "START", {}),
+    ("COMMAND_LONG", {"command": 218, "param1": 16.0, "param2": 2.0}, GO_ON, "AUTO", {}),
+    ("COMMAND_LONG", {"command": 193, "param1": 1.0}, GO_ON, "CONTINUE", {"auto_only": True}),
+    ("COMMAND_LONG", {"command": 224, "param1": 7.0}, GO_ON, "item 7", {"item": 7}),
+    ("COMMAND_LONG", {"command": 224, "param1": -1.0}, GO_ON, "item -1", {"item": -1}),
+    ("COMMAND_LONG", {"command": 224, "param1": math.nan}, GO_ON, "item -1", {"item": -1}),
+    ("MISSION_SET_CURRENT", {"seq": 65535}, GO_ON, "item 65535", {"item": 65535}),
+    ("COMMAND_LONG", {"command": 178, "param2": 12.0}, SPEED, "speed", {"speed_mps": 12.0, "auto_only": True}),
+    (
+        "COMMAND_INT",
+        {"command": 192, "frame": 0, "x": 521234567, "y": -59000000, "z": 40.0},
+        FLY_TO,
+        "target",
+        {"aim": Aim(0, 52.1234567, -5.9, 40.0)},
+    ),
+    (
+        "COMMAND_LONG",
+        {"command": 192, "param5": 52.5, "param6": 6.25, "param7": 40.0},
+        FLY_TO,
+        "target",
+        {"aim": Aim(3, 52.5, 6.25, 40.0)},
+    ),
+    (
+        "MISSION_ITEM_INT",
+        {"current": 2, "frame": 6, "x": 525000000, "y": 62500000, "z": 30.0, "command": 16},
+        FLY_TO,
+        "target",
+        {"aim": Aim(6, 52.5, 6.25, 30.0)},
+    ),
+    (
+        "MISSION_ITEM",
+        {"current": 2, "frame": 3, "x": 52.5, "y": 6.25, "z": 30.0, "command": 16},
+        FLY_TO,
+        "target",
+        {"aim": Aim(3, 52.5, 6.25, 30.0)},
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "fields", "kind", "word", "more"), WANTED)
+def test_what_a_frame_wants(
+    make: Make, name: str, fields: dict[str, Any], kind: Kind, word: str, more: dict[str, Any]
+) -> None:
+    intent = intent_of(make(name, **fields))
+    assert intent is not None
+    assert (intent.kind, intent.word) == (kind, word)
+    found = {key: getattr(intent, key) for key in ("item", "aim", "speed_mps", "auto_only")}
+    assert found == {"item": None, "aim": None, "speed_mps": None, "auto_only": False, **more}
+
+
+#: what leads away from danger, and what is no order to fly
+NEVER_JUDGED: list[tuple[str, dict[str, Any]]] = [
+    *(("COMMAND_LONG", {"command": 176, "param2": mode}) for mode in (0.0, 2.0, 4.0, 5.0, 6.0, 9.0, 16.0, 17.0, 21.0)),
+    *(("SET_MODE", {"custom_mode": mode}) for mode in (0, 2, 5, 6, 9, 16, 17, 21, 27)),
+    ("COMMAND_LONG", {"command": 20}),  # RTL
+    ("COMMAND_LONG", {"command": 21}),  # LAND
+    ("COMMAND_INT", {"command": 21}),
+    ("COMMAND_LONG", {"command": 17}),  # LOITER
+    ("COMMAND_LONG", {"command": 193, "param1": 0.0}),  # STOP
+    ("COMMAND_LONG", {"command": 188}),  # return path
+    ("COMMAND_LONG", {"command": 189}),  # landing sequence
+    ("COMMAND_LONG", {"command": 185}),  # terminate
+    ("COMMAND_LONG", {"command": 400, "param1": 0.0}),
+    ("COMMAND_LONG", {"command": 42001}),  # the pause button
+    ("MISSION_ITEM_INT", {"current": 0}),
+    ("MISSION_ITEM_INT", {"current": 3}),
+    ("MISSION_COUNT", {}),
+    ("HEARTBEAT", {}),
+]
+
+
+@pytest.mark.parametrize(("name", "fields"), NEVER_JUDGED)
+def test_what_is_never_judged(make: Make, name: str, fields: dict[str, Any]) -> None:
+    assert intent_of(make(name, **fields)) is None
+
+
+def test_a_repetition_is_told_by_its_counter_and_is_the_same_wish(make: Make) -> None:
+    fields = {"command": 176, "param1": 1.0, "param2": 3.0}
+    first, again = make("COMMAND_LONG", **fields), make("COMMAND_LONG", confirmation=1, **fields)
+    other = make("COMMAND_LONG", **{**fields, "param1": 0.0})
+    assert (repeats(first), repeats(again)) == (False, True)
+    assert wish_of(first) == wish_of(again) != wish_of(other)
+    assert wish_of(first) != wish_of(make("COMMAND_LONG", compid=7, **fields))
+    intent = intent_of(again)
+    assert intent is not None
+    assert intent.repeats
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "aim"),
+    [
+        (
+            "SET_POSITION_TARGET_GLOBAL_INT",
+            {"coordinate_frame": 6, "lat_int": 525000000, "lon_int": -62500000, "alt": 30.0},
+            Aim(6, 52.5, -6.25, 30.0),
+        ),
+        (
+            "SET_POSITION_TARGET_LOCAL_NED",
+            {"coordinate_frame": 9, "x": 10.0, "y": -5.0, "z": 1.0},
+            Aim(9, 10.0, -5.0, 1.0),
+        ),
+    ],
+)
+def test_a_stream_s_target(make: Make, name: str, fields: dict[str, Any], aim: Aim) -> None:
+    assert aim_of(make(name, type_mask=0b110111111000, **fields)) == aim
+    for no_place in (0b1, 0b10, 0b100, 0b110111000111):
+        assert aim_of(make(name, type_mask=no_place, **fields)) is None
+
+
+@pytest.mark.parametrize(
+    ("aim", "sense"),
+    [
+        (Aim(3, 52.0, 6.0, 40.0), True),
+        (Aim(3, 90.1, 6.0, 40.0), False),
+        (Aim(3, 52.0, -180.1, 40.0), False),
+        (Aim(3, math.nan, 6.0, 40.0), False),
+        (Aim(1, 5000.0, 6.0, -40.0), True),
+        (Aim(1, 5000.0, math.inf, -40.0), False),
+    ],
+)
+def test_a_target_that_is_no_place(aim: Aim, sense: bool) -> None:
+    assert aim.makes_sense is sense
+
+
+@given(st.sampled_from(sorted(INTENT_MESSAGES | TARGET_MESSAGES)), st.binary(max_size=64), st.integers(0, 65535))
+def test_whatever_a_frame_holds_nothing_raises(msgid: int, contents: bytes, command: int) -> None:
+    size = mavlink.mavlink_map[msgid].unpacker.size
+    payload = bytearray(contents.ljust(size, b"\xff")[:size])
+    if msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT):
+        payload[28:30] = struct.pack("<H", command)
+    frame = Frame(b"", 2, msgid, 251, 190, 0, False, bytes(payload), True)
+    if msgid in TARGET_MESSAGES:
+        aim_of(frame)
+    else:
+        intent_of(frame)
+        wish_of(frame)

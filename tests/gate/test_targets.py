@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Streams of guided targets: judged when the target changes, and not frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
+from mavproxy_handover.gate.intent import Aim
+from mavproxy_handover.gate.judge import Fate, GateReason
+from mavproxy_handover.gate.targets import HOLDS_S
+from mavproxy_handover.wire.frames import Frame
+from tests.gate.door import Door
+from tests.gate.ledger import GCSA, GCSB, A, B
+
+Make = Callable[..., Frame]
+FLYING = AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD)
+ONLY_PLACE, ONLY_VELOCITY = 0b110111111000, 0b110111000111
+GLOBAL = "SET_POSITION_TARGET_GLOBAL_INT"
+#: about 3 m in 1e-7 degrees of latitude, and a little more and less
+NEAR, FAR = 260, 280
+
+
+class Watched:
+    """A gate whose judge lets nothing pass that lies north of 53 degrees, and remembers what it was asked."""
+
+    def __init__(self, step_s: float) -> None:
+        self.asked: list[tuple[Aim, int]] = []
+        self.door = Door(step_s)
+        self.door.change(FLYING)
+        self.door.gate.targets.judge = self._judge
+
+    def _judge(self, aim: Aim, station: int, _now: float) -> bool:
+        self.asked.append((aim, station))
+        return aim.first <= 53.0
+
+
+def target(make: Make, lat: int, mask: int = ONLY_PLACE, **more: Any) -> Frame:
+    return make(GLOBAL, type_mask=mask, lat_int=lat, lon_int=60_000_000, alt=40.0, coordinate_frame=6, **more)
+
+
+def test_a_stream_that_stands_still_is_judged_once_a_second(make: Make) -> None:
+    watched = Watched(step_s=0.05)
+    frame = target(make, 520_000_000)
+    fates = [watched.door.up(A, frame).verdict.fate for _ in range(60)]
+    assert set(fates) == {Fate.FORWARD}
+    assert len(watched.asked) == 3
+    assert watched.asked[0] == (Aim(6, 52.0, 6.0, 40.0), GCSA)
+    assert HOLDS_S == 1.0
+
+
+@pytest.mark.parametrize(("step", "asked"), [(NEAR, 1), (FAR, 2)])
+def test_a_target_that_moves_is_judged_when_it_has_moved_by_some_metres(make: Make, step: int, asked: int) -> None:
+    watched = Watched(step_s=0.2)
+    for shift in (0, step):
+        assert watched.door.up(A, target(make, 520_000_000 + shift)).verdict.fate is Fate.FORWARD
+    assert len(watched.asked) == asked
+
+
+def test_what_would_leave_is_dropped_and_counted_until_the_target_is_another(make: Make) -> None:
+    watched = Watched(step_s=0.2)
+    out, inside = target(make, 530_000_100), target(make, 520_000_000)
+    came = [watched.door.up(A, out) for _ in range(3)]
+    assert {(c.verdict.fate, c.verdict.reason) for c in came} == {(Fate.DROP, GateReason.SITUATION)}
+    assert [c.passed for c in came] == [[], [], []]
+    assert watched.door.gate.counts[GCSA][GateReason.SITUATION] == 3
+    assert watched.door.up(A, inside).passed == [inside.raw]
+    assert len(watched.asked) == 2
+
+
+def test_one_that_jumps_to_and_fro_gets_no_bad_target_through_and_costs_ten_judgements_a_second(make: Make) -> None:
+    watched = Watched(step_s=0.01)
+    out, inside = target(make, 540_000_000), target(make, 520_000_000)
+    passed = [raw for _ in range(200) for frame in (inside, out) for raw in watched.door.up(A, frame).passed]
+    assert out.raw not in passed
+    assert len(watched.asked) <= 41  # of four seconds
+
+
+def test_what_carries_no_place_is_not_judged(make: Make) -> None:
+    watched = Watched(step_s=0.2)
+    frame = target(make, 540_000_000, mask=ONLY_VELOCITY)
+    assert watched.door.up(A, frame).verdict.fate is Fate.FORWARD
+    assert watched.asked == []
+
+
+def test_on_the_ground_and_of_who_does_not_command_nothing_is_judged(make: Make) -> None:
+    watched = Watched(step_s=0.2)
+    watched.door.up(B, target(make, 540_000_000, sysid=GCSB))
+    watched.door.change(replace(FLYING, phase=Phase.ON_LOAD))
+    assert watched.door.up(A, target(make, 540_000_000)).verdict.fate is Fate.FORWARD
+    assert watched.asked == []
+
+
+def test_another_message_and_another_frame_are_judged_for_themselves(make: Make) -> None:
+    watched = Watched(step_s=0.2)
+    watched.door.up(A, target(make, 520_000_000))
+    watched.door.up(A, make(GLOBAL, type_mask=ONLY_PLACE, lat_int=520_000_000, lon_int=60_000_000, alt=40.0))
+    watched.door.up(A, make("SET_POSITION_TARGET_LOCAL_NED", type_mask=ONLY_PLACE, coordinate_frame=1, x=9.0))
+    assert [aim for aim, _station in watched.asked] == [
+        Aim(6, 52.0, 6.0, 40.0),
+        Aim(0, 52.0, 6.0, 40.0),
+        Aim(1, 9.0, 0.0, 0.0),
+    ]

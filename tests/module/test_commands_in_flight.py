@@ -1,0 +1,398 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The commander's commands in flight, judged by the situation; the delivery mission, with the aircraft in zone A.
+
+Its fence is a box around both zones; 52.70 N lies north of it, 52.6823 N inside it and outside every zone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import Bench
+from tests.module.vehicle import AUTO, HOME
+
+START, SET_MODE, PAUSE = (
+    mavlink.MAV_CMD_MISSION_START,
+    mavlink.MAV_CMD_DO_SET_MODE,
+    mavlink.MAV_CMD_DO_PAUSE_CONTINUE,
+)
+REPOSITION, SPEED = mavlink.MAV_CMD_DO_REPOSITION, mavlink.MAV_CMD_DO_CHANGE_SPEED
+ACCEPTED, REJECTED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+OUT_OF_FENCE, OUT_OF_ZONES = (52.70, 5.924), (52.6823, 5.924)
+GUIDED, LOITER, RTL, LAND, BRAKE = 4, 5, 6, 9, 17
+
+
+def take_off(bench: Bench, package: MissionPackage, commands: str = "") -> Bench:
+    bench.config.write_text(bench.config.read_text() + f"\n[commands]\n{commands}\n")
+    bench.connect()
+    bench.share(package)
+    bench.run(2.0)
+    bench.a.command(START)
+    bench.autopilot.waypoint = 2
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.run(2.0)
+    bench.autopilot.received.clear()
+    bench.a.received.clear()
+    return bench
+
+
+@pytest.fixture
+def flown(bench: Bench, delivery: MissionPackage) -> Bench:
+    return take_off(bench, delivery)
+
+
+def fly_to(bench: Bench, place: tuple[float, float], alt_m: float = 40.0) -> None:
+    """DO_REPOSITION of the commander."""
+    lat, lon = round(place[0] * 1e7), round(place[1] * 1e7)
+    message = mavlink.MAVLink_command_int_message(1, 1, 3, REPOSITION, 0, 0, -1, 1, 0, 0, lat, lon, alt_m)
+    bench.a.send(message)
+    bench.run(0.3)
+
+
+def passed(bench: Bench, kind: str = "COMMAND_INT") -> int:
+    """Messages of the commander that have arrived at the autopilot."""
+    return len(bench.autopilot.got(kind, 251))
+
+
+# ---- what is refused, and how that is lifted ----------------------------------------------------------------------
+
+
+def test_a_target_in_the_zone_passes(flown: Bench) -> None:
+    fly_to(flown, (52.6785, 5.9240))
+    assert passed(flown) == 1
+    assert flown.a.acks(REPOSITION) == []  # the autopilot of this bench knows no COMMAND_INT: its answer is its own
+    assert flown.a.texts() == ""
+
+
+@pytest.mark.parametrize(
+    ("place", "limit", "words"),
+    [
+        (OUT_OF_FENCE, "fence", "target refused: breaks the geofence within 2337 m"),
+        (OUT_OF_ZONES, "coverage", "target refused: leaves coverage in "),
+    ],
+    ids=["fence", "coverage"],
+)
+def test_a_target_outside_is_answered_with_the_reason(
+    flown: Bench, place: tuple[float, float], limit: str, words: str
+) -> None:
+    fly_to(flown, place)
+    assert passed(flown) == 0
+    assert flown.a.acks(REPOSITION) == [REJECTED]
+    assert flown.a.texts().startswith(words)
+    assert flown.a.texts().endswith(f"send again in 3-15 s, or handover override {limit}")
+    (entry,) = flown.journal("command_refused")
+    assert (entry["station"], entry["limits"]) == ("GCSA", [limit])
+    (refused,) = flown.journal("refused")
+    assert refused["reason"] == "it would leave energy, fence or coverage"
+
+
+def test_sent_anew_after_three_seconds_it_is_carried_out_and_journalled(flown: Bench) -> None:
+    fly_to(flown, OUT_OF_ZONES)
+    flown.run(1.0)
+    fly_to(flown, OUT_OF_ZONES)
+    assert (passed(flown), flown.a.acks(REPOSITION)) == (0, [REJECTED, REJECTED])
+    flown.run(3.0)
+    fly_to(flown, OUT_OF_ZONES)
+    assert passed(flown) == 1
+    (entry,) = flown.journal("command_passed")
+    assert (entry["station"], entry["limits"], entry["outcome"]) == ("GCSA", ["coverage"], "lifted")
+
+
+def test_a_repetition_by_its_counter_is_never_carried_out(flown: Bench) -> None:
+    place = (0.0, 1.0, 0.0, 0.0, *OUT_OF_ZONES, 40.0)
+    for confirmation in range(5):
+        flown.a.send(mavlink.MAVLink_command_long_message(1, 1, REPOSITION, confirmation, *place))
+        flown.run(4.0)
+    assert passed(flown, "COMMAND_LONG") == 0
+    assert flown.a.acks(REPOSITION) == [REJECTED] * 5
+
+
+def override(bench: Bench, limit: int, station: Any = None, nonce: int = 7) -> int:
+    """HANDOVER_OVERRIDE of a station (GCSA); the seconds of the answer."""
+    station = station or bench.a
+    before = len(station.got("HANDOVER_OVERRIDE"))
+    station.send(mavlink.MAVLink_handover_override_message(1, 191, 1, limit, nonce, 0))
+    bench.run(0.3)
+    (answer,) = station.got("HANDOVER_OVERRIDE")[before:]
+    assert (answer.vehicle, answer.limit, answer.nonce) == (1, limit, nonce)
+    return int(answer.seconds)
+
+
+def test_the_commanders_override_lifts_one_limit_for_a_minute(flown: Bench) -> None:
+    assert override(flown, mavlink.HANDOVER_LIMIT_COVERAGE) == 60
+    fly_to(flown, OUT_OF_ZONES)
+    assert passed(flown) == 1
+    fly_to(flown, OUT_OF_FENCE)
+    assert passed(flown) == 1, "the fence was not lifted"
+    (entry,) = flown.journal("override")
+    assert (entry["by"], entry["limit"], entry["for_s"]) == ("GCSA", "coverage", 60)
+    flown.run(30.0)
+    assert override(flown, mavlink.HANDOVER_LIMIT_COVERAGE) == 29, "a copy lifts nothing anew"
+    flown.run(31.0)
+    fly_to(flown, OUT_OF_ZONES)
+    assert passed(flown) == 1
+
+
+@pytest.mark.parametrize("limit", [0, 4, 255])
+def test_a_limit_that_is_none_is_refused(flown: Bench, limit: int) -> None:
+    assert override(flown, limit) == 0
+    assert flown.journal("override") == []
+
+
+def test_of_who_does_not_command_an_override_is_refused(flown: Bench) -> None:
+    assert override(flown, mavlink.HANDOVER_LIMIT_COVERAGE, flown.b) == 0
+    fly_to(flown, OUT_OF_ZONES)
+    assert passed(flown) == 0
+
+
+def test_at_the_vehicles_console_too(flown: Bench) -> None:
+    flown.mpstate.type("handover override fence")
+    assert any("lifted    fence, 60 s yet" in line for line in flown.mpstate.type("handover status"))
+    (entry,) = flown.journal("override")
+    assert entry["by"] == "the vehicle's console"
+
+
+def test_what_was_lifted_ends_when_authority_moves(flown: Bench) -> None:
+    override(flown, mavlink.HANDOVER_LIMIT_COVERAGE)
+    flown.a.alive = False
+    flown.until(lambda: flown.companion.view.commander != 251)
+    flown.a.alive = True
+    flown.until(lambda: flown.companion.view.commander == 251)
+    fly_to(flown, OUT_OF_ZONES)
+    assert passed(flown) == 0
+
+
+@pytest.mark.parametrize(
+    ("policy", "arrives", "told"), [("warn", 1, "warning"), ("off", 1, ""), ("refuse", 0, "refused")]
+)
+def test_the_policy_is_the_configurations(
+    bench: Bench, delivery: MissionPackage, policy: str, arrives: int, told: str
+) -> None:
+    take_off(bench, delivery, f'coverage = "{policy}"')
+    fly_to(bench, OUT_OF_ZONES)
+    assert passed(bench) == arrives
+    assert (told in bench.a.texts()) if told else bench.a.texts() == ""
+
+
+# ---- never refused ------------------------------------------------------------------------------------------------
+
+
+def test_what_leads_away_from_danger_is_never_refused(flown: Bench) -> None:
+    """Far outside everything, with an empty battery."""
+    flown.autopilot.position = (53.5, 5.9)
+    flown.autopilot.battery = 0.0
+    flown.run(2.0)
+    for mode in (GUIDED, LOITER, RTL, LAND, BRAKE, 0, 2, 16, 21):
+        flown.a.command(SET_MODE, 1, mode)
+        flown.run(0.3)
+    for command in (mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_LOITER_UNLIM):
+        flown.a.command(command)
+        flown.run(0.3)
+    flown.a.command(PAUSE, 0)
+    flown.run(0.3)
+    assert passed(flown, "COMMAND_LONG") == 13
+    assert REJECTED not in [m.result for m in flown.a.got("COMMAND_ACK")]
+
+
+# ---- the mission goes on ------------------------------------------------------------------------------------------
+
+
+def test_auto_and_continue_pass_where_the_mission_stays_inside(flown: Bench) -> None:
+    flown.a.command(SET_MODE, 1, AUTO)
+    flown.a.command(PAUSE, 1)
+    flown.a.send(mavlink.MAVLink_mission_set_current_message(1, 1, 4))
+    flown.run(0.5)
+    assert (passed(flown, "COMMAND_LONG"), passed(flown, "MISSION_SET_CURRENT")) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("lon", "words"),
+    [(5.9270, "AUTO refused: leaves coverage in "), (5.9300, "AUTO refused: leads out of coverage (item 8)")],
+    ids=["about to leave", "outside already"],
+)
+def test_a_mission_that_goes_on_over_the_zone_of_a_dead_station_is_refused(
+    flown: Bench, lon: float, words: str
+) -> None:
+    """GCSB is gone; the way to item 8 lies in its zone, and GCSA's ends at 5.9283."""
+    flown.b.alive = False
+    flown.run(8.0)
+    flown.autopilot.position = (52.6784, lon)
+    flown.autopilot.waypoint = 8
+    flown.run(1.5)
+    flown.a.received.clear()
+    for command in (SET_MODE, PAUSE):
+        flown.autopilot.mode = AUTO
+        flown.run(1.5)
+        flown.a.command(command, 1, AUTO)
+        flown.run(0.5)
+        assert flown.a.acks(command) == [REJECTED]
+    assert words in flown.a.texts()
+    assert words.replace("AUTO", "CONTINUE") in flown.a.texts()
+
+
+def test_the_older_ways_are_answered_in_their_own_protocol(flown: Bench) -> None:
+    far = mavlink.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 2, 1, 0, 0, 0, 0, 527600000, 59000000, 40, 0)
+    flown.a.received.clear()
+    flown.a.send(far)
+    flown.run(0.3)
+    (ack,) = flown.a.got("MISSION_ACK")
+    assert ack.type == mavlink.MAV_MISSION_DENIED
+    assert "target refused" in flown.a.texts()
+
+
+# ---- streams ------------------------------------------------------------------------------------------------------
+
+
+def target(place: tuple[float, float]) -> Any:
+    lat, lon = round(place[0] * 1e7), round(place[1] * 1e7)
+    return mavlink.MAVLink_set_position_target_global_int_message(
+        0, 1, 1, 6, 0b110111111000, lat, lon, 40.0, 0, 0, 0, 0, 0, 0, 0, 0
+    )
+
+
+def test_a_stream_of_targets_outside_is_dropped_and_told_once_in_a_while(flown: Bench) -> None:
+    flown.run(3.0)  # what ran before the flight would not count
+    for _ in range(200):
+        flown.a.send(target(OUT_OF_ZONES))
+        flown.run(0.05)
+    assert passed(flown, "SET_POSITION_TARGET_GLOBAL_INT") == 0
+    assert flown.a.texts().count("target refused: leaves coverage") == 1
+    assert "send again" not in flown.a.texts(), "a stream lifts nothing"
+    flown.a.send(target((52.6785, 5.9240)))
+    flown.run(0.3)
+    assert passed(flown, "SET_POSITION_TARGET_GLOBAL_INT") == 1
+
+
+@pytest.mark.parametrize(
+    ("frame", "north_m", "arrives"), [(1, 50.0, 1), (1, 3000.0, 0), (7, 50.0, 1), (7, 3000.0, 0), (9, 3000.0, 0)]
+)
+def test_local_targets_are_places_too(flown: Bench, frame: int, north_m: float, arrives: int) -> None:
+    message = mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, 0b110111111000, north_m, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
+    )
+    flown.a.send(message)
+    flown.run(0.3)
+    assert passed(flown, "SET_POSITION_TARGET_LOCAL_NED") == arrives
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
+def test_a_target_that_is_no_place_is_the_autopilots_to_refuse(flown: Bench, value: float) -> None:
+    fly_to(flown, HOME, value)
+    place = (0.0, 1.0, 0.0, 0.0, value, value, value)
+    flown.a.send(mavlink.MAVLink_command_long_message(1, 1, REPOSITION, 0, *place))
+    flown.run(0.3)
+    assert flown.companion.faults == {}
+
+
+# ---- energy -------------------------------------------------------------------------------------------------------
+
+
+def test_a_target_beyond_the_point_of_no_return_is_refused(bench: Bench, delivery: MissionPackage) -> None:
+    """82 Wh are left, two more than START needs; the mission itself says what is drawn."""
+    bench.autopilot.battery = 0.65
+    take_off(bench, delivery, 'fence = "off"\ncoverage = "off"')
+    fly_to(bench, (52.6880, 5.924))
+    assert passed(bench) == 1, "1 km there, and back"
+    fly_to(bench, (52.6970, 5.924))
+    assert passed(bench) == 1, "2 km"
+    assert "target refused: " in bench.a.texts()
+    assert "Wh are needed with the reserve" in bench.a.texts()
+    assert "handover override energy" in bench.a.texts()
+
+
+def test_another_speed_is_judged_by_the_energy_of_the_way_ahead(bench: Bench, delivery: MissionPackage) -> None:
+    bench.autopilot.battery = 0.65
+    take_off(bench, delivery)
+    bench.autopilot.mode = AUTO
+    bench.run(1.5)
+    for speed_mps, answers in ((10.0, []), (0.5, [REJECTED])):
+        bench.a.received.clear()
+        bench.autopilot.script[SPEED] = None
+        bench.a.command(SPEED, 1, speed_mps, -1)
+        bench.run(0.3)
+        assert bench.a.acks(SPEED) == answers
+    assert "speed refused: " in bench.a.texts()
+
+
+def start_short(bench: Bench, package: MissionPackage) -> None:
+    bench.autopilot.battery = 0.25
+    bench.connect()
+    bench.share(package)
+    bench.run(3.0)
+    bench.a.received.clear()
+
+
+def test_start_without_the_energy_is_lifted_by_the_override(bench: Bench, delivery: MissionPackage) -> None:
+    start_short(bench, delivery)
+    bench.a.command(START)
+    bench.run(0.5)
+    assert "energy: " in bench.a.texts()
+    assert override(bench, mavlink.HANDOVER_LIMIT_ENERGY) == 60
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    (entry,) = bench.journal("override")
+    assert (entry["by"], entry["limit"]) == ("GCSA", "energy")
+
+
+def test_start_without_the_energy_is_lifted_by_the_same_command_sent_anew(
+    bench: Bench, delivery: MissionPackage
+) -> None:
+    start_short(bench, delivery)
+    bench.a.command(START)
+    bench.run(1.5)
+    bench.a.command(START)
+    bench.run(1.0)
+    assert bench.companion.view.phase is Phase.ON_LOAD
+    assert bench.a.acks(START) == [REJECTED, REJECTED]
+    bench.run(3.0)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    (entry,) = bench.journal("command_passed")
+    assert (entry["station"], entry["limits"]) == ("GCSA", ["energy"])
+
+
+def test_an_override_of_another_limit_starts_nothing(bench: Bench, delivery: MissionPackage) -> None:
+    start_short(bench, delivery)
+    override(bench, mavlink.HANDOVER_LIMIT_FENCE)
+    bench.a.command(START)
+    bench.run(1.0)
+    assert bench.a.acks(START) == [REJECTED]
+
+
+# ---- when something is missing or breaks --------------------------------------------------------------------------
+
+
+def test_without_a_fresh_position_nothing_is_judged(flown: Bench) -> None:
+    flown.autopilot.position = None
+    flown.run(3.0)
+    fly_to(flown, OUT_OF_ZONES)
+    assert passed(flown) == 1
+
+
+def test_a_fault_in_the_judgement_is_told_and_the_command_passes(flown: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mavproxy_handover.autopilot.command_desk.leaves_fence", lambda *_anything: 1 / 0)
+    fly_to(flown, OUT_OF_FENCE)
+    assert passed(flown) == 1
+    assert flown.companion.faults["judging a command"] == 1
+    assert not flown.companion.failed
+
+
+def test_a_flood_of_commands_is_refused_without_a_look(flown: Bench) -> None:
+    for number in range(200):
+        lat = 527000000 + number * 1000
+        message = mavlink.MAVLink_command_int_message(1, 1, 3, REPOSITION, 0, 0, -1, 1, 0, 0, lat, 59240000, 40)
+        flown.a.send(message)
+    flown.run(0.05)
+    flown.run(1.0)
+    assert passed(flown) == 0
+    assert len(flown.journal("command_refused")) <= 3
+    flown.run(3.0)
+    fly_to(flown, (52.6785, 5.9240))
+    assert passed(flown) == 1
