@@ -166,6 +166,11 @@ class Arbiter:
         """A station's name, for people."""
         return self._authority.name(sysid)
 
+    @property
+    def causes(self) -> frozenset[Wrong]:
+        """What is wrong now, by the table of causes, whatever is done about it."""
+        return self._emergency.causes
+
     def guard(self, now: float) -> GuardState:
         """What the guard last said of itself; SILENT when that is too long ago."""
         return self._flight.guard(now)

@@ -102,6 +102,11 @@ class Emergency:
         return self.decision is not None and self.decision.action >= FlightAction.RETURN
 
     @property
+    def causes(self) -> frozenset[Cause]:
+        """What is wrong as of the last look."""
+        return self._watch.active
+
+    @property
     def out_of_coverage(self) -> str:
         """The policy in force outside every zone."""
         return self._strategy.policies[Cause.OUT_OF_COVERAGE]
