@@ -8,8 +8,10 @@
 * `vehicles/`: what flies, ArduPilot's own SITL program or the copter model that ships here.
 * `run/`: what makes it happen. Wires companion and stations to the vehicle, starts all of them, plays the scenario; and
   the programs that stand in between: bad links, the rogue, a station of the standard.
+* `campaign/`: random flights over the real rules in simulated time, without any process, judged by the truth.
 * `bench/`: measures speed and transfers with the parts of `run/`.
 
 Imports run one way: `run` takes from `vehicles`, `script` and `report`, `script` from `report`; `report` and `vehicles`
-from none of them. The commands are `main.py` (`handover sim`) and `fly_all.py`; the files in `scenarios/` are data.
+from none of them; `campaign` from `report` alone. The commands are `main.py` (`handover sim`), `campaign/main.py`
+(`handover campaign`) and `fly_all.py`; the files in `scenarios/` are data.
 """

@@ -23,11 +23,15 @@ __all__ = ["main"]
 #: 128 and the number of SIGPIPE
 _NOBODY_READS: Final = 141
 
+#: what is not installed with everything -> the extra that brings it
+_EXTRAS: Final = {"matplotlib": "sim", "lupa": "sim", "dask": "campaign", "distributed": "campaign"}
+
 #: word -> (module, function, what it does)
 _COMMANDS = {
     "sim": ("sitl.main", "main", "fly a scenario in simulation, all real processes, and write a report"),
     "check": ("mavproxy_handover.mission.check", "main", "check a mission package before flight"),
     "report": ("sitl.report.page", "main_report", "write the report of a run folder again"),
+    "campaign": ("sitl.campaign.main", "main", "fly random missions with random faults over the rules, and judge them"),
     "policy": ("mavproxy_handover.cli.policy", "main", "print what the gate lets through, and why"),
     "explain": ("mavproxy_handover.cli.explain", "main", "print what is done about what is wrong, and why"),
     "keys": ("mavproxy_handover.cli.keys", "main", "make, list and rotate the keys that stations sign with"),
@@ -121,9 +125,18 @@ def _run(words: list[str]) -> int:
     try:
         run = getattr(importlib.import_module(module), function)
     except ModuleNotFoundError as error:
-        if error.name and error.name.split(".")[0] in ("matplotlib", "lupa"):
-            print(f"handover {words[0]}: needs {error.name}: pip install 'mavproxy-handover[sim]'", file=sys.stderr)
-            return 2
-        raise
-    code: int = run(words[1:])
+        return _missing(words[0], error)
+    try:
+        code: int = run(words[1:])
+    except ModuleNotFoundError as error:  # some are imported only where they are needed
+        return _missing(words[0], error)
     return code
+
+
+def _missing(word: str, error: ModuleNotFoundError) -> int:
+    """Say which extra brings a module that is not there. Raises the error again if none does."""
+    name = (error.name or "").split(".")[0]
+    if name not in _EXTRAS:
+        raise error
+    print(f"handover {word}: needs {name}: pip install 'mavproxy-handover[{_EXTRAS[name]}]'", file=sys.stderr)
+    return 2

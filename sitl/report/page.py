@@ -20,10 +20,11 @@ from sitl.report.journal_reader import Entry
 from sitl.report.palette import colours
 from sitl.report.record import RecordError, RunRecord, load_run
 
-__all__ = ["main_report", "write_report"]
+__all__ = ["STYLE", "main_report", "write_report"]
 
 REPORT_FILE = "report.html"
-_STYLE = """
+#: of every page that is made here
+STYLE = """
 body{font:15px/1.45 system-ui,sans-serif;color:#222;margin:0 auto;max-width:1120px;padding:24px}
 h1{font-size:26px;margin:0 0 4px}h2{font-size:19px;margin:34px 0 8px;border-bottom:1px solid #ddd;padding-bottom:4px}
 p{margin:6px 0}.small{color:#555;font-size:13px}
@@ -54,7 +55,7 @@ def write_report(record: RunRecord) -> Path:
     html = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>{''.join(body)}</body></html>\n"
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>{''.join(body)}</body></html>\n"
     )
     path = record.folder / REPORT_FILE
     path.write_text(html, encoding="utf-8")

@@ -1,0 +1,345 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Where the aircraft really is, what it really uses, and what its autopilot does by itself.
+
+It flies straight pieces (`Piece`), each at one speed and one power, so that where it is and what is left can be said of
+any moment without stepping. What ArduCopter does is kept to what matters here:
+
+* AUTO: straight up, along the way, down at its end, or the return. A pause brakes it; who is carried off flies back.
+* RTL: up to the height of the return, straight to the nearest of home and rally points (one that is given), a pause,
+  down. A second order for it changes nothing. LAND: straight down.
+* Its own failsafes: a low and an empty battery (RTL, LAND), 8 s without a position (LAND), no heartbeat of the
+  commander for 10 s (RTL).
+
+Wind slows it down as `core/safety/energy.py` says, and here a wind from behind helps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from math import cos, hypot, inf, radians, sin, sqrt
+from typing import Final
+
+from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS, LANDING_BELOW_M, LANDING_MPS, LOITER_S
+from sitl.campaign.log import FlightLog, Flown
+from sitl.campaign.plan import FlightPlan, Spot, bearing_deg
+from sitl.campaign.times import NEVER, SECOND, in_ticks
+
+__all__ = ["Aircraft", "Mode"]
+
+#: parts of the full battery at which the autopilot acts by itself, if it does
+LOW_PART, EMPTY_PART = 0.12, 0.05
+#: deceleration to a stop (m/s^2)
+_BRAKING: Final = 2.5
+_SLOWEST_MPS: Final = 0.2
+
+
+class Mode(Enum):
+    """What is flown."""
+
+    GROUND = "on the ground"
+    AUTO = "AUTO"
+    PAUSE = "AUTO, held"
+    RTL = "RTL"
+    LAND = "LAND"
+    PILOT = "in a pilot's hands"
+
+    @property
+    def comes_down(self) -> bool:
+        """It is on its way home, or down."""
+        return self in (Mode.RTL, Mode.LAND)
+
+
+@dataclass(slots=True)
+class _Leg:
+    """A piece to be flown: to where, how fast (m/s; None: as long as `ticks`), at which power (W)."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    speed_mps: float
+    watts: float
+    ticks: int = 0
+
+
+class Aircraft:
+    """One aircraft. Times are ticks; `log` is told of every piece."""
+
+    def __init__(self, plan: FlightPlan, log: FlightLog) -> None:
+        self._plan, self._log = plan, log
+        self._model = plan.model()
+        self.mode = Mode.GROUND
+        self.by = ""
+        self.armed = False
+        self._x = self._y = self._z = 0.0
+        self._vx = self._vy = self._vz = 0.0
+        self._watts = 0.0
+        self._begun = 0
+        self._ends = NEVER
+        self._used_j = 0.0
+        self._capacity_j = plan.settings.battery_wh * 3600.0 if plan.settings.battery_wh else inf
+        self._legs: list[_Leg] = []
+        #: number of the waypoint that is flown to
+        self.waypoint = 0
+        #: speed at which wind carries it away, east and north (m/s)
+        self.drift = (0.0, 0.0)
+        self.landed_at: Spot | None = None
+
+    # ---- looking ----------------------------------------------------------------------------------------------------
+
+    def at(self, now: int) -> tuple[float, float, float]:
+        """East, north and height of this moment."""
+        s = (now - self._begun) / SECOND
+        return self._x + self._vx * s, self._y + self._vy * s, self._z + self._vz * s
+
+    @property
+    def velocity(self) -> tuple[float, float, float]:
+        """East, north and up (m/s)."""
+        return self._vx, self._vy, self._vz
+
+    @property
+    def speed_mps(self) -> float:
+        """Over ground."""
+        return hypot(self._vx, self._vy)
+
+    @property
+    def flying(self) -> bool:
+        """Off the ground."""
+        return self.mode is not Mode.GROUND
+
+    @property
+    def ends(self) -> int:
+        """When the piece ends that is flown now."""
+        return self._ends
+
+    @property
+    def begun(self) -> int:
+        """When it began."""
+        return self._begun
+
+    @property
+    def watts(self) -> float:
+        """What is really drawn."""
+        return self._watts
+
+    @property
+    def battery_wh(self) -> float:
+        """What the full battery really gives."""
+        return self._capacity_j / 3600.0
+
+    def left_wh(self, now: int) -> float:
+        """What is really left."""
+        return (self._capacity_j - self._used(now)) / 3600.0
+
+    def _used(self, now: int) -> float:
+        return self._used_j + self._watts * (now - self._begun) / SECOND
+
+    def falls_to(self, part: float) -> int:
+        """When so much of the full battery is left, as things are; NEVER if that is over."""
+        over = self._capacity_j * (1.0 - part) - self._used_j
+        if self._watts <= 0.0 or over < 0.0:
+            return NEVER
+        return self._begun + in_ticks(over / self._watts)
+
+    def way_ahead(self) -> tuple[Spot, ...]:
+        """The waypoints that are flown to next, in AUTO."""
+        return self._plan.way[self.waypoint :] if self.mode is Mode.AUTO else ()
+
+    # ---- pieces -----------------------------------------------------------------------------------------------------
+
+    def _settle(self, now: int) -> None:
+        """The piece ends here."""
+        if now > self._begun:
+            flown = Flown(self._begun, now, self._x, self._y, self._z, self._vx, self._vy, self._vz, self.mode.name)
+            self._log.flown.append(flown)
+        x, y, z = self.at(now)
+        self._used_j = self._used(now)
+        self._x, self._y, self._z, self._begun = x, y, max(0.0, z), now
+        self._vx = self._vy = self._vz = 0.0
+        self._ends = NEVER
+
+    def _fly(self, leg: _Leg, now: int) -> None:
+        """Begin a piece; the one before is settled."""
+        dx, dy, dz = leg.x_m - self._x, leg.y_m - self._y, leg.z_m - self._z
+        length = hypot(dx, dy)
+        ticks = leg.ticks
+        if leg.speed_mps > 0.0:
+            way = length if length > 0.01 else abs(dz)
+            ticks = max(1, in_ticks(way / leg.speed_mps))
+        seconds = ticks / SECOND
+        self._vx, self._vy, self._vz = dx / seconds, dy / seconds, dz / seconds
+        self._watts, self._ends = leg.watts * self._plan.truth.power, now + ticks
+
+    def _still(self, now: int, watts: float) -> None:
+        self._watts, self._ends = watts * self._plan.truth.power, NEVER
+
+    def _level(self, x_m: float, y_m: float, z_m: float) -> _Leg:
+        """Straight there as fast as wind and speed allow."""
+        east, north = x_m - self._x, y_m - self._y
+        speed, airspeed = self._made_good(east, north)
+        return _Leg(x_m, y_m, z_m, speed, self._model.power_w(airspeed))
+
+    def _made_good(self, east: float, north: float) -> tuple[float, float]:
+        """Ground speed and airspeed in that direction, with the wind as it is."""
+        wind, model = self._plan.truth.wind, self._model
+        angle = radians(wind.from_deg - bearing_deg(east, north))
+        ahead, across = wind.speed_mps * cos(angle), wind.speed_mps * sin(angle)
+        most = sqrt(max(0.0, model.airspeed_mps**2 - across**2)) - ahead
+        speed = max(_SLOWEST_MPS, min(self._plan.speed_mps, most))
+        return speed, min(model.airspeed_mps, hypot(speed + ahead, across))
+
+    def _up(self, z_m: float) -> _Leg:
+        return _Leg(self._x, self._y, z_m, CLIMB_MPS, self._model.climb_w)
+
+    def _down(self, x_m: float, y_m: float, z_m: float) -> list[_Leg]:
+        low, watts = min(z_m, LANDING_BELOW_M), self._model.descent_w
+        legs = [_Leg(x_m, y_m, low, DESCENT_MPS, watts)] if z_m > low else []
+        return [*legs, _Leg(x_m, y_m, 0.0, LANDING_MPS, watts)]
+
+    # ---- orders -----------------------------------------------------------------------------------------------------
+
+    def _set(self, mode: Mode, by: str, now: int) -> None:
+        self._settle(now)
+        self.mode, self.by, self._legs = mode, by, []
+        self.drift = (0.0, 0.0)
+        self._log.left.append((now, self.left_wh(now)))
+        self._log.mode(now, mode.name, by)
+
+    def take_off(self, now: int) -> None:
+        """In AUTO, from the ground."""
+        self.armed = True
+        self._set(Mode.AUTO, "start", now)
+        self._fly(self._up(self._plan.way[0].alt_m), now)
+
+    def resume(self, by: str, now: int) -> None:
+        """AUTO: on along the way."""
+        if self.flying and self.mode is not Mode.AUTO:
+            self._set(Mode.AUTO, by, now)
+            self._along(now)
+
+    def pause(self, now: int) -> None:
+        """DO_PAUSE_CONTINUE 0: AUTO stops."""
+        if self.mode is not Mode.AUTO:
+            return
+        vx, vy, speed = self._vx, self._vy, self.speed_mps
+        self._set(Mode.PAUSE, "hold", now)
+        if speed > 0.0:
+            ticks = in_ticks(speed / _BRAKING)
+            s = ticks / SECOND / 2.0
+            self._fly(_Leg(self._x + vx * s, self._y + vy * s, self._z, 0.0, self._model.cruise_w, ticks), now)
+        else:
+            self._still(now, self._hover_w)
+
+    def come_home(self, by: str, now: int, place: Spot | None = None) -> None:
+        """RTL; the second order changes nothing."""
+        if not self.flying or self.mode is Mode.RTL:
+            return
+        self._set(Mode.RTL, by, now)
+        place = place or min(self._plan.places, key=lambda spot: spot.away_m(self._x, self._y))
+        height = max(self._z, place.alt_m, self._model.return_alt_m)
+        if height > self._z + 0.01:
+            self._legs.append(self._up(height))
+        self._legs.append(_Leg(place.x_m, place.y_m, height, inf, 0.0))
+        self._legs.append(_Leg(place.x_m, place.y_m, height, 0.0, self._hover_w, in_ticks(LOITER_S)))
+        self._legs += self._down(place.x_m, place.y_m, height)
+        self._next(now)
+
+    def land(self, by: str, now: int) -> None:
+        """LAND: straight down."""
+        if not self.flying or self.mode is Mode.LAND:
+            return
+        self._set(Mode.LAND, by, now)
+        self._legs = self._down(self._x, self._y, self._z)
+        self._next(now)
+
+    def taken(self, now: int) -> None:
+        """A pilot has it, and hovers."""
+        if self.flying:
+            self._set(Mode.PILOT, "pilot", now)
+            self._still(now, self._hover_w)
+
+    def carried(self, velocity: tuple[float, float], now: int) -> None:
+        """Wind carries it to the side, in AUTO; (0, 0): no more, and it flies on from there."""
+        if self.mode is not Mode.AUTO:
+            return
+        self._settle(now)
+        self.drift = velocity
+        self._along(now)
+
+    @property
+    def _hover_w(self) -> float:
+        return self._model.power_w(min(self._plan.truth.wind.speed_mps, self._model.airspeed_mps))
+
+    def _along(self, now: int) -> None:
+        """On to the waypoint that is next, or whatever is behind the last one."""
+        way = self._plan.way
+        if self.waypoint >= len(way):
+            self._end_of_way(now)
+            return
+        spot = way[self.waypoint]
+        if self.waypoint == 0 and self._z < spot.alt_m - 0.5:
+            self._fly(self._up(spot.alt_m), now)
+            return
+        leg = self._level(spot.x_m, spot.y_m, spot.alt_m)
+        self._fly(leg, now)
+        east, north = self.drift
+        if east or north:
+            self._vx, self._vy = self._vx + east, self._vy + north
+            self._ends = NEVER  # it gets nowhere until the wind lets it go
+
+    def _end_of_way(self, now: int) -> None:
+        if not self._plan.lands:
+            self.come_home("mission", now)
+        elif not self._legs:
+            self._legs = self._down(self._x, self._y, self._z)
+            self._next(now)
+
+    def _next(self, now: int) -> None:
+        if not self._legs:
+            self._touch_down(now)
+            return
+        leg = self._legs.pop(0)
+        if leg.speed_mps == inf:
+            level = self._level(leg.x_m, leg.y_m, leg.z_m)
+            leg = level if hypot(leg.x_m - self._x, leg.y_m - self._y) > 0.5 else self._up(leg.z_m + 0.01)
+        self._fly(leg, now)
+
+    def _touch_down(self, now: int) -> None:
+        self._settle(now)
+        self.landed_at = Spot(self._x, self._y)
+        self._log.landed = (now, self._x, self._y)
+        self.mode, self.armed, self._watts = Mode.GROUND, False, 0.0
+        self._log.mode(now, Mode.GROUND.name, self.by)
+
+    def turn(self, now: int) -> None:
+        """The piece has come to its end."""
+        self._settle(now)
+        match self.mode:
+            case Mode.AUTO if self._legs or self.waypoint >= len(self._plan.way):
+                self._next(now)
+            case Mode.AUTO:
+                self.waypoint += 1
+                self._along(now)
+            case Mode.RTL | Mode.LAND:
+                self._next(now)
+            case Mode.PAUSE | Mode.PILOT:
+                self._still(now, self._hover_w)
+            case Mode.GROUND:
+                pass
+
+    # ---- faults -----------------------------------------------------------------------------------------------------
+
+    def sag(self, part: float, now: int) -> None:
+        """Of what is left only that part is."""
+        left = self._capacity_j - self._used(now)
+        self._capacity_j -= left * (1.0 - part)
+
+    def falls(self, now: int) -> None:
+        """The battery is empty in the air."""
+        self._log.empty_at = now
+        self._log.note(now, "the battery is empty in the air")
+        self._settle(now)
+        self._z = 0.0
+        self._legs = []
+        self._touch_down(now)

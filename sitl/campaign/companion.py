@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The edge of the vehicle's rules: what happens becomes events, actions become what happens.
+
+Here stands all that has to be added when the rules get an event or an action more: `_perform` is a match that the type
+checker closes, `_second` makes what the real edge works out each second. Whatever raises out of the rules is logged as
+broken, and ends authority, as in the real companion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from mavproxy_handover.core import events
+from mavproxy_handover.core.arbiter import Arbiter, Identity
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.messages import Connect, ConnectAck, Message
+from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase, Station
+from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.safety.energy import EnergyModel, Piece, landing, way_home
+from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
+from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.mission.geodesy import LocalPlane
+from mavproxy_handover.mission.zones import Circle as ZoneCircle
+from mavproxy_handover.mission.zones import Zone, ZoneFinder
+from sitl.campaign.aircraft import Aircraft
+from sitl.campaign.log import FlightLog
+from sitl.campaign.plan import FlightPlan, bearing_deg
+from sitl.campaign.times import SECOND, in_seconds, in_ticks
+from sitl.campaign.watch import Watch
+
+__all__ = ["DIGEST", "Companion", "Ties"]
+
+DIGEST: Final = bytes(range(32))
+#: the plane touches the earth here
+_PLANE: Final = LocalPlane(52.68, 5.92)
+#: no wind of a fault carries an aircraft faster (m/s)
+_MOST_DRIFT_MPS: Final = 14.0
+#: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks
+_LONG_S: Final = 13.0
+#: entries of the journal behind which less than that has to be waited for, or more: how long (s), and the pauses that
+#: begin with them
+_STIRS: Final[Mapping[str, tuple[float, tuple[float, ...]]]] = {
+    **dict.fromkeys(("station_heard", "connected", "zone_entered", "partner_unfit"), (1.5, ())),
+    "zone_left": (4.0, ()),
+    **dict.fromkeys(("transfer_begun", "step", "candidate", "transfer_raised"), (2.5, ())),
+    "transfer_committed": (6.0, (5.0,)),
+    "transfer_aborted": (_LONG_S, (2.0, 10.0)),
+    "authority": (_LONG_S, (5.0,)),
+    **dict.fromkeys(("link_quality", "attack"), (45.0, (3.0, 30.0))),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Ties:
+    """How what the rules ask for is done. `stir`, `settle`: something happened that is no routine (`pace.py`)."""
+
+    to_station: Callable[[int, Message, int], None]
+    status: Callable[[AuthorityView, int], None]
+    order: Callable[[FlightAction, int], None]
+    take_off: Callable[[int], None]
+    stir: Callable[[int, float, tuple[float, ...]], None]
+    settle: Callable[[int, float], None]
+
+
+class Companion:
+    """One vehicle's rules, over all its restarts. Times are ticks; `core_s`: the same as the rules count them."""
+
+    def __init__(
+        self, plan: FlightPlan, aircraft: Aircraft, log: FlightLog, ties: Ties, core_s: Callable[[int], float]
+    ) -> None:
+        self._plan, self._aircraft, self._log, self._ties, self._core_s = plan, aircraft, log, ties, core_s
+        self._stations = tuple(Station(each.sysid, each.name) for each in plan.stations)
+        self._limits = Limits(policies=plan.policies)
+        self._finder = ZoneFinder(
+            Zone(each.sysid, each.name, ZoneCircle(*_earth(each.zone.x_m, each.zone.y_m), each.zone.radius_m))
+            for each in plan.stations
+        )
+        self._model: EnergyModel = plan.model()
+        #: the direction in which it is slowest
+        self._worst = min(
+            (float(deg) for deg in range(0, 360, 15)), key=lambda deg: self._model.made_good(deg).speed_mps
+        )
+        self._route = RouteCheck(RouteLimits())
+        self._nonce = 1
+        self._kept: Snapshot | None = None
+        self._signs = events.SignsSeen()
+        self.energy_due = 0
+        #: causes that were there at once, by phase
+        self.pairs: set[tuple[Phase, frozenset[str]]] = set()
+        self._seen: tuple[Phase, frozenset[object]] | None = None
+        self.handled = 0
+        self.fix = True
+        self.arbiter: Arbiter | None = None
+        self._watch: Watch | None = None
+        self.view = AuthorityView()
+        self._start(0)
+
+    # ---- its life ---------------------------------------------------------------------------------------------------
+
+    def _start(self, now: int) -> None:
+        identity = Identity("drone", self._stations, self._stations[0].sysid, self._nonce)
+        self._nonce += 100_000
+        self.arbiter = Arbiter(identity, self._limits, self._kept)
+        try:
+            self._watch = Watch(self.arbiter, self._stations[0].sysid, self._limits, restored=self._kept)
+        except AssertionError as error:
+            self._log.broken.append((now, f"a restart gives what it must not: {error}"))
+        self._signs, self.energy_due = events.SignsSeen(), now
+        self._route = RouteCheck(RouteLimits())
+        self._in_force(self.arbiter.view, now)
+
+    @property
+    def runs(self) -> bool:
+        """Whether it hears and acts."""
+        return self.arbiter is not None
+
+    def dies(self, now: int) -> None:
+        """Its process is gone."""
+        self.arbiter = self._watch = None
+        self._log.companion.set(now, False)
+        self._log.note(now, "the companion is down")
+
+    def restarts(self, now: int) -> None:
+        """A new one begins where the old one left off."""
+        if self.arbiter is None:
+            self._log.companion.set(now, True)
+            self._log.note(now, "the companion is up again")
+            self._start(now)
+
+    def due(self) -> float:
+        """When the rules want to be called at the latest (s, as they count); inf without any."""
+        deadline = None if self.arbiter is None else self.arbiter.next_deadline()
+        return math.inf if deadline is None else deadline
+
+    # ---- what happens -----------------------------------------------------------------------------------------------
+
+    def give(self, event: events.Event, now: int) -> None:
+        """One event for the rules; nobody hears it while the companion is down."""
+        arbiter, watch = self.arbiter, self._watch
+        if arbiter is None:
+            return
+        self.handled += 1
+        try:
+            actions = arbiter.handle(event, self._core_s(now))
+            if watch is not None:
+                watch.saw(event, actions, self._core_s(now))
+        except AssertionError as error:
+            self._log.broken.append((now, f"{type(event).__name__}: {error or 'books of authority'}"))
+            self._watch = None
+            return
+        if actions:
+            for action in actions:
+                self._perform(action, now)
+        self._count()
+
+    def _count(self) -> None:
+        """Which causes are there at once, and in which phase."""
+        assert self.arbiter is not None
+        causes = self.arbiter.causes
+        seen = (self.view.phase, causes)
+        if seen != self._seen:
+            self._seen = seen
+            if len(causes) > 1:
+                self.pairs.add((self.view.phase, frozenset(cause.value for cause in causes)))
+
+    def _perform(self, action: events.Action, now: int) -> None:
+        ties = self._ties
+        match action:
+            case events.Send():
+                if not isinstance(action.message, (Connect, ConnectAck)):
+                    ties.settle(now, 2.5)
+                ties.to_station(action.station, action.message, now)
+            case events.ViewChanged():
+                self._in_force(action.view, now)
+                ties.stir(now, 2.5, ())
+            case events.Fly():
+                self._log.orders.append((now, action.action.name))
+                self._log.note(now, f"the companion orders {action.action.name} ({action.reason.name.lower()})")
+                ties.order(action.action, now)
+                ties.stir(now, _LONG_S, ())
+            case events.BeginStart():
+                ties.take_off(now)
+            case events.StartRefused():
+                self._log.note(now, "START refused: " + ", ".join(action.needs))
+            case events.ControlAnswer() | events.NotifyOwner():  # of stations of the standard: none here
+                pass
+            case events.Record():
+                self._log.note(now, action.text)
+                ties.stir(now, *_STIRS.get(action.event, (_LONG_S, ())))
+            case _:
+                assert_never(action)
+
+    def _in_force(self, view: AuthorityView, now: int) -> None:
+        before, self.view = self.view, view
+        assert self.arbiter is not None
+        self._kept = self.arbiter.snapshot()
+        self._log.commander.set(now, view.commander)
+        self._log.epoch.set(now, view.epoch)
+        if view.commander is not None and before.commander not in (None, view.commander):
+            assert before.commander is not None
+            self._log.moves.append((now, before.commander, view.commander))
+        self._ties.status(view, now)
+
+    @property
+    def held(self) -> bool:
+        """Whether leases name a commander."""
+        return self.view.lease in (LeaseState.HELD, LeaseState.TRANSFER)
+
+    # ---- position, route, energy ------------------------------------------------------------------------------------
+
+    def position(self, now: int) -> None:
+        """A position of the autopilot comes in."""
+        if self.arbiter is None or not self.fix:
+            return
+        aircraft = self._aircraft
+        x, y, z = aircraft.at(now)
+        vx, vy, _up = aircraft.velocity
+        speed = math.hypot(vx, vy)
+        way = tuple(_earth(spot.x_m, spot.y_m) for spot in aircraft.way_ahead())
+        track = bearing_deg(vx, vy) if speed > 0.0 else 0.0
+        facts = self._finder.facts(*_earth(x, y), track, speed, z, way)
+        self.give(events.PositionSeen(facts), now)
+        if aircraft.drift != (0.0, 0.0) or self._route.deviation is not None:
+            self._route.look(self._track(x, y), in_seconds(now))
+
+    def _track(self, x: float, y: float) -> TrackFact | None:
+        aircraft = self._aircraft
+        if not aircraft.way_ahead() or aircraft.waypoint == 0:
+            return None
+        start, end = self._plan.way[aircraft.waypoint - 1], self._plan.way[aircraft.waypoint]
+        east, north = end.x_m - start.x_m, end.y_m - start.y_m
+        length = math.hypot(east, north)
+        if length < 1.0:
+            return None
+        along = ((x - start.x_m) * east + (y - start.y_m) * north) / length
+        across = ((x - start.x_m) * north - (y - start.y_m) * east) / length
+        return TrackFact(aircraft.waypoint, across, None, along, length)
+
+    def second(self, now: int, *, always: bool) -> None:
+        """What the edge works out each second. `always`: even what cannot have changed."""
+        if self.arbiter is None:
+            return
+        energy = self._signs.energy
+        if self._aircraft.flying and (always or now >= self.energy_due):
+            energy = self._margin_wh(now) <= 0.0
+        signs = events.SignsSeen(energy and self._aircraft.flying, self._route.deviation is not None)
+        if signs != self._signs:
+            self._signs = signs
+            self._ties.stir(now, _LONG_S, ())
+            self.give(signs, now)
+
+    def _margin_wh(self, now: int) -> float:
+        """As the real edge has it: what is believed to be left, over the way to where RTL goes."""
+        aircraft, model = self._aircraft, self._model
+        x, y, z = aircraft.at(now)
+        place = min(self._plan.places, key=lambda spot: spot.away_m(x, y))
+        distance = place.away_m(x, y)
+        left = aircraft.left_wh(now) * self._plan.truth.gauge
+        bearing = bearing_deg(place.x_m - x, place.y_m - y)
+        margin = model.margin_wh(left, way_home(distance, bearing, z, place.alt_m, model.return_alt_m))
+        self.energy_due = now + max(SECOND, self._safe_for(left, distance, z, place.alt_m))
+        return margin
+
+    def _safe_for(self, left_wh: float, distance_m: float, z_m: float, place_alt_m: float) -> int:
+        """For so many ticks at least the margin stays above 0, however it flies from here.
+
+        By the dearest direction that there is: that need changes no faster than the distance does, whichever place is
+        the nearest then.
+        """
+        model = self._model
+        worst = self._worst
+        made = model.made_good(worst)
+        if made.speed_mps <= 0.0:
+            return 0
+        high = max(place_alt_m, model.return_alt_m, *(spot.alt_m for spot in (*self._plan.places, *self._plan.way)))
+        climb_down = Piece(climb_m=max(0.0, high - z_m)), landing(high)
+        level_w = max(made.power_w, model.power_w(model.airspeed_mps))
+        need = level_w * (distance_m / made.speed_mps + 60.0) / 3600.0 + model.need_wh(climb_down)
+        margin = left_wh - model.budget_wh(need)
+        watts = 1.2 * max(model.power_w(model.airspeed_mps), model.climb_w)
+        falls_w = watts + model.reserve_factor * level_w * (self._plan.speed_mps + _MOST_DRIFT_MPS) / made.speed_mps
+        return in_ticks(max(0.0, margin) * 3600.0 / falls_w)
+
+    def sagged(self, now: int) -> None:
+        """What is believed to be left has fallen."""
+        self.energy_due = now
+
+
+def _earth(x_m: float, y_m: float) -> tuple[float, float]:
+    return _PLANE.to_earth(x_m, y_m)

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What may go wrong in a flight, and when it strikes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from mavproxy_handover.core.model import Phase
+
+__all__ = ["Fault", "Strike", "Target"]
+
+
+class Fault(Enum):
+    """What goes wrong. What a fault does is in `world.py`."""
+
+    DEAD = "its program dies, and comes back knowing nothing"
+    DEAF = "it hears nothing of the vehicle"
+    MUTE = "the vehicle hears nothing of it"
+    BURST = "nothing gets through, either way"
+    WEAK = "a third of the messages of its link is lost"
+    ATTACK = "somebody commands in its name, with bad signatures"
+    ROGUE = "stations that do not command send the aircraft elsewhere"
+    KILLED = "the companion dies, and starts again from its state"
+    GONE = "the companion dies for good"
+    STALLED = "the companion's main loop stands still"
+    BLIND = "the cable between companion and autopilot is cut"
+    NO_GUARD = "the guard is silent: its script was stopped"
+    NO_FIX = "no position any more"
+    SAG = "a part of the battery's energy is gone"
+    DRIFT = "wind carries the aircraft off its route"
+    BREACH = "wind carries the aircraft out of its fence"
+    PILOT = "a pilot takes the aircraft, and gives it back"
+
+
+class Target(Enum):
+    """Whom of the stations a fault strikes."""
+
+    COMMANDER = "the commander"
+    NEXT = "the next station on the route"
+    ALL = "all stations"
+    NOBODY = "no station"
+
+
+@dataclass(frozen=True, slots=True)
+class Strike:
+    """A fault and its time: `after` ticks behind take-off, or behind the `nth` time that `phase` begins.
+
+    `lasts`: ticks; `amount`: how much of it, where that has a meaning.
+    """
+
+    fault: Fault
+    after: int
+    lasts: int
+    target: Target = Target.NOBODY
+    phase: Phase | None = None
+    nth: int = 1
+    amount: float = 0.0
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        whom = "" if self.target is Target.NOBODY else f" ({self.target.value})"
+        return f"{self.fault.name.lower().replace('_', ' ')}{whom}: {self.fault.value}"

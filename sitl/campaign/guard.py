@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The guard, as its page describes it: no live lease, or one that says for too long that nobody commands: RTL, once.
+
+Leases flow five times a second while companion, cable and main loop are well. So the guard's last lease is as old as
+the moment when one of them failed, and nothing needs to be counted in between. What is in a pilot's hands, on its way
+home or on its way down is left alone.
+"""
+
+from __future__ import annotations
+
+from mavproxy_handover.core.model import GuardState
+from sitl.campaign.aircraft import Aircraft, Mode
+from sitl.campaign.times import NEVER, in_ticks
+
+__all__ = ["Guard"]
+
+#: HNDO_TIMEOUT and HNDO_LOST_T
+TIMEOUT, LOST = in_ticks(3.0), in_ticks(3.0)
+#: it looks twenty times a second, and leases come five times
+_LOOKS = in_ticks(0.25)
+
+
+class Guard:
+    """One guard. Times are ticks."""
+
+    __slots__ = ("_acted", "_aircraft", "_flows", "_lost_since", "_stopped", "due", "works")
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self.works = True
+        self._flows = False
+        #: when the last lease came, and since when leases say that nobody commands
+        self._stopped = 0
+        self._lost_since: int | None = None
+        self._acted = False
+        self.due = NEVER
+
+    @property
+    def state(self) -> GuardState:
+        """What it says of itself, while leases flow or just have."""
+        if self._acted and not self._flows:
+            return GuardState.EXPIRED
+        return GuardState.LIVE if self._lost_since is None else GuardState.LOST
+
+    def heed(self, flows: bool, held: bool, now: int) -> None:
+        """Whether leases come, and whether they name a commander; to be told whenever that changes."""
+        if self._flows and not flows:
+            self._stopped = now
+        self._flows = flows
+        if flows:
+            if held:
+                self._lost_since, self._acted = None, False
+            elif self._lost_since is None:
+                self._lost_since = now
+        self._plan()
+
+    def _plan(self) -> None:
+        times = [] if self._flows else [self._stopped + TIMEOUT + _LOOKS]
+        if self._lost_since is not None:
+            times.append(self._lost_since + LOST + _LOOKS)
+        self.due = NEVER if self._acted or not self.works else min(times, default=NEVER)
+
+    def stop(self, works: bool) -> None:
+        """Its script dies, or lives again."""
+        self.works = works
+        self._plan()
+
+    def look(self, now: int) -> None:
+        """Whether it is time to act."""
+        if now < self.due:
+            return
+        aircraft = self._aircraft
+        if aircraft.mode is Mode.PILOT or not aircraft.flying:  # it stands back, and looks again
+            self.due = now + in_ticks(0.5)
+            return
+        self._acted = True
+        self._plan()
+        if not aircraft.mode.comes_down:
+            aircraft.come_home("guard", now)

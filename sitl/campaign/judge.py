@@ -1,0 +1,287 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What is unsafe, as one table, and how a flight ended: by what really happened (`log.py`), never by what was believed.
+
+A row says what must not be, for how long it may, and which policies excuse it: whoever configures that a cause is only
+warned of has taken what follows upon himself. Whoever flies a second of it is looked at: the truth is sampled once a
+second, which every limit here is many times of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from sitl.campaign.aircraft import Mode
+from sitl.campaign.log import FlightLog
+from sitl.campaign.plan import FlightPlan
+from sitl.campaign.times import SECOND
+
+__all__ = ["CLASSES", "UNSAFE", "Found", "Unsafe", "ended", "judge"]
+
+#: without coverage, or without a commander, in seconds: 5 s until a station is lost, 2 s for a forced transfer, 10 s of
+#: the autopilot's GCS failsafe where the companion is gone and the guard as well, 1 s for rounding
+ALONE_S: Final = 18
+#: a commander that flies an aircraft which its zone does not hold: as long as its link lets it, then as above
+OUTSIDE_S: Final = 30
+#: so far outside a zone still counts as its border (m)
+BORDER_M: Final = 20.0
+#: changes between the same two stations, and in how many seconds
+PING_PONG, PING_PONG_S = 4, 60
+#: modes in which the aircraft is not on its way down, or home, and nobody's hand is on it
+_ON_ITS_WAY: Final = (Mode.AUTO.name, Mode.PAUSE.name)
+#: landed this near to a place is landed there (m)
+_THERE_M: Final = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Something unsafe: which row of the table, when (tick), and what happened, for people."""
+
+    row: str
+    at: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """The truth of one second."""
+
+    at: int
+    place: tuple[float, float, float]
+    mode: str
+    commander: int | None
+    companion: bool
+    #: stations that work, and whose zones hold the aircraft
+    usable: frozenset[int]
+    #: how far the aircraft is inside the commander's zone
+    margin_m: float
+
+
+Look = Callable[[FlightPlan, FlightLog, tuple[Moment, ...]], Found | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Unsafe:
+    """One row: what must not be, the limit in words, causes whose milder policies excuse it, and how it is found."""
+
+    name: str
+    words: str
+    limit: str
+    excused_by: frozenset[Cause]
+    look: Look
+
+
+def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
+    zones = plan.zones
+    for piece in log.flown:
+        if piece.mode == Mode.GROUND.name:
+            continue
+        first = -(-piece.begun // SECOND) * SECOND
+        for at in range(first, piece.ended, SECOND):
+            x, y, z = piece.at(at)
+            commander, companion = log.commander.at(at), log.companion.at(at)
+            usable = frozenset(
+                sysid for sysid, zone in zones.items() if zone.margin_m(x, y) > -BORDER_M and log.working[sysid].at(at)
+            )
+            margin = 0.0 if commander is None else zones[commander].margin_m(x, y)
+            yield Moment(at, (x, y, z), piece.mode, commander if companion else None, companion, usable, margin)
+
+
+def _longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment], bool]) -> Moment | None:
+    """The moment when something has gone on for longer than the limit."""
+    run = 0
+    for before, moment in pairwise((None, *moments)):
+        assert moment is not None
+        follows = before is None or moment.at - before.at <= SECOND
+        run = run + 1 if wrong(moment) and follows else int(wrong(moment))
+        if run > limit_s:
+            return moment
+    return None
+
+
+# ---- the rows -------------------------------------------------------------------------------------------------------
+
+
+def _two_commanders(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    for at in sorted({at for series in log.believes.values() for at in series.times}):
+        epochs = [epoch for series in log.believes.values() if (epoch := series.at(at)) is not None]
+        if len(set(epochs)) < len(epochs):
+            return Found("two commanders", at, f"two stations take themselves for the commander in epoch {epochs[0]}")
+    return None
+
+
+def _books(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    for at, text in log.broken:
+        return Found("authority without cause", at, text)
+    return None
+
+
+def _obeyed(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    for at, station, allowed in log.obeyed:
+        if not allowed:
+            return Found("refused and obeyed", at, f"station {station} was obeyed without authority")
+    return None
+
+
+def _empty(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    return None if log.empty_at is None else Found("battery empty", log.empty_at, "the battery was empty in the air")
+
+
+def _uncovered(_plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    found = _longest(moments, ALONE_S, lambda m: m.mode in _ON_ITS_WAY and not m.usable)
+    if found is None:
+        return None
+    return Found("uncovered, nothing done", found.at, f"{ALONE_S} s without a station that works, and it flew on")
+
+
+def _nobody(_plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    found = _longest(moments, ALONE_S, lambda m: m.mode in _ON_ITS_WAY and m.commander is None)
+    if found is None:
+        return None
+    return Found("nobody, nothing done", found.at, f"{ALONE_S} s without a commander, and it flew on")
+
+
+def _outside(plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    found = _longest(
+        moments,
+        OUTSIDE_S,
+        lambda m: m.mode in _ON_ITS_WAY and m.commander is not None and m.margin_m < -BORDER_M,
+    )
+    if found is None:
+        return None
+    name = next(s.name for s in plan.stations if s.sysid == found.commander)
+    return Found("commands outside", found.at, f"{name} commanded for {OUTSIDE_S} s outside its zone")
+
+
+def _ping_pong(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    by_pair: dict[frozenset[int], list[int]] = {}
+    for at, old, new in log.moves:
+        times = by_pair.setdefault(frozenset((old, new)), [])
+        times.append(at)
+        if len(times) >= PING_PONG and at - times[-PING_PONG] < PING_PONG_S * SECOND:
+            return Found("ping-pong", at, f"{PING_PONG} changes between {old} and {new} within {PING_PONG_S} s")
+    return None
+
+
+def _uncovered_place(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    """Landed by a return where nobody is, though a place that is covered could have been reached."""
+    begun = [(at, mode, by) for at, mode, by in log.modes if mode == Mode.RTL.name]
+    if not begun or not moments or log.landed is None or log.modes[-2][1] != Mode.RTL.name:
+        return None
+    at, landed = begun[-1][0], log.landed
+    covered = [place for place in plan.places if _covered(plan, log, place.x_m, place.y_m, landed[0])]
+    there = min(plan.places, key=lambda place: place.away_m(landed[1], landed[2]))
+    if there in covered or there.away_m(landed[1], landed[2]) > _THERE_M:
+        return None
+    here = min(moments, key=lambda m: abs(m.at - at)).place
+    covered = [place for place in covered if _covered(plan, log, place.x_m, place.y_m, at)]
+    left = log.left_wh_at(at)
+    for place in covered:
+        away = place.away_m(here[0], here[1])
+        need = plan.model().budget_wh(away / max(1.0, plan.speed_mps - 6.0) * plan.model().power_w(12.0) / 3600.0)
+        if left > need:
+            text = f"landed {there.away_m(*landed[1:]):.0f} m from a place that no station covers; one was in reach"
+            return Found("landed uncovered", landed[0], text)
+    return None
+
+
+def _covered(plan: FlightPlan, log: FlightLog, x: float, y: float, at: int) -> bool:
+    return any(s.zone.margin_m(x, y) > 0.0 and log.working[s.sysid].at(at) for s in plan.stations)
+
+
+def _never_down(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    if moments and log.landed is None:
+        return Found("never down", log.ended, "it was still in the air at the end of the longest flight")
+    return None
+
+
+def _overruled(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    for (_, mode, _), (at, after, by) in pairwise(log.modes):
+        if mode == Mode.PILOT.name and by in ("companion", "guard"):
+            return Found("pilot overruled", at, f"a pilot had it, and {by} made it {after}")
+    return None
+
+
+def _turned_back(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    for (_, mode, _), (at, after, by) in pairwise(log.modes):
+        coming = mode in (Mode.RTL.name, Mode.LAND.name)
+        if coming and by == "companion" and (after in _ON_ITS_WAY or (mode, after) == ("LAND", "RTL")):
+            return Found("graver undone", at, f"the companion made {after} of a {mode}")
+    return None
+
+
+def _row(name: str, words: str, limit: str, look: Look, *excused_by: Cause) -> Unsafe:
+    return Unsafe(name, words, limit, frozenset(excused_by), look)
+
+
+_LOST, _OUT, _NONE = Cause.COMMANDER_LOST, Cause.OUT_OF_COVERAGE, Cause.NO_STATION
+#: everything that is unsafe
+UNSAFE: Final = (
+    _row("two commanders", "two stations take themselves for the commander in one epoch", "never", _two_commanders),
+    _row("authority without cause", "authority moves by anything but a listed cause, or rules break", "never", _books),
+    _row("refused and obeyed", "a station without authority is obeyed", "never", _obeyed),
+    _row("battery empty", "the battery is empty in the air", "never", _empty, Cause.ENERGY),
+    _row(
+        "uncovered, nothing done",
+        "no station that works covers the aircraft, and it flies on",
+        f"{ALONE_S} s",
+        _uncovered,
+        *(_LOST, _OUT, _NONE),
+    ),
+    _row("nobody, nothing done", "nobody commands, and the aircraft flies on", f"{ALONE_S} s", _nobody, _LOST),
+    _row(
+        "commands outside",
+        "a station commands an aircraft that flies on outside its zone",
+        f"{OUTSIDE_S} s",
+        _outside,
+        *(_LOST, _OUT, _NONE),
+    ),
+    _row("ping-pong", "authority goes to and fro between two stations", f"{PING_PONG} in {PING_PONG_S} s", _ping_pong),
+    _row(
+        "landed uncovered",
+        "a return ends where no station is, with a covered place in reach",
+        "never",
+        _uncovered_place,
+    ),
+    _row("never down", "the flight does not end", "90 min", _never_down),
+    _row("pilot overruled", "what a pilot has in his hands is taken from him", "never", _overruled),
+    _row("graver undone", "the companion undoes a return or a landing", "never", _turned_back),
+)
+
+
+def _excused(plan: FlightPlan, row: Unsafe) -> bool:
+    """Whether the configuration itself wants no more than a warning."""
+    policies: Mapping[Cause, str] = plan.policies
+    return any(policies.get(cause, CAUSES[cause].policies[0]) in ("warn", "off") for cause in row.excused_by)
+
+
+def judge(plan: FlightPlan, log: FlightLog) -> tuple[Found, ...]:
+    """Everything that was unsafe in a flight."""
+    moments = tuple(_moments(plan, log))
+    looked = (row.look(plan, log, moments) for row in UNSAFE if not _excused(plan, row))
+    return tuple(found for found in looked if found is not None)
+
+
+#: how flights end, and by whose word; the first that fits
+CLASSES: Final[Mapping[str, tuple[str, ...]]] = {
+    "not started": (),
+    "delivered": ("start", "mission"),
+    "sent on, delivered": ("commander",),
+    "the strategy's return or landing": ("companion",),
+    "the guard's return": ("guard",),
+    "the autopilot's failsafe": ("GCS failsafe", "EKF failsafe", "battery failsafe", "fence failsafe"),
+    "a pilot's flight": ("pilot",),
+    "held to its end": ("hold",),
+}
+
+
+def ended(log: FlightLog) -> str:
+    """The class of a flight: by whose word the aircraft flew last."""
+    if not log.modes:
+        return "not started"
+    last = log.modes[-1][2]
+    return next((name for name, words in CLASSES.items() if last in words), f"by {last}")

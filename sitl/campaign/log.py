@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What really happened in a flight: where the aircraft was, who was obeyed, what worked. The judge knows no more."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+__all__ = ["FlightLog", "Flown", "Series"]
+
+_Value = TypeVar("_Value")
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """A straight piece that was flown: ticks, place and velocity (m, m/s) at its beginning, and the mode."""
+
+    begun: int
+    ended: int
+    x_m: float
+    y_m: float
+    z_m: float
+    vx: float
+    vy: float
+    vz: float
+    mode: str
+
+    def at(self, now: int) -> tuple[float, float, float]:
+        """Where it was."""
+        s = (now - self.begun) / 64
+        return self.x_m + self.vx * s, self.y_m + self.vy * s, self.z_m + self.vz * s
+
+
+class Series(Generic[_Value]):
+    """A value that changes now and then."""
+
+    __slots__ = ("times", "values")
+
+    def __init__(self, first: _Value) -> None:
+        self.times: list[int] = [0]
+        self.values: list[_Value] = [first]
+
+    def set(self, now: int, value: _Value) -> None:
+        """From now on."""
+        if value != self.values[-1]:
+            self.times.append(now)
+            self.values.append(value)
+
+    def at(self, now: int) -> _Value:
+        """What it was then."""
+        return self.values[bisect_right(self.times, now) - 1]
+
+
+@dataclass(slots=True)
+class FlightLog:
+    """Everything that really was. Times are ticks."""
+
+    flown: list[Flown] = field(default_factory=list)
+    #: mode and who set it
+    modes: list[tuple[int, str, str]] = field(default_factory=list)
+    #: whose commands pass the gate, None: nobody's
+    commander: Series[int | None] = field(default_factory=lambda: Series(None))
+    #: epoch in force
+    epoch: Series[int] = field(default_factory=lambda: Series(0))
+    #: the companion runs, and its main loop goes round
+    companion: Series[bool] = field(default_factory=lambda: Series(True))
+    #: companion and autopilot hear each other
+    cable: Series[bool] = field(default_factory=lambda: Series(True))
+    #: stations that work and are heard and hear, wherever the aircraft is
+    working: dict[int, Series[bool]] = field(default_factory=dict)
+    #: stations that take themselves for the commander, with the epoch
+    believes: dict[int, Series[int | None]] = field(default_factory=dict)
+    #: what a station ordered that was obeyed: tick, station, whether it had authority
+    obeyed: list[tuple[int, int, bool]] = field(default_factory=list)
+    #: orders of the companion: tick, action
+    orders: list[tuple[int, str]] = field(default_factory=list)
+    #: authority went from one station to another: tick, from, to
+    moves: list[tuple[int, int, int]] = field(default_factory=list)
+    #: what broke the books of authority (`watch.py`)
+    broken: list[tuple[int, str]] = field(default_factory=list)
+    #: when the battery was empty in the air, and when and where the aircraft came down (tick, m, m)
+    empty_at: int | None = None
+    landed: tuple[int, float, float] | None = None
+    #: what was really left (Wh) whenever a mode began
+    left: list[tuple[int, float]] = field(default_factory=list)
+    #: sentences for people
+    story: list[tuple[int, str]] = field(default_factory=list)
+    tells: bool = False
+    ended: int = 0
+
+    def mode(self, now: int, mode: str, by: str) -> None:
+        """Another mode is flown."""
+        self.modes.append((now, mode, by))
+        self.note(now, f"{mode} ({by})" if by else mode)
+
+    def left_wh_at(self, at: int) -> float:
+        """What was left when the mode began that was flown then."""
+        return next((left for begun, left in reversed(self.left) if begun <= at), 0.0)
+
+    def note(self, now: int, text: str) -> None:
+        """A sentence, if anybody reads."""
+        if self.tells:
+            self.story.append((now, text))

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover campaign`: random flights with random faults over the real rules, and what came of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from sitl.campaign.figures import figures
+from sitl.campaign.judge import ended, judge
+from sitl.campaign.page import summary, write_page
+from sitl.campaign.plan import draw
+from sitl.campaign.times import SECOND
+from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
+from sitl.campaign.world import World
+
+__all__ = ["main"]
+
+#: between two lines of progress (s)
+_TELLS_S = 10.0
+
+
+def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="handover campaign",
+        description="Fly random missions with random faults over the real rules, in simulated time, and judge them by "
+        "what really happened. Exit code 1 if a flight was unsafe.",
+    )
+    parser.add_argument("--runs", type=int, default=200, metavar="N", help="how many flights (200)")
+    parser.add_argument("--jobs", type=int, default=1, metavar="M", help="processes on this machine (1)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the first flight (0)")
+    parser.add_argument("--story", action="store_true", help="tell the flight of --seed in sentences, and fly no other")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="of Dask: its workers fly")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder; one that is there goes on (runs/campaign-TIME)"
+    )
+    parser.add_argument("--stepping", choices=("events", "plain"), default="events", help="plain: make every step")
+    arguments = parser.parse_args(argv)
+    for name, least in (("runs", 1), ("jobs", 1), ("seed", 0)):
+        if getattr(arguments, name) < least:
+            parser.error(f"--{name} must be {least} or more")
+    return arguments
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Fly; 0: nothing unsafe, 1: something, 2: bad usage, or it cannot be flown."""
+    try:
+        arguments = _arguments(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    if arguments.story:
+        return _tell(arguments.seed, plain=arguments.stepping == "plain")
+    campaign = Campaign(arguments.seed, arguments.runs, arguments.stepping)
+    folder: Path = arguments.out or Path("runs") / time.strftime("campaign-%Y%m%d-%H%M%S")
+    try:
+        return _fly(campaign, folder, arguments.jobs, arguments.scheduler)
+    except CampaignError as error:
+        print(f"handover campaign: {error}", file=sys.stderr)
+        return 2
+
+
+def _fly(campaign: Campaign, folder: Path, jobs: int, scheduler: str | None) -> int:
+    flights = Flights(folder, campaign)
+    begun = told = time.monotonic()
+    flown = 0
+    for batch in fly_all(campaign, flights.outcomes, jobs, scheduler):
+        flights.add(batch)
+        flown += len(batch)
+        now = time.monotonic()
+        if now - told >= _TELLS_S:
+            told = now
+            left_s = (campaign.runs - len(flights.outcomes)) * (now - begun) / flown
+            unsafe = sum(bool(each.unsafe) for each in flights.outcomes.values())
+            print(
+                f"{len(flights.outcomes)} of {campaign.runs} flights, {unsafe} unsafe, {left_s:.0f} s to go", flush=True
+            )
+    outcomes = list(flights.outcomes.values())
+    found = figures(outcomes)
+    print(summary(found))
+    try:
+        print(write_page(folder, outcomes))
+    except OSError as error:
+        raise CampaignError(f"{folder}: {error.strerror}") from error
+    return 1 if found.unsafe_flights else 0
+
+
+def _tell(seed: int, *, plain: bool) -> int:
+    """The story of one flight."""
+    plan = draw(seed)
+    log = World(plan, plain=plain, tells=True).run()
+    print(plan.words)
+    for cause, policy in sorted(plan.policies.items(), key=lambda pair: pair[0].value):
+        print(f"  policy {cause.value}: {policy}")
+    found = judge(plan, log)
+    lines = [*log.story, *((each.at, f"UNSAFE ({each.row}): {each.text}") for each in found)]
+    for at, text in sorted(lines, key=lambda line: line[0]):
+        print(f"{at / SECOND:9.2f} s  {text}")
+    print(f"ended: {ended(log)}")
+    return 1 if found else 0

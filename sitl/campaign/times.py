@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Time of a simulated flight: whole ticks of 1/64 s.
+
+A sixty-fourth is exact in binary. So it makes no difference to any comparison of the rules at which moment something
+happens, only how far it is from another: that is what lets a campaign leave time out (`pace.py`).
+"""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import Final
+
+__all__ = ["NEVER", "ROUND", "SECOND", "in_seconds", "in_ticks", "on_round"]
+
+SECOND: Final = 64
+#: between two rounds of the companion's main loop: 21.3 a second, where 20 are promised
+ROUND: Final = 3
+NEVER: Final = 1 << 60
+
+
+def in_seconds(ticks: int) -> float:
+    """As the rules count."""
+    return ticks / SECOND
+
+
+def in_ticks(seconds: float) -> int:
+    """No sooner than that."""
+    return ceil(seconds * SECOND)
+
+
+def on_round(ticks: int) -> int:
+    """The first round of the main loop then or later."""
+    return -(-ticks // ROUND) * ROUND

@@ -1,0 +1,615 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""One flight: everything there is, and how time passes.
+
+Events stand in two queues: what is planned (faults, operators, restarts), and what is routine or a message (heartbeats,
+CONNECT, status, the words of a transfer). Beside them stand the times of aircraft, guard and companion. The companion's
+main loop goes round every `ROUND` ticks: position first, then what the rules have due.
+
+Two ways to let time pass, and the same comes of both (`tests/sitl/test_campaign_pace.py`):
+
+* plain: every round is made, and in it everything is looked at;
+* by `pace.py`: only rounds in which something can come of it, and where nothing can for a while, none of the routine
+  either: then the clock of the rules stands still, which they cannot tell from a time in which every second is like the
+  one before. Nothing of the aircraft stands still: it flies, and uses energy.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from math import cos, inf, radians, sin
+
+from gcs_module import core as gcs
+from mavproxy_handover.core import events
+from mavproxy_handover.core.messages import Message
+from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase
+from mavproxy_handover.core.never import assert_never
+from sitl.campaign.aircraft import EMPTY_PART, LOW_PART, Aircraft, Mode
+from sitl.campaign.companion import DIGEST, Companion, Ties
+from sitl.campaign.faults import Fault, Strike, Target
+from sitl.campaign.guard import Guard
+from sitl.campaign.links import WEAK_LOSS, Link
+from sitl.campaign.log import FlightLog, Series
+from sitl.campaign.pace import Pace
+from sitl.campaign.plan import FlightPlan, bearing_deg
+from sitl.campaign.stations import Ground, GroundTies
+from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks, on_round
+
+__all__ = ["World"]
+
+#: a flight is over so long after the landing, and one that nobody starts
+_AFTER = in_ticks(5.0)
+_NOT_STARTED = in_ticks(120.0)
+#: longer than any of these missions with everything that can delay it
+_LONGEST = in_ticks(5400.0)
+_START_TAKES = in_ticks(2.0)
+#: FS_GCS_TIMEOUT, and when the autopilot lands without a position
+_GCS_TIMEOUT, _EKF = in_ticks(10.0), in_ticks(8.0)
+#: a main loop that stands still is killed after this long, and a new one goes round so much later
+_SUPERVISED, _FORKED = in_ticks(1.2), in_ticks(0.6)
+
+
+class World:
+    """One flight of a plan. `plain`: everything is stepped."""
+
+    def __init__(self, plan: FlightPlan, *, plain: bool = False, tells: bool = False) -> None:
+        self.plan, self.plain = plan, plain
+        self.log = log = FlightLog(tells=tells)
+        for station in plan.stations:
+            log.working[station.sysid] = Series(True)
+            log.believes[station.sysid] = Series(None)
+        #: ticks that the clock of the rules has stood still
+        self.stood = 0
+        self.now = 0
+        self._number = count()
+        self._planned: list[tuple[int, int, Callable[[int], None]]] = []
+        self._routine: list[tuple[int, int, Callable[[int], None]]] = []
+        self.aircraft = Aircraft(plan, log)
+        self.guard = Guard(self.aircraft)
+        self.pace = Pace(plan, self.aircraft)
+        self._lay_links()
+        self.cable = True
+        self._gcs_stopped: int | None = 0
+        self._gcs_due = NEVER
+        self._ekf_due = NEVER
+        self._battery_due = NEVER
+        self._battery_of: tuple[float, int, float] | None = None
+        self._round = -ROUND
+        self._beaten = False
+        #: when the rules have something due, as they count, and after how many events that was
+        self._due, self._due_of = NEVER, -1
+        self._over_at = _NOT_STARTED
+        self._phases: dict[Phase, int] = {}
+        self._phase = Phase.ON_LOAD
+        self._struck: list[Strike] = []
+        ground_ties = GroundTies(self._from_station, self._between, self._plan_answer)
+        self.ground = {s.sysid: Ground(plan, s, log, ground_ties, self.core_s) for s in plan.stations}
+        ties = Ties(self._to_station, self._status, self._order, self._begin_start, self.pace.stir, self.pace.settle)
+        self._view = AuthorityView()
+        self.companion: Companion | None = None
+        self.companion = Companion(plan, self.aircraft, log, ties, self.core_s)
+        self._begin()
+
+    # ---- time ------------------------------------------------------------------------------------------------------
+
+    def core_s(self, now: int) -> float:
+        """The time as the rules count it."""
+        return in_seconds(now - self.stood)
+
+    def _at(self, when: int, job: Callable[[int], None]) -> None:
+        heapq.heappush(self._planned, (when, next(self._number), job))
+
+    def _send(self, when: int, job: Callable[[int], None]) -> None:
+        heapq.heappush(self._routine, (when, next(self._number), job))
+
+    def _every(self, pause: int, job: Callable[[int], None], first: int) -> None:
+        def again(now: int) -> None:
+            job(now)
+            self._send(now + pause, again)
+
+        self._send(first, again)
+
+    def _begin(self) -> None:
+        self._every(SECOND, self._beat, 0)
+        self._every(SECOND // 2, lambda _now: self._status(self._view, _now), 2)
+        self._every(SECOND // 2, self._guard_speaks, 4)
+        for number, station in enumerate(self.plan.stations):
+            self._every(SECOND, partial(self._station_beats, station.sysid), 6 + 5 * number)
+        self._at(3 * SECOND, lambda now: self._tell(events.MissionLoaded(DIGEST, self.plan.route), now))
+        self._at(self.plan.start_at, self._start)
+        for strike in self.plan.strikes:
+            if strike.phase is None:
+                take_off = self.plan.start_at + _START_TAKES
+                self._at(max(1, take_off + strike.after), partial(self._strike, strike))
+
+    def _tell(self, event: events.Event, now: int) -> None:
+        if self.companion is not None:
+            self.companion.give(event, now)
+
+    def run(self) -> FlightLog:
+        """Fly."""
+        companion, aircraft, guard, pace = self.companion, self.aircraft, self.guard, self.pace
+        assert companion is not None
+        planned, routine = self._planned, self._routine
+        while True:
+            first = planned[0][0] if planned else NEVER
+            second = routine[0][0]
+            self._know_battery()
+            own = min(aircraft.ends, guard.due, self._gcs_due, self._ekf_due, self._battery_due)
+            now = min(first, second, own)
+            round_at = self._next_round(now, first)
+            now = min(now, round_at)
+            if now >= self._over_at:
+                self.log.ended = self._over_at
+                return self.log
+            self.now = now
+            if aircraft.ends <= now:
+                aircraft.turn(now)
+                pace.stir(now, 0.0)
+                self._after_piece(now)
+            elif own <= now:
+                self._of_itself(now)
+            elif first <= now:
+                _at, _number, job = heapq.heappop(planned)
+                job(now)
+                pace.stir(now, 13.0)
+            elif second <= now:
+                _at, _number, job = heapq.heappop(routine)
+                job(now)
+                if self._beaten:
+                    self._beaten = False
+                    if not self.plain:
+                        self._stand_still(now)
+            else:
+                self._go_round(now)
+
+    def _next_round(self, now: int, planned: int) -> int:
+        """When the main loop goes round next with something to come of it."""
+        following = max(self._round + ROUND, on_round(self.now))
+        companion = self.companion
+        assert companion is not None
+        if self.plain:
+            return following
+        restless = self.pace.restless(following, planned, companion.view.commander)
+        if restless <= following:
+            return following
+        if companion.handled != self._due_of:
+            self._due_of, due = companion.handled, companion.due()
+            self._due = NEVER if due == inf else in_ticks(due)
+        at = NEVER if self._due == NEVER else on_round(self._due + self.stood)
+        # the next whole second, too: a position each second keeps it fresh
+        return max(following, min(at, on_round(restless), on_round((self._round // SECOND + 1) * SECOND)))
+
+    def _go_round(self, now: int) -> None:
+        self._round = now
+        companion = self.companion
+        assert companion is not None
+        if not companion.runs:
+            return
+        if self.cable:
+            companion.position(now)
+        if companion.runs and companion.due() <= self.core_s(now):
+            companion.give(events.Tick(), now)
+
+    # ---- each second -----------------------------------------------------------------------------------------------
+
+    def _beat(self, now: int) -> None:
+        """The autopilot's heartbeat, and what the companion does each second."""
+        companion, aircraft = self.companion, self.aircraft
+        assert companion is not None
+        if self.cable:
+            companion.give(events.AutopilotState(aircraft.armed, aircraft.flying), now)
+            companion.second(now, always=self.plain)
+        self._beaten = True
+
+    def _stand_still(self, now: int) -> None:
+        """Leave out time in which nothing can happen."""
+        companion = self.companion
+        assert companion is not None
+        view = companion.view
+        if view.partner is not None or not self.pace.quiet(now, self._links, view.commander):
+            return
+        bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due, self._gcs_due]
+        bounds += [self._ekf_due, self._battery_due, self._over_at, companion.energy_due]
+        left_out = self.pace.nothing_until(now, min(bounds), companion.view.commander) - now
+        left_out -= left_out % (ROUND * SECOND)
+        if left_out <= 0:
+            return
+        self.stood += left_out
+        self._routine[:] = [(at + left_out, number, job) for at, number, job in self._routine]
+        self._round += left_out
+
+    def _guard_speaks(self, now: int) -> None:
+        if self.guard.works and self.cable:
+            self._tell(events.GuardSeen(self.guard.state, ours=True), now)
+
+    def _station_beats(self, sysid: int, now: int) -> None:
+        """Heartbeats of a station, up and over the ground, and of the companion down to it."""
+        ground, companion = self.ground[sysid], self.companion
+        assert companion is not None
+        if ground.core is not None:
+            ground.tick(now)
+            self._up(sysid, events.StationHeard(sysid), now)
+            for other in self.ground:
+                if other != sysid:
+                    self._over_ground(sysid, other, gcs.PeerHeard(sysid), now)
+        if companion.runs:
+            self._down(sysid, gcs.VehicleHeard(), now)
+
+    # ---- links -----------------------------------------------------------------------------------------------------
+
+    def _lay_links(self) -> None:
+        plan, number = self.plan, 0
+        self._uplinks: dict[int, Link] = {}
+        self._downlinks: dict[int, Link] = {}
+        for station in plan.stations:
+            for links in (self._uplinks, self._downlinks):
+                links[station.sysid] = Link(plan.seed, number, station.zone, station.delay, plan.loss)
+                number += 1
+        self._peer_links = {
+            (a.sysid, b.sysid): Link(plan.seed, number + 16 * n + m, None, 1, plan.loss)
+            for n, a in enumerate(plan.stations)
+            for m, b in enumerate(plan.stations)
+            if a is not b and plan.ground_link
+        }
+        self._links = [*self._uplinks.values(), *self._downlinks.values()]
+
+    def _up(self, sysid: int, event: events.Event, now: int) -> None:
+        x, y, _z = self.aircraft.at(now)
+        at = self._uplinks[sysid].arrives(now, x, y)
+        if at is not None:
+            self._send(at, partial(self._tell, event))
+
+    def _down(self, sysid: int, event: gcs.Event, now: int) -> None:
+        x, y, _z = self.aircraft.at(now)
+        at = self._downlinks[sysid].arrives(now, x, y)
+        if at is not None:
+            self._send(at, partial(self.ground[sysid].give, event))
+
+    def _over_ground(self, sysid: int, peer: int, event: gcs.Event, now: int) -> None:
+        link = self._peer_links.get((sysid, peer))
+        at = None if link is None else link.arrives(now, 0.0, 0.0)
+        if at is not None:
+            self._send(at, partial(self.ground[peer].give, event))
+
+    def _to_station(self, sysid: int, message: Message, now: int) -> None:
+        self._down(sysid, gcs.FromVehicle(message), now)
+
+    def _from_station(self, sysid: int, message: Message, now: int) -> None:
+        self._up(sysid, events.StationMessage(sysid, message), now)
+
+    def _between(self, sysid: int, peer: int, message: Message, now: int) -> None:
+        self._over_ground(sysid, peer, gcs.FromPeer(sysid, message), now)
+
+    def _plan_answer(self, sysid: int, question: object, yes: bool, when: int) -> None:
+        self._at(when, partial(self.ground[sysid].answer, question, yes))
+
+    def _status(self, view: AuthorityView, now: int) -> None:
+        """AUTHORITY_STATUS to all, and the lease to the guard."""
+        changed, self._view = view != self._view, view
+        companion = self.companion
+        if companion is not None and companion.runs:
+            recovering = view.lease is LeaseState.RECOVERING
+            heard = gcs.AuthorityHeard(
+                view.phase, view.commander, view.partner, view.epoch, view.handover_id, recovering, view.why
+            )
+            for sysid in self.ground:
+                self._down(sysid, heard, now)
+        if changed:
+            self._flows_changed(now)
+            self._phase_changed(view.phase, now)
+
+    # ---- what watches the leases -------------------------------------------------------------------------------------
+
+    def _flows_changed(self, now: int) -> None:
+        """Leases and heartbeats of the commander reach the autopilot, or do not any more."""
+        companion = self.companion
+        runs = self.cable and (companion is None or companion.runs)
+        held = self._view.commander is not None
+        self.guard.heed(runs, held, now)
+        self.log.cable.set(now, self.cable)
+        if runs and held:
+            self._gcs_stopped, self._gcs_due = None, NEVER
+        elif self._gcs_stopped is None:
+            self._gcs_stopped, self._gcs_due = now, now + _GCS_TIMEOUT
+
+    def _phase_changed(self, phase: Phase, now: int) -> None:
+        if phase is self._phase:
+            return
+        self._phase = phase
+        times = self._phases[phase] = self._phases.get(phase, 0) + 1
+        for strike in self.plan.strikes:
+            if strike.phase is phase and strike.nth == times:
+                self._at(max(now + 1, now + strike.after), partial(self._strike, strike))
+
+    # ---- the autopilot -----------------------------------------------------------------------------------------------
+
+    def _start(self, now: int) -> None:
+        """The parent's operator sends START."""
+        companion = self.companion
+        assert companion is not None
+        companion.give(events.StartRequested(self.plan.stations[0].sysid), now)
+
+    def _begin_start(self, now: int) -> None:
+        self._at(now + _START_TAKES, self._take_off)
+
+    def _take_off(self, now: int) -> None:
+        if self.companion is None or not self.companion.runs or not self.cable:
+            return
+        if not self.guard.due < NEVER:
+            self.aircraft.take_off(now)
+            self._over_at = now + _LONGEST
+            self._tell(events.StartFinished(True), now)
+
+    def _order(self, action: FlightAction, now: int) -> None:
+        """An order of the companion."""
+        if not self.cable:
+            return
+        aircraft = self.aircraft
+        match action:
+            case FlightAction.HOLD:
+                aircraft.pause(now)
+            case FlightAction.CONTINUE:
+                if aircraft.mode is Mode.PAUSE:
+                    aircraft.resume("companion", now)
+            case FlightAction.RETURN:
+                if self._ekf_due == NEVER and self.companion is not None and self.companion.fix:
+                    aircraft.come_home("companion", now)
+            case FlightAction.LAND:
+                aircraft.land("companion", now)
+            case FlightAction.WARN | FlightAction.TRANSFER:
+                pass
+            case _:
+                assert_never(action)
+        self._after_piece(now)
+
+    def _after_piece(self, now: int) -> None:
+        if self.aircraft.landed_at is not None and self._over_at > now + _AFTER:
+            self._over_at = now + _AFTER
+
+    def _know_battery(self) -> None:
+        """When the battery comes to the next level at which something happens."""
+        aircraft = self.aircraft
+        of = (aircraft.watts, aircraft.ends, aircraft.battery_wh)
+        if of == self._battery_of:
+            return
+        self._battery_of = of
+        parts = [0.0]
+        if self.plan.truth.battery_failsafe and aircraft.flying and aircraft.mode is not Mode.LAND:
+            parts.append(EMPTY_PART)
+            if aircraft.mode is not Mode.RTL:
+                parts.append(LOW_PART)
+        self._battery_due = min(aircraft.falls_to(part) for part in parts) if aircraft.flying else NEVER
+
+    def _of_itself(self, now: int) -> None:
+        """What autopilot and guard do by themselves."""
+        aircraft, before = self.aircraft, self.aircraft.mode
+        self.guard.look(now)
+        if self._gcs_due <= now:
+            self._gcs_due = NEVER
+            if aircraft.flying and not aircraft.mode.comes_down:
+                aircraft.come_home("GCS failsafe", now)
+        if self._ekf_due <= now:
+            self._ekf_due = NEVER
+            aircraft.land("EKF failsafe", now)
+        if self._battery_due <= now:
+            self._battery_of = None
+            left = aircraft.left_wh(now) / aircraft.battery_wh
+            if left <= 0.001:
+                aircraft.falls(now)
+            elif left <= EMPTY_PART + 0.001:
+                aircraft.land("battery failsafe", now)
+            elif aircraft.mode is not Mode.RTL:
+                aircraft.come_home("battery failsafe", now)
+        if aircraft.mode is not before:
+            self.pace.stir(now, 13.0)
+        self._after_piece(now)
+
+    # ---- faults ------------------------------------------------------------------------------------------------------
+
+    def _whom(self, target: Target) -> list[int]:
+        everybody = list(self.ground)
+        commander = self._view.commander
+        if target is Target.COMMANDER:
+            return everybody[:1] if commander is None else [commander]
+        if target is Target.NEXT:
+            companion = self.companion
+            assert companion is not None
+            x, y, _z = self.aircraft.at(self.now)
+            others = [s for s in self.plan.stations if s.sysid != commander]
+            return [max(others, key=lambda s: s.zone.margin_m(x, y)).sysid]
+        return everybody if target is Target.ALL else []
+
+    def _strike(self, strike: Strike, now: int) -> None:
+        """A fault strikes; its end is planned with it."""
+        self.pace.stir(now, 13.0)
+        whom = self._whom(strike.target)
+        names = " ".join(s.name for s in self.plan.stations if s.sysid in whom)
+        self.log.note(now, f"FAULT {strike.words} {names}".rstrip())
+        end = self._fault(strike, whom, now)
+        if end is not None and strike.lasts < NEVER:
+            self._at(now + max(1, strike.lasts), partial(self._ends, strike, end))
+
+    def _ends(self, strike: Strike, end: Callable[[int], None], now: int) -> None:
+        self.log.note(now, f"over: {strike.fault.name.lower().replace('_', ' ')}")
+        end(now)
+
+    def _fault(self, strike: Strike, whom: list[int], now: int) -> Callable[[int], None] | None:
+        """Make it so; returns what ends it."""
+        match strike.fault:
+            case Fault.DEAD:
+                return self._stations_die(whom, now)
+            case Fault.DEAF:
+                return self._cut([self._downlinks[each] for each in whom], whom, now)
+            case Fault.MUTE:
+                return self._cut([self._uplinks[each] for each in whom], whom, now)
+            case Fault.BURST:
+                both = [link for each in whom for link in (self._uplinks[each], self._downlinks[each])]
+                return self._cut(both, whom, now)
+            case Fault.WEAK:
+                return self._weaken(whom, now)
+            case Fault.ATTACK:
+                return self._judge_links(whom, attacked=True, now=now)
+            case Fault.ROGUE:
+                self._rogue(now + strike.lasts, now)
+                return None
+            case Fault.KILLED:
+                self._companion_dies(now)
+                return self._companion_restarts
+            case Fault.GONE:
+                self._companion_dies(now)
+                return None
+            case Fault.STALLED:
+                return self._companion_stalls(strike, now)
+            case Fault.BLIND:
+                return self._cut_cable(now)
+            case Fault.NO_GUARD:
+                self.guard.stop(False)
+                return lambda _now: self.guard.stop(True)
+            case Fault.NO_FIX:
+                return self._lose_fix(now)
+            case Fault.SAG:
+                self._sag(strike, now)
+                return None
+            case Fault.DRIFT | Fault.BREACH:
+                return self._drift(strike, now)
+            case Fault.PILOT:
+                self.aircraft.taken(now)
+                return self._pilot_gives_back
+            case _:
+                assert_never(strike.fault)
+
+    def _stations_die(self, whom: list[int], now: int) -> Callable[[int], None]:
+        for each in whom:
+            self.ground[each].dies(now)
+            self.log.working[each].set(now, False)
+
+        def end(now: int) -> None:
+            for each in whom:
+                self.ground[each].starts(now)
+            self._know_working(whom, now)
+
+        return end
+
+    def _know_working(self, whom: list[int], now: int) -> None:
+        for each in whom:
+            cut = self._uplinks[each].cut or self._downlinks[each].cut
+            self.log.working[each].set(now, self.ground[each].core is not None and not cut)
+
+    def _cut(self, links: list[Link], whom: list[int], now: int) -> Callable[[int], None]:
+        for link in links:
+            link.cut += 1
+        self._know_working(whom, now)
+
+        def end(now: int) -> None:
+            for link in links:
+                link.cut -= 1
+            self._know_working(whom, now)
+
+        return end
+
+    def _weaken(self, whom: list[int], now: int) -> Callable[[int], None]:
+        links = [link for each in whom for link in (self._uplinks[each], self._downlinks[each])]
+        for link in links:
+            link.loss += WEAK_LOSS
+        over = self._judge_links(whom, weak=True, now=now + 2 * SECOND)
+
+        def end(now: int) -> None:
+            for link in links:
+                link.loss = max(0.0, link.loss - WEAK_LOSS)
+            over(now)
+
+        return end
+
+    def _judge_links(
+        self, whom: list[int], *, weak: bool = False, attacked: bool = False, now: int
+    ) -> Callable[[int], None]:
+        """What the companion's measuring says of these links, and that it says so no more."""
+        text = "a third of all messages is lost" if weak else "bad signatures"
+
+        def judged(weak: bool, attacked: bool, now: int) -> None:
+            self.pace.worry(weak, whom)
+            for each in whom:
+                self._tell(events.LinkJudged(each, weak, attacked, text), now)
+
+        self._at(now + 1, partial(judged, weak, attacked))
+        return lambda now: self._at(now + 3 * SECOND, partial(judged, False, False))
+
+    def _rogue(self, until: int, now: int) -> None:
+        """Whoever does not command sends the aircraft home or down, twice a second."""
+        for each in self.ground:
+            if each != self._view.commander and self._passes(each):
+                self.log.obeyed.append((now, each, False))
+                self.aircraft.land(f"station {each}", now)
+        if now + SECOND // 2 < until:
+            self._at(now + SECOND // 2, partial(self._rogue, until))
+
+    def _passes(self, sysid: int) -> bool:
+        """Whether the gate lets a command of this station through."""
+        companion = self.companion
+        return companion is not None and companion.runs and self.cable and companion.view.commander == sysid
+
+    def _companion_dies(self, now: int) -> None:
+        assert self.companion is not None
+        self.companion.dies(now)
+        self._flows_changed(now)
+
+    def _companion_restarts(self, now: int) -> None:
+        assert self.companion is not None
+        self.companion.restarts(now)
+        self._flows_changed(now)
+        if self.aircraft.flying:  # it knows its mission from its state
+            return
+        self._tell(events.MissionLoaded(DIGEST, self.plan.route), now)
+
+    def _companion_stalls(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+        """A short one is over by itself; a longer one is ended by the supervisor."""
+        self._companion_dies(now)
+        self._at(now + min(strike.lasts, _SUPERVISED) + _FORKED, self._companion_restarts)
+        return None
+
+    def _cut_cable(self, now: int) -> Callable[[int], None]:
+        self.cable = False
+        self._flows_changed(now)
+
+        def end(now: int) -> None:
+            self.cable = True
+            self._flows_changed(now)
+
+        return end
+
+    def _lose_fix(self, now: int) -> Callable[[int], None]:
+        assert self.companion is not None
+        companion = self.companion
+        companion.fix = False
+        self._ekf_due = now + _EKF if self.aircraft.flying else NEVER
+
+        def end(_now: int) -> None:
+            companion.fix, self._ekf_due = True, NEVER
+
+        return end
+
+    def _sag(self, strike: Strike, now: int) -> None:
+        assert self.companion is not None
+        self.aircraft.sag(strike.amount, now)
+        self.companion.sagged(now)
+        self._battery_of = None
+
+    def _drift(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+        """Wind from the side; for a breach it blows away from the middle."""
+        aircraft, breach = self.aircraft, strike.fault is Fault.BREACH
+        if aircraft.mode is not Mode.AUTO:
+            return None
+        x, y, _z = aircraft.at(now)
+        vx, vy, _up = aircraft.velocity
+        across = 10.0 + 3.0 * strike.amount if breach else 3.0 + 4.0 * strike.amount
+        angle = radians(bearing_deg(x, y) if breach else bearing_deg(vx, vy) + (90.0 if strike.amount > 0.5 else -90.0))
+        aircraft.carried((across * sin(angle), across * cos(angle)), now)
+        return lambda now: aircraft.carried((0.0, 0.0), now)
+
+    def _pilot_gives_back(self, now: int) -> None:
+        if self.aircraft.mode is Mode.PILOT:
+            self.aircraft.resume("pilot", now)

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The campaign: a flight comes from its seed, time may be left out, and what is unsafe is found by the truth alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.core.safety.causes import Cause
+from sitl.campaign.figures import all_cells, figures, wilson
+from sitl.campaign.judge import UNSAFE, judge
+from sitl.campaign.log import FlightLog, Flown, Series
+from sitl.campaign.main import main
+from sitl.campaign.outcome import Outcome, fly
+from sitl.campaign.plan import Circle, FlightPlan, draw
+from sitl.campaign.times import SECOND
+from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
+from sitl.campaign.world import World
+
+A, B = 251, 252
+
+
+# ---- time ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [4, 13, 23, 30, 44])
+def test_the_same_comes_of_it_however_time_is_let_pass(seed: int) -> None:
+    assert fly(seed).same == fly(seed, plain=True).same
+
+
+def test_time_is_left_out_where_nothing_happens() -> None:
+    plan = draw(4)
+    whole, short = World(plan, plain=True), World(plan)
+    whole.run()
+    short.run()
+    assert whole.stood == 0
+    assert short.stood > 60 * SECOND
+    assert short.companion is not None
+    assert whole.companion is not None
+    assert short.companion.handled < whole.companion.handled / 3
+
+
+def test_a_seed_is_a_flight() -> None:
+    assert draw(7) == draw(7)
+    assert draw(7) != draw(8)
+    assert fly(7).same == fly(7).same
+
+
+def test_a_mission_is_ten_minutes_and_two_handovers_long() -> None:
+    for seed in range(60):
+        plan = draw(seed)
+        way = [spot.away_m(before.x_m, before.y_m) for before, spot in zip(plan.way, plan.way[1:], strict=False)]
+        assert sum(way) / plan.speed_mps >= 600.0
+        assert len(plan.route) >= 3
+
+
+# ---- the judge -------------------------------------------------------------------------------------------------------
+
+
+def logged(plan: FlightPlan, *pieces: Flown) -> FlightLog:
+    """A flight of these pieces, commanded by GCSA, all stations at work."""
+    log = FlightLog(flown=list(pieces), landed=(pieces[-1].ended, 0.0, 0.0), ended=pieces[-1].ended)
+    log.modes = [(piece.begun, piece.mode, "start") for piece in pieces] + [(pieces[-1].ended, "GROUND", "start")]
+    for station in plan.stations:
+        log.working[station.sysid], log.believes[station.sysid] = Series(True), Series(None)
+    log.commander.set(0, A)
+    return log
+
+
+def still(plan: FlightPlan, seconds: int, mode: str = "AUTO", *, away: bool = False, begun: int = 0) -> Flown:
+    """It hangs in the air above GCSA, or far from everybody."""
+    zone = plan.stations[0].zone
+    x = 1e5 if away else zone.x_m
+    return Flown(begun * SECOND, (begun + seconds) * SECOND, x, zone.y_m, 50.0, 0.0, 0.0, 0.0, mode)
+
+
+def rows(plan: FlightPlan, log: FlightLog) -> list[str]:
+    return [found.row for found in judge(plan, log)]
+
+
+@pytest.fixture
+def plan() -> FlightPlan:
+    """One without a policy that excuses anything."""
+    return next(plan for seed in range(500) if not (plan := draw(seed)).policies)
+
+
+def test_an_ordinary_flight_is_safe(plan: FlightPlan) -> None:
+    assert rows(plan, logged(plan, still(plan, 700))) == []
+
+
+@pytest.mark.parametrize(
+    ("seconds", "found"), [(18, []), (19, ["uncovered, nothing done"]), (300, ["uncovered, nothing done"])]
+)
+def test_to_fly_on_uncovered(plan: FlightPlan, seconds: int, found: list[str]) -> None:
+    log = logged(plan, still(plan, 50), still(plan, seconds, away=True, begun=50))
+    assert [row for row in rows(plan, log) if row == "uncovered, nothing done"] == found
+    coming_home = logged(plan, still(plan, 50), still(plan, seconds, "RTL", away=True, begun=50))
+    assert "uncovered, nothing done" not in rows(plan, coming_home)
+
+
+def test_a_zone_counts_only_while_its_station_works(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 100))
+    for series in log.working.values():
+        series.set(20 * SECOND, False)
+    assert "uncovered, nothing done" in rows(plan, log)
+    assert judge(plan, log)[0].at == (20 + 18) * SECOND
+
+
+def test_who_configures_no_more_than_a_warning_has_taken_it_upon_himself() -> None:
+    plans = (draw(seed) for seed in range(5000))
+    excused = next(plan for plan in plans if plan.policies.get(Cause.NO_STATION) == "warn")
+    assert "uncovered, nothing done" not in rows(excused, logged(excused, still(excused, 100, away=True)))
+
+
+def test_nobody_commands(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 100))
+    log.commander.set(40 * SECOND, None)
+    assert "nobody, nothing done" in rows(plan, log)
+    log = logged(plan, still(plan, 100))
+    log.companion.set(40 * SECOND, False)
+    assert "nobody, nothing done" in rows(plan, log)
+    log.companion.set(50 * SECOND, True)
+    assert rows(plan, log) == []
+
+
+def test_to_command_outside_ones_zone(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 31, away=True))
+    assert "commands outside" in rows(plan, log)
+    assert "commands outside" not in rows(plan, logged(plan, still(plan, 30, away=True)))
+
+
+def test_two_who_believe_in_the_same_epoch(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 100))
+    log.believes[A].set(SECOND, 3)
+    log.believes[B].set(2 * SECOND, 4)
+    assert rows(plan, log) == []
+    log.believes[B].set(3 * SECOND, 3)
+    assert rows(plan, log) == ["two commanders"]
+
+
+def test_whoever_is_obeyed_has_authority(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 100))
+    log.obeyed.append((5 * SECOND, A, True))
+    assert rows(plan, log) == []
+    log.obeyed.append((5 * SECOND, B, False))
+    assert rows(plan, log) == ["refused and obeyed"]
+
+
+def test_books_battery_pilot_and_a_flight_without_an_end(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 100))
+    log.broken.append((4, "what must not be"))
+    log.empty_at = 9
+    log.modes = [(0, "AUTO", "start"), (1, "PILOT", "pilot"), (2, "RTL", "companion"), (3, "AUTO", "companion")]
+    log.landed = None
+    assert rows(plan, log) == [
+        "authority without cause",
+        "battery empty",
+        "never down",
+        "pilot overruled",
+        "graver undone",
+    ]
+
+
+def test_what_a_pilot_or_a_commander_does_himself_is_no_fault(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 100))
+    log.modes = [(0, "AUTO", "start"), (1, "RTL", "companion"), (2, "AUTO", "commander"), (3, "PILOT", "pilot")]
+    log.modes += [(4, "AUTO", "pilot"), (5, "LAND", "EKF failsafe"), (6, "GROUND", "EKF failsafe")]
+    assert rows(plan, log) == []
+
+
+def test_ping_pong(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 200))
+    log.moves = [(at * SECOND, *pair) for at, pair in ((10, (A, B)), (20, (B, A)), (30, (A, B)))]
+    assert rows(plan, log) == []
+    log.moves.append((69 * SECOND, B, A))
+    assert rows(plan, log) == ["ping-pong"]
+
+
+def test_a_return_that_ends_where_nobody_is() -> None:
+    plan = next(plan for seed in range(500) if len((plan := draw(seed)).places) == 2 and not plan.policies)
+    away = plan.places[1]
+    log = logged(plan, still(plan, 100), still(plan, 100, "RTL", begun=100))
+    log.landed = (200 * SECOND, away.x_m, away.y_m)
+    log.left = [(100 * SECOND, 1000.0)]
+    assert rows(plan, log) == []
+    covers = [s.sysid for s in plan.stations if s.zone.margin_m(away.x_m, away.y_m) > 0.0]
+    home = [s.sysid for s in plan.stations if s.zone.margin_m(0.0, 0.0) > 0.0]
+    assert not set(home) <= set(covers)
+    for each in covers:
+        log.working[each].set(0, False)
+    assert rows(plan, log) == ["landed uncovered"]
+    log.left = [(100 * SECOND, 0.0)]  # nothing else was in reach
+    assert rows(plan, log) == []
+
+
+def test_every_row_says_what_and_how_long() -> None:
+    assert len({row.name for row in UNSAFE}) == len(UNSAFE) == 12
+    assert all(row.words and row.limit for row in UNSAFE)
+
+
+def test_a_zone_and_its_border() -> None:
+    zone = Circle(100.0, 0.0, 50.0)
+    assert zone.margin_m(100.0, 0.0) == 50.0
+    assert zone.margin_m(160.0, 0.0) == -10.0
+
+
+# ---- many flights ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("part", "of", "low", "high"), [(0, 10, 0.0, 0.2775), (5, 10, 0.2366, 0.7634), (0, 100_000, 0.0, 0.0000384)]
+)
+def test_intervals_are_those_of_wilson(part: int, of: int, low: float, high: float) -> None:
+    assert wilson(part, of) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_a_campaign_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
+    whole = Flights(tmp_path / "whole", Campaign(50, 4))
+    for batch in fly_all(Campaign(50, 4), (), 1, None):
+        whole.add(batch)
+    first = Flights(tmp_path / "again", Campaign(50, 2))
+    for batch in fly_all(Campaign(50, 2), (), 1, None):
+        first.add(batch)
+    path = tmp_path / "again" / "flights.jsonl"
+    path.write_bytes(path.read_bytes() + b'{"seed":52,"en')  # it was killed while it wrote
+    second = Flights(tmp_path / "again", Campaign(50, 4))
+    assert sorted(second.outcomes) == [50, 51]
+    flown = [each for batch in fly_all(Campaign(50, 4), second.outcomes, 1, None) for each in batch]
+    assert [each.seed for each in flown] == [52, 53]
+    second.add(flown)
+    read = Flights(tmp_path / "again", Campaign(50, 4)).outcomes
+    assert {seed: each.same for seed, each in read.items()} == {
+        seed: each.same for seed, each in whole.outcomes.items()
+    }
+
+
+def test_a_folder_of_another_campaign_is_left_alone(tmp_path: Path) -> None:
+    Flights(tmp_path, Campaign(0, 5))
+    Flights(tmp_path, Campaign(0, 9))
+    with pytest.raises(CampaignError, match="another campaign"):
+        Flights(tmp_path, Campaign(1, 5))
+    (tmp_path / "flights.jsonl").write_text("{}\n")
+    with pytest.raises(CampaignError, match="line 1: no outcome"):
+        Flights(tmp_path, Campaign(0, 5))
+
+
+def test_the_command_flies_and_writes_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["--runs", "3", "--seed", "10", "--out", str(tmp_path)])
+    said = capsys.readouterr().out
+    assert said.startswith("3 flights, ")
+    outcomes = [Outcome.read(line) for line in (tmp_path / "flights.jsonl").read_text().splitlines()]
+    assert code == (1 if any(each.unsafe for each in outcomes) else 0)
+    page = (tmp_path / "campaign.html").read_text()
+    assert all(row.name in page for row in UNSAFE)
+    assert "data:image/png;base64," in page
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_the_story_of_a_flight(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--seed", "1", "--story"])
+    said = capsys.readouterr().out
+    assert "START from GCSA" in said
+    assert "FAULT" in said
+    assert "ended: " in said
+
+
+@pytest.mark.parametrize("words", [["--runs", "0"], ["--jobs", "0"], ["--seed", "-1"], ["--stepping", "backwards"]])
+def test_what_makes_no_sense_is_refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert words[0] in capsys.readouterr().err
+
+
+def test_what_was_tried_is_counted() -> None:
+    assert len(all_cells()) == 66 * 4
+    line = json.dumps(
+        {"seed": 1, "ended": "delivered", "unsafe": [["ping-pong", 1.0, "x"]], "aloft_s": 3600.0, "handovers": 2}
+        | {"cells": ["energy+fence@on_mission"], "track": "", "cpu_s": 2.0, "orders": []}
+    )
+    found = figures([Outcome.read(line)])
+    assert (found.hours_per_cpu_s, found.unsafe_flights, found.whole) == (0.5, 1, 1)
+    assert "energy+fence@on_mission" in found.short
+    assert found.cells["energy+fence@on_mission"] == 1
+
+
+@pytest.mark.process
+def test_two_workers_bring_the_same_as_one(tmp_path: Path) -> None:
+    here = {each.seed: each.same for batch in fly_all(Campaign(0, 4), (), 1, None) for each in batch}
+    there = {each.seed: each.same for batch in fly_all(Campaign(0, 4), (), 2, None) for each in batch}
+    assert here == there
