@@ -396,8 +396,10 @@ class Narrator:
         self._journal.write("rally_overwritten", text)
         self._tell_sentence(f"WARNING: {text}")
 
-    def rally_list(self, count: int, station: str) -> None:
+    def rally_list(self, count: int, station: str, now: float) -> None:
         """The commander has put other rally points in the place of the mission's."""
+        if not self._heard_out(station, now):
+            return
         text = f"{count} rally points of {station} count instead of the mission's, for this flight"
         self._journal.write("rally_list", text, station=station, count=count)
         self._tell_sentence(text)

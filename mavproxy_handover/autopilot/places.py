@@ -113,6 +113,7 @@ class PlaceWatch:
         self._found: Place | None = None
         self._home: tuple[float, float] | None = None
         self._parameters: dict[str, float] = {}
+        self._replaced_at: float | None = None  # and not gathered yet
         self._places: tuple[Place, ...] = ()
         self._facts: dict[str, PlaceFact] = {}
         self._turn = 0
@@ -152,10 +153,8 @@ class PlaceWatch:
         return RallyPoint(*home, 0.0)
 
     def _replaced(self, points: tuple[RallyPoint, ...], station: str, now: float) -> None:
-        self._rally = points
-        self._gather()
-        self._ties.narrator.rally_list(len(points), station)
-        self._look(now)
+        self._rally, self._replaced_at = points, now  # judged with the next look: uploads may come in a row
+        self._ties.narrator.rally_list(len(points), station, now)
 
     def _gather(self) -> None:
         """The places, from what is known of them."""
@@ -230,6 +229,9 @@ class PlaceWatch:
 
     def _look(self, now: float) -> None:
         try:
+            if self._replaced_at is not None:
+                self._replaced_at = None
+                self._gather()
             here = self._aircraft.where
             if here is not None and now - self._aircraft.position_at <= _FRESH_S:
                 self._measure(here)
@@ -297,6 +299,8 @@ class PlaceWatch:
     def _choose(self, now: float) -> None:
         if not self._facts or (not self._keeper.known and now < self._unread_until):
             return  # what holds is about to be read
+        if self._heard_at == -math.inf:
+            return  # whether it flies is not known
         view = self._ties.arbiter.view
         if self._settled_at == math.inf:
             self._settled_at = now + _SETTLE_S

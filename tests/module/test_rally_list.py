@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot import places as watch
 from mavproxy_handover.autopilot.rally_list import MOST_POINTS
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
@@ -123,6 +124,25 @@ def test_the_commanders_upload_replaces_the_points_to_choose_from(ready: Bench) 
     ready.autopilot.position = (NEW[0] / 1e7, NEW[1] / 1e7)
     ready.run(40.0)
     assert listed(ready) == [NEW]
+
+
+def test_a_flood_of_uploads_is_judged_once_a_second(ready: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To walk a long route takes milliseconds, and there may be a thousand uploads in a second."""
+    gathered = 0
+    places_of = watch.places_of
+
+    def counted(*arguments: Any) -> Any:
+        nonlocal gathered
+        gathered += 1
+        return places_of(*arguments)
+
+    monkeypatch.setattr(watch, "places_of", counted)
+    for _ in range(20):
+        for _ in range(20):
+            ready.a.send(clear())
+        ready.run(0.1)
+    assert len([m for m in ready.a.got("MISSION_ACK") if m.type == ACCEPTED]) == 400
+    assert gathered <= 3
 
 
 def test_it_is_over_with_the_flight(ready: Bench) -> None:
