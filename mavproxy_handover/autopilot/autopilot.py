@@ -184,8 +184,8 @@ class Autopilot:
         aircraft = self.aircraft
         self.places.take(message, now)
         if aircraft.heartbeat_at > -math.inf:  # before that nothing is known of arming: in flight it would read as no
+            self._execution.state(now)  # first: what is flown by now need not be commanded
             self._ties.handle(AutopilotState(aircraft.armed, aircraft.flying, aircraft.foreign), now)
-            self._execution.state(now)
 
     def _on_text(self, message: Any, now: float) -> None:
         self._preflight.text(message.text)

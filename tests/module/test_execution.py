@@ -243,3 +243,13 @@ def test_a_vehicle_without_a_receiver_has_its_position_from_elsewhere(flown: Ben
     say_fix(flown, mavlink.GPS_FIX_TYPE_NO_GPS)
     flown.run(5.0)
     assert decisions(flown) == []
+
+
+def test_a_return_that_somebody_has_begun_while_the_line_was_cut_is_not_commanded_again(flown: Bench) -> None:
+    """Flown: its first heartbeat counted before its mode did, so the order of before went out once more."""
+    flown.autopilot.silent = True
+    flown.a.alive = flown.b.alive = False
+    flown.run(15.0)
+    flown.autopilot.mode, flown.autopilot.silent = RTL, False
+    flown.run(10.0)
+    assert modes(flown) == []
