@@ -171,7 +171,8 @@ def _commands(data: Mapping[str, Any], path: Path) -> dict[Limit, str]:
             continue
         if word not in POLICIES:
             raise table.error(limit.value, f"{word!r} must be one of " + ", ".join(POLICIES))
-        found[limit] = word
+        if word != POLICIES[0]:
+            found[limit] = word
     return found
 
 

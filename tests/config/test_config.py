@@ -25,6 +25,7 @@ from mavproxy_handover.core.model import (
     Station,
 )
 from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.core.safety.energy_prior import ENERGY_KEYS, ENERGY_RANGES, EnergySettings
 from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.gate.observers import ObserverLimits
@@ -201,6 +202,13 @@ def test_a_number_of_energy_may_be_at_either_end_of_its_range(file: Path, key: s
         assert getattr(load_vehicle(file).energy, key) == value
 
 
+def test_what_becomes_of_commands_is_read_and_may_be_left_out(file: Path) -> None:
+    file.write_text(VEHICLE + '[commands]\nenergy = "off"\nfence = "refuse"\ncoverage = "warn"\n')
+    assert load_vehicle(file).commands == {Limit.ENERGY: "off", Limit.COVERAGE: "warn"}
+    file.write_text(VEHICLE)
+    assert load_vehicle(file).commands == {}
+
+
 def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(file: Path) -> None:
     """What is written as a comment is a default, spelt rightly and inside its range."""
     text = (DEPLOY / "vehicle.toml").read_text()
@@ -210,10 +218,12 @@ def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(fi
     assert loaded.limits == Limits()
     assert {entry.limits for entry in loaded.stations} == {LinkLimits()}
     assert loaded.observers == ObserverLimits()
+    assert loaded.commands == {}
     tables = tomllib.loads(file.read_text())
     for table, (ranges, _) in RANGES.items():
         assert list(tables[table]) == list(ranges), "the sample names every limit"
     assert list(tables["energy"]) == list(ENERGY_KEYS), "and every number of energy"
+    assert list(tables["commands"]) == [limit.value for limit in Limit], "and every limit of commands"
 
 
 # ---- mistakes of the vehicle's file -------------------------------------------------------------------------------
@@ -293,6 +303,21 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
         "[energy] hover_w: nan must be 10 to 200000",
     ),
     "half a cell": ("[policy]", "[energy]\ncells = 3.5\n[policy]", "[energy] cells: 3.5 must be a whole number"),
+    "a limit of commands that is none": (
+        "[policy]",
+        '[commands]\ncover = "off"\n[policy]',
+        "[commands] cover: unknown key; did you mean 'coverage'?",
+    ),
+    "a policy of commands that is none": (
+        "[policy]",
+        '[commands]\nfence = "return"\n[policy]',
+        "[commands] fence: 'return' must be one of refuse, warn, off",
+    ),
+    "a policy of commands that is no word": (
+        "[policy]",
+        "[commands]\nfence = true\n[policy]",
+        "[commands] fence: True must be a text",
+    ),
     "a start that is none": (
         "[policy]",
         '[energy]\nstart = "never"\n[policy]',

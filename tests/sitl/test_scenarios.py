@@ -58,7 +58,7 @@ PROMISED = {
     *("latent-sticks", "slow-disk", "southern", "noisy-serial", "transfer-ranks", "hold-at-border", "hold-then-home"),
     *("off-route", "planned-gap", "rally-choice", "rally-choice-guard", "battery-land"),
     *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
-    *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return"),
+    *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return", "commands-judged"),
 }
 
 
