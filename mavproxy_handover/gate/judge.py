@@ -185,6 +185,8 @@ _WRITERS: Final = frozenset(
     {_ACK, *(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in MISSION_TYPE_MESSAGES)}
 )
 
+_LOOKED_AT: Final = _WRITERS | INTENT_MESSAGES
+
 #: Length of the payload, where target system and component are in it, verdict on others' frames and the commander's.
 _Usual = tuple[int, int | None, int | None, Verdict, Verdict]
 
@@ -247,7 +249,8 @@ def _decide(
         return Fate.DROP if row.access is Access.STREAM else Fate.REFUSE, GateReason.COMPANION_TARGET
     if on_ground and takes_off(frame, row):
         return Fate.CONSUME, GateReason.COMPANION
-    if commands and view.phase is not Phase.ON_LOAD and (uploads(frame) or intent_of(frame) is not None):
+    may_be = commands and frame.msgid in _LOOKED_AT and view.phase is not Phase.ON_LOAD
+    if may_be and (uploads(frame) or intent_of(frame) is not None):
         return Fate.CONSUME, GateReason.COMPANION
     return fate, reason
 

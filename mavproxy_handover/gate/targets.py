@@ -14,42 +14,45 @@ zones and fence costs a hundred times more than to pass the frame on. So what wa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import inf
 from typing import Final
 
+from pymavlink.dialects.v20 import handover as mavlink
+
 from mavproxy_handover.gate.intent import Aim, aim_of
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
-from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.frames import Frame, field_offset
 
 __all__ = ["HOLDS_S", "NEAR_M", "PAUSE_S", "TargetStreams"]
 
 NEAR_M: Final = 3.0
 HOLDS_S: Final = 1.0
 PAUSE_S: Final = 0.1
-#: the same in degrees, anywhere: of longitude it is less than that
-_NEAR_DEG: Final = NEAR_M / 111_700.0
+
+_GLOBAL: Final[int] = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
+_LOCAL: Final[int] = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+#: where both messages have the place, its type_mask and its frame
+_PLACE: Final = field_offset(_LOCAL, "x")
+_MASK: Final = field_offset(_LOCAL, "type_mask")
+_FRAME: Final = field_offset(_LOCAL, "coordinate_frame")
+#: the place's numbers, and how far away each is the same: metres, or 1e-7 degrees (of longitude it is less than that)
+_NUMBERS: Final[Mapping[int, tuple[struct.Struct, float]]] = {
+    _GLOBAL: (struct.Struct("<iif"), NEAR_M / 111_700.0 * 1e7),
+    _LOCAL: (struct.Struct("<fff"), NEAR_M),
+}
 
 
 @dataclass(slots=True)
 class _Judged:
-    """The target that was judged last, when, and whether it passes."""
+    """The target that was judged last: its frame and numbers, when that was, and whether it passes."""
 
-    aim: Aim | None = None
+    frame: int = -1
+    numbers: tuple[float, float, float] = (inf, inf, inf)
     at: float = -inf
     passes: bool = True
-
-
-def _same(first: Aim, second: Aim | None) -> bool:
-    if second is None or first.frame != second.frame:
-        return False
-    near = _NEAR_DEG if first.on_earth else NEAR_M
-    return (
-        abs(first.first - second.first) <= near
-        and abs(first.second - second.second) <= near
-        and abs(first.third - second.third) <= NEAR_M
-    )
 
 
 class TargetStreams:
@@ -62,13 +65,26 @@ class TargetStreams:
 
     def limit(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
         """The verdict on a frame of TARGET_MESSAGES that stands."""
-        aim = aim_of(frame)
-        if aim is None:
+        msgid, payload = frame.msgid, frame.payload
+        if payload[_MASK] & 0b111:  # no place in it
             return verdict
-        judged = self._streams.setdefault((station, frame.msgid), _Judged())
-        if now - judged.at >= HOLDS_S or not _same(aim, judged.aim):
+        judged = self._streams.get((station, msgid))
+        if judged is None:
+            judged = self._streams[station, msgid] = _Judged()
+        unpack, near = _NUMBERS[msgid]
+        numbers = first, second, third = unpack.unpack_from(payload, _PLACE)
+        one, two, three = judged.numbers
+        # written so that what is no number is never the same
+        same = (
+            abs(first - one) <= near
+            and abs(second - two) <= near
+            and abs(third - three) <= NEAR_M
+            and payload[_FRAME] == judged.frame
+        )
+        if not same or now - judged.at >= HOLDS_S:
             if now - judged.at < PAUSE_S:
                 return verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
-            judged.aim, judged.at = aim, now
-            judged.passes = self.judge(aim, station, now)
+            aim = aim_of(frame)
+            judged.frame, judged.numbers, judged.at = payload[_FRAME], numbers, now
+            judged.passes = aim is None or self.judge(aim, station, now)
         return verdict if judged.passes else verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
