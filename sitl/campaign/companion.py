@@ -188,6 +188,8 @@ class Companion:
                 self._log.note(now, "START refused: " + ", ".join(action.needs))
             case events.ControlAnswer() | events.NotifyOwner():  # of stations of the standard: none here
                 pass
+            case events.Announce():
+                self._log.note(now, action.text)
             case events.Record():
                 self._log.note(now, action.text)
                 ties.stir(now, *_STIRS.get(action.event, (_LONG_S, ())))
