@@ -41,6 +41,8 @@ AVOID_ADSB, SMART_RTL, AUTO_RTL = 19, 21, 27
 HELD, LOST, ALONE = 1, 3, 5
 WAITING, LIVE, EXPIRED, LOST_STATE = 1, 2, 3, 4
 ACCEPTED, DENIED, FAILED = 0, 2, 4
+#: MAV_MISSION_RESULT
+ACCEPTED_MISSION, INVALID_SEQUENCE = 0, 13
 FORCE = 21196.0
 #: telemetry of the station's port, as firmware before 4.7 calls it; the base file has the newer names
 _STREAMS = {"SR2_EXT_STAT": 2, "SR2_POSITION": 10, "SR2_EXTRA1": 4, "SR2_EXTRA2": 4, "SR2_EXTRA3": 2}
@@ -219,7 +221,7 @@ class Flight:
         anything faster has more patience, lest a hiccup of this computer be a loss. The same with the station's
         heartbeats and the autopilot's GCS failsafe, whose ten seconds are half a second of ours at `HURRY`."""
         slow = speedup == 1
-        if speedup > SPEEDUP:
+        if not slow and self.beating:
             self.set_parameter("FS_GCS_TIMEOUT", GCS_PATIENCE_S)
         self.lease["ttl_ms"] = 5000 if slow else 60000
         self.set_parameter("HNDO_TIMEOUT", 3 if slow else 30)
@@ -228,8 +230,8 @@ class Flight:
         self._lease_due = self._heartbeat_due = 0.0
         self.set_parameter("SIM_SPEEDUP", speedup)
         self.speedup = speedup
-        if speedup <= SPEEDUP:
-            self.set_parameter("FS_GCS_TIMEOUT", GCS_TIMEOUT_S)
+        if slow:
+            self.watch_the_station()
         self.run(1)
 
     def real_time(self) -> None:
@@ -244,10 +246,9 @@ class Flight:
         self.set_parameter("SIM_SPEEDUP", HURRY)
 
     def cut(self) -> None:
-        """No lease from now on; the station's heartbeats go on. The time-outs are the recommended ones again."""
+        """No lease from now on; the station's heartbeats go on. The guard's time-out is the recommended one again."""
         self.set_parameter("SIM_SPEEDUP", SPEEDUP)
         self.speedup = SPEEDUP
-        self.set_parameter("FS_GCS_TIMEOUT", GCS_TIMEOUT_S)
         self.set_parameter("HNDO_TIMEOUT", 3)
         self.run(0.2)
         self.sending = False
@@ -255,7 +256,12 @@ class Flight:
     def companion_dies(self) -> None:
         """The computer that sent the leases passed on the commander's heartbeats as well."""
         self.cut()
+        self.watch_the_station()
         self.beating.clear()
+
+    def watch_the_station(self) -> None:
+        """The autopilot's GCS failsafe is the recommended one: somebody is about to fall silent."""
+        self.set_parameter("FS_GCS_TIMEOUT", GCS_TIMEOUT_S)
 
     # -------------------------------------------------------------- companion and station
 
@@ -312,8 +318,13 @@ class Flight:
         return self.command(176, 1, mode)
 
     def set_parameter(self, name: str, value: float) -> None:
-        self.station.send(dialect.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
-        self.run(0.3)
+        """Once more if the autopilot does not answer; one that it does not have it never answers."""
+        for _ in range(3):
+            self.answers.clear()
+            self.station.send(dialect.MAVLink_param_set_message(1, 1, name.encode(), value, 9))
+            self.run(0.3)
+            if any(told.get_type() == "PARAM_VALUE" and told.param_id == name for told in self.answers):
+                return
 
     def parameter(self, name: str) -> float | None:
         self.answers.clear()
@@ -450,8 +461,9 @@ def upload(flight: Flight, items: list[Item], kind: int) -> None:
             if message.get_type() in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                 flight.station.send(_mission_item(message.seq, items[message.seq], kind))
             elif message.get_type() == "MISSION_ACK":
-                assert message.type == 0, f"mission refused, {message.type}"
-                done = True
+                # an item that was asked for twice comes twice: out of sequence, and the upload goes on
+                assert message.type in (ACCEPTED_MISSION, INVALID_SEQUENCE), f"mission refused, {message.type}"
+                done = message.type == ACCEPTED_MISSION
 
 
 def _mission_item(number: int, what: Item, kind: int) -> Any:

@@ -150,6 +150,7 @@ def second_line(flight: Flight) -> Outcome:
 
     # the companion dies and is back within the time-out: another nonce, the next epoch, the same commander
     flight.pace(4)
+    flight.watch_the_station()
     recorded = flight.send_lease()
     flight.sending = False
     flight.run(2)
@@ -236,7 +237,6 @@ def parameters_taken(flight: Flight) -> Outcome:
     """The recommended ones where this firmware has them, and the guard's own defaults."""
     lines = [line.split("#")[0].split() for line in PARAMETERS.read_text(encoding="utf-8").splitlines()]
     wanted = {line[0]: float(line[1]) for line in lines if line}
-    flight.pace(HURRY)
     found = {name: flight.parameter(name) for name in wanted}
     unknown = {name for name, value in found.items() if value is None}
     assert unknown <= {"ARMING_CHECK", "ARMING_SKIPCHK"}, unknown

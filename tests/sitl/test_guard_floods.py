@@ -35,6 +35,8 @@ from tests.sitl.guard_log import guard_records
 Frames: TypeAlias = Callable[[], list[bytes]]
 
 DURATION_S = 10
+#: the autopilot's clock is as old as the last position (s)
+TOLD_S = 0.2
 #: no lease that the guard goes by is older (s): the time-out is 3
 OLDEST_S = 2.5
 SCRIPTING_COMMAND, REQUEST_MESSAGE, AUX_FUNCTION, AUX_LAND, HIGH = 42701, 512, 218, 18, 2
@@ -60,18 +62,19 @@ def jitter(shortest_s: float, longest_s: float) -> Callable[[Flight], Outcome]:
 
 
 class Flood:
-    """Somebody else's frames on SERIAL0, so many a second of the wall clock."""
+    """Somebody else's frames on SERIAL0, so many a second of the wall clock, or of the autopilot's if slower."""
 
     def __init__(self, flight: Flight, frames: list[bytes], per_second: int) -> None:
         self._flight, self._frames, self._per_second = flight, cycle(frames), per_second
         self.wire = stranger(flight)
-        self._start, self.sent = time.monotonic(), 0
+        self._start, self._start_ms, self.sent = time.monotonic(), flight.now_ms, 0
         #: longest time without a lease of ours: a slow computer's, not the guard's
         self.gap_ms = 0
 
     def pump(self) -> None:
         """As the flight's own, with what is due of the flood."""
-        due = int((time.monotonic() - self._start) * self._per_second) - self.sent
+        flown_s = (self._flight.now_ms - self._start_ms) / 1000 + TOLD_S
+        due = int(min(time.monotonic() - self._start, flown_s) * self._per_second) - self.sent
         if due > 0:
             self.wire.send_raw(b"".join(next(self._frames) for _ in range(due)))
             self.sent += due

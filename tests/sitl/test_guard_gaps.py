@@ -40,6 +40,7 @@ def on_the_way(flight: Flight, most_s: float) -> None:
 
 def into_the_gap(flight: Flight, left_s: int) -> None:
     """The commander cannot be heard any more, and the companion says so."""
+    flight.watch_the_station()
     flight.beating.clear()
     flight.lease.update(state=ALONE, commander=0, left_s=left_s)
     said(flight, "HNDO: lease live, nobody commands")
