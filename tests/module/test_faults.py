@@ -257,7 +257,7 @@ def test_what_the_commander_had_open_is_closed_when_the_arbiter_breaks(
     assert [entry["text"] for entry in airborne.journal("flush")] == [
         "RC override released (GCSA)",
         "guided stream stopped (GCSA)",
-        "unfinished rally upload ended (GCSA)",
+        "unfinished fence upload ended (GCSA)",
     ]
 
 
