@@ -30,10 +30,16 @@ class Transmitter:
         self._port = _radio_port(pid)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._position: int | None = None
+        self._throttle = _DOWN
         self._due_at = 0.0
 
     def switch(self, position: int | None) -> None:
-        """Move the flight mode switch, 1 to 6; None: off."""
+        """Move the flight mode switch, 1 to 6; None: off.
+
+        The throttle stick is down until it is moved for the second time, without which nothing arms; who takes an
+        aircraft over in the air has it in the middle.
+        """
+        self._throttle = _DOWN if self._position is None else _MIDDLE
         self._position = position
 
     def tick(self, now: float) -> None:
@@ -41,8 +47,8 @@ class Transmitter:
         if self._position is None or now < self._due_at:
             return
         self._due_at = now + _INTERVAL_S
-        # roll, pitch, throttle and yaw in the middle: who flies by hand holds it where it is
-        sticks = [_MIDDLE] * 4 + [POSITIONS[self._position - 1]] + [_DOWN] * 11
+        # in the middle: who flies by hand holds it where it is
+        sticks = [_MIDDLE, _MIDDLE, self._throttle, _MIDDLE] + [POSITIONS[self._position - 1]] + [_DOWN] * 11
         self._socket.sendto(struct.pack("<16H", *sticks), ("127.0.0.1", self._port))
 
     def close(self) -> None:
