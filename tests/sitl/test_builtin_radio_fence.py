@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from sitl.vehicles.builtin.bench import Bench
 from sitl.vehicles.builtin.items import Item
+from sitl.vehicles.builtin.script_host import ScriptHost
 from sitl.vehicles.builtin.telemetry import sys_status
 from sitl.vehicles.builtin.vehicle import Vehicle
 
@@ -157,3 +158,18 @@ def test_eight_seconds_without_a_fix_it_lands_and_needs_no_position() -> None:
     bench.vehicle.parameters.set("SIM_GPS1_ENABLE", 1)
     bench.run(1.0)
     assert bench.vehicle.copter.set_mode(RTL, 2)
+
+
+def test_scripts_see_the_radio_and_the_estimator() -> None:
+    bench = Bench(SWITCH)
+    host = ScriptHost(bench.vehicle.autopilot, bench.vehicle.links, bench.vehicle.parameter_protocol, print)
+    assert not host.rc_valid()
+    aloft(bench)
+    fly(bench, 0.5, 1500)
+    assert host.rc_valid()
+    bench.run(2.0)
+    assert not host.rc_valid()
+    bench.vehicle.parameters.set("SIM_GPS1_ENABLE", 0)
+    assert not host.has_ekf_failsafed()
+    bench.run(9.0)
+    assert host.has_ekf_failsafed()

@@ -67,14 +67,15 @@ class ScriptHost:
         return self._copter.mode.landing
 
     def has_ekf_failsafed(self) -> bool:
-        return False
+        return self._autopilot.copter.ekf_failed
 
     def time_flying_ms(self) -> int:
         since_s = self._copter.flying_since_s
         return 0 if since_s is None else round((self._copter.time_s - since_s) * 1000)
 
     def rc_valid(self) -> bool:
-        return False
+        radio = self._autopilot.radio
+        return radio.ever and not radio.failed
 
     def run_aux_function(self, function: int, position: int) -> bool:
         return False
