@@ -43,7 +43,7 @@ from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import speed_at
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.store.keys import load_key
-from mavproxy_handover.wire.conversation import Conversations
+from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY, GUARD_STATUS_TUNNEL
 from mavproxy_handover.wire.lease import GuardStatus, unpack_guard_status
@@ -53,6 +53,8 @@ __all__ = ["Autopilot"]
 
 #: the autopilot is asked for 20 positions a second; they come unevenly, so less than 50 ms is no reason to skip one
 _ZONE_CHECK_S: Final = 0.03
+#: name of a conversation
+_HELD: Final = "held"
 #: a position that has waited for longer, because the main loop stood still, does not count: another is on its way
 _OLD_S: Final = 0.2
 
@@ -73,7 +75,7 @@ class Autopilot:
         self._lease = LeaseSequence(nonce, None if config.guard_key is None else load_key(config.guard_key))
         #: those with the autopilot that are going on
         talks = self.conversations = Conversations(ties.voice.to_autopilot, ties.fault)
-        copter = Copter(config.sysid, lambda: self.aircraft.status_text, lambda: self.aircraft.foreign)
+        self._copter = copter = Copter(config.sysid, lambda: self.aircraft.status_text, lambda: self.aircraft.foreign)
         self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight)
         self._streams = Streams(copter, ties.voice.to_autopilot)
         self.orders = Orders(copter, talks, ties)
@@ -226,7 +228,10 @@ class Autopilot:
         self._ties.voice.to_autopilot(self._lease.next(view, self._sysid, alone_s))
 
     def adopt(self, package: MissionPackage, now: float) -> None:
-        """The autopilot holds this mission since the run before; who commands along its route is known from there."""
+        """The autopilot holds this mission since the run before; who commands along its route is known from there.
+
+        Unless its commander has sent another one in flight: it is read back, and where it differs nobody knows it.
+        """
         self._loader.adopt(package, package.zone_finder(), way_of(package), now)
         self._flies_by(package, (), now)
 
@@ -235,6 +240,13 @@ class Autopilot:
                 self._gaps.adopt(stretches)
 
         self._missions.find_gaps(package, found)
+
+        def done(talk: Conversation, now: float) -> None:
+            if talk.result:
+                self._rerouted(None, now)
+
+        asking = self._copter.holds_another(package.route.upload_items())
+        self.conversations.begin(_HELD, asking, done, now)
 
     def overwritten(self, now: float) -> None:
         """Somebody else begins to write a mission: what the autopilot holds is not known here any more."""

@@ -197,6 +197,14 @@ class Copter:
         yield from lists.write_mission(items)
         yield from lists.compare_mission(items)
 
+    def holds_another(self, items: tuple[MissionItem, ...]) -> Asking:
+        """Whether the mission that the autopilot holds is another one than these items; `items` begins with home."""
+        try:
+            yield from MissionProtocol(self.sysid).compare_mission(items)
+        except AutopilotError:
+            return True
+        return False
+
 
 def _ack_of(command: int) -> Callable[[Any], Any]:
     def answer(m: Any) -> Any:

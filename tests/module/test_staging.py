@@ -312,6 +312,19 @@ def test_reading_goes_to_the_autopilot_as_ever(flown: Bench) -> None:
     assert [m.count for m in flown.a.got("MISSION_COUNT")] == [12]
 
 
+@pytest.mark.parametrize("changed", [False, True], ids=["the package's", "another one"])
+def test_after_a_restart_in_flight_the_mission_is_read_back(flown: Bench, changed: bool) -> None:
+    """The package is kept over a restart, and not what the commander has sent since: nobody knows that one then."""
+    if changed:
+        assert Program(flown, INSIDE).send() == ACCEPTED
+    flown.mpstate.unload("handover")
+    flown.load()
+    flown.until(lambda: flown.companion.view.commander == 251)
+    flown.run(2.0)
+    assert flown.companion.autopilot.route_changed is changed
+    assert (flown.companion.autopilot.desk.ahead is None) is changed
+
+
 # ---- the geofence ----------------------------------------------------------------------------------------------------
 
 
