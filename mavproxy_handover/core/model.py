@@ -241,7 +241,7 @@ class ZoneFact:
 
     #: system id of the station
     station: int
-    #: geodesic distance to the border of its zone in metres, > 0 inside, < 0 outside
+    #: geodesic distance to the border of its zone in metres, > 0 inside, < 0 outside (far outside to 2 %)
     margin_m: float
     #: seconds until the present track at the present speed leaves the zone; None when it does not within the
     #: horizon, when the aircraft is slower than 0.5 m/s, and when it is outside

@@ -26,7 +26,7 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.borders import Border, Circle, CircleBorder, Plane, PolygonBorder, plane_at
-from mavproxy_handover.mission.geodesy import beside_deg, wrap_longitude_deg
+from mavproxy_handover.mission.geodesy import beside_deg, distance_m, wrap_longitude_deg
 
 __all__ = ["Circle", "Zone", "ZoneFinder", "beside", "overlap"]
 
@@ -38,6 +38,12 @@ HORIZON_S = 300.0
 NEAR_S = 20.0
 #: how finely: metres or seconds of flight, whichever is more
 _STEP_M, _STEP_S = 5.0, 0.4
+#: what is known of a zone that is farther away than this (m) is kept while the aircraft moves by less than this part of
+#: the way there: on which side it is stays certain, and how far it is stays as exact as that. No rule asks for more:
+#: the widest `leave_margin_m` that can be configured is nearer
+KEPT_FROM_M, KEPT_PART = 1100.0, 0.02
+#: farther than any two places on earth are from each other
+_AROUND_M = 1e8
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +113,9 @@ def overlap(first: Zone, second: Zone) -> Polygon | MultiPolygon:
 class ZoneFinder:
     """Answers where the aircraft is with respect to every zone; any number may exist.
 
-    Fastest for places that follow each other along a track: what holds for the next one too is not worked out anew.
+    Fastest for places that follow each other along a track: what holds for the next one too is not worked out anew. So
+    the margin of a zone that does not hold the aircraft is exact near its border, and else to `KEPT_PART`; all the rest
+    is as if each place was the first.
     """
 
     def __init__(self, zones: Iterable[Zone], *, horizon_s: float = HORIZON_S) -> None:
@@ -118,6 +126,10 @@ class ZoneFinder:
             (zone, CircleBorder(zone.area) if isinstance(zone.area, Circle) else PolygonBorder(zone.area))
             for zone in self.zones
         )
+        #: the last place, and how far the aircraft has moved in all (m)
+        self._lat = self._lon = self._moved_m = 0.0
+        #: of each zone what is kept, and up to which `_moved_m`
+        self._kept: list[tuple[float, ZoneFact | None]] = [(-math.inf, None)] * len(self.zones)
 
     def holding(self, lat_deg: float, lon_deg: float, alt_m: float | None = None) -> frozenset[int]:
         """System ids of the stations whose zone holds a place (`alt_m` above home)."""
@@ -151,8 +163,16 @@ class ZoneFinder:
         moving = math.isfinite(track_deg) and SLOWEST_TRACK_MPS <= ground_speed_mps < math.inf
         reach_m = ground_speed_mps * self.horizon_s if moving else 0.0
         ahead = _ahead((lat_deg, lon_deg), way, ground_speed_mps, track, plane) if moving else ()
+        # across the 180th meridian the nearest part of an area may be another one
+        turned = abs(lon_deg - self._lon) > 180.0
+        self._moved_m += _AROUND_M if turned else distance_m(lat_deg, lon_deg, self._lat, self._lon)
+        self._lat, self._lon, moved_m = lat_deg, lon_deg, self._moved_m
         found = []
-        for zone, border in self._borders:
+        for number, (until_m, kept) in enumerate(self._kept):
+            if moved_m < until_m and kept is not None:
+                found.append(kept)
+                continue
+            zone, border = self._borders[number]
             excess = zone.altitude_excess_m(alt_m)
             margin = border.margin_m(lat_deg, lon_deg, plane)
             exit_s = None
@@ -168,7 +188,10 @@ class ZoneFinder:
                 ends_m = next((far for far, lat, lon in ahead if not border.contains(lat, lon)), None)
             ends_s = None if ends_m is None else ends_m / ground_speed_mps
             beyond = frozenset[int]() if ends_m is None else self._beyond(ends_m, ahead, alt_m)
-            found.append(ZoneFact(zone.station, margin, exit_s, ends_s, beyond))
+            fact = ZoneFact(zone.station, margin, exit_s, ends_s, beyond)
+            found.append(fact)
+            if margin <= -KEPT_FROM_M and zone.min_alt_m is None and zone.max_alt_m is None:
+                self._kept[number] = moved_m - KEPT_PART * margin, fact
         return tuple(found)
 
     def _beyond(self, far_m: float, ahead: Sequence[tuple[float, float, float]], alt_m: float | None) -> frozenset[int]:

@@ -3,8 +3,9 @@
 """What one zone check costs: the finder's facts about every zone, and the arbiter's judgement of them.
 
 The baseline is shapely's `contains_xy`, one call a zone, on the same polygons at the same places: the least that any
-check must do. Ours measures the distance to every border as well. The zones stand in a row and overlap, the aircraft
-flies along them, so it is inside one or two of them and far from the others, as in flight.
+check must do. Ours measures the distance to every border as well. The zones stand in a row and overlap, so the aircraft
+is inside one or two of them and far from the others. Two kinds of places: "anywhere" along the row, each far from the
+one before, so that nothing known of one holds for the next; and "in flight", half a metre from one to the next.
 """
 
 from __future__ import annotations
@@ -38,6 +39,10 @@ _PARENT = 1
 _CHECKS_A_SECOND = 20
 #: a tenth of a processor: the companion has other work, and its computer may be a third as fast as this one
 _MOST_US = 0.1 / _CHECKS_A_SECOND * 1e6
+#: and in flight, whatever zones there are
+_MOST_IN_FLIGHT_US = 300.0
+#: places of a flight, from the middle of the row on
+_FLOWN = 600
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +73,8 @@ class Row:
         length_m = (zones - 1) * _STEP_M
         #: places along the row, longitude only: the row runs east
         self.places = [_LON + part / 97.0 * length_m / _PER_LON_M for part in range(98)]
+        step = _SPEED_MPS / _CHECKS_A_SECOND / _PER_LON_M
+        self.flight = [self.places[len(self.places) // 2] + number * step for number in range(_FLOWN)]
 
     def _in_flight(self, stations: tuple[Station, ...]) -> Arbiter:
         """An arbiter whose aircraft is on its mission, the first station in command."""
@@ -135,27 +142,36 @@ def measure(plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
         for corners in plan.corners:
             row = Row(zones, corners)
             # so many zones that a round of all places would take long: every seventh place
-            places = row.places if zones * corners < 5000 else row.places[::7]
-            pairs: list[Pair] = []
-            for order in abba():
-                found = {ours: us_per_call(row.check if ours else row.contains, places, plan.turn_s) for ours in order}
-                pairs.append(Pair(found[True], found[False]))
-                if settled(pairs, plan.least, plan.uncertainty) or len(pairs) >= plan.most:
-                    break
-            comparison = compare(pairs)
-            judge = row.judge_alone(places[len(places) // 2])
-            arbiter_us = median([us_per_call(judge, places, plan.turn_s / 5) for _ in range(3)])
-            say(f"{zones} zones of {corners} corners: {comparison.ours:.0f} us a check")
-            measurement = from_comparison(
-                "zones",
-                "CPU per check",
-                "us",
-                {"zones": zones, "corners": corners},
-                comparison,
-                details={
-                    "of_which_arbiter_us": arbiter_us,
-                    "part_of_a_processor_at_20_hz": comparison.ours * _CHECKS_A_SECOND / 1e6,
-                },
-                limit=_MOST_US,
-            )
-            yield replace(measurement, judged="ours")
+            anywhere = row.places if zones * corners < 5000 else row.places[::7]
+            yield _measured(plan, row, "anywhere", anywhere, (zones, corners), say)
+            yield _measured(plan, row, "in flight", row.flight, (zones, corners), say)
+
+
+def _measured(
+    plan: Plan, row: Row, where: str, places: list[float], size: tuple[int, int], say: Callable[[str], None]
+) -> Measurement:
+    """One kind of places, in turns with the baseline."""
+    zones, corners = size
+    pairs: list[Pair] = []
+    for order in abba():
+        found = {ours: us_per_call(row.check if ours else row.contains, places, plan.turn_s) for ours in order}
+        pairs.append(Pair(found[True], found[False]))
+        if settled(pairs, plan.least, plan.uncertainty) or len(pairs) >= plan.most:
+            break
+    comparison = compare(pairs)
+    judge = row.judge_alone(places[len(places) // 2])
+    arbiter_us = median([us_per_call(judge, places, plan.turn_s / 5) for _ in range(3)])
+    say(f"{zones} zones of {corners} corners, {where}: {comparison.ours:.0f} us a check")
+    measurement = from_comparison(
+        "zones",
+        "CPU per check",
+        "us",
+        {"zones": zones, "corners": corners, "places": where},
+        comparison,
+        details={
+            "of_which_arbiter_us": arbiter_us,
+            "part_of_a_processor_at_20_hz": comparison.ours * _CHECKS_A_SECOND / 1e6,
+        },
+        limit=_MOST_IN_FLIGHT_US if where == "in flight" else _MOST_US,
+    )
+    return replace(measurement, judged="ours")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import random
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -17,6 +18,7 @@ from shapely.geometry import LineString, MultiPolygon, Point, Polygon
 
 from mavproxy_handover.mission import Circle, Zone, ZoneFinder
 from mavproxy_handover.mission.geodesy import degree_lengths_m, distance_m, offset
+from mavproxy_handover.mission.zones import KEPT_FROM_M, KEPT_PART
 
 SQUARE = Polygon([(10.0, 0.0), (10.01, 0.0), (10.01, 0.01), (10.0, 0.01)])
 NORTH, EAST = 0.0, 90.0
@@ -120,7 +122,12 @@ def test_facts_along_a_track_are_those_of_a_finder_that_was_never_asked_before(d
     finder = ZoneFinder([Zone(251, "A", area)])
     lat, lon = data.draw(places(area))
     for _ in range(data.draw(st.integers(1, 12))):
-        assert finder.facts(lat, lon, EAST, 20.0) == ZoneFinder([Zone(251, "A", area)]).facts(lat, lon, EAST, 20.0)
+        (found,) = finder.facts(lat, lon, EAST, 20.0)
+        (exact,) = ZoneFinder([Zone(251, "A", area)]).facts(lat, lon, EAST, 20.0)
+        if exact.margin_m <= -(1.0 - KEPT_PART) * KEPT_FROM_M:  # far outside it may be that of a place just before
+            assert found == replace(exact, margin_m=pytest.approx(exact.margin_m, rel=0.0205))
+        else:
+            assert found == exact
         if data.draw(st.booleans()):
             there, part = data.draw(places(area)), data.draw(st.floats(0.0, 1.0))
             lat, lon = lat + part * (there[0] - lat), lon + part * (there[1] - lon)
