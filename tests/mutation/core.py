@@ -26,10 +26,10 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
@@ -55,13 +55,15 @@ FIRST = {
     "links": ("test_link_quality.py",),
     "zones": ("test_zones.py", "test_arbiter_safety.py"),
     "phases": ("test_phases.py",),
-    "safety": (
-        "test_safety.py",
-        "test_emergency.py",
-        "test_arbiter_safety.py",
-        "test_arbiter_authority.py",
-        "test_restart.py",
-    ),
+    "safety.causes": ("safety/test_causes.py", "safety/test_strategy.py", "safety/test_emergency.py"),
+    "safety.strategy": ("safety/test_strategy.py", "safety/test_emergency.py", "test_arbiter_safety.py"),
+    "safety.emergency": ("safety/test_emergency.py", "test_arbiter_safety.py", "test_restart.py"),
+    "safety.lookout": ("safety/test_lookout.py", "test_arbiter_safety.py", "test_link_quality.py"),
+    "safety.route": ("safety/test_route.py",),
+    "safety.energy": ("safety/test_energy.py", "safety/test_energy_prior.py", "safety/test_learning.py"),
+    "safety.energy_prior": ("safety/test_energy_prior.py", "safety/test_energy.py"),
+    "safety.battery": ("safety/test_battery.py",),
+    "safety.learning": ("safety/test_learning.py",),
     "control": ("test_control.py",),
     "presence": ("test_presence.py", "test_arbiter_authority.py"),
     "results": ("test_arbiter_transfer.py", "test_arbiter_deadline.py"),
@@ -91,7 +93,13 @@ EXPLORED = (
     "three stations",
 )
 
-TABLES = {"transfer": "MOVES", "phases": "PHASES"}
+#: tables of a module: what stands there is changed, one entry at a time
+TABLES = {
+    "transfer": ("MOVES",),
+    "phases": ("PHASES",),
+    "safety.causes": ("CAUSES",),
+    "safety.strategy": ("FIRST", "POLICY_LADDERS", "MILDER_THAN"),
+}
 WORST = {"transfer": "committed", "phases": "ON_MISSION"}
 
 _TURNED: dict[type[ast.cmpop], type[ast.cmpop]] = {
@@ -170,8 +178,9 @@ def _inside(node: ast.AST, function: str, around: ast.AST) -> Iterator[tuple[str
 def _of_values(tree: ast.Module) -> Iterator[tuple[str, Change]]:
     """A number or truth that a module or a dataclass begins with is another, a collection lacks one; tables apart."""
     for statement in tree.body:
-        if isinstance(statement, ast.Assign):
-            name, value = ast.unparse(statement.targets[0]), statement.value
+        if isinstance(statement, (ast.Assign, ast.AnnAssign)) and statement.value is not None:
+            target = statement.targets[0] if isinstance(statement, ast.Assign) else statement.target
+            name, value = ast.unparse(target), statement.value
             if isinstance(value, ast.Tuple) and name.startswith("_"):
                 for place, element in enumerate(value.elts):
                     if not isinstance(element, ast.Constant):
@@ -273,43 +282,101 @@ def table_faults(module: str) -> Iterator[Fault]:
 
 
 def _table_faults(module: str) -> Iterator[tuple[str, int, str, str]]:
-    if module not in TABLES:
-        return
-    entries, keys, targets = _table(module)
-    for number, key in enumerate(keys):
-        present = entries.get(key)
-        # where nothing should be, the worst that could be there is enough
-        wanted = [*targets, "nothing"] if present is not None else [WORST[module]]
-        for target in wanted:
-            if targets.get(target) != present:
-                yield (
-                    TABLES[module],
-                    number,
-                    target,
-                    f"{TABLES[module]}: {' + '.join(each.name for each in key)} -> {target}",
-                )
+    for table in TABLES.get(module, ()):
+        entries, keys, others = _table(module, table)
+        for number, key in enumerate(keys):
+            present = entries.get(key)
+            for target, value in others(key).items():
+                if value != present:
+                    yield table, number, target, f"{table}: {_named(key)} -> {target}"
 
 
-def _table(module: str) -> tuple[dict[Any, Any], list[tuple[Any, Any]], dict[str, Any]]:
-    """A table, all pairs it could have entries for, and where these could lead, by name."""
+def _named(key: Any) -> str:
+    """A key of a table, for people."""
+    if isinstance(key, tuple):
+        return " + ".join(each.name for each in key)
+    return key if isinstance(key, str) else str(key.name)
+
+
+#: what a table's entry is changed to when it is to be missing
+_NOTHING: Any = None
+
+
+def _table(module: str, table: str) -> tuple[dict[Any, Any], list[Any], Callable[[Any], dict[str, Any]]]:
+    """A table, all keys it could have entries for, and what could stand there instead, by name."""
+    if module.startswith("safety."):
+        return _safety_table(table)
+    targets: dict[str, Any]
     if module == "phases":
         from mavproxy_handover.core.model import Phase
         from mavproxy_handover.core.phases import PHASES, PhaseCause
 
-        return PHASES, list(product(Phase, PhaseCause)), {phase.name: phase for phase in Phase}
-    from mavproxy_handover.core.model import Outcome, Reason
-    from mavproxy_handover.core.transfer import MOVES, Cause, End, Step
+        entries, keys = cast("dict[Any, Any]", PHASES), list[Any](product(Phase, PhaseCause))
+        targets = {phase.name: phase for phase in Phase}
+    else:
+        from mavproxy_handover.core.model import Outcome, Reason
+        from mavproxy_handover.core.transfer import MOVES, Cause, End, Step
 
-    ends = {"committed": End(Outcome.COMMITTED, Reason.NONE), "aborted": End(Outcome.ABORTED, Reason.CANCELLED)}
-    return MOVES, list(product(Step, Cause)), {step.name: step for step in Step} | ends
+        ends = {"committed": End(Outcome.COMMITTED, Reason.NONE), "aborted": End(Outcome.ABORTED, Reason.CANCELLED)}
+        entries, keys = cast("dict[Any, Any]", MOVES), list[Any](product(Step, Cause))
+        targets = {step.name: step for step in Step} | ends
+
+    def others(key: Any) -> dict[str, Any]:
+        # where nothing should be, the worst that could be there is enough
+        return {**targets, "nothing": _NOTHING} if key in entries else {WORST[module]: targets[WORST[module]]}
+
+    return entries, keys, others
 
 
-def _plant(module: str, number: int, target: str) -> None:
-    entries, keys, targets = _table(module)
-    if target == "nothing":
+def _safety_table(table: str) -> tuple[dict[Any, Any], list[Any], Callable[[Any], dict[str, Any]]]:
+    from mavproxy_handover.core.safety import causes, strategy
+
+    entries = cast("dict[Any, Any]", getattr(causes if table == "CAUSES" else strategy, table))
+    others = {"CAUSES": _other_rows, "MILDER_THAN": _other_actions}.get(table, _other_ladders)
+    return entries, list(entries), lambda key: others(entries[key])
+
+
+def _other_rows(row: Any) -> dict[str, Any]:
+    """Of a cause: other times, another end, other policies."""
+    from mavproxy_handover.core.safety.causes import Ends
+
+    ends = next(each for each in Ends if each is not row.ends)
+    return {
+        "a longer hold-off": replace(row, hold_off_s=row.hold_off_s + 0.5),
+        "a longer clearing time": replace(row, clear_s=row.clear_s + 0.5),
+        f"ends {ends.value}": replace(row, ends=ends),
+        "another policy first": replace(row, policies=(*row.policies[1:], row.policies[0])),
+        "the last policy missing": replace(row, policies=row.policies[:-1]),
+    }
+
+
+def _other_actions(action: Any) -> dict[str, Any]:
+    from mavproxy_handover.core.model import FlightAction
+
+    return {**{each.name: each for each in FlightAction if each is not action}, "nothing": _NOTHING}
+
+
+def _other_ladders(ladder: Any) -> dict[str, Any]:
+    """A rung is missing, asks for something else, or needs nothing."""
+    from mavproxy_handover.core.model import FlightAction
+
+    found: dict[str, Any] = {}
+    for place, rung in enumerate(ladder):
+        before, behind = ladder[:place], ladder[place + 1 :]
+        found[f"no {rung.action.name}"] = (*before, *behind)
+        for action in FlightAction:
+            found[f"{action.name} for {rung.action.name}"] = (*before, replace(rung, action=action), *behind)
+        found[f"{rung.action.name} always"] = (*before, replace(rung, needs=None), *behind)
+    return found
+
+
+def _plant(module: str, table: str, number: int, target: str) -> None:
+    entries, keys, others = _table(module, table)
+    value = others(keys[number])[target]
+    if value is _NOTHING:
         del entries[keys[number]]
     else:
-        entries[keys[number]] = targets[target]
+        entries[keys[number]] = value
 
 
 # ---- whether they are noticed --------------------------------------------------------------------------------------
@@ -323,7 +390,7 @@ def unnoticed(module: str, fault: Fault | None) -> bool:
 
     name = f"{PACKAGE}.{module}"
     if fault is not None and fault.source is not None:
-        path = ROOT / "mavproxy_handover" / "core" / f"{module}.py"
+        path = _file(module)
         sys.meta_path.insert(0, _Mutated(name, fault.source, path))
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         try:
@@ -331,15 +398,16 @@ def unnoticed(module: str, fault: Fault | None) -> bool:
         except Exception:
             return False
         if fault is not None and fault.entry is not None:
-            _plant(module, fault.entry[1], fault.entry[2])
-        everything = sorted(path.name for path in (ROOT / "tests" / "core").glob("test_*.py"))
+            _plant(module, *fault.entry)
+        tests = ROOT / "tests" / "core"
+        everything = sorted(path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py"))
         middle = [each for each in everything if each not in (*FIRST[module], *LAST, "test_purity.py")]
         last = [each for each in LAST if each not in FIRST[module]]
         quiet = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--rootdir", str(ROOT), "--timeout=15"]
         options = [*quiet, "--hypothesis-seed=0", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
         # most faults die in the first files, and to read the others takes longer than that
         for files in (FIRST[module], middle, last):
-            paths = [str(ROOT / "tests" / "core" / each) for each in files]
+            paths = [str(tests / each) for each in files]
             if paths and int(pytest.main([*options, *paths])) != 0:
                 return False
         signal.alarm(run.TIMEOUT_S)  # the tests have had the clock for their own limits
@@ -376,13 +444,18 @@ def of_module(module: str, choose: Callable[[list[Fault]], list[Fault]]) -> tupl
     return len(chosen), alive
 
 
+def _file(module: str) -> Path:
+    return ROOT.joinpath("mavproxy_handover", "core", *module.split(".")).with_suffix(".py")
+
+
 def _source(module: str) -> str:
-    return (ROOT / "mavproxy_handover" / "core" / f"{module}.py").read_text(encoding="utf-8")
+    return _file(module).read_text(encoding="utf-8")
 
 
 def _out_of_date() -> list[str]:
     """What is said here of the core and does not hold any more."""
-    modules = sorted(path.stem for path in (ROOT / "mavproxy_handover" / "core").glob("*.py"))
+    core = ROOT / "mavproxy_handover" / "core"
+    modules = sorted(".".join(path.relative_to(core).with_suffix("").parts) for path in core.rglob("*.py"))
     wrong = [
         f"no tests are named for {module}" for module in modules if module not in FIRST and any(faults(_source(module)))
     ]

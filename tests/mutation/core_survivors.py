@@ -33,9 +33,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "update: dropped: self._fresh.discard(station) (number 2)": (
             "whose zone is left is not chosen, and whose zone is entered again is fresh again"
         ),
-        "next_commander: dropped from and/or: station in self._inside: "
-        "station in self._inside and station != commander": "`best`, at the end, leaves out whoever is outside",
-        "next_commander: dropped: return None": "without candidates none is found further down either",
     },
     "conductor": {
         "begin: truth turned: False in self, partner: int, reason: Reason, now: float, actions: list[Action], *, "
@@ -47,10 +44,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "arbiter": {
-        "_judge_safety: dropped from and/or: authority.transfer.forced: "
-        "authority.transfer is not None and authority.transfer.forced": (
-            "it is asked only where the commander is lost, and then a transfer is forced or has ended with that"
-        ),
         "Identity.nonce: number one more: 1": "where the edge draws no number any will do",
         "_expire: dropped from and/or: authority.owner is not None: "
         "authority.recover_until is not None and now >= authority.recover_until and (authority.owne": (
