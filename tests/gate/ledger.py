@@ -153,6 +153,7 @@ MAINTENANCE_FILES = [
     (11, b"APM/mission.stg"),
     (6, b"@MISSION/rally.dat"),
     (11, b"/@mission/RALLY.dat"),
+    (6, b"/@mission/rally.dat"),
     (4, b"@MISSION/rally.dat"),
     (14, b"@MISSION\\rally.dat"),
     (13, b"x\0@MISSION/rally.dat"),
@@ -176,7 +177,6 @@ SAFEGUARD_FILES = [
     (11, b"@PARAM\\param.pck"),
     (6, b"@MISSION/mission.dat"),
     (11, b"@MISSION/fence.dat"),
-    (6, b"/@mission/rally.dat"),
 ]
 #: by the opcode alone
 PLAIN_FILES = [

@@ -62,7 +62,7 @@ def test_a_frame_is_on_its_way_before_anything_is_noted(make: Make) -> None:
         ("PARAM_REQUEST_LIST", {}, False),
         ("COMMAND_LONG", {"command": 183}, True),
         ("PARAM_SET", {"param_id": b"FS_OPTIONS"}, True),
-        ("MISSION_COUNT", {"mission_type": 2}, True),
+        ("SET_HOME_POSITION", {}, True),
         ("HEARTBEAT", {}, True),
     ],
 )
@@ -271,15 +271,16 @@ def test_the_successors_heartbeat_is_passed_on_if_it_is_fresh(
 def test_what_the_former_commander_left_open_is_closed_in_its_name_before_the_successor_is_heard(
     door: Door, make: Make
 ) -> None:
+    door.change(replace(OF_A, phase=Phase.ON_LOAD))  # in flight no upload goes further than the companion
     door.up(A, make("RC_CHANNELS_OVERRIDE"))  # not noted yet
-    door.up(A, make("MISSION_COUNT", count=9, mission_type=2))
+    door.up(A, make("MISSION_COUNT", count=9, mission_type=1))
     beat = make("HEARTBEAT", sysid=GCSB).raw
     door.ports[GCSB].heartbeat, door.ports[GCSB].heartbeat_at = beat, door.now
     door.passed.clear()
     closed = door.change(OF_B)
     assert [(station, closing.what) for station, closing in closed] == [
         (GCSA, "RC override released"),
-        (GCSA, "unfinished rally upload ended"),
+        (GCSA, "unfinished fence upload ended"),
     ]
     assert names(door.passed) == ["RC_CHANNELS_OVERRIDE", "MISSION_COUNT", "HEARTBEAT"]
     assert [decoded(raw).get_srcSystem() for raw in door.passed] == [GCSA, GCSA, GCSB]
@@ -342,20 +343,21 @@ def test_a_view_is_in_force_even_if_what_follows_from_it_breaks(
 
 
 def test_an_upload_that_the_autopilot_has_ended_is_not_closed_again(door: Door, make: Make) -> None:
-    def begin_upload() -> None:
-        door.up(A, make("MISSION_COUNT", count=9, mission_type=2))
+    on_ground = replace(OF_A, phase=Phase.ON_LOAD)
 
-    aim = {"target_system": GCSA, "target_component": 190, "mission_type": 2}
+    def begin_upload() -> None:
+        door.change(on_ground)
+        door.up(A, make("MISSION_COUNT", count=9, mission_type=1))
+
+    aim = {"target_system": GCSA, "target_component": 190, "mission_type": 1}
     ack = make("MISSION_ACK", sysid=VEHICLE, compid=1, type=0, **aim)
     begin_upload()
     door.down(ack)
     assert door.change(OF_B) == []
-    door.change(OF_A)
     for unproven in (ack._replace(compid=191), ack._replace(sysid=99), ack._replace(known=False)):
         begin_upload()
         door.down(unproven)
         assert len(door.change(OF_B)) == 1, "only the autopilot's own word counts"
-        door.change(OF_A)
 
 
 def test_of_operator_control_the_stations_hear_the_companion_alone(door: Door, make: Make) -> None:

@@ -235,7 +235,8 @@ def test_nothing_of_a_station_reaches_the_autopilots_own_rally_list(make: Callab
     for name in ("MISSION_REQUEST_LIST", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK"):
         for sysid, station in ((GCSA, A), (GCSB, B)):
             assert both_ways(make(name, sysid=sysid, mission_type=2), station) == [taken, taken]
-            assert both_ways(make(name, sysid=sysid, mission_type=0), station) == [ALLOWED, ALLOWED]
+            if name != "MISSION_ACK":  # in flight it may call an upload off
+                assert both_ways(make(name, sysid=sysid, mission_type=0), station) == [ALLOWED, ALLOWED]
     for message in ("PARAM_SET", "PARAM_EXT_SET", "PARAM_MAP_RC"):
         assert both_ways(make(message, param_id=b"RALLY_TOTAL"), A) == [refused, refused]
     for opcode in (4, 6, 8, 11, 14):
