@@ -211,9 +211,9 @@ def test_power_and_wind_are_learned_from_what_the_autopilot_says(flying: Bench) 
     assert fact.left_wh == pytest.approx(125.0, abs=0.15), "what the last report said, and a second of power"
     assert (fact.wind_source, fact.learned) == ("autopilot", True)
     assert fact.model.wind is not None
-    assert (fact.model.wind.speed_mps, fact.model.wind.from_deg) == pytest.approx((6.6, 90.0))
+    assert (fact.model.wind.speed_mps, fact.model.wind.from_deg) == pytest.approx((6.54, 90.0))
     (line,) = [line for line in flying.mpstate.type("handover status") if line.startswith("energy")]
-    assert line.endswith(" Wh of 126.0 Wh left, 378 W, wind 6.6 m/s from 90 (autopilot), learned")
+    assert line.endswith(" Wh of 126.0 Wh left, 378 W, wind 6.5 m/s from 90 (autopilot), learned")
 
 
 def test_wind_of_speed_zero_is_no_estimate(flying: Bench) -> None:

@@ -57,11 +57,12 @@ def test_a_decision_is_one_sentence_to_every_station_and_program(flown: Bench) -
     flown.run(0.5)
     (entry,) = flown.journal("decision")
     text = entry["text"]
-    assert text == "RETURN to rally 2: out of coverage, 1079 m outside the zone of GCSB; 1.2 km"
-    assert (entry["action"], entry["reason"], entry["place"]) == ("return", "out_of_coverage", "rally 2")
+    figures = "1.8 km, needs 27 % of 100 %, covered by GCSA"
+    assert text == f"RETURN to home: out of coverage, 1079 m outside the zone of GCSB; {figures}"
+    assert (entry["action"], entry["reason"], entry["place"]) == ("return", "out_of_coverage", "home")
     for station in (flown.a, flown.b):
         told = station.got("HANDOVER_DECISION")
-        assert {(m.text, m.action, m.cause, m.place) for m in told} == {(text, 4, 13, "rally 2")}
+        assert {(m.text, m.action, m.cause, m.place) for m in told} == {(text, 4, 13, "home")}
         assert station.texts().count(text) == 1
         pieces = [m for m in station.got("STATUSTEXT") if m.severity == mavlink.MAV_SEVERITY_CRITICAL]
         assert len({m.id for m in pieces}) == 1
@@ -236,7 +237,7 @@ def test_positions_of_a_receiver_that_has_lost_its_fix_are_guesses(flown: Bench)
     assert decisions(flown) == ["WARN: no fresh position for 3 s"]
     say_fix(flown, mavlink.GPS_FIX_TYPE_3D_FIX)
     flown.run(3.0)
-    assert any(text.startswith("RETURN to rally 2: out of coverage") for text in decisions(flown))
+    assert any(text.startswith("RETURN to home: out of coverage") for text in decisions(flown))
 
 
 def test_a_vehicle_without_a_receiver_has_its_position_from_elsewhere(flown: Bench) -> None:

@@ -219,7 +219,7 @@ def test_a_start_that_is_under_way_ends_with_the_arbiter(
 
 @pytest.fixture
 def airborne(bench: Bench, delivery: MissionPackage) -> Bench:
-    """In flight, and GCSA has sticks, a velocity and an upload open at the autopilot."""
+    """In flight, and GCSA has sticks and a velocity open at the autopilot."""
     bench.connect()
     bench.share(delivery)
     bench.run(1.0)
@@ -229,9 +229,7 @@ def airborne(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.a.send(mavlink.MAVLink_rc_channels_override_message(1, 1, 1500, *[65535] * 17))
     velocity = 0b1101_1100_0111
     bench.a.send(mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, velocity, 0, 0, 0, 5, *[0] * 7))
-    bench.a.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 1))
     bench.run(0.1)
-    assert len(bench.autopilot.got("MISSION_COUNT", 251)) == 1
     bench.autopilot.received.clear()
     return bench
 
@@ -245,19 +243,14 @@ def test_what_the_commander_had_open_is_closed_when_the_arbiter_breaks(
         airborne.run(1.0)
     assert airborne.companion.failed
     closed = [m for m in airborne.autopilot.received if m.get_srcSystem() == 251]
-    assert [m.get_type() for m in closed] == [
-        "RC_CHANNELS_OVERRIDE",
-        "SET_POSITION_TARGET_GLOBAL_INT",
-        "MISSION_COUNT",
-    ]
-    assert (closed[0].chan1_raw, closed[1].vx, closed[2].count) == (0, 0.0, 65535)
+    assert [m.get_type() for m in closed] == ["RC_CHANNELS_OVERRIDE", "SET_POSITION_TARGET_GLOBAL_INT"]
+    assert (closed[0].chan1_raw, closed[1].vx) == (0, 0.0)
     home = next(m for m in airborne.autopilot.received if m.get_type() == "COMMAND_LONG" and m.command == MODE)
     assert airborne.autopilot.received.index(closed[-1]) < airborne.autopilot.received.index(home)
     assert airborne.autopilot.mode == RTL_MODE
     assert [entry["text"] for entry in airborne.journal("flush")] == [
         "RC override released (GCSA)",
         "guided stream stopped (GCSA)",
-        "unfinished fence upload ended (GCSA)",
     ]
 
 

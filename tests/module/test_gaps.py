@@ -12,6 +12,7 @@ from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import MISSIONS, Bench
 from tests.module.test_restart import lose_power, restart
+from tests.module.test_staging import Program, waypoint
 from tests.module.vehicle import AUTO, RTL
 
 START = mavlink.MAV_CMD_MISSION_START
@@ -120,9 +121,10 @@ def test_out_of_auto_it_comes_home_at_once(flying: Bench) -> None:
     flying.until(lambda: flying.autopilot.mode == RTL, 3.0)
 
 
-def test_a_mission_that_somebody_else_writes_takes_the_gaps_away(flying: Bench) -> None:
-    flying.a.send(mavlink.MAVLink_mission_count_message(1, 1, 3, 0))
-    flying.run(0.5)
+def test_a_mission_of_its_commander_takes_the_gaps_away(flying: Bench) -> None:
+    lat, lon = (round(degrees * 1e7) for degrees in HOME)
+    items = waypoint(0, lat, lon, 0.0), waypoint(1, lat + 2000, lon), waypoint(2, lat, lon, 0.0, command=21)
+    assert Program(flying, items).send() == mavlink.MAV_MISSION_ACCEPTED
     flying.autopilot.position = OUT
     flying.until(lambda: flying.autopilot.mode == RTL, 5.0)
 
