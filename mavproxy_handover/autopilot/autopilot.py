@@ -237,7 +237,7 @@ class Autopilot:
 
         def found(stretches: tuple[Stretch, ...]) -> None:
             if self._flown is package.route:
-                self._gaps.adopt(stretches)
+                self._declares(stretches)
 
         self._missions.find_gaps(package, found)
 
@@ -255,14 +255,19 @@ class Autopilot:
     def _flies_by(self, package: MissionPackage | None, stretches: tuple[Stretch, ...], now: float) -> None:
         self._flown = route = None if package is None else package.route
         self._changed_aloft = False
-        self._gaps.adopt(stretches)
-        self._gaps.judge(self._preflight.parameters, now)
         self.route.adopt(route)
         self.desk.ahead = (
             None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
         )
+        self._declares(stretches)
+        self._gaps.judge(self._preflight.parameters, now)
         self.places.adopt(package, now)
         self._preflight.planned(None if route is None else plan_facts(route), self._gaps.longest_s)
+
+    def _declares(self, stretches: tuple[Stretch, ...]) -> None:
+        self._gaps.adopt(stretches)
+        if self.desk.ahead is not None:
+            self.desk.ahead.gaps = stretches
 
     def _rerouted(self, rerouted: Rerouted | None, now: float) -> None:
         """The autopilot holds the mission that its commander has sent in flight; None: nobody knows what it holds."""

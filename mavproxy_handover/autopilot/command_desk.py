@@ -159,7 +159,7 @@ class CommandDesk:
         look: dict[Limit, Callable[[], str]] = {
             Limit.ENERGY: lambda: self._energy_short(legs, ahead),
             Limit.FENCE: lambda: leaves_fence(legs, ahead.fence),
-            Limit.COVERAGE: lambda: leaves_coverage(legs, ahead.finder, self._usable(now)),
+            Limit.COVERAGE: lambda: leaves_coverage(legs, ahead.finder, self._usable(now), ahead.gaps),
         }
         return {limit: look[limit]() for limit in limits}
 

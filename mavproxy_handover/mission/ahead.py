@@ -6,6 +6,7 @@ Rules that live here
 --------------------
 * Near (`NEAR_M` along the way) coverage is what stations give that could take the aircraft now; farther on it is what
   the mission declares: a station down the route need not be there yet.
+* A gap that the mission declares is no hole in the coverage: it was judged before take-off, and its limit is kept.
 * What lies outside at the beginning does not count: whoever brings an aircraft back inside may do so. But inside it
   has to come with the first leg, and to stay there.
 * The vertical pieces of a way, take-off and landing, leave nothing that their place does not.
@@ -20,6 +21,7 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 
 from mavproxy_handover.mission.fence import Fence
+from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Leg, legs_from
 from mavproxy_handover.mission.zones import ZoneFinder
@@ -39,8 +41,11 @@ def straight(here: _Place, there: _Place, speed_mps: float) -> tuple[Leg, ...]:
     return (Leg(0, here, there, 0.0, 0.0, speed_mps),)
 
 
-def leaves_coverage(legs: Sequence[Leg], finder: ZoneFinder, usable: Collection[int]) -> str:
-    """Where a way leaves coverage, in words; "" where it does not. `usable`: stations that could take the aircraft."""
+def leaves_coverage(
+    legs: Sequence[Leg], finder: ZoneFinder, usable: Collection[int], gaps: Collection[Stretch] = ()
+) -> str:
+    """Where a way leaves coverage, in words; "" where it does not. `usable`: stations that could take the aircraft,
+    `gaps`: declared, and where they are."""
     inside, before, outside = False, 0.0, ""
     for far_m, place, seq, first in _places(legs):
         if not inside and not first:
@@ -49,11 +54,17 @@ def leaves_coverage(legs: Sequence[Leg], finder: ZoneFinder, usable: Collection[
         # until it has been inside once, only what can be used counts: that is what it has to come back to
         by_plan = inside and far_m > NEAR_M
         covered = bool(holding) if by_plan else any(station in usable for station in holding)
+        covered = covered or any(_within_gap(gap, seq, place) for gap in gaps)
         if not covered and inside:
             return f"leaves coverage {_after(before)}{_item(seq)}"
         outside = "" if covered else f"leads out of coverage{_item(seq)}"
         inside, before = covered, far_m
     return outside
+
+
+def _within_gap(gap: Stretch, seq: int, place: _Place) -> bool:
+    along_m = gap.along_m(seq, *place[:2])
+    return along_m is not None and -STEP_M <= along_m <= gap.found.length_m + STEP_M
 
 
 def leaves_fence(legs: Sequence[Leg], fence: Fence) -> str:
@@ -105,6 +116,8 @@ class Ahead:
         self.route = route
         self.finder = finder
         self.fence = Fence(route.fence)
+        #: gaps that the mission declares, once they are found on its route
+        self.gaps: tuple[Stretch, ...] = ()
         #: horizontal speed where the plan itself sets none
         self.speed_mps = cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS
 

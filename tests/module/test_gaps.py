@@ -20,6 +20,7 @@ REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 #: in the zone of GCSA, 50 m behind its border, and in the zone of GCSB
 HOME, OUT, FAR = (52.684, 5.91), (52.684, 5.912961), (52.684, 5.9163)
 ALONE = 5
+LOITER, SET_MODE = 5, mavlink.MAV_CMD_DO_SET_MODE
 
 
 @pytest.fixture(scope="session")
@@ -127,6 +128,16 @@ def test_a_mission_of_its_commander_takes_the_gaps_away(flying: Bench) -> None:
     assert Program(flying, items).send() == mavlink.MAV_MISSION_ACCEPTED
     flying.autopilot.position = OUT
     flying.until(lambda: flying.autopilot.mode == RTL, 5.0)
+
+
+def test_its_commander_may_have_it_fly_the_mission_on_though_a_gap_lies_ahead(flying: Bench) -> None:
+    flying.autopilot.mode = LOITER
+    flying.run(1.5)
+    flying.a.received.clear()
+    flying.a.command(SET_MODE, 1, AUTO)
+    flying.run(0.5)
+    assert flying.a.acks(SET_MODE) == [mavlink.MAV_RESULT_ACCEPTED]
+    assert flying.autopilot.mode == AUTO
 
 
 def test_a_companion_that_restarts_in_the_gap_goes_on_with_the_same_clock(flying: Bench) -> None:
