@@ -330,6 +330,17 @@ def test_what_is_no_trouble_is_not_said(changes: dict[str, Any]) -> None:
     assert judge(found(**changes), Limits()) == ()
 
 
+@pytest.mark.parametrize(("most_s", "gap_s", "told"), [(0, 0, 0), (60, 60, 0), (60, 0, 0), (59, 60, 1), (None, 60, 1)])
+def test_a_gap_of_the_mission_needs_a_guard_that_allows_it(most_s: float | None, gap_s: float, told: int) -> None:
+    own = {} if most_s is None else {"HNDO_ALONE_MAX": float(most_s)}
+    found = judge(Found({**GOOD, **own}, GuardState.LIVE, (4, 7), gap_s=gap_s), Limits())
+    assert len(found) == told
+    if told:
+        is_s = f"{most_s or 0:g} s"
+        text = f"HNDO_ALONE_MAX is {is_s}: too short for a gap of the mission (60 s), START is refused"
+        assert found == (Finding("HNDO_ALONE_MAX", text),)
+
+
 def test_the_facts_of_a_plan() -> None:
     facts = plan_facts(load(MISSIONS / "delivery").route)
     assert (facts.fence, facts.inclusions, facts.highest_m) == (True, 1, 50.0)
