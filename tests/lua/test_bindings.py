@@ -198,8 +198,9 @@ def test_a_second_init_changes_nothing_on_4_5_and_4_7(script: Script, firmware: 
     assert script.value("mavlink:register_rx_msgid(5)").endswith("no registrations free")
 
 
-@pytest.mark.parametrize("value", ["true", "'1'", "-2147483649", "4294967296.0"])
+@pytest.mark.parametrize("value", ["true", "'1'", "-2147483904.0", "4294967296.0"])
 def test_a_log_field_of_32_bits_takes_numbers_only(script: Script, value: str) -> None:
+    """These numbers are the same in a Lua of 32 bits: -2^31 has no float between itself and the first one there."""
     assert script.value(f"logger:write('A', 'x', 'I', {value})").startswith("error: ")
 
 
