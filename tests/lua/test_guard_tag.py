@@ -178,7 +178,7 @@ def test_firmware_without_files_is_a_guard_without_a_key() -> None:
 class TestInstructionBudget:
     """As in test_guard_standing: far below the 10 000 VM instructions that end a script."""
 
-    LIMIT = 5500
+    LIMIT = 6500
 
     @pytest.mark.parametrize("key", [KEY, OTHER_KEY])
     def test_full_queue_of_tagged_leases(self, tmp_path: Path, key: bytes) -> None:
