@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -373,13 +373,7 @@ class Bench:
 
     def statuses(self, channel: int = COMPANION_CHANNEL) -> list[Status]:
         """The guard's answers so far."""
-        found = []
-        for chan, msgid, payload in self.vehicle.messages:
-            kind, system, component, length = struct.unpack_from("<HBBB", payload)
-            if chan == channel and msgid == dialect.MAVLINK_MSG_ID_TUNNEL and kind == STATUS_TYPE:
-                assert (system, component, length) == (1, 191, 20)
-                found.append(Status(*struct.unpack_from(STATUS_LAYOUT, payload, 5)))
-        return found
+        return list(_statuses(self.vehicle.messages, channel))
 
     @property
     def enforcement(self) -> int:
@@ -390,4 +384,13 @@ class Bench:
 
     @property
     def status(self) -> Status:
-        return self.statuses()[-1]
+        """The newest one."""
+        return next(_statuses(reversed(self.vehicle.messages), COMPANION_CHANNEL))
+
+
+def _statuses(messages: Iterable[tuple[int, int, bytes]], channel: int) -> Iterator[Status]:
+    for chan, msgid, payload in messages:
+        kind, system, component, length = struct.unpack_from("<HBBB", payload)
+        if chan == channel and msgid == dialect.MAVLINK_MSG_ID_TUNNEL and kind == STATUS_TYPE:
+            assert (system, component, length) == (1, 191, 20)
+            yield Status(*struct.unpack_from(STATUS_LAYOUT, payload, 5))
