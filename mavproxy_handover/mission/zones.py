@@ -162,7 +162,7 @@ class ZoneFinder:
         track = math.radians(track_deg) if math.isfinite(track_deg) else 0.0
         moving = math.isfinite(track_deg) and SLOWEST_TRACK_MPS <= ground_speed_mps < math.inf
         reach_m = ground_speed_mps * self.horizon_s if moving else 0.0
-        ahead = _ahead((lat_deg, lon_deg), way, ground_speed_mps, track, plane) if moving else ()
+        ahead: tuple[tuple[float, float, float], ...] | None = None  # worked out only where a border is near
         # across the 180th meridian the nearest part of an area may be another one
         turned = abs(lon_deg - self._lon) > 180.0
         self._moved_m += _AROUND_M if turned else distance_m(lat_deg, lon_deg, self._lat, self._lon)
@@ -185,9 +185,11 @@ class ZoneFinder:
                 exit_s = out_m / ground_speed_mps if out_m <= reach_m else None
             ends_m = None
             if moving and 0.0 < margin < ground_speed_mps * NEAR_S:
+                if ahead is None:
+                    ahead = _ahead((lat_deg, lon_deg), way, ground_speed_mps, track, plane)
                 ends_m = next((far for far, lat, lon in ahead if not border.contains(lat, lon)), None)
             ends_s = None if ends_m is None else ends_m / ground_speed_mps
-            beyond = frozenset[int]() if ends_m is None else self._beyond(ends_m, ahead, alt_m)
+            beyond = frozenset[int]() if ends_m is None or ahead is None else self._beyond(ends_m, ahead, alt_m)
             fact = ZoneFact(zone.station, margin, exit_s, ends_s, beyond)
             found.append(fact)
             if margin <= -KEPT_FROM_M and zone.min_alt_m is None and zone.max_alt_m is None:

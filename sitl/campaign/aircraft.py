@@ -140,7 +140,7 @@ class Aircraft:
         over = self._capacity_j * (1.0 - part) - self._used_j
         if self._watts <= 0.0 or over < 0.0:
             return NEVER
-        return self._begun + in_ticks(over / self._watts)
+        return self._begun + in_ticks(over / self._watts) + 1
 
     def way_ahead(self) -> tuple[Spot, ...]:
         """The waypoints that are flown to next, in AUTO."""

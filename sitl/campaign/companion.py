@@ -93,6 +93,8 @@ class Companion:
         self.pairs: set[tuple[Phase, frozenset[str]]] = set()
         self._seen: tuple[Phase, frozenset[object]] | None = None
         self.handled = 0
+        #: when each station is asked again whether it is there (s, as the rules count)
+        self._asks: dict[int, float] = {}
         self.fix = True
         self.arbiter: Arbiter | None = None
         self._watch: Watch | None = None
@@ -136,6 +138,10 @@ class Companion:
         deadline = None if self.arbiter is None else self.arbiter.next_deadline()
         return math.inf if deadline is None else deadline
 
+    def only_asks(self, due: float) -> bool:
+        """Whether what is due then is a question to a station, with no transfer under way that could run out."""
+        return self.view.partner is None and due in self._asks.values()
+
     # ---- what happens -----------------------------------------------------------------------------------------------
 
     def give(self, event: events.Event, now: int) -> None:
@@ -171,7 +177,9 @@ class Companion:
         ties = self._ties
         match action:
             case events.Send():
-                if not isinstance(action.message, (Connect, ConnectAck)):
+                if isinstance(action.message, Connect):
+                    self._asks[action.station] = self._core_s(now) + self._limits.connect_interval_s
+                elif not isinstance(action.message, ConnectAck):
                     ties.settle(now, 2.5)
                 ties.to_station(action.station, action.message, now)
             case events.ViewChanged():
@@ -226,8 +234,6 @@ class Companion:
         track = bearing_deg(vx, vy) if speed > 0.0 else 0.0
         facts = self._finder.facts(*_earth(x, y), track, speed, z, way)
         self.give(events.PositionSeen(facts), now)
-        if aircraft.drift != (0.0, 0.0) or self._route.deviation is not None:
-            self._route.look(self._track(x, y), in_seconds(now))
 
     def _track(self, x: float, y: float) -> TrackFact | None:
         aircraft = self._aircraft
@@ -249,6 +255,8 @@ class Companion:
         energy = self._signs.energy
         if self._aircraft.flying and (always or now >= self.energy_due):
             energy = self._margin_wh(now) <= 0.0
+        if self._aircraft.flying and self.fix:
+            self._route.look(self._track(*self._aircraft.at(now)[:2]), in_seconds(now))
         signs = events.SignsSeen(energy and self._aircraft.flying, self._route.deviation is not None)
         if signs != self._signs:
             self._signs = signs

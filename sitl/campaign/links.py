@@ -2,20 +2,23 @@
 
 """What becomes of a message between vehicle and station: it arrives after the link's delay, or it is lost.
 
-Inside its zone a station's link is good; outside, more and more is lost over `FADES_M`, and behind that everything is.
-Faults cut a link one way or both, or thin it out; some flights lose a part of everything. By what is a message lost? By
-number: of seed, link, moment and how many went before it in this moment. So it does not matter who else has sent what,
-and the same messages are lost however time is let pass.
+Well inside its zone a station's link is good; near the border some flights lose a part of everything; outside, more and
+more is lost over `FADES_M`, and behind that everything is. Faults cut a link one way or both, or thin it out.
+
+By what is a message lost? By number: of seed, link, moment and how many went before it in this moment. So it does not
+matter who else has sent what, and the same messages are lost however time is let pass.
 """
 
 from __future__ import annotations
 
 from sitl.campaign.plan import Circle
 
-__all__ = ["FADES_M", "WEAK_LOSS", "Link"]
+__all__ = ["EDGE_M", "FADES_M", "WEAK_LOSS", "Link"]
 
 #: so far outside its zone a station is not heard any more
-FADES_M = 100.0
+FADES_M = 60.0
+#: so far inside its border a link loses nothing by itself
+EDGE_M = 80.0
 #: of a link that is weak
 WEAK_LOSS = 0.33
 _MASK = (1 << 64) - 1
@@ -32,13 +35,15 @@ def _mixed(number: int) -> float:
 class Link:
     """One way of one link. Times are ticks."""
 
-    __slots__ = ("_at", "_count", "_key", "cut", "delay", "loss", "zone")
+    __slots__ = ("_at", "_count", "_key", "cut", "delay", "edge_loss", "loss", "zone")
 
-    def __init__(self, seed: int, number: int, zone: Circle | None, delay: int, loss: float) -> None:
-        """`zone` None: the aircraft's place plays no part (a link over the ground)."""
+    def __init__(self, seed: int, number: int, zone: Circle | None, delay: int, edge_loss: float) -> None:
+        """`edge_loss`: part that is lost near the border. `zone` None: the aircraft's place plays no part."""
         self._key = (seed << 20) ^ (number << 8)
         self._at, self._count = -1, 0
-        self.zone, self.delay, self.loss = zone, delay, loss
+        self.zone, self.delay, self.edge_loss = zone, delay, edge_loss
+        #: part that a fault loses
+        self.loss = 0.0
         #: how many faults cut it
         self.cut = 0
 
@@ -49,7 +54,9 @@ class Link:
         if self.zone is None:
             return self.loss
         margin = self.zone.margin_m(x_m, y_m)
-        return self.loss if margin >= 0.0 else min(1.0, self.loss - margin / FADES_M)
+        if margin >= EDGE_M:
+            return self.loss
+        return min(1.0, self.loss + self.edge_loss + max(0.0, -margin / FADES_M))
 
     def steady(self, x_m: float, y_m: float) -> bool:
         """Whether everything gets through, or nothing."""

@@ -9,6 +9,7 @@ Three speeds:
   while its commander's zone does not hold it.
 * At rest: a position each second keeps the last one fresh, and the rounds in between are made when the rules have
   something due. Nothing that they ask of a position changes within that second.
+  The route is looked at each second, whatever the speed (in the air it is five times).
 * Quiet: nothing but routine has happened for longer than any time-out or pause of the rules lasts, every link lets
   everything through or nothing, and the aircraft flies straight on with no border ahead. Then each second is like the
   one before, and the rules are none the wiser if there are fewer of them: time is left out, up to the next thing that
@@ -25,7 +26,7 @@ from math import inf, sqrt
 from typing import Final
 
 from sitl.campaign.aircraft import Aircraft, Mode
-from sitl.campaign.links import FADES_M, Link
+from sitl.campaign.links import EDGE_M, FADES_M, Link
 from sitl.campaign.plan import Circle, FlightPlan
 from sitl.campaign.times import NEVER, SECOND, in_ticks
 
@@ -49,6 +50,7 @@ class Pace:
     def __init__(self, plan: FlightPlan, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
         self._zones = plan.zones
+        self._edge_m = EDGE_M + 1.0 if plan.loss else 1.0
         self._restless_until = 0
         self._quiet_from = in_ticks(20.0)
         self._weak: set[int] = set()
@@ -57,6 +59,8 @@ class Pace:
         #: windows of the piece that is flown, and whose zone it is that has to command for it to count, if it matters
         self._crossings: list[tuple[int, int, int | None]] = []
         self._of: tuple[float, ...] = ()
+        #: grows whenever what was said of the time ahead may not hold any more
+        self.changes = 0
 
     def stir(self, now: int, settle_s: float, pauses: tuple[float, ...] = ()) -> None:
         """Something happened that is no routine; so long after it nothing is like before (s).
@@ -64,6 +68,7 @@ class Pace:
         `pauses`: of the rules that begin with it and end with the first position behind them, and no sooner (s).
         """
         self._restless_until = max(self._restless_until, now + _STIRRED)
+        self.changes += 1
         self.settle(now, settle_s)
         if pauses:
             self._moments = [at for at in self._moments if at > now - _STIRRED]
@@ -75,6 +80,7 @@ class Pace:
 
     def worry(self, weak: bool, whom: Iterable[int]) -> None:
         """These links are weak, or are not any more: for how long they have been matters."""
+        self.changes += 1
         if weak:
             self._weak.update(whom)
         else:
@@ -87,7 +93,7 @@ class Pace:
         aircraft = self._aircraft
         if not aircraft.flying:
             return planned - _BEFORE
-        if self._weak or aircraft.drift != (0.0, 0.0) or aircraft.mode is Mode.PAUSE or self._outside(at, commander):
+        if self._weak or self._outside(at, commander):
             return at
         begins = planned - _BEFORE
         for moment in self._moments:
@@ -178,7 +184,7 @@ class Pace:
                 if begun >= now and whose in (None, commander):
                     until = min(until, begun)
             for zone in self._zones.values():  # links begin to lose, or to let through
-                for radius in (zone.radius_m - 1.0, zone.radius_m + FADES_M + 1.0):
+                for radius in (zone.radius_m - self._edge_m, zone.radius_m + FADES_M + 1.0):
                     for at_s in _hits(zone, radius, x, y, vx, vy) or ():
                         if at_s > -2.0:
                             until = min(until, now + int(max(0.0, at_s) * SECOND) - SECOND)

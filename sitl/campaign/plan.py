@@ -31,7 +31,7 @@ FIRST: Final = 251
 #: a flight is planned to last so long at least (s), with so many handovers
 LEAST_S, LEAST_HANDOVERS = 620.0, 2
 #: zones of stations: radius from, to (m)
-_RADII: Final = (700.0, 2200.0)
+_RADII: Final = (1200.0, 3500.0)
 #: how near their middles are, as a part of the sum of two radii: overlapping, and with a gap between them
 _OVERLAP, _GAP = (0.55, 0.85), (1.03, 1.15)
 
@@ -116,7 +116,7 @@ class FlightPlan:
     resumes: bool
     #: without a ground link the vehicle passes on what stations say to each other
     ground_link: bool
-    #: part of the messages that is lost wherever the aircraft is
+    #: part of the messages that is lost near the border of a zone
     loss: float
     cell: Cell
     start_at: int = 8 * 64
@@ -177,7 +177,7 @@ def draw(seed: int) -> FlightPlan:
         strikes_for(chance, cell),
         resumes=chance.random() < 0.3,
         ground_link=chance.random() < 0.7,
-        loss=chance.choice((0.05, 0.2)) if chance.random() < 0.08 else 0.0,
+        loss=chance.choice((0.05, 0.2)) if chance.random() < 0.15 else 0.0,
         cell=cell,
     )
 

@@ -60,6 +60,8 @@ class Ground:
         actions = core.handle(event, self._core_s(now))
         if actions:
             self._perform(actions, now)
+        elif isinstance(event, (gcs.PeerHeard, gcs.VehicleHeard)):
+            return  # nobody believes anything else for it
         self._log.believes[self.sysid].set(now, core.epoch if core.role is gcs.Role.COMMANDER else None)
         question = core.question
         if question is not None and question != self._asked:

@@ -76,11 +76,18 @@ class World:
         self._gcs_due = NEVER
         self._ekf_due = NEVER
         self._battery_due = NEVER
-        self._battery_of: tuple[float, int, float] | None = None
+        #: for the piece that began then; -1: to be found out
+        self._battery_of = -1
         self._round = -ROUND
         self._beaten = False
         #: when the rules have something due, as they count, and after how many events that was
         self._due, self._due_of = NEVER, -1
+        #: when the next round is, and of what that was concluded
+        self._next = 0
+        #: what is due is a question to a station, and nothing else; and when a position is looked at next
+        self._only_asks = False
+        self._looks_at = 0
+        self._next_of: tuple[int, ...] = ()
         self._over_at = _NOT_STARTED
         self._phases: dict[Phase, int] = {}
         self._phase = Phase.ON_LOAD
@@ -137,7 +144,8 @@ class World:
         while True:
             first = planned[0][0] if planned else NEVER
             second = routine[0][0]
-            self._know_battery()
+            if aircraft.begun != self._battery_of:
+                self._know_battery()
             own = min(aircraft.ends, guard.due, self._gcs_due, self._ekf_due, self._battery_due)
             now = min(first, second, own)
             round_at = self._next_round(now, first)
@@ -173,15 +181,27 @@ class World:
         assert companion is not None
         if self.plain:
             return following
+        of = (self._round, self.pace.changes, planned, companion.handled, self.aircraft.begun, self.stood)
+        if of == self._next_of and self._next >= following:
+            return self._next
+        self._next_of, self._next = of, self._find_next_round(following, planned, companion)
+        return self._next
+
+    def _find_next_round(self, following: int, planned: int, companion: Companion) -> int:
         restless = self.pace.restless(following, planned, companion.view.commander)
         if restless <= following:
+            self._looks_at = following
             return following
         if companion.handled != self._due_of:
             self._due_of, due = companion.handled, companion.due()
             self._due = NEVER if due == inf else in_ticks(due)
+            self._only_asks = companion.only_asks(due)
         at = NEVER if self._due == NEVER else on_round(self._due + self.stood)
         # the next whole second, too: a position each second keeps it fresh
-        return max(following, min(at, on_round(restless), on_round((self._round // SECOND + 1) * SECOND)))
+        self._looks_at = max(following, min(on_round(restless), on_round((self._round // SECOND + 1) * SECOND)))
+        if not self._only_asks:  # what runs out may let the rules look around
+            self._looks_at = min(self._looks_at, max(following, at))
+        return max(following, min(at, self._looks_at))
 
     def _go_round(self, now: int) -> None:
         self._round = now
@@ -189,7 +209,7 @@ class World:
         assert companion is not None
         if not companion.runs:
             return
-        if self.cable:
+        if self.cable and (self.plain or now >= self._looks_at):
             companion.position(now)
         if companion.runs and companion.due() <= self.core_s(now):
             companion.give(events.Tick(), now)
@@ -234,8 +254,9 @@ class World:
             ground.tick(now)
             self._up(sysid, events.StationHeard(sysid), now)
             for other in self.ground:
-                if other != sysid:
-                    self._over_ground(sysid, other, gcs.PeerHeard(sysid), now)
+                link = self._peer_links.get((sysid, other))
+                if link is not None and link.arrives(now, 0.0, 0.0) is not None:
+                    self.ground[other].give(gcs.PeerHeard(sysid), now)
         if companion.runs:
             self._down(sysid, gcs.VehicleHeard(), now)
 
@@ -373,10 +394,7 @@ class World:
     def _know_battery(self) -> None:
         """When the battery comes to the next level at which something happens."""
         aircraft = self.aircraft
-        of = (aircraft.watts, aircraft.ends, aircraft.battery_wh)
-        if of == self._battery_of:
-            return
-        self._battery_of = of
+        self._battery_of = aircraft.begun
         parts = [0.0]
         if self.plan.truth.battery_failsafe and aircraft.flying and aircraft.mode is not Mode.LAND:
             parts.append(EMPTY_PART)
@@ -396,7 +414,7 @@ class World:
             self._ekf_due = NEVER
             aircraft.land("EKF failsafe", now)
         if self._battery_due <= now:
-            self._battery_of = None
+            self._battery_of = -1
             left = aircraft.left_wh(now) / aircraft.battery_wh
             if left <= 0.001:
                 aircraft.falls(now)
@@ -596,7 +614,7 @@ class World:
         assert self.companion is not None
         self.aircraft.sag(strike.amount, now)
         self.companion.sagged(now)
-        self._battery_of = None
+        self._battery_of = -1
 
     def _drift(self, strike: Strike, now: int) -> Callable[[int], None] | None:
         """Wind from the side; for a breach it blows away from the middle."""
