@@ -330,10 +330,10 @@ class Aircraft:
 
     # ---- faults -----------------------------------------------------------------------------------------------------
 
-    def sag(self, part: float, now: int) -> None:
-        """Of what is left only that part is."""
+    def sag(self, left_wh: float, now: int) -> None:
+        """No more than that is left."""
         left = self._capacity_j - self._used(now)
-        self._capacity_j -= left * (1.0 - part)
+        self._capacity_j -= max(0.0, left - left_wh * 3600.0)
 
     def falls(self, now: int) -> None:
         """The battery is empty in the air."""

@@ -28,7 +28,7 @@ from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import Aircraft
 from sitl.campaign.log import FlightLog
-from sitl.campaign.plan import FlightPlan, bearing_deg
+from sitl.campaign.plan import FlightPlan, Spot, bearing_deg
 from sitl.campaign.times import SECOND, in_seconds, in_ticks
 from sitl.campaign.watch import Watch
 
@@ -265,15 +265,22 @@ class Companion:
 
     def _margin_wh(self, now: int) -> float:
         """As the real edge has it: what is believed to be left, over the way to where RTL goes."""
-        aircraft, model = self._aircraft, self._model
-        x, y, z = aircraft.at(now)
-        place = min(self._plan.places, key=lambda spot: spot.away_m(x, y))
-        distance = place.away_m(x, y)
-        left = aircraft.left_wh(now) * self._plan.truth.gauge
+        x, y, z = self._aircraft.at(now)
+        place = self._nearest(x, y)
+        left = self._aircraft.left_wh(now) * self._plan.truth.gauge
+        self.energy_due = now + max(SECOND, self._safe_for(left, place.away_m(x, y), z, place.alt_m))
+        return left - self.budget_home_wh(now)
+
+    def _nearest(self, x: float, y: float) -> Spot:
+        return min(self._plan.places, key=lambda spot: spot.away_m(x, y))
+
+    def budget_home_wh(self, now: int) -> float:
+        """What has to be left for the way to where RTL goes, with the reserve, as it is believed."""
+        x, y, z = self._aircraft.at(now)
+        model, place = self._model, self._nearest(x, y)
         bearing = bearing_deg(place.x_m - x, place.y_m - y)
-        margin = model.margin_wh(left, way_home(distance, bearing, z, place.alt_m, model.return_alt_m))
-        self.energy_due = now + max(SECOND, self._safe_for(left, distance, z, place.alt_m))
-        return margin
+        way = way_home(place.away_m(x, y), bearing, z, place.alt_m, model.return_alt_m)
+        return model.budget_wh(model.need_wh(way))
 
     def _safe_for(self, left_wh: float, distance_m: float, z_m: float, place_alt_m: float) -> int:
         """For so many ticks at least the margin stays above 0, however it flies from here.

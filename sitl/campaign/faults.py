@@ -45,7 +45,8 @@ class Target(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Strike:
-    """A fault and its time: `after` ticks behind take-off, or behind the `nth` time that `phase` begins.
+    """A fault and its time: `after` ticks behind take-off, or behind the `nth` time that `phase` begins, or (`border`)
+    behind the first time that the aircraft is about to leave the zone of its commander.
 
     `lasts`: ticks; `amount`: how much of it, where that has a meaning.
     """
@@ -57,6 +58,7 @@ class Strike:
     phase: Phase | None = None
     nth: int = 1
     amount: float = 0.0
+    border: bool = False
 
     @property
     def words(self) -> str:

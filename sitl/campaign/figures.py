@@ -7,13 +7,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import combinations, product
 from math import sqrt
 from typing import Final
 
-from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.safety.causes import Cause
 from sitl.campaign.outcome import Outcome
+from sitl.campaign.steering import CELLS
 
 __all__ = ["ENOUGH", "Figures", "figures", "wilson"]
 
@@ -63,11 +61,8 @@ class Figures:
 
 
 def all_cells() -> list[str]:
-    """Every pair of causes in every phase, as an outcome names it."""
-    return [
-        f"{'+'.join(sorted((first.value, second.value)))}@{phase.name.lower()}"
-        for (first, second), phase in product(combinations(Cause, 2), Phase)
-    ]
+    """Every pair of causes that can meet, in every phase of a flight, as an outcome names it."""
+    return [f"{'+'.join(sorted((c.first.value, c.second.value)))}@{c.phase.name.lower()}" for c in CELLS]
 
 
 def figures(outcomes: Iterable[Outcome]) -> Figures:

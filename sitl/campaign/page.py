@@ -9,12 +9,12 @@ from html import escape
 from itertools import combinations
 from pathlib import Path
 
-from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.safety.causes import Cause
 from sitl.campaign.figures import ENOUGH, WHOLE_HANDOVERS, WHOLE_S, Figures, figures, wilson
 from sitl.campaign.judge import UNSAFE
 from sitl.campaign.outcome import Outcome
 from sitl.campaign.pictures import histograms, maps
+from sitl.campaign.steering import CELLS, NEVER_MEET, PHASES
 from sitl.report.page import STYLE
 
 __all__ = ["summary", "write_page"]
@@ -109,10 +109,11 @@ def _ended(found: Figures) -> Iterable[Sequence[object]]:
 
 
 def _cells(found: Figures) -> str:
-    head = ("causes at once", *(phase.name.lower() for phase in Phase))
+    head = ("causes at once", *(phase.name.lower() for phase in PHASES))
     rows = []
-    for first, second in combinations(Cause, 2):
-        pair = "+".join(sorted((first.value, second.value)))
-        rows.append((pair, *(found.cells[f"{pair}@{phase.name.lower()}"] for phase in Phase)))
-    text = f"{len(found.short)} of {len(rows) * len(Phase)} came up in fewer than {ENOUGH} flights."
+    for pair in combinations(Cause, 2):
+        name, never = "+".join(sorted(cause.value for cause in pair)), NEVER_MEET.get(frozenset(pair))
+        counts = [never or found.cells[f"{name}@{phase.name.lower()}"] for phase in PHASES]
+        rows.append((name, *counts))
+    text = f"{len(found.short)} of {len(CELLS)} came up in fewer than {ENOUGH} flights."
     return f"<h2>What was tried</h2><p>{text}</p>{_table(head, rows)}"

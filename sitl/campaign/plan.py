@@ -149,7 +149,8 @@ def draw(seed: int) -> FlightPlan:
     """The flight of this seed, the same wherever it is drawn."""
     chance = Random(0x5EED_0000 + seed)
     cell = Cell.of(seed)
-    stations = _stations(chance, cell.phase is Phase.ON_HANDOVER)
+    gap = Cause.OUT_OF_COVERAGE in (cell.first, cell.second)
+    stations = _stations(chance, slow=cell.phase is Phase.ON_HANDOVER, gap=gap)
     speed = chance.uniform(8.0, 12.0)
     route, way = _way(chance, stations, speed)
     wind = Wind(chance.uniform(0.0, 5.0), chance.uniform(0.0, 360.0))
@@ -182,10 +183,10 @@ def draw(seed: int) -> FlightPlan:
     )
 
 
-def _stations(chance: Random, slow: bool) -> tuple[StationPlan, ...]:
-    """A chain of zones, home in the first. `slow`: operators take their time."""
+def _stations(chance: Random, *, slow: bool, gap: bool) -> tuple[StationPlan, ...]:
+    """A chain of zones, home in the first. `slow`: operators take their time; `gap`: there is one between two zones."""
     count = chance.choice((2, 2, 3, 3, 3, 4, 5))
-    gap_at = chance.randrange(1, count) if chance.random() < 0.12 else 0
+    gap_at = chance.randrange(1, count) if gap or chance.random() < 0.06 else 0
     heading = chance.uniform(0.0, 2.0 * pi)
     zones: list[Circle] = []
     for number in range(count):
@@ -200,8 +201,8 @@ def _stations(chance: Random, slow: bool) -> tuple[StationPlan, ...]:
         zones.append(Circle(before.x_m + apart * cos(heading), before.y_m + apart * sin(heading), radius))
     found = []
     for number, zone in enumerate(zones):
-        asked = chance.random() < (0.7 if slow else 0.1)
-        yes, after = chance.random() < 0.85, chance.randrange(2 * 64, 20 * 64)
+        asked = chance.random() < (0.8 if slow else 0.1)
+        yes, after = chance.random() < 0.85, chance.randrange((10 if slow else 2) * 64, 25 * 64)
         answer = (yes, after) if chance.random() < 0.9 else None
         found.append(
             StationPlan(FIRST + number, f"GCS{'ABCDE'[number]}", zone, chance.choice((1, 2, 4, 10)), asked, answer)

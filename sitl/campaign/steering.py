@@ -9,7 +9,7 @@ phase, milder policies are drawn, so that both can be there; the judge knows the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations, product
 from random import Random
@@ -20,7 +20,11 @@ from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.times import NEVER, SECOND
 
-__all__ = ["CELLS", "Cell", "policies_for", "strikes_for"]
+__all__ = ["CELLS", "NEVER_MEET", "PHASES", "Cell", "policies_for", "strikes_for"]
+
+
+#: a phase that begins and how often it has, or that the aircraft is about to leave its commander's zone
+_When = tuple[Phase | None, int, bool]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,27 +46,49 @@ class Cell:
         return f"{self.first.value} with {self.second.value} in {self.phase.name.lower()}"
 
 
-CELLS: Final = tuple(Cell(*pair, phase) for pair, phase in product(combinations(Cause, 2), Phase))
+#: on the ground no more is looked at than the commander and coverage
+PHASES: Final = (Phase.ON_MISSION, Phase.ON_HANDOVER, Phase.EMERGENCY)
+#: pairs that the rules do not let meet, and why
+NEVER_MEET: Final[Mapping[frozenset[Cause], str]] = {
+    frozenset({Cause.COMMANDER_LOST, Cause.COVERAGE_ENDS}): "without a commander no end of coverage is looked for",
+    frozenset({Cause.OUT_OF_COVERAGE, Cause.NO_STATION}): "outside every zone, and inside one",
+}
+CELLS: Final = tuple(
+    Cell(*pair, phase) for phase, pair in product(PHASES, combinations(Cause, 2)) if frozenset(pair) not in NEVER_MEET
+)
 
 #: how a cause is brought about: fault, whom it strikes, how long it lasts (s)
 _PROVOKES: Final[Mapping[Cause, tuple[tuple[Fault, Target, float, float], ...]]] = {
-    Cause.ENERGY: ((Fault.SAG, Target.NOBODY, 0.4, 0.8),),
+    Cause.ENERGY: ((Fault.SAG, Target.NOBODY, 0.85, 0.99),),
     Cause.COMMANDER_LOST: (
-        (Fault.DEAD, Target.COMMANDER, 8.0, 90.0),
-        (Fault.MUTE, Target.COMMANDER, 8.0, 60.0),
-        (Fault.BURST, Target.COMMANDER, 6.0, 30.0),
+        (Fault.DEAD, Target.COMMANDER, 12.0, 90.0),
+        (Fault.MUTE, Target.COMMANDER, 12.0, 60.0),
+        (Fault.BURST, Target.COMMANDER, 12.0, 30.0),
     ),
     Cause.OUT_OF_COVERAGE: ((Fault.BREACH, Target.NOBODY, 40.0, 90.0),),
-    Cause.NO_STATION: ((Fault.DEAD, Target.NEXT, 30.0, 200.0), (Fault.DEAF, Target.NEXT, 30.0, 200.0)),
-    Cause.COVERAGE_ENDS: ((Fault.DEAD, Target.NEXT, 60.0, 300.0), (Fault.DEAF, Target.NEXT, 60.0, 300.0)),
-    Cause.AUTHENTICATION: ((Fault.ATTACK, Target.COMMANDER, 5.0, 60.0),),
-    Cause.LINKS_WEAK: ((Fault.WEAK, Target.COMMANDER, 15.0, 60.0),),
-    Cause.GUARD_LOST: ((Fault.NO_GUARD, Target.NOBODY, 6.0, 90.0),),
+    Cause.NO_STATION: ((Fault.DEAD, Target.NEXT, 300.0, 500.0), (Fault.DEAF, Target.NEXT, 300.0, 500.0)),
+    Cause.COVERAGE_ENDS: ((Fault.DEAD, Target.NEXT, 300.0, 500.0), (Fault.DEAF, Target.NEXT, 300.0, 500.0)),
+    Cause.AUTHENTICATION: ((Fault.ATTACK, Target.COMMANDER, 15.0, 60.0),),
+    Cause.LINKS_WEAK: ((Fault.WEAK, Target.COMMANDER, 30.0, 90.0),),
+    Cause.GUARD_LOST: ((Fault.NO_GUARD, Target.NOBODY, 15.0, 90.0),),
     Cause.FENCE: ((Fault.BREACH, Target.NOBODY, 20.0, 60.0),),
-    Cause.OFF_ROUTE: ((Fault.DRIFT, Target.NOBODY, 8.0, 25.0),),
-    Cause.POSITION_STALE: ((Fault.NO_FIX, Target.NOBODY, 3.0, 30.0),),
-    Cause.AUTOPILOT_LOST: ((Fault.BLIND, Target.NOBODY, 4.0, 30.0),),
+    Cause.OFF_ROUTE: ((Fault.DRIFT, Target.NOBODY, 15.0, 35.0),),
+    Cause.POSITION_STALE: ((Fault.NO_FIX, Target.NOBODY, 5.0, 20.0),),
+    Cause.AUTOPILOT_LOST: ((Fault.BLIND, Target.NOBODY, 6.0, 20.0),),
 }
+#: how long (s) a fault strikes before its cause is there
+_TAKES_S: Final[Mapping[Cause, float]] = {
+    Cause.ENERGY: 3.0,
+    Cause.COMMANDER_LOST: 6.0,
+    Cause.LINKS_WEAK: 13.0,
+    Cause.GUARD_LOST: 5.5,
+    Cause.OFF_ROUTE: 9.0,
+    Cause.POSITION_STALE: 3.5,
+    Cause.AUTOPILOT_LOST: 3.5,
+    Cause.AUTHENTICATION: 0.5,
+}
+#: causes that are there when the aircraft comes to a border, whenever their fault has struck
+_AT_A_BORDER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.OUT_OF_COVERAGE})
 #: what may come on top, in any flight
 _ANYTHING: Final = (
     (Fault.ROGUE, Target.NOBODY, 5.0, 60.0),
@@ -75,56 +101,43 @@ _ANYTHING: Final = (
 )
 
 
-def _strike(chance: Random, how: tuple[Fault, Target, float, float], after_s: float, phase: Phase | None) -> Strike:
+def _strike(
+    chance: Random, how: tuple[Fault, Target, float, float], after_s: float, when: _When = (None, 1, False)
+) -> Strike:
     fault, target, shortest, longest = how
     lasts = NEVER if fault in (Fault.SAG, Fault.GONE) else int(chance.uniform(shortest, longest) * SECOND)
-    nth = chance.choice((1, 1, 2, 3)) if phase is Phase.ON_HANDOVER else 1
     amount = chance.uniform(shortest, longest) if fault is Fault.SAG else chance.uniform(0.0, 1.0)
-    return Strike(fault, int(after_s * SECOND), lasts, target, phase, nth, amount)
-
-
-def _on_load(chance: Random) -> tuple[float, Phase | None]:
-    return -chance.uniform(0.5, 4.0), None
-
-
-def _on_mission(chance: Random) -> tuple[float, Phase | None]:
-    return chance.uniform(20.0, 480.0), None
-
-
-def _on_handover(chance: Random) -> tuple[float, Phase | None]:
-    return chance.uniform(-2.0, 3.0), Phase.ON_HANDOVER
-
-
-def _in_emergency(chance: Random) -> tuple[float, Phase | None]:
-    return chance.uniform(0.5, 10.0), Phase.EMERGENCY
-
-
-#: when the first one strikes; the second comes soon before or after
-_WHEN: Final[Mapping[Phase, Callable[[Random], tuple[float, Phase | None]]]] = {
-    Phase.ON_LOAD: _on_load,
-    Phase.ON_MISSION: _on_mission,
-    Phase.ON_HANDOVER: _on_handover,
-    Phase.EMERGENCY: _in_emergency,
-}
+    phase, nth, border = when
+    return Strike(fault, int(after_s * SECOND), lasts, target, phase, nth, amount, border)
 
 
 def strikes_for(chance: Random, cell: Cell) -> tuple[Strike, ...]:
-    """The two causes of the cell, in its phase, and now and then one thing more."""
+    """The two causes of the cell, so that they are there at the same moment, and now and then one thing more."""
     if chance.random() < 0.1:  # a flight in which nothing goes wrong
         return ()
-    after, phase = _WHEN[cell.phase](chance)
+    when, at_s = _moment(chance, cell)
     found = []
-    for number, cause in enumerate((cell.first, cell.second)):
-        apart = chance.uniform(-6.0, 8.0) if number else 0.0
-        if phase is not None:
-            apart = max(0.0, after + apart) - after
-        found.append(_strike(chance, chance.choice(_PROVOKES[cause]), after + apart, phase))
-    if phase is Phase.EMERGENCY:  # something has to bring that about
-        lost = chance.choice(((Fault.BURST, Target.ALL, 9.0, 30.0), (Fault.DEAD, Target.COMMANDER, 9.0, 60.0)))
-        found.append(_strike(chance, lost, chance.uniform(30.0, 400.0), None))
-    if chance.random() < 0.25:
-        found.append(_strike(chance, chance.choice(_ANYTHING), chance.uniform(10.0, 500.0), None))
+    for cause in (cell.first, cell.second):
+        how = chance.choice(_PROVOKES[cause])
+        if cause in _AT_A_BORDER and how[0] is not Fault.BREACH:
+            found.append(_strike(chance, how, chance.uniform(5.0, 30.0)))
+        else:
+            found.append(_strike(chance, how, at_s - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0), when))
+    if cell.phase is Phase.EMERGENCY and chance.random() < 0.7:  # something has to bring that about
+        lost = chance.choice(((Fault.BURST, Target.ALL, 12.0, 30.0), (Fault.DEAD, Target.ALL, 12.0, 60.0)))
+        found.append(_strike(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when))
+    if chance.random() < 0.2:
+        found.append(_strike(chance, chance.choice(_ANYTHING), chance.uniform(10.0, 500.0)))
     return tuple(found)
+
+
+def _moment(chance: Random, cell: Cell) -> tuple[_When, float]:
+    """When both causes are to be there: behind take-off, or behind what is seen in flight (s)."""
+    if {cell.first, cell.second} & _AT_A_BORDER:
+        return (None, 1, True), chance.uniform(4.0, 12.0)
+    if cell.phase is Phase.ON_HANDOVER:
+        return (Phase.ON_HANDOVER, chance.choice((1, 1, 2)), False), chance.uniform(3.0, 9.0)
+    return (None, 1, False), chance.uniform(30.0, 420.0)
 
 
 #: what is never but warned of by a vehicle that is to come home by itself
@@ -134,11 +147,13 @@ _GRAVE: Final = frozenset({Cause.COMMANDER_LOST, Cause.OUT_OF_COVERAGE, Cause.EN
 def policies_for(chance: Random, cell: Cell) -> Mapping[Cause, str]:
     """Mostly those of the table."""
     chosen = {}
+    if Cause.COVERAGE_ENDS not in (cell.first, cell.second) and {cell.first, cell.second} & _AT_A_BORDER:
+        chosen[Cause.COVERAGE_ENDS] = "off"  # else it would stop before anything happens at the border
     for cause, row in CAUSES.items():
         aimed = cause in (cell.first, cell.second)
         if aimed and cell.phase in (Phase.ON_MISSION, Phase.ON_HANDOVER) and "warn" in row.policies:
-            if chance.random() < 0.6:
+            if chance.random() < 0.8:
                 chosen[cause] = "warn"
-        elif chance.random() < 0.1:
+        elif cause not in chosen and chance.random() < 0.1:
             chosen[cause] = chance.choice([word for word in row.policies if cause not in _GRAVE or word != "warn"])
     return chosen

@@ -46,6 +46,8 @@ _NOT_STARTED = in_ticks(120.0)
 #: longer than any of these missions with everything that can delay it
 _LONGEST = in_ticks(5400.0)
 _START_TAKES = in_ticks(2.0)
+#: so long before its border (s) an aircraft is about to leave a zone
+_LEAVES_S = 10.0
 #: FS_GCS_TIMEOUT, and when the autopilot lands without a position
 _GCS_TIMEOUT, _EKF = in_ticks(10.0), in_ticks(8.0)
 #: a main loop that stands still is killed after this long, and a new one goes round so much later
@@ -91,7 +93,7 @@ class World:
         self._over_at = _NOT_STARTED
         self._phases: dict[Phase, int] = {}
         self._phase = Phase.ON_LOAD
-        self._struck: list[Strike] = []
+        self._border_strikes = tuple(strike for strike in plan.strikes if strike.border)
         ground_ties = GroundTies(self._from_station, self._between, self._plan_answer)
         self.ground = {s.sysid: Ground(plan, s, log, ground_ties, self.core_s) for s in plan.stations}
         ties = Ties(self._to_station, self._status, self._order, self._begin_start, self.pace.stir, self.pace.settle)
@@ -128,7 +130,7 @@ class World:
         self._at(3 * SECOND, lambda now: self._tell(events.MissionLoaded(DIGEST, self.plan.route), now))
         self._at(self.plan.start_at, self._start)
         for strike in self.plan.strikes:
-            if strike.phase is None:
+            if strike.phase is None and not strike.border:
                 take_off = self.plan.start_at + _START_TAKES
                 self._at(max(1, take_off + strike.after), partial(self._strike, strike))
 
@@ -224,6 +226,20 @@ class World:
             companion.give(events.AutopilotState(aircraft.armed, aircraft.flying), now)
             companion.second(now, always=self.plain)
         self._beaten = True
+        if self._border_strikes and self._leaves(now):
+            strikes, self._border_strikes = self._border_strikes, ()
+            for strike in strikes:
+                self._at(max(now + 1, now + strike.after), partial(self._strike, strike))
+
+    def _leaves(self, now: int) -> bool:
+        """Whether the aircraft is about to leave its commander's zone, on its way."""
+        commander = self._view.commander
+        if commander is None or self.aircraft.mode is not Mode.AUTO:
+            return False
+        x, y, _z = self.aircraft.at(now)
+        vx, vy, _up = self.aircraft.velocity
+        zone = self.plan.zones[commander]
+        return zone.margin_m(x + _LEAVES_S * vx, y + _LEAVES_S * vy) < 0.0
 
     def _stand_still(self, now: int) -> None:
         """Leave out time in which nothing can happen."""
@@ -612,7 +628,7 @@ class World:
 
     def _sag(self, strike: Strike, now: int) -> None:
         assert self.companion is not None
-        self.aircraft.sag(strike.amount, now)
+        self.aircraft.sag(self.companion.budget_home_wh(now) * strike.amount / self.plan.truth.gauge, now)
         self.companion.sagged(now)
         self._battery_of = -1
 
