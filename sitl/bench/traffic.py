@@ -173,7 +173,17 @@ _UPLINK_MESSAGES: dict[str, Callable[[int], Any]] = {
     "PARAM_REQUEST_READ": lambda n: mavlink.MAVLink_param_request_read_message(VEHICLE, AUTOPILOT, b"", n % 30000),
     "MISSION_REQUEST_INT": lambda n: mavlink.MAVLink_mission_request_int_message(VEHICLE, AUTOPILOT, n % 60000, 0),
     "COMMAND_LONG": lambda n: mavlink.MAVLink_command_long_message(
-        VEHICLE, AUTOPILOT, mavlink.MAV_CMD_DO_CHANGE_SPEED, 0, 1, 5 + n % 7, n, 0, 0, 0, 0
+        VEHICLE,
+        AUTOPILOT,
+        mavlink.MAV_CMD_DO_MOUNT_CONTROL,
+        0,
+        n % 90,
+        0,
+        n,
+        0,
+        0,
+        0,
+        mavlink.MAV_MOUNT_MODE_MAVLINK_TARGETING,
     ),
     "HEARTBEAT": lambda n: mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, n, mavlink.MAV_STATE_ACTIVE, 3
