@@ -44,6 +44,7 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "half_siphash: mask dropped: a = (a << 16 | a >> 16) & mask": _MASKED,
     "half_siphash: mask dropped: c = (c << 16 | c >> 16) & mask": _MASKED,
     "last_resort: left out: judge(now)": "enforce has judged before it failed",
+    "lease.alone: edge: elapsed(now, lease.alone_at) < math.min(lease.alone_ms, config.alone_ms)": _MILLISECOND,
     "judge: edge: if not running.grace_over and elapsed(now, since.start) >= config.timeout_ms then": _MILLISECOND,
     "judge: edge: if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then": (
         _MILLISECOND
