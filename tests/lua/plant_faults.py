@@ -67,7 +67,9 @@ LIKELY = {
 #: of processor time: no more than so many times what the tests take without a fault, for a fault that loops for ever
 PATIENCE = 3
 #: asked only when all the others have noticed nothing
-SLOW = re.compile("Budget|Resources|wraps_at_16|station_gets_nowhere|while_authority_is_there")
+SLOW = re.compile(
+    "Budget|Resources|wraps_at_16|station_gets_nowhere|while_authority_is_there|ten_minutes|shorter_of_both_limits"
+)
 #: what is looked at outside of functions
 TABLES = (
     "MS",
