@@ -75,6 +75,10 @@ class Flight:
         """Whether the last position still counts."""
         return now < self._position_at + self._limits.position_stale_s
 
+    def silent_on_position(self) -> bool:
+        """Whether the autopilot has gone on to speak after its last position; else it is not heard at all."""
+        return self._autopilot_at > self._position_at + self._limits.position_stale_s / 2.0
+
     def disarmed(self, now: float) -> bool:
         """Disarmed, and the autopilot has said so just now."""
         return self.autopilot_alive(now) and self.armed is False

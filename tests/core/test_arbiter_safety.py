@@ -257,6 +257,43 @@ class TestPosition:
         bench.run(30.0)
         assert bench.records("position_stale") == []
 
+    def test_an_autopilot_that_was_not_heard_at_all_is_not_landed_when_it_is_back(self) -> None:
+        """Its heartbeat is the first to come through, its position follows. A flight of the campaign was landed there."""
+        bench = Bench(Limits(policies={Cause.POSITION_STALE: "land"})).on_mission()
+        bench.autopilot, facts, bench.facts = False, bench.facts, None
+        bench.run(20.0)
+        bench.autopilot_says(armed=True, flying=True)
+        bench.autopilot = True
+        bench.run(0.4)
+        bench.facts = facts
+        bench.run(10.0)
+        assert bench.flights() == []
+        assert [record.reason for record in bench.records("warning")] == [Reason.AUTOPILOT_LOST]
+
+    @pytest.mark.parametrize("silent_s", [3.2, 4.0, 6.0])
+    def test_nor_after_a_short_silence(self, silent_s: float) -> None:
+        bench = Bench(Limits(policies={Cause.POSITION_STALE: "land"})).on_mission()
+        bench.autopilot, facts, bench.facts = False, bench.facts, None
+        bench.run(silent_s)
+        bench.autopilot_says(armed=True, flying=True)
+        bench.autopilot = True
+        bench.run(0.4)
+        bench.facts = facts
+        bench.run(10.0)
+        assert bench.flights() == []
+
+    def test_an_autopilot_that_is_back_without_a_position_is_landed(self) -> None:
+        bench = Bench(Limits(policies={Cause.POSITION_STALE: "land"})).on_mission()
+        bench.autopilot, bench.facts = False, None
+        bench.run(20.0)
+        back_at = bench.now
+        bench.autopilot_says(armed=True, flying=True)
+        bench.autopilot = True
+        bench.run(10.0)
+        assert [(at, action.action) for at, action in bench.log if isinstance(action, Fly)] == [
+            (back_at + 1.0, FlightAction.LAND)
+        ]
+
     def test_no_transfer_without_a_position(self) -> None:
         # B's zone was entered while B was silent; B comes back when there is no position any more
         bench = Bench().on_mission()

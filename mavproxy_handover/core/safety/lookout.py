@@ -135,7 +135,8 @@ class Lookout:
             found.add(Cause.AUTOPILOT_LOST)
         if self._limits.guard_required and flight.guard(now) in _NO_WATCH:
             found.add(Cause.GUARD_LOST)
-        if not flight.position_known(now):
+        # of an autopilot that is not heard there is nothing to say: its heartbeat may be back before its position is
+        if not flight.position_known(now) and flight.silent_on_position():
             found.add(Cause.POSITION_STALE)
         if self.told.energy:
             found.add(Cause.ENERGY)
@@ -205,6 +206,6 @@ class Lookout:
             times.append(flight.autopilot_lost_at())
         if Cause.GUARD_LOST not in self.seen and self._limits.guard_required:
             times.append(flight.guard_lost_at())
-        if Cause.POSITION_STALE not in self.seen:
+        if Cause.POSITION_STALE not in self.seen and flight.silent_on_position():
             times.append(flight.position_lost_at())
         return min((time for time in times if time > -inf), default=None)

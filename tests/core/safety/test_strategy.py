@@ -203,6 +203,12 @@ def test_to_hold_to_wait_and_to_go_on_end_when_something_milder_will_do() -> Non
     assert strategy.judge({WEAK}, PLACE | {Fact.MAY_HOLD}) == Decision(W, WEAK)
 
 
+def test_who_holds_waits_for_a_station_no_longer_than_for_one_that_is_about_to_take_it() -> None:
+    strategy = Strategy({Cause.NO_STATION: "hold"})
+    assert strategy.judge({Cause.NO_STATION}, PLACE | {Fact.MAY_HOLD}) == Decision(H, Cause.NO_STATION)
+    assert strategy.judge({Cause.NO_STATION}, PLACE | {Fact.MAY_HOLD, Fact.SUCCESSOR}) == Decision(T, Cause.NO_STATION)
+
+
 def test_a_pilot_ends_a_return_and_gives_it_back() -> None:
     strategy = Strategy({})
     strategy.judge({LOST}, PLACE)
