@@ -258,7 +258,7 @@ class TestPosition:
         assert bench.records("position_stale") == []
 
     def test_an_autopilot_that_was_not_heard_at_all_is_not_landed_when_it_is_back(self) -> None:
-        """Its heartbeat is the first to come through, its position follows. A flight of the campaign was landed there."""
+        """Its heartbeat comes through first, its position follows. A flight of the campaign was landed there."""
         bench = Bench(Limits(policies={Cause.POSITION_STALE: "land"})).on_mission()
         bench.autopilot, facts, bench.facts = False, bench.facts, None
         bench.run(20.0)
