@@ -250,6 +250,10 @@ class World:
             return
         bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due, self._gcs_due]
         bounds += [self._ekf_due, self._battery_due, self._over_at, companion.energy_due]
+        if self._border_strikes and view.commander is not None:  # whether it leaves the zone is looked at each second
+            x, y, _z = self.aircraft.at(now)
+            away_s = self.plan.zones[view.commander].margin_m(x, y) / max(1.0, self.aircraft.speed_mps)
+            bounds.append(now + int((away_s - _LEAVES_S - 2.0) * SECOND))
         left_out = self.pace.nothing_until(now, min(bounds), companion.view.commander) - now
         left_out -= left_out % (ROUND * SECOND)
         if left_out <= 0:
