@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -135,7 +136,12 @@ def _client(jobs: int, scheduler: str | None) -> Iterator[Any]:
             yield client
         return
     cluster = dask.LocalCluster(
-        n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1", silence_logs=40
+        n_workers=jobs,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address="127.0.0.1:0",
+        host="127.0.0.1",
+        silence_logs=40,
     )
     with cluster, dask.Client(cluster) as client:
         yield client
