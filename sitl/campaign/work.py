@@ -113,7 +113,12 @@ def _on_workers(client: Any, batches: list[list[int]], plain: bool) -> Iterator[
     first = [task for task in (submit() for _ in range(min(ahead, len(batches)))) if task is not None]
     going = _distributed().as_completed(first)
     for task in going:
-        yield task.result()
+        try:
+            flown = task.result()
+        except Exception as error:  # whatever a worker stumbles over
+            text = f"a worker cannot fly: {error} (scheduler and workers need the same version of this package)"
+            raise CampaignError(text) from error
+        yield flown
         following = submit()
         if following is not None:
             going.add(following)
@@ -141,7 +146,7 @@ def _client(jobs: int, scheduler: str | None) -> Iterator[Any]:
         processes=True,
         dashboard_address="127.0.0.1:0",
         host="127.0.0.1",
-        silence_logs=40,
+        silence_logs=logging.ERROR,
     )
     with cluster, dask.Client(cluster) as client:
         yield client
