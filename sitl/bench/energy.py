@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What energy costs the main loop: a second of it in flight, the ways back, the way of a mission on the ground.
+"""What safety costs the main loop: a decision, a second of energy in flight, the ways back, the way of a mission.
 
 The baseline is one zone check, of two zones with 50 corners, which the companion makes twenty times a second. A second
 of energy is what comes of the autopilot's messages of that second and the fact that is made of them; all of it is taken
-to come in one tick.
+to come in one tick. A decision is the whole of what the rules do when nothing is new, or when a sign comes or goes.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.events import SignsSeen, Tick
 from mavproxy_handover.core.safety.energy import Piece, way_home
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from sitl.bench.loop import BenchError
@@ -26,7 +27,7 @@ from sitl.bench.numbers import Pair, abba, compare, settled
 from sitl.bench.results import Measurement, from_comparison
 from sitl.bench.zones import Row, us_per_call
 
-__all__ = ["Plan", "Pilot", "measure"]
+__all__ = ["Judge", "Pilot", "Plan", "measure"]
 
 #: what decision and energy may cost a tick
 _MOST_US: Final = 100.0
@@ -92,6 +93,27 @@ class Pilot:
             fact.margin_wh(way_home(500.0 + 200.0 * number, 30.0 * number, 30.0, 20.0, 15.0))
 
 
+class Judge:
+    """The rules in flight, with ten stations, to which a sign comes and goes."""
+
+    def __init__(self) -> None:
+        self._row = Row(10, 50)
+        self._now = 0.5
+        self._off = False
+        self._row.check(self._row.places[0])
+
+    def nothing_new(self, _place: float) -> None:
+        """A tick."""
+        self._now += 1e-6
+        self._row.arbiter.handle(Tick(), self._now)
+
+    def news(self, _place: float) -> None:
+        """A sign that was not there, or was."""
+        self._now += 1e-6
+        self._off = not self._off
+        self._row.arbiter.handle(SignsSeen(off_route=self._off), self._now)
+
+
 def _nobody(*_words: Any, **_more: Any) -> None:
     """Told, and gone."""
 
@@ -105,7 +127,10 @@ def measure(plan: Plan, say: Callable[[str], None]) -> Iterator[Measurement]:
         raise BenchError(f"energy knows nothing: {pilot.faults[:1] or pilot.watch.fact.words()}")
     long_way = [Piece(length_m=100.0, bearing_deg=float(item % 360), speed_mps=8.0) for item in range(_ITEMS)]
     model = pilot.watch.fact.model
+    judge = Judge()
     jobs: tuple[tuple[str, Callable[[float], None], float | None], ...] = (
+        ("a decision, nothing new", judge.nothing_new, _MOST_US),
+        ("a decision, news", judge.news, _MOST_US),
         ("a second in flight", pilot.second, _MOST_US),
         (f"margins of {_PLACES} places", pilot.ways_back, _MOST_US),
         (
