@@ -29,7 +29,7 @@ ROOT = Path(sitl.__file__).resolve().parents[1]
 #: flown here; `python -m sitl.fly_all` flies every scenario on both vehicles
 COMMANDERS = {
     "nominal": ["GCSA", "GCSB", "GCSA", "GCSB", "GCSA"],
-    "authority": ["GCSA", "GCSB"],
+    "authority": ["GCSA", "GCSB", "GCSA"],
     "out-of-coverage": ["GCSA"],
     "companion-killed": ["GCSA", "GCSB"],
     "standard-gcs": ["GCSA", "GCSB", "GCSA"],
