@@ -434,3 +434,9 @@ def test_vehicle_id_of_older_firmware() -> None:
     bench.run(600)
     assert bench.vehicle.messages[-1][2][2] == 9
     assert bench.may_arm
+
+
+def test_vehicle_that_does_not_tell_its_id_is_1() -> None:
+    bench = Bench(without=["MAV_SYSID"]).with_lease()
+    bench.run(2000)
+    assert bench.may_arm

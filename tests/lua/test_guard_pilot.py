@@ -226,6 +226,14 @@ class TestAuxFunction:
         bench.run(5000)
         assert bench.vehicle.mode_requests == []
 
+    def test_no_other_command_counts(self, bench: Bench) -> None:
+        """MAV_CMD_SCRIPTING is read as well."""
+        going_home(bench)
+        bench.receive(command_frame(42701), channel=2)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(5000)
+        assert (bench.enforcement, bench.vehicle.mode_requests) == (PILOT, [])
+
     def test_in_a_flood_of_them_every_one_counts(self, bench: Bench) -> None:
         """Only ten a second are looked at; the others are noted all the same."""
         going_home(bench)

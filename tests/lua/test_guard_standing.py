@@ -61,11 +61,18 @@ class TestGcsIdFollowsTheCommander:
         assert bench.vehicle.parameters["SYSID_MYGCS"] == 251.0
         assert "MAV_GCS_SYSID" not in bench.vehicle.parameters
 
+    @pytest.mark.parametrize("high", [1.0, 254.0])
     @pytest.mark.parametrize("low", [250.0, 251.0])
-    def test_range_of_ids_is_closed(self, low: float) -> None:
-        bench = Bench(parameters={"MAV_GCS_SYSID": low, "MAV_GCS_SYSID_HI": 254.0}).with_lease()
+    def test_range_of_ids_is_closed(self, low: float, high: float) -> None:
+        bench = Bench(parameters={"MAV_GCS_SYSID": low, "MAV_GCS_SYSID_HI": high}).with_lease()
         assert bench.vehicle.parameters["MAV_GCS_SYSID"] == 251.0
         assert bench.vehicle.parameters["MAV_GCS_SYSID_HI"] == 0.0
+
+    def test_one_that_is_closed_already_has_not_been_changed(self) -> None:
+        bench = Bench(parameters={"MAV_GCS_SYSID": 251.0, "MAV_GCS_SYSID_HI": 0.0}).with_lease()
+        bench.run(3000)
+        assert not bench.status.flags & TAMPERED
+        assert not any("changed" in text for text in bench.texts)
 
     def test_set_again_when_somebody_changes_it(self, bench: Bench) -> None:
         bench.with_lease()
@@ -304,6 +311,26 @@ class TestFewWords:
             "Rej": 0,
         }
 
+    def test_dataflash_record_before_any_lease_has_no_age(self, bench: Bench) -> None:
+        bench.run(2500)
+        _, record = bench.vehicle.records[-1]
+        assert (record["St"], record["Age"]) == (1, 0)
+
+    def test_dataflash_record_at_once_where_nobody_is_to_be_told(self) -> None:
+        bench = Bench(heard=False)
+        bench.until(lambda: len(bench.vehicle.records) == 3)
+        bench.vehicle.armed = True
+        bench.vehicle.records.clear()
+        bench.run(60)
+        assert [record["Fl"] for _, record in bench.vehicle.records] == [2]
+
+    @pytest.mark.parametrize("absent", ["logger", "logger.write"])
+    def test_firmware_without_a_logger_has_no_fault(self, absent: str) -> None:
+        bench = Bench(absent=[absent]).with_lease()
+        bench.run(3000)
+        assert bench.vehicle.records == []
+        assert not any("fault" in text for text in bench.texts)
+
     def test_dataflash_record_at_once_on_change(self, bench: Bench) -> None:
         bench.fly()
         bench.vehicle.records.clear()
@@ -338,6 +365,23 @@ class TestStatus:
         bench = Bench(parameters={"HNDO_ENABLE": 0.0})
         bench.run(600)
         assert bench.status.state == 0
+
+    def test_at_once_with_a_new_epoch(self, bench: Bench) -> None:
+        bench.with_lease()
+        bench.run(5000)
+        bench.vehicle.messages.clear()
+        bench.receive(bench.companion.lease(epoch=8))
+        bench.run(60)
+        assert bench.status.epoch == 8
+
+    def test_change_that_a_full_link_keeps_back_is_not_logged_again_and_again(self, bench: Bench) -> None:
+        bench.with_lease()
+        bench.run(5000)
+        bench.vehicle.link_open = False
+        bench.vehicle.armed = True
+        bench.vehicle.records.clear()
+        bench.run(3000)
+        assert len(bench.vehicle.records) <= 4
 
     def test_full_link_is_tried_again_in_the_next_cycle(self, bench: Bench) -> None:
         bench.with_lease()
@@ -416,6 +460,16 @@ class TestSurvival:
         bench.run(100)
         assert bench.vehicle.mode == RTL
 
+    def test_stalled_script_acts_soon_though_a_flood_never_ends(self, bench: Bench) -> None:
+        bench.fly()
+        bench.lose_lease()
+        bench.vehicle.now_ms += 5000
+        for _ in range(30):
+            for _ in range(25):
+                bench.hear()
+            bench.run(10)
+        assert bench.vehicle.mode == RTL
+
     def test_stalled_script_without_leases_acts_at_once(self, bench: Bench) -> None:
         bench.fly()
         bench.lose_lease()
@@ -457,6 +511,10 @@ class TestSurvival:
             bench.receive(command_frame(MAV_CMD_SCRIPTING), channel=2)
             bench.run(20)
         assert len([chan for chan, msgid, _ in bench.vehicle.messages if msgid == COMMAND_ACK]) == 10
+        bench.run(1000)
+        bench.receive(command_frame(MAV_CMD_SCRIPTING), channel=2)
+        bench.run(100)
+        assert len([chan for chan, msgid, _ in bench.vehicle.messages if msgid == COMMAND_ACK]) == 11
 
     def test_a_few_in_a_row_are_answered_each(self, bench: Bench) -> None:
         for _ in range(5):
