@@ -106,6 +106,8 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "gcs_id.follow: left out: gcs_id.set, gcs_id.epoch, gcs_id.nonce = lease.commander, lease.epoch, lease.nonce "
     "(number 2)": "noted at the next look",
     "read_frame: one more: return 0 (number 2)": _WORK,
+    "second: edge: if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
+    "second: edge: if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "gcs_id.follow: edge: if high and high > 0 then": "0 is set to 0",
     "gcs_id.follow: always true: if high and high > 0 then": "what is not there cannot be set",
 }

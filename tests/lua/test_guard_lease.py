@@ -438,5 +438,5 @@ def test_vehicle_id_of_older_firmware() -> None:
 
 def test_vehicle_that_does_not_tell_its_id_is_1() -> None:
     bench = Bench(without=["MAV_SYSID"]).with_lease()
-    bench.run(2000)
+    bench.run(5000)
     assert bench.may_arm
