@@ -106,6 +106,9 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "gcs_id.follow: left out: gcs_id.set, gcs_id.epoch, gcs_id.nonce = lease.commander, lease.epoch, lease.nonce "
     "(number 2)": "noted at the next look",
     "read_frame: one more: return 0 (number 2)": _WORK,
+    "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
+    "then": "noted at the next look, where the commander is the same",
+    "update: edge: local stalled = elapsed(now, since.last_run) > MS.STALL": _MILLISECOND,
     "second: edge: if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "second: edge: if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "gcs_id.follow: edge: if high and high > 0 then": "0 is set to 0",

@@ -436,7 +436,17 @@ def test_vehicle_id_of_older_firmware() -> None:
     assert bench.may_arm
 
 
+@pytest.mark.parametrize("name", ["MAV_SYSID", "SYSID_THISMAV"])
+def test_vehicle_id_counts_from_the_start(name: str) -> None:
+    bench = Bench(parameters={name: 9.0}, without=[] if name == "MAV_SYSID" else ["MAV_SYSID"])
+    bench.companion.system = 9
+    bench.receive(bench.companion.lease(target_system=9))
+    bench.run(100)
+    assert bench.may_arm
+
+
 def test_vehicle_that_does_not_tell_its_id_is_1() -> None:
     bench = Bench(without=["MAV_SYSID"]).with_lease()
+    assert bench.may_arm
     bench.run(5000)
     assert bench.may_arm

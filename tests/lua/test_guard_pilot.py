@@ -558,6 +558,15 @@ class TestFullQueue:
         bench.run(300)
         assert bench.vehicle.mode == RTL
 
+    @pytest.mark.parametrize("delay_ms", [300, 500, 700, 900])
+    def test_it_may_act_up_to_a_second_later(self, bench: Bench, delay_ms: int) -> None:
+        going_home(bench)
+        fill(bench, 25)
+        bench.run(delay_ms)
+        bench.pilot_chooses(STABILIZE)
+        bench.run(300)
+        assert bench.vehicle.mode == RTL
+
     def test_the_command_is_found_behind_others(self, bench: Bench) -> None:
         going_home(bench)
         fill(bench, 20)
