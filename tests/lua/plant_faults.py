@@ -66,6 +66,8 @@ LIKELY = {
 }
 #: of processor time: no more than so many times what the tests take without a fault, for a fault that loops for ever
 PATIENCE = 3
+#: faults between two words of progress
+EVERY = 50
 #: asked only when all the others have noticed nothing
 SLOW = re.compile(
     "Budget|Resources|wraps_at_16|station_gets_nowhere|while_authority_is_there|ten_minutes|shorter_of_both_limits"
@@ -256,7 +258,9 @@ def main(arguments: Sequence[str]) -> int:
 
         def work(tests: Tests) -> None:
             sound.append(tests.hold())
-            for name, faulty in mine.items() if sound[0] else ():
+            for number, (name, faulty) in enumerate(mine.items() if sound[0] else ()):
+                if number and number % EVERY == 0:
+                    print(f"  {number} of {len(mine)} faults, {time.monotonic() - begun:.0f} s", flush=True)
                 script.write_text(faulty, encoding="utf-8")
                 if tests.notice(name.partition(":")[0]):
                     continue
