@@ -37,6 +37,7 @@ from mavproxy_handover.core.model import AuthorityView, ZoneFact
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.ahead import Ahead
+from mavproxy_handover.mission.energy import released_at
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
@@ -253,9 +254,9 @@ class Autopilot:
         self._flies_by(None, (), now)
 
     def _flies_by(self, package: MissionPackage | None, stretches: tuple[Stretch, ...], now: float) -> None:
-        self._flown = route = None if package is None else package.route
+        route = None if package is None else package.route
         self._changed_aloft = False
-        self.route.adopt(route)
+        self._flies(route)
         self.desk.ahead = (
             None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
         )
@@ -263,6 +264,11 @@ class Autopilot:
         self._gaps.judge(self._preflight.parameters, now)
         self.places.adopt(package, now)
         self._preflight.planned(None if route is None else plan_facts(route), self._gaps.longest_s)
+
+    def _flies(self, route: Route | None) -> None:
+        self._flown = route
+        self.route.adopt(route)
+        self._energy.released_at = None if route is None else released_at(route)
 
     def _declares(self, stretches: tuple[Stretch, ...]) -> None:
         self._gaps.adopt(stretches)
@@ -272,9 +278,8 @@ class Autopilot:
     def _rerouted(self, rerouted: Rerouted | None, now: float) -> None:
         """The autopilot holds the mission that its commander has sent in flight; None: nobody knows what it holds."""
         self._changed_aloft = True
-        self._flown = None if rerouted is None else rerouted.ahead.route
         self._gaps.adopt(())  # what is declared is a gap of the package
-        self.route.adopt(self._flown)
+        self._flies(None if rerouted is None else rerouted.ahead.route)
         self.desk.ahead = None if rerouted is None else rerouted.ahead
         if rerouted is None:
             return

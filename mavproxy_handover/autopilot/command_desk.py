@@ -26,7 +26,7 @@ from mavproxy_handover.core.safety.commands import LIFTED_S, CommandRules, Kind,
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.mission.ahead import Ahead, leaves_coverage, leaves_fence, straight
-from mavproxy_handover.mission.energy import LANDING, pieces_along, places_of
+from mavproxy_handover.mission.energy import LANDING, pieces_along, places_of, released_at
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.walk import Leg
 from mavproxy_handover.stations.port import StationPort
@@ -168,7 +168,8 @@ class CommandDesk:
         if fact.model is None or fact.left_wh is None:  # on the ground START asks for it; in the air it was granted
             return ""
         places = [place for place in places_of(ahead.route) if place.name != LANDING]
-        return fact.shortfall(fact.model.need_wh(pieces_along(legs, places, fact.model)))
+        way = pieces_along(legs, places, fact.model, released_at(ahead.route))
+        return fact.shortfall(fact.model.need_wh(way))
 
     def _usable(self, now: float) -> frozenset[int]:
         """The commander, and whoever could take the aircraft from it now."""

@@ -22,6 +22,7 @@ from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, P
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
+from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["EnergyWatch", "pack_report"]
 
@@ -72,6 +73,8 @@ class EnergyWatch:
         self._way: Callable[[float], Sequence[Piece]] | None = None
         self._counted: tuple[EnergyModel, float] | None = None
         self._counted_at = -inf
+        #: number of the item that drops the payload in the mission that the autopilot holds
+        self.released_at: int | None = None
         self._shortfall = ""
         self._began_at: float | None = None
         self._told: tuple[object, ...] = ()
@@ -131,6 +134,7 @@ class EnergyWatch:
     def each_second(self, aircraft: Aircraft, grounded: bool, now: float) -> None:
         """Learn, and say what is known now. `grounded`: neither armed nor about to be."""
         try:
+            self._weigh(aircraft)
             self._learn(aircraft, now)
             fact = self._observe(now)
             if grounded:
@@ -144,6 +148,16 @@ class EnergyWatch:
         self.fact = EnergyFact(now, missing=_FAULT)
         if self._settings.start_policy == "refuse":
             self._say(_FAULT, now)
+
+    def _weigh(self, aircraft: Aircraft) -> None:
+        """With the payload from the ground on, and without it once AUTO is past the item that drops it."""
+        learner, released = self._learner, self.released_at
+        if learner is None:
+            return
+        if not aircraft.flying:
+            learner.carry(True)
+        elif released is not None and aircraft.custom_mode == COPTER_AUTO and aircraft.waypoint > released:
+            learner.carry(False)
 
     def _learn(self, aircraft: Aircraft, now: float) -> None:
         position, attitude = aircraft.position, self._attitude

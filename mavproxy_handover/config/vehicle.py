@@ -159,7 +159,10 @@ def _energy(data: Mapping[str, Any], path: Path) -> EnergySettings:
     start = table.get("start", str)
     if start not in (None, *START_POLICIES):
         raise table.error("start", f"{start!r} must be one of " + ", ".join(START_POLICIES))
-    return EnergySettings(**table.numbers(ENERGY_RANGES), start=start)
+    settings = EnergySettings(**table.numbers(ENERGY_RANGES), start=start)
+    if settings.payload_wrong:
+        raise table.error("payload_kg", settings.payload_wrong)
+    return settings
 
 
 def _commands(data: Mapping[str, Any], path: Path) -> dict[Limit, str]:

@@ -4,14 +4,15 @@
 
 A return may begin at every waypoint. It goes to the best of home, the rally points and the place where the route lands,
 by the way that RTL takes, and the best is the one with the largest margin. The route is flown whole: where it does not
-end on the ground, the return from its end to home is a part of it.
+end on the ground, the return from its end to home is a part of it. Behind the item that drops the payload
+(`released_at`) everything is flown without it.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from math import isfinite
 
@@ -24,7 +25,7 @@ from mavproxy_handover.core.safety.energy import (
     way_home,
 )
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m
-from mavproxy_handover.mission.items import LAND, RETURN_TO_LAUNCH
+from mavproxy_handover.mission.items import GRIPPER, LAND, PAYLOAD_PLACE, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Leg, legs_of
 
@@ -39,6 +40,7 @@ __all__ = [
     "pieces_along",
     "pieces_of",
     "places_of",
+    "released_at",
     "way_back",
 ]
 
@@ -50,6 +52,8 @@ _SAME_PLACE_M = 5.0
 
 #: the name of the place where a route lands
 LANDING = "landing"
+#: DO_GRIPPER's second parameter: let go
+_LET_GO = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,12 +127,24 @@ def _lands(route: Route, last: Leg) -> bool:
     return route.items[last.seq - 1].command in (LAND, RETURN_TO_LAUNCH)
 
 
+def released_at(route: Route) -> int | None:
+    """Number of the first item that drops the payload: a gripper that opens, or NAV_PAYLOAD_PLACE; None: none does."""
+    drops = (
+        item.seq
+        for item in route.items
+        if item.command == PAYLOAD_PLACE or (item.command == GRIPPER and item.param2 == _LET_GO)
+    )
+    return next(drops, None)
+
+
 class PreparedWay:
     """The way of a route, to be counted again and again."""
 
     def __init__(self, route: Route, cruise_speed_mps: float | None) -> None:
         legs = legs_of(route, cruise_speed_mps)
-        self._pieces = tuple(_piece(leg) for leg in legs)
+        released = released_at(route)
+        self._drops = released is not None
+        self._pieces = _pieces(legs, released)
         self._end = legs[-1].end if legs and not _lands(route, legs[-1]) else None
         self._home = places_of(route)[0]
 
@@ -136,7 +152,8 @@ class PreparedWay:
         """All of it, with the return to home at that height where it does not end on the ground."""
         if self._end is None:
             return self._pieces
-        return (*self._pieces, *way_back(self._end, self._home, return_alt_m))
+        back = way_back(self._end, self._home, return_alt_m)
+        return (*self._pieces, *_loaded_as(back, unloaded=self._drops))
 
 
 def pieces_of(route: Route, cruise_speed_mps: float | None, return_alt_m: float) -> tuple[Piece, ...]:
@@ -144,14 +161,26 @@ def pieces_of(route: Route, cruise_speed_mps: float | None, return_alt_m: float)
     return PreparedWay(route, cruise_speed_mps).pieces(return_alt_m)
 
 
-def pieces_along(legs: Sequence[Leg], places: Iterable[Place], model: EnergyModel) -> tuple[Piece, ...]:
+def pieces_along(
+    legs: Sequence[Leg], places: Iterable[Place], model: EnergyModel, released: int | None = None
+) -> tuple[Piece, ...]:
     """A way that begins in the air: its legs and, where it does not end on the ground, the return from there to the
-    place that costs least."""
-    pieces = tuple(_piece(leg) for leg in legs)
+    place that costs least. `released`: see `released_at`."""
+    pieces = _pieces(legs, released)
     if not legs or legs[-1].end[2] <= 0.0:
         return pieces
-    backs = [way_back(legs[-1].end, place, model.return_alt_m) for place in places]
-    return (*pieces, *min(backs, key=model.need_wh, default=()))
+    backs = (way_back(legs[-1].end, place, model.return_alt_m) for place in places)
+    ways = (_loaded_as(back, unloaded=pieces[-1].unloaded) for back in backs)
+    return (*pieces, *min(ways, key=model.need_wh, default=()))
+
+
+def _pieces(legs: Iterable[Leg], released: int | None) -> tuple[Piece, ...]:
+    """Of legs whose payload is dropped by that item."""
+    return tuple(replace(_piece(leg), unloaded=released is not None and leg.seq > released) for leg in legs)
+
+
+def _loaded_as(way: Iterable[Piece], *, unloaded: bool) -> tuple[Piece, ...]:
+    return tuple(replace(piece, unloaded=unloaded) for piece in way)
 
 
 def _piece(leg: Leg) -> Piece:
@@ -185,14 +214,17 @@ class _Route:
         self.legs = legs_of(route, cruise_speed_mps)
         self.model = model
         self.places = places_of(route)
-        self.needs = [model.piece_wh(_piece(leg)) for leg in self.legs]
+        pieces = _pieces(self.legs, released_at(route))
+        self.needs = [model.piece_wh(piece) for piece in pieces]
+        #: the aircraft of each leg, with its payload or without
+        self.models = [model.unloaded if piece.unloaded else model for piece in pieces]
         #: used and gone, up and down included, before each leg and after the last
         self.used_wh = list(accumulate(self.needs, initial=0.0))
         self.gone_m = list(accumulate((leg.size_m for leg in self.legs), initial=0.0))
 
-    def best(self, here: tuple[float, float, float], left_wh: float) -> Return:
-        """The best return from here."""
-        model, found = self.model, []
+    def best(self, here: tuple[float, float, float], left_wh: float, model: EnergyModel) -> Return:
+        """The best return from here, as heavy as `model` is."""
+        found = []
         for place in self.places:
             need = model.need_wh(way_back(here, place, model.return_alt_m))
             found.append(Return(place.name, need, left_wh - model.budget_wh(need)))
@@ -204,7 +236,7 @@ class _Route:
         leg, size = self.legs[number], self.legs[number].size_m
         part = min(1.0, (gone_m - self.gone_m[number]) / size) if size > 0.0 else 1.0
         left = self.model.battery_wh - self.used_wh[number] - part * self.needs[number]
-        return self.best(leg.at(part), left).margin_wh
+        return self.best(leg.at(part), left, self.models[number]).margin_wh
 
     def no_return_m(self) -> float | None:
         """Where the last way back ends, in metres along the route as people count them: horizontally."""
@@ -229,14 +261,14 @@ class _Route:
             legs = self.legs[first:number]
             piece = _piece(max(legs, key=lambda leg: leg.size_m))
             level = piece.length_m > 0.0
-            left, end = self.model.battery_wh - self.used_wh[number], legs[-1].end
+            left, end, model = self.model.battery_wh - self.used_wh[number], legs[-1].end, self.models[number - 1]
             yield ItemBudget(
                 seq,
                 sum(leg.length_m for leg in legs),
-                self.model.made_good(piece.bearing_deg, piece.speed_mps) if level else None,
+                model.made_good(piece.bearing_deg, piece.speed_mps) if level else None,
                 sum(self.needs[first:number]),
                 left,
-                self.best(end, left) if end[2] > 0.0 else None,
+                self.best(end, left, model) if end[2] > 0.0 else None,
             )
 
 

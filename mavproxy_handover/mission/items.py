@@ -23,9 +23,11 @@ __all__ = [
     "FRAME_ABOVE_SEA",
     "FRAME_ABOVE_TERRAIN",
     "FRAME_NONE",
+    "GRIPPER",
     "LAND",
     "LOITER_TIME",
     "LOITER_UNLIMITED",
+    "PAYLOAD_PLACE",
     "RETURN_TO_LAUNCH",
     "TAKEOFF",
     "WAYPOINT",
@@ -47,6 +49,8 @@ LOITER_TIME = 19
 RETURN_TO_LAUNCH = 20
 LAND = 21
 TAKEOFF = 22
+PAYLOAD_PLACE = 94
+GRIPPER = 211
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +79,7 @@ COMMANDS: Mapping[int, Command] = {
     31: Command("NAV_LOITER_TO_ALT", True, True, "-i-b"),
     82: Command("NAV_SPLINE_WAYPOINT", True, True, "i---"),
     93: Command("NAV_DELAY", False, True, "fiii"),
-    94: Command("NAV_PAYLOAD_PLACE", True, True, "f---"),
+    PAYLOAD_PLACE: Command("NAV_PAYLOAD_PLACE", True, True, "f---"),
     112: Command("CONDITION_DELAY", False, False, "f---"),
     114: Command("CONDITION_DISTANCE", False, False, "f---"),
     115: Command("CONDITION_YAW", False, False, "ffib"),
@@ -90,7 +94,7 @@ COMMANDS: Mapping[int, Command] = {
     201: Command("DO_SET_ROI", True, False, "i---"),
     205: Command("DO_MOUNT_CONTROL", False, False, "fff-"),
     206: Command("DO_SET_CAM_TRIGG_DIST", False, False, "f---"),
-    211: Command("DO_GRIPPER", False, False, "ii--"),
+    GRIPPER: Command("DO_GRIPPER", False, False, "ii--"),
     2000: Command("IMAGE_START_CAPTURE", False, False, "ifii"),
     2001: Command("IMAGE_STOP_CAPTURE", False, False, "i---"),
     42600: Command("DO_WINCH", False, False, "iiff"),

@@ -388,4 +388,7 @@ def _energy(where: Where, value: object) -> EnergySettings:
             else:
                 numbers[key] = inside.number(table[key], key, low, high)
     start = inside.choice(table["start"], "start", START_POLICIES) if "start" in table else None
-    return EnergySettings(**numbers, start=start)
+    settings = EnergySettings(**numbers, start=start)
+    if settings.payload_wrong:
+        raise inside.error(f"payload_kg: {settings.payload_wrong}")
+    return settings

@@ -27,6 +27,7 @@ from mavproxy_handover.mission.items import (
     FRAME_ABOVE_SEA,
     LAND,
     LOITER_TIME,
+    PAYLOAD_PLACE,
     RETURN_TO_LAUNCH,
     TAKEOFF,
     WAYPOINT,
@@ -57,7 +58,7 @@ MOST_STEPS = 20000
 #: a border between two steps is found to this part of a metre
 BORDER_M = 0.05
 
-_SPLINE_WAYPOINT, _DELAY, _PAYLOAD_PLACE, _CHANGE_SPEED = 82, 93, 94, 178
+_SPLINE_WAYPOINT, _DELAY, _CHANGE_SPEED = 82, 93, 178
 _HOLDING = (WAYPOINT, LOITER_TIME, _SPLINE_WAYPOINT)
 
 
@@ -220,9 +221,9 @@ def _legs(
         if start != end or hold > 0.0:
             yield Leg(item.seq, start, end, _duration_s(start, end, speed_mps), max(0.0, hold), speed_mps)
         lat, lon, alt = end
-        if item.command in (LAND, RETURN_TO_LAUNCH, _PAYLOAD_PLACE):
+        if item.command in (LAND, RETURN_TO_LAUNCH, PAYLOAD_PLACE):
             yield from _down(item.seq, end)
-            if item.command == _PAYLOAD_PLACE:
+            if item.command == PAYLOAD_PLACE:
                 yield Leg(item.seq, (lat, lon, 0.0), end, alt / CLIMB_MPS if alt > 0.0 else 0.0)
             else:
                 alt = 0.0

@@ -197,8 +197,9 @@ def test_the_numbers_of_energy_are_read_and_may_be_left_out(file: Path) -> None:
 
 @pytest.mark.parametrize("key", ENERGY_RANGES)
 def test_a_number_of_energy_may_be_at_either_end_of_its_range(file: Path, key: str) -> None:
+    beside = "mass_kg = 1000\n" if key == "payload_kg" else ""
     for value in ENERGY_RANGES[key]:
-        file.write_text(f"{VEHICLE}[energy]\n{key} = {value}\n")
+        file.write_text(f"{VEHICLE}[energy]\n{beside}{key} = {value}\n")
         assert getattr(load_vehicle(file).energy, key) == value
 
 
@@ -322,6 +323,11 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
         "[policy]",
         '[energy]\nstart = "never"\n[policy]',
         "[energy] start: 'never' must be one of refuse, warn, off",
+    ),
+    "a payload without a mass": (
+        "[policy]",
+        "[energy]\npayload_kg = 1\n[policy]",
+        "[energy] payload_kg: 1 says nothing without mass_kg, the mass at take-off with it",
     ),
     "energy that is no table": ("[vehicle]", "energy = 3\n[vehicle]", "[energy] must be a table"),
     "no links": (

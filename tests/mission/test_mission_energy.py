@@ -15,7 +15,7 @@ from mavproxy_handover.core.safety.energy import Piece, Wind
 from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
 from mavproxy_handover.mission import MissionError, load
 from mavproxy_handover.mission.check import Severity, check, main, report_text
-from mavproxy_handover.mission.energy import budget_of, pieces_of, places_of
+from mavproxy_handover.mission.energy import budget_of, pieces_of, places_of, released_at
 
 NUMBERS = """
 [energy]
@@ -82,8 +82,9 @@ def test_a_wrong_value_is_named_with_what_is_allowed(small, line, text):
 def test_both_ends_of_every_range_are_allowed_and_nothing_beyond(small, key):
     low, high = ENERGY_RANGES[key]
     before = small.toml
+    beside = "mass_kg = 1000\n" if key == "payload_kg" else ""
     for value in (low, high):
-        small.toml = f"{before}[energy]\n{key} = {value}\n"
+        small.toml = f"{before}[energy]\n{beside}{key} = {value}\n"
         assert getattr(load(small.write()).energy, key) == value
     for value in (low - 0.01 if low else -0.01, high + 1):
         small.toml = f"{before}[energy]\n{key} = {value}\n"
@@ -127,6 +128,71 @@ def test_a_route_that_does_not_end_on_the_ground_is_flown_home_from_its_end(smal
         Piece(length_m=pytest.approx(445.28, abs=0.01), bearing_deg=pytest.approx(270.0), hold_s=5.0),
         Piece(descent_m=30.0, landing_m=10.0),
     )
+
+
+def gripper(small, action, after=1):
+    """A gripper that does that behind an item."""
+    small.items[after:after] = [small.item(after + 1, 211, 0, 0, 0)]
+    small.items[after]["params"] = [1, action, 0, 0, 0, 0, 0]
+    for number, item in enumerate(small.items, 1):
+        item["doJumpId"] = number
+
+
+def test_what_is_flown_behind_the_drop_is_flown_without_the_payload(small):
+    gripper(small, 0)
+    package = load(small.write())
+    assert released_at(package.route) == 2
+    pieces = pieces_of(package.route, package.cruise_speed_mps, 15.0)
+    assert [piece.unloaded for piece in pieces] == [False, True, True, True]
+
+
+def test_a_gripper_that_closes_drops_nothing(small):
+    gripper(small, 1)
+    package = load(small.write())
+    assert released_at(package.route) is None
+    assert not any(piece.unloaded for piece in pieces_of(package.route, package.cruise_speed_mps, 15.0))
+
+
+def test_the_return_from_the_end_is_flown_without_the_payload(small):
+    del small.items[2]
+    gripper(small, 0, after=2)
+    package = load(small.write())
+    pieces = pieces_of(package.route, package.cruise_speed_mps, 15.0)
+    assert [piece.unloaded for piece in pieces] == [False, False, True, True, True]
+
+
+def test_the_budget_counts_the_payload(small):
+    numbers(small)
+    whole = budget_of_small(small)
+    gripper(small, 0)
+    small.toml = small.toml.replace("[energy]\n", "[energy]\nmass_kg = 4\npayload_kg = 1\n")
+    lighter = budget_of_small(small)
+    up, along, down = (item.need_wh for item in lighter.items)
+    assert up == whole.items[0].need_wh
+    # hover 360 W becomes 270, and what drag adds at 5 m/s, 10 W, stays: 280 of 370
+    assert along == pytest.approx(whole.items[1].need_wh * 280.0 / 370.0, rel=1e-3)
+    assert down == pytest.approx(whole.items[2].need_wh * 0.75, rel=1e-3)
+    # from the end of the first item it would still come home with it, from the end of the second without
+    assert lighter.items[0].back.need_wh == whole.items[0].back.need_wh
+    assert lighter.items[1].back.need_wh < 0.8 * whole.items[1].back.need_wh
+
+
+def budget_of_small(small):
+    package = load(small.write())
+    return budget_of(package.route, package.cruise_speed_mps, package.energy.model())
+
+
+@pytest.mark.parametrize(
+    ("lines", "text"),
+    [
+        ("payload_kg = 1", "payload_kg: 1 says nothing without mass_kg"),
+        ("mass_kg = 3\npayload_kg = 3", "payload_kg: 3 must be less than mass_kg, 3"),
+    ],
+)
+def test_a_payload_that_cannot_be_is_named(small, lines, text):
+    small.toml += f"[energy]\n{lines}\n"
+    with pytest.raises(MissionError, match=text):
+        load(small.write())
 
 
 def test_places_to_return_to(small):

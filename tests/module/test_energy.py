@@ -8,6 +8,7 @@ Wh and a minute of hover, that is 79.5 Wh.
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -214,6 +215,49 @@ def test_power_and_wind_are_learned_from_what_the_autopilot_says(flying: Bench) 
     assert (fact.model.wind.speed_mps, fact.model.wind.from_deg) == pytest.approx((6.54, 90.0))
     (line,) = [line for line in flying.mpstate.type("handover status") if line.startswith("energy")]
     assert line.endswith(" Wh of 126.0 Wh left, 378 W, wind 6.5 m/s from 90 (autopilot), learned")
+
+
+@pytest.fixture
+def heavy(tmp_path: Path) -> MissionPackage:
+    """The delivery with a quarter of its mass to be dropped by item 9, a gripper that opens behind waypoint 8."""
+    folder = tmp_path / "heavy"
+    shutil.copytree(MISSIONS / "delivery", folder)
+    with_payload = "[energy]\nmass_kg = 4.0\npayload_kg = 1.0\n"
+    text = (folder / "mission.toml").read_text(encoding="utf-8").replace("[energy]", with_payload)
+    (folder / "mission.toml").write_text(text, encoding="utf-8")
+    plan = json.loads((folder / "delivery.plan").read_text(encoding="utf-8"))
+    items = plan["mission"]["items"]
+    items.insert(8, {**items[7], "command": 211, "frame": 2, "params": [1, 0, 0, 0, 0, 0, 0]})
+    for number, item in enumerate(items, 1):
+        item["doJumpId"] = number
+    (folder / "delivery.plan").write_text(json.dumps(plan), encoding="utf-8")
+    return mission_package.load(folder)
+
+
+def test_behind_the_drop_it_flies_without_its_payload(bench: Bench, heavy: MissionPackage) -> None:
+    get_ready(bench, heavy)
+
+    def hover_w() -> float:
+        bench.run(1.5)
+        model = bench.companion.autopilot.energy.model
+        assert model is not None
+        return float(model.hover_w)
+
+    assert hover_w() == 354.0
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    for waypoint in (8, 9):
+        bench.autopilot.waypoint = waypoint
+        assert hover_w() == 354.0, "it is still there"
+    bench.autopilot.mode = 4
+    bench.autopilot.waypoint = 10
+    assert hover_w() == 354.0, "in GUIDED the number of the item says nothing"
+    bench.autopilot.mode = 3
+    assert hover_w() == pytest.approx(354.0 * 0.75, rel=1e-3)
+    bench.autopilot.mode = 6
+    assert hover_w() == pytest.approx(354.0 * 0.75, rel=1e-3), "gone is gone"
+    bench.autopilot.airborne = bench.autopilot.armed = False
+    assert hover_w() == pytest.approx(354.0), "on the ground another one may be on board"
 
 
 def test_wind_of_speed_zero_is_no_estimate(flying: Bench) -> None:

@@ -2,8 +2,8 @@
 
 """An ArduCopter in the wind that flies out and comes back, its energy predicted and counted. For tests.
 
-It takes off to 20 m, flies straight out, and returns by RTL. Everything it says goes through `EnergyWatch`, the object
-that ships, in the autopilot's own time. Needs an ArduCopter SITL program.
+It takes off to 20 m, flies straight out, and returns by RTL; with a payload it lets go of that out there. Everything it
+says goes through `EnergyWatch`, the object that ships, in the autopilot's own time. Needs an ArduCopter SITL program.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ AUTO, GUIDED = 3, 4
 RATES = {33: 5, 30: 4, 147: 4, 168: 2, 245: 2, 42: 2}
 #: what EKF3 needs to tell the wind: the drag of SITL's quad (it prints these at its start)
 DRAG = {"EK3_DRAG_BCOEF_X": 9.5, "EK3_DRAG_BCOEF_Y": 9.5, "EK3_DRAG_MCOEF": 0.082}
+#: a servo gripper, and SITL's, which grabs a kilogram on the ground
+GRIPPER = {"GRIP_ENABLE": 1.0, "GRIP_TYPE": 1.0, "SERVO9_FUNCTION": 28.0, "SIM_GRPS_ENABLE": 1.0, "SIM_GRPS_PIN": 9.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,16 +141,20 @@ def _nobody(*_words: Any, **_more: Any) -> None:
     """Told, and gone."""
 
 
-def _item(seq: int, command: int, place: tuple[float, float], alt_m: float) -> Any:
+def _item(seq: int, command: int, place: tuple[float, float] = (0.0, 0.0), alt_m: float = 0.0, first: float = 0) -> Any:
     lat, lon = (round(degrees * 1e7) for degrees in place)
-    return dialect.MAVLink_mission_item_int_message(1, 1, seq, 3, command, 0, 1, 0, 0, 0, 0, lat, lon, alt_m, 0)
+    return dialect.MAVLink_mission_item_int_message(1, 1, seq, 3, command, 0, 1, first, 0, 0, 0, lat, lon, alt_m, 0)
 
 
 def fly(folder: Path, settings: EnergySettings, out: tuple[float, float], wind: Wind, speedup: float = 12.0) -> Flown:
-    """Out to a place so many metres east and north of home, in that wind, and back."""
+    """Out to a place so many metres east and north of home, in that wind, and back.
+
+    With a `payload_kg` in the settings SITL's kilogram is carried out and left there.
+    """
     place = offset(HOME[0], HOME[1], *out)
     winds = {"SIM_WIND_SPD": wind.speed_mps, "SIM_WIND_DIR": wind.from_deg, "SIM_WIND_T": 1.0}
-    spec = VehicleSpec(home=HOME, speedup=speedup, parameters={"SCR_ENABLE": 0.0, **DRAG, **winds})
+    gripper = GRIPPER if settings.payload_kg else {}
+    spec = VehicleSpec(home=HOME, speedup=speedup, parameters={"SCR_ENABLE": 0.0, **DRAG, **winds, **gripper})
     vehicle = launch("arducopter", spec, folder)
     flight = None
     try:
@@ -166,13 +172,16 @@ def _fly(flight: _Flight, settings: EnergySettings, place: tuple[float, float], 
     for message, hertz in RATES.items():
         flight.command(511, message, 1e6 / hertz)
     flight.until(lambda: flight.now > 15.0, 60, "room for a mission")
-    home = HOME[:2]
-    rising, out, returning = (
-        _item(1, 22, (0, 0), ALTITUDE_M),
-        _item(2, 16, place, ALTITUDE_M),
-        _item(3, 20, (0, 0), 0.0),
-    )
-    flight.upload([_item(0, 16, home, 0.0), rising, out, returning])
+    items = [_item(0, 16, HOME[:2]), _item(1, 22, alt_m=ALTITUDE_M), _item(2, 16, place, ALTITUDE_M)]
+    if settings.payload_kg:
+        items.append(_item(3, 211, first=1))  # the first gripper lets go
+        flight.watch.released_at = 3
+    flight.upload([*items, _item(len(items), 20)])
+    if settings.payload_kg:
+        assert flight.command(211, 1, 1)
+        flight.until(lambda: any("grabbed" in text for text in flight.texts), 30, "the payload in the gripper")
+        end = flight.now + 5.0
+        flight.until(lambda: flight.now >= end, 10, "the jaws to close")
     _arm(flight)
     began_wh = flight.used_wh
     assert flight.command(300)
@@ -184,13 +193,14 @@ def _fly(flight: _Flight, settings: EnergySettings, place: tuple[float, float], 
     assert fact.model is not None
     prior = settings.model(wind)
     assert prior is not None
+    assert not settings.payload_kg or any("released" in text for text in flight.texts), flight.texts
     out_pieces = (Piece(climb_m=ALTITUDE_M), Piece(length_m=length, bearing_deg=bearing))
     back = (bearing + 180.0) % 360.0
     return Flown(
         used_wh=flight.used_wh - began_wh,
-        planned_wh=prior.need_wh((*out_pieces, *_home(prior, length, back))),
+        planned_wh=prior.need_wh(out_pieces) + prior.unloaded.need_wh(_home(prior, length, back)),
         used_back_wh=flight.used_wh - turned_wh,
-        predicted_back_wh=fact.model.need_wh(_home(fact.model, length, back)),
+        predicted_back_wh=fact.model.unloaded.need_wh(_home(fact.model, length, back)),
         fact=fact,
     )
 

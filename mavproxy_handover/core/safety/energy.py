@@ -13,6 +13,10 @@ A way is a list of straight pieces (`Piece`). What one costs is power times time
   be flown at all, its need is infinite. Wind from behind counts as calm: it helps nobody who has to come back.
 * Each piece is flown from rest to rest: speeding up and braking cost speed / `ACCELERATION_MPSS` seconds.
 * Climb, descent and waiting stand against the same wind.
+* A lighter aircraft, once its payload is dropped: hover, climb and descent cost the part of what they did that is left
+  of the mass. By momentum theory it is that part to the power of 1.5, which is less; how much of that motors and
+  propellers keep nobody knows. What drag adds stays, and the airspeed at the lean limit goes with the root of the mass:
+  thrust that is tilted as far has to stand against the same drag.
 
 The rule is the point of no return: margin = left - factor x need - reserve, and as long as the margin of the best place
 is not negative the aircraft may go on. Whatever is not known makes the need larger, or the answer "unknown"; nothing
@@ -26,7 +30,7 @@ LAND_SPEED, LAND_ALT_LOW, RTL_LOIT_TIME.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, hypot, inf, isfinite, radians, sin, sqrt
 from typing import Final
 
@@ -73,7 +77,7 @@ class Piece:
 
     `length_m` is horizontal, `climb_m` and `descent_m` are what it gains and loses on it. `landing_m` of the descent is
     flown as slowly as ArduCopter lands. `hold_s` is waited at its end. `speed_mps` is the ground speed that the
-    autopilot was told, None: the cruise speed of the model.
+    autopilot was told, None: the cruise speed of the model. `unloaded`: the payload is dropped before it.
     """
 
     length_m: float = 0.0
@@ -83,6 +87,7 @@ class Piece:
     landing_m: float = 0.0
     hold_s: float = 0.0
     speed_mps: float | None = None
+    unloaded: bool = False
 
     @property
     def vertical_s(self) -> float:
@@ -105,7 +110,7 @@ class EnergyModel:
 
     Powers in W: `cruise_w` at airspeed `cruise_mps` in level flight, the others at rest in calm air. `airspeed_mps` is
     the fastest airspeed that it can hold. `wind` None: it is not known, and `headwind_mps` blows from ahead wherever it
-    flies.
+    flies. `unloaded_part`: what its mass is without the payload, as a part of what it is now; 1 where there is none.
     """
 
     battery_wh: float
@@ -122,6 +127,23 @@ class EnergyModel:
     #: RTL_ALT: the height above home at which a return is flown at the least
     return_alt_m: float
     wind: Wind | None = None
+    unloaded_part: float = 1.0
+
+    @property
+    def unloaded(self) -> EnergyModel:
+        """The same aircraft without its payload."""
+        if self.unloaded_part == 1.0:
+            return self
+        lifting = self.unloaded_part
+        return replace(
+            self,
+            hover_w=self.hover_w * lifting,
+            cruise_w=self.hover_w * lifting + max(0.0, self.cruise_w - self.hover_w),
+            climb_w=self.climb_w * lifting,
+            descent_w=self.descent_w * lifting,
+            airspeed_mps=self.airspeed_mps * sqrt(self.unloaded_part),
+            unloaded_part=1.0,
+        )
 
     def power_w(self, airspeed_mps: float) -> float:
         """Power in level flight at that airspeed; never less than that of hovering."""
@@ -140,7 +162,9 @@ class EnergyModel:
         return MadeGood(speed, self.power_w(hypot(speed + ahead, across)))
 
     def piece_wh(self, piece: Piece) -> float:
-        """What one piece costs; infinite where the wind does not let it be flown."""
+        """What one piece costs this aircraft; infinite where the wind does not let it be flown."""
+        if piece.unloaded and self.unloaded_part < 1.0:
+            return self.unloaded.piece_wh(piece)
         wind_mps = self.headwind_mps if self.wind is None else self.wind.speed_mps
         still_w = self.power_w(min(wind_mps, self.airspeed_mps))
         level_w, level_s = still_w, 0.0

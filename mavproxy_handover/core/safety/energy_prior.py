@@ -47,6 +47,7 @@ ENERGY_RANGES: Final[Mapping[str, tuple[float, float]]] = {
     "cells": (1, 28),
     "mass_kg": (0.1, 1000),
     "rotor_area_m2": (0.005, 500),
+    "payload_kg": (0, 500),
     "hover_w": (10, 200_000),
     "cruise_w": (10, 200_000),
     "climb_factor": (1, 3),
@@ -88,6 +89,8 @@ class EnergySettings:
     #: take-off mass and area of all rotor discs: what hovering takes, where `hover_w` is not given
     mass_kg: float | None = None
     rotor_area_m2: float | None = None
+    #: the part of that mass which the mission drops; all numbers are with it on board
+    payload_kg: float | None = None
     hover_w: float | None = None
     #: power at the airspeed `cruise_mps` in level flight
     cruise_w: float | None = None
@@ -125,6 +128,24 @@ class EnergySettings:
         if self.battery_wh is None:
             return "[energy] has no battery_wh"
         return "" if self._hover_w is not None else "[energy] has neither hover_w nor mass_kg"
+
+    @property
+    def unloaded_part(self) -> float:
+        """What the mass is once the payload is dropped, as a part of that at take-off; 1 where nobody knows."""
+        if not self.payload_kg or not self.mass_kg or self.payload_wrong:
+            return 1.0
+        return 1.0 - self.payload_kg / self.mass_kg
+
+    @property
+    def payload_wrong(self) -> str:
+        """Why its payload cannot be so heavy, in words; "" where it can."""
+        if not self.payload_kg:
+            return ""
+        if self.mass_kg is None:
+            return f"{self.payload_kg:g} says nothing without mass_kg, the mass at take-off with it"
+        if self.payload_kg >= self.mass_kg:
+            return f"{self.payload_kg:g} must be less than mass_kg, {self.mass_kg:g}"
+        return ""
 
     @property
     def start_policy(self) -> str:
@@ -165,4 +186,5 @@ class EnergySettings:
             reserve_wh=reserve_wh if self.reserve_wh is None else self.reserve_wh,
             return_alt_m=_RTL_ALT_M if self.return_alt_m is None else self.return_alt_m,
             wind=wind,
+            unloaded_part=self.unloaded_part,
         )

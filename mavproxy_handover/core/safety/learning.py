@@ -17,7 +17,9 @@ Rules:
    configured; the lean limit, where the airspeed is the fastest that it holds. Nothing of that for `WIND_S`: the speed
    last known, for `REMEMBERED_S`, or what was configured if that is more, from ahead wherever it flies. Of the last
    samples the strongest counts.
-5. The airspeed that it holds is learned at the lean limit, by the autopilot's wind alone: the others rest on it.
+5. What was learned with a payload on board is brought down, by the mass, to what it takes without it, once it is
+   dropped; what was seen last is forgotten then. If it is still there, the next samples say so: the dearer one holds.
+6. The airspeed that it holds is learned at the lean limit, by the autopilot's wind alone: the others rest on it.
 """
 
 from __future__ import annotations
@@ -100,10 +102,10 @@ def thrust_direction(roll_rad: float, pitch_rad: float, yaw_rad: float) -> tuple
 class _Level:
     """A value that is learned beside what was configured; `sign` 1: more of it costs more, -1: less of it does."""
 
-    __slots__ = ("_configured", "_count", "_least", "_most", "_recent", "_sign", "_slow")
+    __slots__ = ("_count", "_least", "_most", "_recent", "_sign", "_slow")
 
     def __init__(self, configured: float, least: float, most: float, sign: int) -> None:
-        self._configured = self._slow = configured
+        self._slow = configured
         self._least, self._most = least, most
         self._sign = sign
         self._count = 0
@@ -129,6 +131,12 @@ class _Level:
             return bounded
         recent = median(self._recent)
         return max(bounded, recent) if self._sign > 0 else min(bounded, recent)
+
+    def scale(self, part: float) -> None:
+        """All of it is that part of what it was, and what was seen last says nothing any more."""
+        self._slow *= part
+        self._least, self._most = self._least * part, self._most * part
+        self._recent.clear()
 
 
 def _power_level(configured_w: float) -> _Level:
@@ -176,13 +184,16 @@ class Learner:
         if prior is None:
             raise ValueError(settings.missing)
         self._prior: EnergyModel = prior
+        self._configured = prior
         self._lean_limit_deg = settings.lean_limit_deg
-        self._drag = (settings.drag_per_s or 0.0, settings.drag_per_m or 0.0)
+        self._drag = self._drag_loaded = (settings.drag_per_s or 0.0, settings.drag_per_m or 0.0)
         self._hover, self._cruise = _power_level(prior.hover_w), _power_level(prior.cruise_w)
         self._climb, self._descent = _power_level(prior.climb_w), _power_level(prior.descent_w)
         most = _MOST_AIRSPEED_PART * prior.airspeed_mps
         self._airspeed = _Level(prior.airspeed_mps, LEAST_PART * prior.airspeed_mps, most, -1)
         self._winds = {word: _Winds() for word in (_AUTOPILOT, _LEAN, _LIMIT)}
+        #: its payload is on board, as far as anybody says
+        self._loaded = True
         #: the last wind that was known: its speed, and when
         self._last_wind = (0.0, -inf)
         self._before: Motion | None = None
@@ -192,6 +203,24 @@ class Learner:
     def learned(self) -> bool:
         """Whether the flight has had a say."""
         return any(level.learned for level in (self._hover, self._cruise, self._climb, self._descent))
+
+    def carry(self, loaded: bool) -> None:
+        """Whether the payload is on board. On the ground it counts as loaded again."""
+        if loaded == self._loaded:
+            return
+        self._loaded = loaded
+        heavy, light = self._configured, self._configured.unloaded
+        before, self._prior = self._prior, heavy if loaded else light
+        for level, old, new in (
+            (self._hover, before.hover_w, self._prior.hover_w),
+            (self._cruise, before.cruise_w, self._prior.cruise_w),
+            (self._climb, before.climb_w, self._prior.climb_w),
+            (self._descent, before.descent_w, self._prior.descent_w),
+            (self._airspeed, before.airspeed_mps, self._prior.airspeed_mps),
+        ):
+            level.scale(new / old)
+        lighter = 1.0 if loaded else heavy.unloaded_part
+        self._drag = (self._drag_loaded[0] / lighter, self._drag_loaded[1] / lighter)
 
     def wind_seen(self, speed_mps: float, from_deg: float, now: float) -> None:
         """The autopilot's WIND message. Speed 0 is how it says that it has no estimate."""

@@ -64,6 +64,24 @@ def test_the_fastest_airspeed_is_that_of_cruise_where_nobody_says() -> None:
 
 
 @pytest.mark.parametrize(
+    ("mass", "payload", "part", "wrong"),
+    [
+        (4.0, 1.0, 0.75, ""),
+        (4.0, 0.0, 1.0, ""),
+        (4.0, None, 1.0, ""),
+        (None, 1.0, 1.0, "1 says nothing without mass_kg, the mass at take-off with it"),
+        (4.0, 4.0, 1.0, "4 must be less than mass_kg, 4"),
+        (4.0, 5.0, 1.0, "5 must be less than mass_kg, 4"),
+    ],
+)
+def test_the_payload_is_a_part_of_the_mass(mass: float | None, payload: float | None, part: float, wrong: str) -> None:
+    settings = replace(GIVEN, mass_kg=mass, payload_kg=payload)
+    model = settings.model()
+    assert model is not None
+    assert (model.unloaded_part, settings.payload_wrong) == (part, wrong)
+
+
+@pytest.mark.parametrize(
     ("mass", "area", "watts"),
     [
         # 29.42 N ^ 1.5 = 159.57; sqrt(2 * 1.225 * 0.4) = 0.98995; half of what goes in comes out

@@ -127,6 +127,57 @@ def test_power_with_the_wind_behind_or_unknown_makes_no_cruise_cheaper(
     assert flight.model.cruise_w >= 460.0
 
 
+#: a quarter of its mass is payload
+LOADED = replace(SETTINGS, mass_kg=4.0, payload_kg=1.0, airspeed_mps=10.0)
+
+
+def test_without_its_payload_it_takes_less_from_the_moment_of_the_drop() -> None:
+    flight = Flight(LOADED)
+    flight.fly(HOVER, 100)
+    flight.learner.carry(loaded=False)
+    model = flight.model
+    assert model.hover_w == pytest.approx(360.0 * 0.75, rel=1e-3)
+    # what drag adds stays as it was
+    assert model.cruise_w == pytest.approx(360.0 * 0.75 + 80.0, rel=1e-3)
+    assert model.climb_w == pytest.approx(432.0 * 0.75, rel=1e-3)
+    assert model.descent_w == pytest.approx(360.0 * 0.75, rel=1e-3)
+    assert model.airspeed_mps == pytest.approx(10.0 * 0.8660, rel=1e-3)
+    assert model.unloaded_part == 1.0
+
+
+def test_what_was_learned_with_the_payload_counts_without_it_too() -> None:
+    flight = Flight(LOADED)
+    flight.fly(replace(HOVER, power_w=400.0), 600)
+    flight.learner.carry(loaded=False)
+    assert flight.model.hover_w == pytest.approx(400.0 * 0.75, rel=0.02)
+
+
+def test_a_payload_that_is_still_there_is_seen() -> None:
+    flight = Flight(LOADED)
+    flight.fly(HOVER, 100)
+    flight.learner.carry(loaded=False)
+    flight.fly(HOVER, 5)
+    assert flight.model.hover_w == 360.0
+
+
+def test_on_the_ground_it_is_loaded_again() -> None:
+    flight = Flight(LOADED)
+    before = flight.model
+    for _ in range(3):
+        flight.learner.carry(loaded=False)
+        flight.learner.carry(loaded=False)
+        flight.learner.carry(loaded=True)
+    assert flight.model.unloaded_part == before.unloaded_part == 0.75
+    assert flight.model.hover_w == pytest.approx(before.hover_w)
+    assert flight.model.airspeed_mps == pytest.approx(before.airspeed_mps)
+
+
+def test_without_a_payload_nothing_is_dropped(flight: Flight) -> None:
+    before = flight.model
+    flight.learner.carry(loaded=False)
+    assert flight.model == before
+
+
 def test_what_is_not_steady_teaches_no_cruise(flight: Flight) -> None:
     for second in range(100):
         flight.fly(replace(NORTHWARDS, north_mps=5.0 + 4.0 * (second % 2), power_w=900.0), 1)
