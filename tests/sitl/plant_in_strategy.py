@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Tests the campaign: python -m tests.sitl.plant_in_strategy [--runs N] [--jobs M] [--seed S] [part of a name] ...
+
+Ten faults, each of a kind that people make, are planted in a copy of the rules, one at a time, and a campaign is flown
+over each copy: it must find every one of them, and nothing without one. Exit code 1 otherwise. They were chosen by what
+the strategy must not do, not by what the campaign looks for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = ["PLANTED", "Planted"]
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("mavproxy_handover", "gcs_module", "sitl", "missions")
+CORE = "mavproxy_handover/core/"
+
+
+@dataclass(frozen=True, slots=True)
+class Planted:
+    """A fault: what it is, in which file of the core, what stands there once, and what stands there with the fault."""
+
+    name: str
+    file: str
+    right: str
+    wrong: str
+
+
+PLANTED = (
+    Planted(
+        "who can reach no place is only warned",
+        "safety/strategy.py",
+        '"return": (_RETURN, _LAND),',
+        '"return": (_RETURN, _WARN),',
+    ),
+    Planted(
+        "of two causes the milder one is obeyed",
+        "safety/strategy.py",
+        "if best is None or action > best.action:",
+        "if best is None or action < best.action:",
+    ),
+    Planted(
+        "a return does not last as long as its cause",
+        "safety/strategy.py",
+        "held.action >= FlightAction.RETURN and held.cause in causes",
+        "held.action > FlightAction.LAND and held.cause in causes",
+    ),
+    Planted(
+        "a pilot who steers is commanded",
+        "safety/strategy.py",
+        "OVERRULE: Final = (Fact.PILOT, Fact.FAILSAFE)",
+        "OVERRULE: Final = (Fact.FAILSAFE,)",
+    ),
+    Planted(
+        "a transfer that is under way is waited for without end",
+        "safety/lookout.py",
+        "hurried = now < authority.hurry_until(self._limits.forced_timeout_s)",
+        "hurried = True",
+    ),
+    Planted(
+        "the energy has no say",
+        "safety/lookout.py",
+        "        if self.told.energy:\n",
+        "        if self.told.energy and authority.lost:\n",
+    ),
+    Planted(
+        "the time in a gap never ends",
+        "safety/gap.py",
+        "return self.since is None or now < self.since + self.gap.limit_s",
+        "return self.since is None or now < self.since + 100.0 * self.gap.limit_s",
+    ),
+    Planted(
+        "a place is chosen without a look at who covers it",
+        "safety/places.py",
+        "    return Standing(place.inside, place.reach, place.way_inside, place.coverage(usable))\n",
+        "    return Standing(place.inside, place.reach, place.way_inside, Coverage.ALL)\n",
+    ),
+    Planted(
+        "a return that is not flown is not noticed",
+        "safety/supervision.py",
+        "        if now < self._since + self._limits.obey_s:\n",
+        "        if now < self._since + 1000.0 * self._limits.obey_s:\n",
+    ),
+    Planted(
+        "out of coverage is no cause while somebody commands",
+        "safety/lookout.py",
+        "        if self._candidates.zones.out_since is not None:\n",
+        "        if self._candidates.zones.out_since is not None and authority.lost:\n",
+    ),
+)
+
+
+def planted_copy(folder: Path, planted: Planted | None) -> Path:
+    """A copy of the product with that fault in it, in `folder`. Raises ValueError where it has no place."""
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__"))
+    if planted is not None:
+        path = folder / CORE / planted.file
+        source = path.read_text(encoding="utf-8")
+        if source.count(planted.right) != 1:
+            raise ValueError(f"{planted.name}: stands {source.count(planted.right)} times in {planted.file}")
+        path.write_text(source.replace(planted.right, planted.wrong), encoding="utf-8")
+    return folder
+
+
+def unsafe_flights(folder: Path, planted: Planted | None, options: Sequence[str]) -> tuple[int, Counter[str], str]:
+    """Fly a campaign over such a copy: flights, how many of them for each kind of what was unsafe, and a seed of each.
+
+    Raises RuntimeError if the campaign itself does not end.
+    """
+    home = planted_copy(folder / "product", planted)
+    command = "import sys; from sitl.campaign.main import main; sys.exit(main(sys.argv[1:]))"
+    out = folder / "campaign"
+    flown = subprocess.run(
+        [sys.executable, "-c", command, *options, "--out", str(out)],
+        cwd=home,
+        env={**os.environ, "PYTHONPATH": str(home)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if flown.returncode not in (0, 1):
+        raise RuntimeError(flown.stderr[-2000:])
+    lines = [json.loads(line) for line in (out / "flights.jsonl").read_text(encoding="utf-8").splitlines()]
+    rows: Counter[str] = Counter()
+    first: dict[str, int] = {}
+    for line in lines:
+        for row in {found[0] for found in line["unsafe"]}:
+            rows[row] += 1
+            first.setdefault(row, line["seed"])
+    return len(lines), rows, ", ".join(f"{row}: {count}, as in {first[row]}" for row, count in rows.most_common())
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Plant, fly, tell; 1 if a fault was not found, or something was found without any."""
+    options = argparse.ArgumentParser(prog="plant_in_strategy", description=__doc__)
+    options.add_argument("--runs", type=int, default=2000, help="flights for each fault (2000)")
+    options.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    options.add_argument("--seed", type=int, default=500_000, help="of the first flight (500000)")
+    options.add_argument("parts", nargs="*", metavar="PART", help="only faults with one of these in their name")
+    chosen = options.parse_args(arguments)
+    campaign = [f"--runs={chosen.runs}", f"--jobs={chosen.jobs}", f"--seed={chosen.seed}"]
+    wanted = [fault for fault in PLANTED if not chosen.parts or any(part in fault.name for part in chosen.parts)]
+    wrong = 0
+    for fault in (None, *wanted):
+        begun = time.monotonic()
+        with tempfile.TemporaryDirectory() as folder:
+            flights, rows, words = unsafe_flights(Path(folder), fault, campaign)
+        name = "without a fault" if fault is None else fault.name
+        good = bool(rows) is (fault is not None)
+        wrong += not good
+        print(
+            f"{'' if good else 'WRONG: '}{name}: {words or 'nothing unsafe'} ({flights} flights, "
+            f"{time.monotonic() - begun:.0f} s)",
+            flush=True,
+        )
+    return 1 if wrong or not wanted else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
