@@ -39,6 +39,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import PlaceJudged
 from mavproxy_handover.core.model import LeaseState
 from mavproxy_handover.core.safety.energy import EnergyFact
+from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M
 from mavproxy_handover.core.safety.places import Choice, PlaceChooser, PlaceFact
 from mavproxy_handover.mission.energy import Place, places_of, way_back
 from mavproxy_handover.mission.fence import Fence
@@ -62,8 +63,6 @@ _REBOOT_S: Final = 3.0
 #: what was said of a breach of the fence counts so long
 _BREACH_S: Final = 3.0
 _GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
-#: height of a return (m) where neither the autopilot nor the mission has told: RTL_ALT of ArduCopter
-_RETURN_ALT_M: Final = 15.0
 #: what is read of the autopilot, and what counts of what it tells
 _NAMES: Final = (
     "RTL_ALT", "RTL_ALT_M", "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
@@ -139,7 +138,7 @@ class PlaceWatch:
         if package is None:
             return
         self._package = package
-        self._finder = PlaceFinder(package.zones, Fence(package.route.fence))
+        self._finder = PlaceFinder(package.zones, Fence(package.route.fence), package.relief(self._home))
         self._rally, self._found = package.route.rally, None
         self._keeper.forget()
         self._home_at = self._parameters_at = now
@@ -203,6 +202,7 @@ class PlaceWatch:
     def _home_is(self, lat_deg: float, lon_deg: float) -> None:
         if (lat_deg, lon_deg) not in ((0.0, 0.0), self._home):
             self._home = lat_deg, lon_deg
+            self._finder.relief = None if self._package is None else self._package.relief(self._home)
             self._gather()
 
     def _landed(self) -> None:
@@ -281,6 +281,7 @@ class PlaceWatch:
             inside and view.way_inside,
             view.there,
             view.way,
+            view.way_clear,
         )
 
     def _within(self, limits: FenceLimits, place: Place) -> bool:
@@ -294,7 +295,7 @@ class PlaceWatch:
     def _return_alt_m(self) -> float:
         if "RTL_ALT_M" in self._parameters:
             return self._parameters["RTL_ALT_M"]
-        return self._parameters["RTL_ALT"] / 100.0 if "RTL_ALT" in self._parameters else _RETURN_ALT_M
+        return self._parameters["RTL_ALT"] / 100.0 if "RTL_ALT" in self._parameters else RETURN_ALT_M
 
     def _choose(self, now: float) -> None:
         if not self._facts or (not self._keeper.known and now < self._unread_until):
@@ -391,7 +392,8 @@ class PlaceWatch:
             def own(talk: Conversation, _now: float) -> None:
                 if talk.failure is None and self._package is not None:
                     self._fence_at = math.inf
-                    self._finder = PlaceFinder(self._package.zones, Fence(talk.result))
+                    relief = self._package.relief(self._home)
+                    self._finder = PlaceFinder(self._package.zones, Fence(talk.result), relief)
 
             self._conversations.begin(_OWN_FENCE, self._lists.held_fence(), own, now)
 

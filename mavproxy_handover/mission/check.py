@@ -14,17 +14,20 @@ import sys
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from math import isclose, isfinite
+from itertools import pairwise
+from math import ceil, isclose, isfinite
 from pathlib import Path
 
 from mavproxy_handover.core.safety.energy import Wind
-from mavproxy_handover.mission.energy import Budget, budget_of
+from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M
+from mavproxy_handover.mission.energy import Budget, budget_of, places_of
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
 from mavproxy_handover.mission.gaps import Stretch, undeclared
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
-from mavproxy_handover.mission.walk import Gap, Handover, Walk
+from mavproxy_handover.mission.terrain import CLEAR_M, Relief
+from mavproxy_handover.mission.walk import Gap, Handover, Leg, Walk, legs_of
 from mavproxy_handover.mission.zones import overlap
 
 __all__ = ["CheckReport", "Finding", "Severity", "check", "main", "report_text"]
@@ -33,6 +36,8 @@ __all__ = ["CheckReport", "Finding", "Severity", "check", "main", "report_text"]
 TRANSFER_S = 3.0
 #: a rally point farther than this from every place of the route is no help
 REACH_M = 5000.0
+#: a way that climbs is compared to the ground in pieces of this length (m)
+_GROUND_STEP_M = 25.0
 
 
 class Severity(Enum):
@@ -95,6 +100,7 @@ def check(
         *_lonely_zones(package, crossed),
         *_rally(package, walk, reach_m),
         *_fence(package, walk),
+        *_ground(package, RETURN_ALT_M if model is None else model.return_alt_m),
         *(() if energy is None else _energy(energy)),
         *_speed(package),
         *(Finding(Severity.WARNING, text) for text in package.route.warnings),
@@ -196,6 +202,40 @@ def _fence(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
             place = f"{_place(sample.lat_deg, sample.lon_deg)}, {_way(sample.distance_along_m)}"
             yield Finding(Severity.ERROR, f"the route leaves the geofence of the plan at {place}")
             return
+
+
+def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
+    """What the heights of the ground say of the way, and of the returns from the end of each leg."""
+    relief = package.relief()
+    if relief is None:
+        return
+    home = package.route.home
+    if relief.terrain.lowest_m((home.lat_deg, home.lon_deg)) is None:
+        yield Finding(Severity.WARNING, "the heights of the ground do not reach to home: the plan's altitude counts")
+    places = places_of(package.route)
+    for leg in legs_of(package.route, package.cruise_speed_mps):
+        if leg.length_m <= 0.0:
+            continue
+        way = _above_ground_m(relief, leg)
+        if way < CLEAR_M:
+            word = f"{way:.0f} m above the ground" if way >= 0.0 else f"{-way:.0f} m below the ground"
+            yield Finding(Severity.WARNING if way >= 0.0 else Severity.ERROR, f"the way to item {leg.seq} is {word}")
+        lat, lon, alt = leg.end
+        backs = [
+            (relief.above_m((lat, lon), (p.lat_deg, p.lon_deg), max(alt, p.alt_m, return_alt_m)), p.name)
+            for p in places
+        ]
+        best, name = max(backs)
+        if best < CLEAR_M:
+            text = f"no return from item {leg.seq} is {CLEAR_M:g} m above the ground: to {name} it is {best:.0f} m"
+            yield Finding(Severity.WARNING, text)
+
+
+def _above_ground_m(relief: Relief, leg: Leg) -> float:
+    """The least height above the ground on the way, which may climb."""
+    count = max(1, ceil(leg.length_m / _GROUND_STEP_M))
+    spots = [leg.at(number / count) for number in range(count + 1)]
+    return min(relief.above_m(a[:2], b[:2], min(a[2], b[2])) for a, b in pairwise(spots))
 
 
 def _energy(budget: Budget) -> Iterator[Finding]:

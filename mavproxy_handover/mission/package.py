@@ -37,6 +37,7 @@ from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stre
 from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import Route, read_route
+from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain
 from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Walk, commanders_along, legs_of
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 
@@ -75,6 +76,7 @@ _KEYS = (
     "detector",
     "route",
     "zones",
+    "terrain",
     "corridor_m",
     "expected_handovers",
     "cruise_speed_mps",
@@ -122,6 +124,8 @@ class MissionPackage:
     gaps: tuple[DeclaredGap, ...]
     #: the [energy] table: what the aircraft draws and holds, before the vehicle's own configuration
     energy: EnergySettings
+    #: heights of the ground, where the mission brings any
+    terrain: Terrain | None
     #: the files of the package by name, line ends as \\n
     files: Mapping[str, bytes] = field(repr=False)
     #: SHA-256 of the canonical form, 32 bytes
@@ -139,6 +143,13 @@ class MissionPackage:
     def zone_finder(self) -> ZoneFinder:
         """A finder over the zones of the package."""
         return ZoneFinder(self.zones)
+
+    def relief(self, home: tuple[float, float] | None = None) -> Relief | None:
+        """The ground, as far as the mission knows it, with heights above `home`, None: above the plan's."""
+        if self.terrain is None:
+            return None
+        at_home = self.terrain.lowest_m(home or (self.route.home.lat_deg, self.route.home.lon_deg))
+        return Relief(self.terrain, self.route.home.alt_m if at_home is None else at_home)
 
     def walk(self) -> Walk:
         """The route walked through the zones: commanders in order, handovers, gaps."""
@@ -268,6 +279,8 @@ def _referenced(mission: Mapping[str, object]) -> list[str]:
     names = [_file_name(where, where.need(mission, "route"), "route")]
     if "zones" in mission:
         names.append(_file_name(where, mission["zones"], "zones"))
+    if "terrain" in mission:
+        names.append(_file_name(where, mission["terrain"], "terrain"))
     return names
 
 
@@ -297,9 +310,14 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         policies=_policies(where, mission.get("policy", {})),
         gaps=read_gaps(where, mission.get("gap", []), {each.name: each.sysid for each in stations}, route),
         energy=_energy(where, mission.get("energy", {})),
+        terrain=_terrain(mission.get("terrain"), texts),
         files=MappingProxyType(files),
         digest=hashlib.sha256(_plain_form(files)).digest(),
     )
+
+
+def _terrain(name: object, texts: Mapping[str, str]) -> Terrain | None:
+    return None if name is None else read_terrain(str(name), texts[str(name)])
 
 
 def _stations(where: Where, value: object, detector: str) -> tuple[StationEntry, ...]:

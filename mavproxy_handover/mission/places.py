@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The places where a return may go, as the map has them: whose zones hold them and the way there, and does the fence?
+"""The places where a return may go, as the map has them: whose zones hold them and the way there, does the fence, and
+is the way above the ground?
 
 RTL flies straight, at one height: up, there, down. The way is cut where it enters or leaves a zone, exactly and not by
 samples, so a hundred zones cost little; `core/safety/places.py` is told which stations cover each part of it. Which of
@@ -24,6 +25,7 @@ from mavproxy_handover.core.safety.energy import EnergyModel, Piece
 from mavproxy_handover.mission.borders import Circle
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.geodesy import east_north_m, wrap_longitude_deg
+from mavproxy_handover.mission.terrain import CLEAR_M, Relief
 from mavproxy_handover.mission.zones import Zone
 
 __all__ = ["FenceLimits", "PlaceFinder", "PlaceView", "flown_s"]
@@ -56,14 +58,16 @@ class PlaceView:
     way_inside: bool
     there: frozenset[int]
     way: frozenset[frozenset[int]]
+    way_clear: bool = True
 
 
 class PlaceFinder:
-    """Answers for one mission: its zones, and the fence in force."""
+    """Answers for one mission: its zones, the fence in force, and the ground, None where nothing is known of it."""
 
-    def __init__(self, zones: Iterable[Zone], fence: Fence) -> None:
+    def __init__(self, zones: Iterable[Zone], fence: Fence, relief: Relief | None = None) -> None:
         self._zones = [_Cover(zone) for zone in zones]
         self._fence = fence
+        self.relief = relief
 
     def in_fence(self, place: _Spot) -> bool:
         """Whether the fence holds a place."""
@@ -83,7 +87,8 @@ class PlaceFinder:
                 there.add(zone.station)
         inside = self._fence.holds(place)
         way_inside = inside and self._fence.holds_way(here, place)
-        return PlaceView(inside, way_inside, frozenset(there), _sets(spans, sliver))
+        clear = self.relief is None or self.relief.above_m(here, place, height_m) >= CLEAR_M
+        return PlaceView(inside, way_inside, frozenset(there), _sets(spans, sliver), clear)
 
 
 def _sets(spans: Sequence[tuple[int, _Span]], sliver: float) -> frozenset[frozenset[int]]:

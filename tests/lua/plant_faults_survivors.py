@@ -31,13 +31,10 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "authority_missing: edge: return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms": (
         _MILLISECOND
     ),
-    "say: edge: if ago and ago >= 0 and ago < gap_ms then": _MILLISECOND,
     "value_of: edge: if not v or v ~= v or v < low then": _MILLISECOND,
     "value_of: edge: if v > high then": _MILLISECOND,
     "config.read: edge: local enable = value_of(HNDO.ENABLE, 0, 1) >= 0.5": "a switch at one half",
-    "config.read: one more: local enable = value_of(HNDO.ENABLE, 0, 1) >= 0.5 (number 2)": _CLAMP,
     "config.read: edge: config.sysid_sw = value_of(HNDO.SYSID_SW, 0, 1) >= 0.5": "a switch at one half",
-    "config.read: one more: config.sysid_sw = value_of(HNDO.SYSID_SW, 0, 1) >= 0.5 (number 2)": _CLAMP,
     "x25: mask dropped: local t = (byte(text, i) ~ crc) & 0xFF": _MASKED,
     "x25: mask dropped: local t = (extra ~ crc) & 0xFF": _MASKED,
     "x25: mask dropped: return ((crc >> 8) ~ (t << 8) ~ (t << 3) ~ (t >> 4)) & 0xFFFF": "no more than 16 bits are set",
@@ -49,7 +46,6 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "judge: edge: if lease.live and elapsed(now, lease.at) >= math.min(config.timeout_ms, lease.ttl_ms) then": (
         _MILLISECOND
     ),
-    "judge: turned: if state == STATE.LOST and before ~= STATE.LOST then": _BEFORE,
     "arming_objection: edge: if tampering.at and elapsed(now, tampering.at) < MS.TAMPER_HOLD then": _MILLISECOND,
     "judge_pilot: edge: elseif rx.aux_at and elapsed(craft.before, rx.aux_at) < MS.AUX then": _MILLISECOND,
     "judge_pilot: edge: local left_to_us = rx.ours_at and elapsed(craft.before, rx.ours_at) >= MS.AUX": _MILLISECOND,
@@ -65,7 +61,6 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
     "PATIENCE: edge: return elapsed(now, craft.radio_at) < MS.RADIO": _MILLISECOND,
     "PATIENCE: edge: return elapsed(now, loss.since) < MS.FAILSAFE or craft.avoided_at ~= nil or": _MILLISECOND,
-    "look: one more: return craft.unread > 0 and SEEN.UNREAD or pilot and SEEN.LANDS or SEEN.LAND_ORDER": _CALL,
     "DEED.forget: one more: loss.mode, loss.attempts, loss.wait_ms = nil, 0, 0 (number 2)": _MILLISECOND,
     "DEED.disarm: edge: if craft.flown and elapsed(now, craft.flown_at) < MS.LANDED then": _MILLISECOND,
     "send_home: one more: loss.mode, loss.action, loss.attempts = try.mode, try.action, 0": _AGAIN,
@@ -101,13 +96,11 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "read_command: one more: return 1 (number 3)": _WORK,
     "rx.read: one more: rx.run, rx.ended = 0, true": "a queue of 24 frames counts as full",
     "rx.register: one more: for k = 1, #rx.ids do": "the next second does it",
-    "gcs_id.follow: or: local known = gcs_id.set == lease.commander and gcs_id.epoch == lease.epoch and "
-    "gcs_id.nonce == lease.nonce": "what is said when somebody else sets it in the moment of a new epoch",
-    "gcs_id.follow: left out: gcs_id.set, gcs_id.epoch, gcs_id.nonce = lease.commander, lease.epoch, lease.nonce "
-    "(number 2)": "noted at the next look",
     "read_frame: one more: return 0 (number 2)": _WORK,
     "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
     "then": "noted at the next look, where the commander is the same",
+    "housekeeping: and: if gcs_id.epoch ~= lease.epoch or gcs_id.nonce ~= lease.nonce or gcs_id.set ~= lease.commander "
+    "then (number 2)": "what would be set is set, where the commander is the same",
     "update: edge: local stalled = elapsed(now, since.last_run) > MS.STALL": _MILLISECOND,
     "second: edge: if rx.aux_at and elapsed(now, rx.aux_at) >= MS.TAMPER_HOLD then": _MILLISECOND,
     "second: edge: if rx.full_at and elapsed(now, rx.full_at) >= MS.TAMPER_HOLD then": _MILLISECOND,

@@ -85,8 +85,8 @@ PLANTED = (
     Planted(
         "a place is chosen without a look at who covers it",
         "safety/places.py",
-        "    return Standing(place.inside, place.reach, place.way_inside, place.coverage(usable))\n",
-        "    return Standing(place.inside, place.reach, place.way_inside, Coverage.ALL)\n",
+        "place.way_inside and place.way_clear, place.coverage(usable))",
+        "place.way_inside and place.way_clear, Coverage.ALL)",
     ),
     Planted(
         "a return that is not flown is not noticed",

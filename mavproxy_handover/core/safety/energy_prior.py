@@ -16,7 +16,15 @@ from typing import Final
 
 from mavproxy_handover.core.safety.energy import EnergyModel, Wind
 
-__all__ = ["ENERGY_KEYS", "ENERGY_RANGES", "START_POLICIES", "WHOLE_KEYS", "EnergySettings", "hover_power_w"]
+__all__ = [
+    "ENERGY_KEYS",
+    "ENERGY_RANGES",
+    "RETURN_ALT_M",
+    "START_POLICIES",
+    "WHOLE_KEYS",
+    "EnergySettings",
+    "hover_power_w",
+]
 
 #: what a budget that does not close does to START
 START_POLICIES: Final = ("refuse", "warn", "off")
@@ -32,7 +40,7 @@ _CRUISE_TO_HOVER: Final = 1.1
 #: 3DR Solo; descending it drew a tenth less than in hover, which is not counted on
 _CLIMB_TO_HOVER: Final = 1.2
 #: ArduCopter's WPNAV_SPEED (m/s), RTL_ALT (m) and lean limit (ANGLE_MAX, degrees)
-_WPNAV_SPEED_MPS, _RTL_ALT_M, _ANGLE_MAX_DEG = 10.0, 15.0, 30.0
+_WPNAV_SPEED_MPS, RETURN_ALT_M, _ANGLE_MAX_DEG = 10.0, 15.0, 30.0
 #: a gentle breeze (Beaufort 3): what is taken to blow from ahead where nobody knows
 _HEADWIND_MPS: Final = 3.0
 #: PX4's rule for its return: a tenth more than was computed
@@ -184,7 +192,7 @@ class EnergySettings:
             headwind_mps=_HEADWIND_MPS if self.headwind_mps is None else self.headwind_mps,
             reserve_factor=_FACTOR if self.reserve_factor is None else self.reserve_factor,
             reserve_wh=reserve_wh if self.reserve_wh is None else self.reserve_wh,
-            return_alt_m=_RTL_ALT_M if self.return_alt_m is None else self.return_alt_m,
+            return_alt_m=RETURN_ALT_M if self.return_alt_m is None else self.return_alt_m,
             wind=wind,
             unloaded_part=self.unloaded_part,
         )

@@ -10,7 +10,7 @@ count, and `best` is the place that stands highest, the soonest of those that st
 
 1. The place itself is inside the fence: ArduCopter passes over any other in silence, and goes home.
 2. It is reached with the reserve left; or else with what the reserve is there for.
-3. Climb, way and descent are inside the fence.
+3. Climb, way and descent are inside the fence, and above the ground as far as its heights are known.
 4. Coverage: a station that could take the aircraft covers the place, and one or another of them all the way to it; or
    the place at least, for who is out of coverage already has a part of every way that is not covered.
 
@@ -70,8 +70,8 @@ class PlaceFact:
     `time_s` until it is on the ground there, infinite where the wind does not let it be flown. `margin_wh`: what is
     left beyond need and reserve, `spare_wh`: beyond the need alone; both None where that is not known. `needs` and
     `left` are parts of the battery, for people. `inside`: the place is inside the fence; `way_inside`: so are climb,
-    way and descent. `there`: system ids of the stations whose zones hold the place; `way`: the different sets of them
-    that the way to it goes through.
+    way and descent; `way_clear`: the ground is well below the way, or its height is not known. `there`: system ids of
+    the stations whose zones hold the place; `way`: the different sets of them that the way to it goes through.
     """
 
     name: str
@@ -85,6 +85,7 @@ class PlaceFact:
     way_inside: bool = True
     there: frozenset[int] = frozenset()
     way: frozenset[frozenset[int]] = frozenset()
+    way_clear: bool = True
 
     @property
     def reach(self) -> Reach:
@@ -107,7 +108,7 @@ class Standing(NamedTuple):
 
     inside: bool
     reach: Reach
-    way_inside: bool
+    way_free: bool
     coverage: Coverage
 
     @property
@@ -118,7 +119,7 @@ class Standing(NamedTuple):
 
 def standing(place: PlaceFact, usable: Set[int]) -> Standing:
     """How good a place is by the facts of this moment."""
-    return Standing(place.inside, place.reach, place.way_inside, place.coverage(usable))
+    return Standing(place.inside, place.reach, place.way_inside and place.way_clear, place.coverage(usable))
 
 
 def best(places: Iterable[PlaceFact], usable: Set[int]) -> PlaceFact | None:
@@ -156,8 +157,8 @@ class Choice:
             parts.append("OUT OF REACH")
         if not self.standing.inside:
             parts.append("outside the fence")
-        elif not self.standing.way_inside:
-            parts.append("the way leaves the fence")
+        elif not self.standing.way_free:
+            parts.append("the way leaves the fence" if not place.way_inside else "the way is too near to the ground")
         stations = ", ".join(map(name, self.covered_by))
         if self.standing.coverage is Coverage.NO or not stations:
             parts.append("not covered")
@@ -192,7 +193,7 @@ class _Record:
     __slots__ = ("_all", "_full", "_inside", "_some", "_there", "_way")
 
     def __init__(self, now: Standing) -> None:
-        self._inside, self._way = _Steady(now.inside), _Steady(now.way_inside)
+        self._inside, self._way = _Steady(now.inside), _Steady(now.way_free)
         self._full, self._some = _Steady(now.reach is Reach.YES), _Steady(now.reach is not Reach.NO)
         self._cover(now)
 
@@ -210,7 +211,7 @@ class _Record:
         return Standing(
             self._inside.look(now.inside, passed_s),
             Reach.YES if full and some else Reach.RESERVE if some else Reach.NO,
-            self._way.look(now.way_inside, passed_s),
+            self._way.look(now.way_free, passed_s),
             Coverage.ALL if all_the_way and there else Coverage.THERE if there else Coverage.NO,
         )
 

@@ -90,6 +90,8 @@ def test_a_place_outside_the_fence_is_behind_everything_for_the_autopilot_does_n
 def test_a_way_through_the_fence_is_worse_than_no_coverage_and_better_than_no_energy() -> None:
     assert chosen(replace(NEAR, way_inside=False), replace(HOME, there=frozenset())) == "home"
     assert chosen(replace(NEAR, way_inside=False), replace(HOME, margin_wh=-1.0)) == "rally 1"
+    assert chosen(replace(NEAR, way_clear=False), replace(HOME, there=frozenset())) == "home"
+    assert chosen(replace(NEAR, way_clear=False), replace(HOME, margin_wh=-1.0)) == "rally 1"
 
 
 def test_without_places_there_is_no_choice() -> None:
@@ -155,6 +157,10 @@ def words(place: PlaceFact, usable: Iterable[int] = ALL) -> str:
         ),
         (replace(HOME, inside=False), "home: 600 m, needs 20 % of 60 %, outside the fence, covered by GCSA"),
         (replace(HOME, way_inside=False), "home: 600 m, needs 20 % of 60 %, the way leaves the fence, covered by GCSA"),
+        (
+            replace(HOME, way_clear=False),
+            "home: 600 m, needs 20 % of 60 %, the way is too near to the ground, covered by GCSA",
+        ),
     ],
 )
 def test_words(place: PlaceFact, text: str) -> None:
@@ -209,6 +215,7 @@ def test_a_station_that_comes_for_the_first_time_counts_at_once() -> None:
     [
         {"margin_wh": -1.0},
         {"way_inside": False},
+        {"way_clear": False},
         {"inside": False},
         {"way": sets({B}, ())},
         {"there": frozenset()},
