@@ -99,6 +99,7 @@ LIMIT_RANGES: Final[Ranges] = {
     "dwell_s": (0, 600),
     "exit_soon_s": (0, 120),
     "hold_lead_s": (1, 60),
+    "answer_s": (0.3, 10),
     "hold_s": (0, 3600),
     "obey_s": (2, 30),
     "stuck_s": (10, 600),

@@ -54,8 +54,12 @@ class Limits:
     #: the commander's links have been weak this long, a partner's good this long: reason enough to move
     link_weak_s: float = 3.0
     link_steady_s: float = 30.0
-    #: the last coverage that counts ends this soon along the track: the aircraft is to stop. And so long it is held
+    #: the last coverage that counts ends this soon along the track: the aircraft is to stop
     hold_lead_s: float = 5.0
+    #: a transfer that has not moved authority for so long is no reason to fly over that border, and a partner that has
+    #: not answered for so long is none that could take the aircraft
+    answer_s: float = 1.0
+    #: so long it is held there
     hold_s: float = 60.0
     #: a mode that was commanded and does not show for so long is commanded again
     obey_s: float = 6.0

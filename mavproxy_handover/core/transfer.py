@@ -187,9 +187,11 @@ class Transfer:
 
     __slots__ = (
         "_asked_until",
+        "_entered_at",
         "_limits",
         "_operator_timeout_s",
         "_pause_s",
+        "asked_at",
         "asking",
         "attempt",
         "consented",
@@ -243,11 +245,14 @@ class Transfer:
         self.key = key
         self.reason = reason
         self.started_at = now
+        #: when it was first wanted for this reason
+        self.asked_at = now
         self._asked_until = inf
         self._enter(Step.REQUEST, now, speak_now=True)
 
     def _enter(self, step: Step, now: float, *, speak_now: bool) -> None:
         self.step = step
+        self._entered_at = now
         self.attempt = 0
         self._pause_s = self._limits.retry_first_s
         self.retry_at = now if speak_now else now + self._pause_s
@@ -298,7 +303,17 @@ class Transfer:
     def raise_to(self, reason: Reason, now: float) -> None:
         """The same transfer, now for a graver reason. Whoever was asked is asked anew, at once."""
         self.reason = reason
-        self.retry_at = now
+        self.retry_at = self.asked_at = now
+
+    def slow(self, now: float) -> bool:
+        """It has had the time that a transfer takes, and has not moved authority yet."""
+        return now >= self.asked_at + self._limits.answer_s
+
+    def unanswered(self, now: float) -> bool:
+        """The partner has not said for as long what it is asked, and no operator of its is why."""
+        if self.step in (Step.CONSENT, Step.RELEASE) or now < self._entered_at + self._limits.answer_s:
+            return False
+        return self.step is not Step.REQUEST or self.key.to_station not in self.asking
 
     def hurry(self, now: float) -> None:
         """The partner's operator has no more time than a partner has."""

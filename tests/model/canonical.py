@@ -388,9 +388,11 @@ class Packer:
         transfer = _Class(
             Transfer,
             _asked_until=time,
+            _entered_at=_Time(limits.answer_s),
             _limits=the_limits,
             _operator_timeout_s=plain,
             _pause_s=plain,
+            asked_at=_Time(limits.answer_s),
             asking=plain,
             fallen=plain,
             others=plain,

@@ -3,9 +3,14 @@
 """What looks wrong at this moment, and what else a decision rests on: signs and facts from what the rules know.
 
 Coverage counts only where a station could take the aircraft: the commander's own zone, and those of stations that may
-be asked now, here or where the commander's zone ends. Where the last of it ends ahead (`hold_lead_s`), the aircraft is
-to stop inside. It then stands still, which looks as if nothing ended: so that sign stays until authority has moved, or
-the flight is over. If its commander has it fly on in spite of it, that is the commander's word.
+be asked now, here or where the commander's zone ends. A station that dies is silent for seconds before that is known,
+and by then its zone would be flown over. So who is asked already has `answer_s`: a partner that does not answer for so
+long counts no more here, and one that has not taken the aircraft by then, whatever keeps it (an operator thinks, a
+message is on its way), not behind the border. The transfer goes on meanwhile.
+
+Where the last coverage ends ahead (`hold_lead_s`), the aircraft is to stop inside. It then stands still, which looks as
+if nothing ended: so that sign stays until authority has moved, or the flight is over. If its commander has it fly on in
+spite of it, that is the commander's word.
 
 A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
 Weak links are no sign while one is crossed.
@@ -94,6 +99,9 @@ class Lookout:
         found: set[Cause] = set()
         if owner is not None and self._flight.flying:
             others = self._candidates.ready(zones.inside(), owner, Reason.ZONE_ENDS, now)
+            transfer = self._authority.transfer
+            if transfer is not None and transfer.unanswered(now):
+                others = [station for station in others if station != transfer.key.to_station]
             if zones.inside() and not zones.holds(owner) and not others:
                 found.add(Cause.NO_STATION)
             links = self._candidates.links
@@ -109,9 +117,12 @@ class Lookout:
         left_s = zones.ends_s(owner)
         if not zones.holds(owner) or left_s > self._limits.hold_lead_s:
             return False
-        if any(zones.ends_s(station) > left_s for station in others):
+        transfer = self._authority.transfer
+        slow = transfer.key.to_station if transfer is not None and transfer.slow(now) else None
+        if any(zones.ends_s(station) > left_s for station in others if station != slow):
             return False
-        return not self._candidates.ready(zones.beyond(owner), owner, Reason.ZONE_ENDS, now)
+        beyond = zones.beyond(owner) - {slow}
+        return not self._candidates.ready(beyond, owner, Reason.ZONE_ENDS, now)
 
     def signs(self, now: float) -> frozenset[Cause]:
         """What looks wrong now."""

@@ -13,6 +13,7 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, GuardState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
 from tests.core.bench import (
+    KEY,
     A,
     B,
     Bench,
@@ -123,6 +124,83 @@ class TestHold:
         bench.position(ends(5.0, A, B), inside(B, exit_s=90.0))
         assert bench.flights() == [HOLD]
 
+    def test_a_partner_that_does_not_answer_for_a_second_is_no_coverage(self) -> None:
+        """The fault: whoever died seconds before the border was overflown, for a station is silent after five only."""
+        bench = self.asked()
+        bench.run(0.9)
+        assert bench.flights() == []
+        bench.run(0.6)
+        assert bench.flights() == [HOLD]
+        assert bench.arbiter.view.partner == B, "the transfer is not called off for that"
+        self.taken(bench)
+        assert bench.flights() == [HOLD, GO_ON]
+
+    def test_one_that_takes_it_within_that_second_is(self) -> None:
+        bench = self.asked()
+        bench.run(0.9)
+        self.taken(bench)
+        bench.run(5.0)
+        assert bench.flights() == []
+
+    def test_nobody_crosses_while_an_operator_thinks(self) -> None:
+        """The fault: with the question open the aircraft left the zone of the only station that commanded it."""
+        for station, word in ((B, OnHandover(KEY, Consent.WAITING)), (A, OkHandover(KEY, Consent.WAITING))):
+            bench = self.asked()
+            if station == A:
+                bench.say(B, OnHandover(KEY))
+            bench.say(station, word)
+            bench.run(0.9)
+            assert bench.flights() == []
+            bench.run(10.0)
+            assert bench.flights() == [HOLD]
+            assert bench.arbiter.view.partner == B
+            self.taken(bench)
+            assert bench.flights() == [HOLD, GO_ON]
+
+    def test_what_is_asked_anew_for_the_zones_end_has_its_second_from_then_on(self) -> None:
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(inside(A), inside(B, exit_s=90.0))
+        bench.say(A, OkHandover(KEY, Consent.WAITING))
+        bench.run(3.0)
+        bench.position(ends(4.0, A, B), inside(B, exit_s=90.0))
+        assert [record.reason for record in bench.records("transfer_raised")] == [Reason.ZONE_ENDS]
+        assert bench.flights() == []
+        bench.run(1.5)
+        assert bench.flights() == [HOLD]
+
+    def test_others_that_could_take_it_are_coverage_all_the_same(self) -> None:
+        bench = mission(None, B, C)
+        bench.run(2.0)
+        bench.position(ends(4.0, A, B), inside(B, exit_s=40.0), inside(C, exit_s=30.0))
+        bench.run(1.5)
+        assert (bench.flights(), bench.arbiter.view.partner) == ([], B)
+
+    def test_another_limit(self) -> None:
+        bench = self.asked(Limits(answer_s=2.0))
+        bench.run(1.9)
+        assert bench.flights() == []
+        bench.run(0.6)
+        assert bench.flights() == [HOLD]
+
+    @staticmethod
+    def asked(limits: Limits | None = None) -> Bench:
+        """Right before the border, in GCSB's zone since this moment: HANDOVER_REQUEST is out."""
+        bench = mission(limits, B)
+        bench.run(2.0)
+        bench.position(ends(4.0, A, B), inside(B, exit_s=40.0))
+        assert bench.arbiter.view.partner == B
+        assert bench.flights() == []
+        return bench
+
+    @staticmethod
+    def taken(bench: Bench) -> None:
+        """Both stations say what there is left to say."""
+        for station, word in ((B, OnHandover(KEY)), (A, OkHandover(KEY)), (B, DroneConnected(KEY))):
+            bench.say(station, word)
+        bench.say(A, DisconnectHandover(KEY))
+        assert bench.arbiter.view.commander == B
+
     def test_the_loss_of_the_commander_is_graver(self) -> None:
         bench = mission()
         bench.position(ends(4.0), outside(B))
@@ -165,7 +243,28 @@ class TestNoStation:
         bench = mission(None, B)
         bench.run(2.0)
         bench.position(outside(A), inside(B))
-        bench.run(3.0)
+        bench.run(2.9)
+        assert bench.flights() == []
+        assert bench.arbiter.view.partner == B
+
+    def test_one_that_has_not_answered_for_a_second_could_not(self) -> None:
+        """The fault: over the zone of a station that had just died the aircraft flew on for five seconds."""
+        bench = mission(None, B)
+        bench.run(2.0)
+        asked_at = bench.now
+        bench.position(outside(A), inside(B))
+        bench.run(4.0)
+        ((at, home),) = [(at, action) for at, action in bench.log if isinstance(action, Fly)]
+        assert home == Fly(FlightAction.RETURN, Reason.NO_STATION)
+        # a second without an answer, the hold-off of two; the aircraft is looked at every half a second
+        assert asked_at + 3.0 <= at <= asked_at + 3.5
+
+    def test_one_whose_operator_thinks_could(self) -> None:
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(outside(A), inside(B))
+        bench.say(B, OnHandover(KEY, Consent.WAITING))
+        bench.run(10.0)
         assert bench.flights() == []
         assert bench.arbiter.view.partner == B
 
