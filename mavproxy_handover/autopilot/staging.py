@@ -144,10 +144,7 @@ class Staging:
             self._servers[kind].offered = None if ahead is None else ahead.route.upload_items()
 
     def _carry_out(self, kind: int, port: StationPort, turn: Turn, now: float) -> None:
-        for answer in turn.answers:
-            self._ties.voice.as_autopilot(port, answer)
-        if turn.words:
-            self._tell(port, kind, turn.words)
+        self._ties.answer(port, _WORDS[kind], turn)
         if self._servers[kind].sender is None:
             self._ports.pop(kind, None)
         if turn.whole is None:
@@ -156,10 +153,6 @@ class Staging:
             self._judge_fence(port, turn.whole, now)
         else:
             self._read(port, turn.whole, now)
-
-    def _tell(self, port: StationPort, kind: int, words: str) -> None:
-        self._ties.narrator.upload_refused(port.name, _WORDS[kind], words)
-        self._ties.voice.say(port, f"{_WORDS[kind]} not taken: {words}")
 
     def _conclude(self, port: StationPort, kind: int, result: int, words: str, now: float) -> None:
         """The upload is dealt with; `words`: why it is refused, "" if people know that already, or it is not."""

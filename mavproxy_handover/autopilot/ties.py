@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.events import Event
+from mavproxy_handover.gate.mission_server import Turn
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
 
 __all__ = ["Ties"]
@@ -36,3 +38,11 @@ class Ties:
     narrator: Narrator
     voice: Voice
     clocks: Clocks
+
+    def answer(self, port: StationPort, what: str, turn: Turn) -> None:
+        """What a program hears of its upload of `what`, in the autopilot's name, and people of what is not taken."""
+        for answer in turn.answers:
+            self.voice.as_autopilot(port, answer)
+        if turn.words:
+            self.narrator.upload_refused(port.name, what, turn.words)
+            self.voice.say(port, f"{what} not taken: {turn.words}")

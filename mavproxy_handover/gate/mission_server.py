@@ -18,7 +18,9 @@ which whoever holds a server does between `take` and `conclude`. Rules:
 5. The answer to an upload that is over is given again to a copy of its last item or, of a MISSION_CLEAR_ALL, to that
    itself, for `REMEMBERED_S`: the first may have been lost.
 6. Reading is never blocked: it shows what is offered, before, during and after an upload.
-7. Nothing that arrives raises; memory is bounded by `most` items.
+7. A part of a list may go on behind its end by one item, as in ArduPilot. It is laid into the list that was offered
+   when the upload began; if that is another one by the end, the upload has failed.
+8. Nothing that arrives raises; memory is bounded by `most` items.
 
 Time is an argument (monotonic seconds). Sources: mavlink.io, "Mission Protocol"; ArduPilot's MissionItemProtocol.cpp;
 QGroundControl's PlanManager.cc; MAVProxy's mission_item_protocol.py.
@@ -82,8 +84,8 @@ class _Open:
     first: int
     last: int
     got: list[MissionItem] = field(default_factory=list)
-    #: the rest of the list stays as it is offered
-    partial: bool = False
+    #: of a part: the list that it is laid into
+    base: tuple[MissionItem, ...] | None = None
     #: the program sends MISSION_ITEM
     older: bool = False
     #: when an item was asked for last, how often in vain, and when the sender was heard last
@@ -192,10 +194,10 @@ class MissionServer:
         if refused is not None:
             return refused
         first, last = message.start_index, message.end_index
-        if self.offered is None or not 0 <= first <= last < len(self.offered):
+        if self.offered is None or not 0 <= first <= last <= min(len(self.offered), self._most - 1):
             words = f"items {first} to {last} are none of those that are there"
             return self._refuse(sender, self.kind, mavlink.MAV_MISSION_ERROR, words)
-        return self._begin(_Open(sender, self.kind, first, last, partial=True), now)
+        return self._begin(_Open(sender, self.kind, first, last, base=tuple(self.offered)), now)
 
     def _on_clear(self, message: Any, sender: Sender, now: float) -> Turn:
         over = self._remembered(sender, now)
@@ -239,13 +241,15 @@ class MissionServer:
         return Turn((self._ask(opened, now),))
 
     def _whole(self, opened: _Open, now: float) -> Turn:
+        if opened.base is not None and (self.offered is None or tuple(self.offered) != opened.base):
+            self._open = None
+            words = "the list has changed meanwhile"
+            return replace(self._end(opened, mavlink.MAV_MISSION_ERROR, now), words=words)
         opened.whole, opened.asked_at, opened.heard_at = True, now, now
         self._open, self._over = opened, None
         if opened.last < 0:
             return Turn(whole=Upload(opened.sender, opened.kind, ()))
-        items = list(self.offered or ())
-        if not opened.partial or len(items) <= opened.last:
-            items = []
+        items = list(opened.base or ())
         items[opened.first : opened.last + 1] = opened.got
         return Turn(whole=Upload(opened.sender, opened.kind, tuple(items)))
 

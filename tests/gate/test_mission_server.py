@@ -267,7 +267,34 @@ def test_a_part_of_a_list_is_laid_into_what_is_offered() -> None:
     assert [(i.seq, i.lat_deg) for i in whole.items] == [(0, 50.0), (1, 10.0), (2, 52.0)]
 
 
-@pytest.mark.parametrize(("first", "last"), [(-1, 0), (0, 3), (2, 1), (-1, -1), (32767, 32767)])
+def test_a_part_may_go_on_behind_the_end_by_one_as_arducopter_has_it() -> None:
+    desk = server(item(0, 50.0), item(1, 51.0))
+    part = mavlink.MAVLink_mission_write_partial_list_message(*VEHICLE, 1, 2, MISSION)
+    assert words(desk.take(part, QGC, 0.0)) == ["int 1"]
+    desk.take(sent(1, 10.0), QGC, 0.1)
+    whole = desk.take(sent(2, 20.0), QGC, 0.1).whole
+    assert whole is not None
+    assert [(i.seq, i.lat_deg) for i in whole.items] == [(0, 50.0), (1, 10.0), (2, 20.0)]
+    full = MissionServer(MISSION, most=2)
+    full.offered = (item(0), item(1))
+    assert words(full.take(part, QGC, 0.0)) == [f"ack {mavlink.MAV_MISSION_ERROR}"]
+
+
+@pytest.mark.parametrize("now_there", [(item(0, 50.0),), (item(0, 50.0), item(1, 51.0), item(2, 53.0)), (), None])
+def test_a_part_of_a_list_that_has_changed_meanwhile_is_not_taken(now_there: tuple[MissionItem, ...] | None) -> None:
+    """The fault: of a list that had become shorter the part was taken for the whole."""
+    desk = server(item(0, 50.0), item(1, 51.0), item(2, 52.0))
+    part = mavlink.MAVLink_mission_write_partial_list_message(*VEHICLE, 1, 2, MISSION)
+    desk.take(part, QGC, 0.0)
+    desk.take(sent(1, 10.0), QGC, 0.1)
+    desk.offered = now_there
+    turn = desk.take(sent(2, 20.0), QGC, 0.2)
+    assert (turn.whole, words(turn)) == (None, [f"ack {mavlink.MAV_MISSION_ERROR}"])
+    assert turn.words == "the list has changed meanwhile"
+    assert desk.sender is None
+
+
+@pytest.mark.parametrize(("first", "last"), [(-1, 0), (0, 4), (2, 1), (-1, -1), (32767, 32767)])
 def test_a_part_that_is_none_is_refused(first: int, last: int) -> None:
     part = mavlink.MAVLink_mission_write_partial_list_message(*VEHICLE, first, last, MISSION)
     for desk in (server(item(0), item(1), item(2)), server()):
