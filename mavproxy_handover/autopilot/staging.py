@@ -41,6 +41,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.items import COMMANDS, MissionItem
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
+from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.walk import walk_legs
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire import codec
@@ -216,7 +217,7 @@ def _read_route(
     package: MissionPackage, items: tuple[MissionItem, ...], here: tuple[float, float, float], commander: int
 ) -> Rerouted:
     """What an upload says, with the zones of the package. Raises MissionError. Takes as long as the upload makes it."""
-    route: Route = with_items(package.route, items)
+    route: Route = with_return(with_items(package.route, items), package.zones)
     ahead = Ahead(route, package.zone_finder(), package.cruise_speed_mps)
     legs = ahead.way(1, here)
     commanders = walk_legs(legs, package.zone_finder(), commander).commanders if legs else (commander,)

@@ -37,6 +37,7 @@ from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stre
 from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import Route, read_route
+from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain
 from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Walk, commanders_along, legs_of
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
@@ -296,13 +297,14 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or DEFAULT_CRUISE_MPS)
     description = mission.get("description")
     files = {name: text.encode() for name, text in texts.items()}
+    zones = _zones(where, mission, texts, detector=detector, stations=stations, route=route)
     return MissionPackage(
         name=where.text(where.need(mission, "name"), "name", 40),
         description="" if description is None else where.text(description, "description", 400),
         stations=stations,
         detector=detector,
-        zones=_zones(where, mission, texts, detector=detector, stations=stations, route=route),
-        route=route,
+        zones=zones,
+        route=with_return(route, zones),
         expected_handovers=where.whole(where.need(mission, "expected_handovers"), "expected_handovers", 0, 1000),
         cruise_speed_mps=where.number(speed, "cruise_speed_mps", 0.1, 100.0),
         cruise_speed_named="cruise_speed_mps" in mission or route.cruise_speed_mps is not None,

@@ -95,6 +95,8 @@ class Route:
     cruise_speed_mps: float | None = None
     #: what is odd but flyable, one line each
     warnings: tuple[str, ...] = ()
+    #: latitude and longitude where its RTL item ends (`returns.py`); None: not known, or it has none
+    return_to: tuple[float, float] | None = None
 
     def upload_items(self) -> tuple[MissionItem, ...]:
         """All items to write to the autopilot, in order, home as item 0 first."""
@@ -338,7 +340,7 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
     )
     if not any(COMMANDS[item.command].flown for item in checked):
         raise where.error("nothing is flown (allowed: at least one item that is)")
-    return replace(route, items=checked)
+    return replace(route, items=checked, return_to=None)
 
 
 def _finish(

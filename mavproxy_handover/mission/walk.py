@@ -3,8 +3,8 @@
 """Walks a route before flight and tells who will command where.
 
 The walk follows the path that ArduCopter flies (take-off straight up, legs straight, landing straight down, return to
-the nearest of home and rally points) in small steps, notes at each which zones hold it, and moves authority by the
-rule of the core:
+the place that is expected to be chosen, `returns.py`, or to the nearest one where that is not known) in small steps,
+notes at each which zones hold it, and moves authority by the rule of the core:
 
 * while inside the commander's zone, entering another station's zone moves authority to that station;
 * authority also moves when the commander's zone ends and another zone holds the aircraft;
@@ -245,6 +245,8 @@ def _above_home(route: Route, item: MissionItem) -> float:
 
 
 def _return_place(route: Route, lat: float, lon: float) -> tuple[float, float]:
+    if route.return_to is not None:
+        return route.return_to
     places = [(route.home.lat_deg, route.home.lon_deg), *((point.lat_deg, point.lon_deg) for point in route.rally)]
     return min(places, key=lambda place: distance_m(lat, lon, *place))
 

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Where the RTL item of a mission ends: at the place that the autopilot's rally list holds by then.
+
+That is the best one by the rule of `core/safety/places.py`, here as far as it is known before the flight. It is
+assumed that every station of the mission is there and could take the aircraft, that the energy lasts for any of the
+places and no wind blows, that the fence is the plan's, and that the return begins where the item before it ends, at the
+height that is flown there. In flight the companion chooses by what is so, and a mission may end at another one of its
+places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from mavproxy_handover.core.safety.places import PlaceFact, best
+from mavproxy_handover.mission.energy import LANDING, places_of
+from mavproxy_handover.mission.fence import Fence
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.items import RETURN_TO_LAUNCH
+from mavproxy_handover.mission.places import PlaceFinder
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.zones import Zone
+
+__all__ = ["with_return"]
+
+#: of more places than that, which are more than an autopilot holds, the nearest are looked at
+_MOST: Final = 64
+
+
+def with_return(route: Route, zones: Sequence[Zone]) -> Route:
+    """The same route, and where its RTL item ends; one without such an item comes back as it is."""
+    number = next((n for n, item in enumerate(route.items) if item.command == RETURN_TO_LAUNCH), None)
+    if number is None:
+        return route
+    legs = legs_of(replace(route, items=route.items[:number]))
+    lat, lon, alt = legs[-1].end if legs else (route.home.lat_deg, route.home.lon_deg, 0.0)
+    finder = PlaceFinder(zones, Fence(route.fence))
+    # the landing is the place that is looked for
+    far = [(distance_m(lat, lon, p.lat_deg, p.lon_deg), p) for p in places_of(route) if p.name != LANDING]
+    facts, spots = [], {}
+    for away, place in sorted(far, key=lambda entry: entry[0])[:_MOST]:
+        spot = spots[place.name] = (place.lat_deg, place.lon_deg)
+        view = finder.look((lat, lon), spot, max(alt, place.alt_m))
+        facts.append(
+            PlaceFact(
+                place.name,
+                away,
+                away,
+                inside=view.inside,
+                way_inside=view.way_inside,
+                there=view.there,
+                way=view.way,
+            )
+        )
+    found = best(facts, {zone.station for zone in zones})
+    return route if found is None else replace(route, return_to=spots[found.name])
