@@ -91,7 +91,7 @@ class Autopilot:
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         self._missions = MissionWriter(self._loader, copter, talks, ties, self._flies_by, self.places.first_point)
         #: the commander's commands in flight, judged by the situation
-        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, ties)
+        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places.candidates, ties)
         #: and what it uploads then
         self.staging = Staging(self.desk, copter, talks, ties, lambda: self._loader.package, self._rerouted)
         self._heed: dict[str, Callable[[Any, float], None]] = {

@@ -26,7 +26,7 @@ from mavproxy_handover.core.safety.commands import LIFTED_S, CommandRules, Kind,
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.refusals import RefusalLimiter
 from mavproxy_handover.mission.ahead import Ahead, leaves_coverage, leaves_fence, straight
-from mavproxy_handover.mission.energy import LANDING, pieces_along, places_of, released_at
+from mavproxy_handover.mission.energy import Place, pieces_along, released_at
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.walk import Leg
 from mavproxy_handover.stations.port import StationPort
@@ -70,12 +70,21 @@ class _Purse:
 class CommandDesk:
     """Judges for one vehicle. Times are monotonic seconds."""
 
-    def __init__(self, policies: Mapping[Limit, str], aircraft: Aircraft, energy: EnergyWatch, ties: Ties) -> None:
+    def __init__(
+        self,
+        policies: Mapping[Limit, str],
+        aircraft: Aircraft,
+        energy: EnergyWatch,
+        places: Callable[[], Sequence[Place] | None],
+        ties: Ties,
+    ) -> None:
+        """`places`: those that a return could be sent to; None: not known."""
         self.rules = CommandRules(policies)
         #: the plan that the autopilot holds; None: nobody knows which one
         self.ahead: Ahead | None = None
         self._aircraft = aircraft
         self._energy = energy
+        self._places = places
         self._ties = ties
         self._purse = _Purse()
         self._words = RefusalLimiter(1, _WORDS_S)
@@ -164,10 +173,14 @@ class CommandDesk:
         return {limit: look[limit]() for limit in limits}
 
     def _energy_short(self, legs: Sequence[Leg], ahead: Ahead) -> str:
-        fact = self._energy.fact
-        if fact.model is None or fact.left_wh is None:  # on the ground START asks for it; in the air it was granted
+        """What is in reach with the reserve comes before what is covered (`core/safety/places.py`): so a way is too
+        long where not even the place that costs least from its end is in reach, of those inside the fence."""
+        fact, places = self._energy.fact, self._places()
+        # on the ground START asks for it; in the air it was granted
+        if fact.model is None or fact.left_wh is None or places is None:
             return ""
-        places = [place for place in places_of(ahead.route) if place.name != LANDING]
+        if not places and legs[-1].end[2] > 0.0:
+            return "no place of a return is inside the fence"
         way = pieces_along(legs, places, fact.model, released_at(ahead.route))
         return fact.shortfall(fact.model.need_wh(way))
 

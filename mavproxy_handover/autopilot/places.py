@@ -359,6 +359,17 @@ class PlaceWatch:
             return ""
         return f"energy: {left_wh:.1f} Wh left, the way back needs {left_wh - margin_wh:.1f} Wh with the reserve"
 
+    def candidates(self) -> tuple[Place, ...] | None:
+        """Places that a return could be sent to, wherever it begins: those inside the fence; None: not known yet."""
+        if not self._places:
+            return None
+        limits = _fence_limits(self._parameters)
+        return tuple(
+            place
+            for place in self._places
+            if self._finder.in_fence((place.lat_deg, place.lon_deg)) and self._within(limits, place)
+        )
+
     def words(self) -> str:
         """Where a return goes, for people; "" while there is no place."""
         return "" if self.choice is None else self.choice.words(self._ties.arbiter.name)

@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
+from tests.module.test_rally_list import clear, result, send, upload
 from tests.module.vehicle import AUTO, HOME
 
 START, SET_MODE, PAUSE = (
@@ -309,6 +310,31 @@ def test_a_target_beyond_the_point_of_no_return_is_refused(bench: Bench, deliver
     assert "target refused: " in bench.a.texts()
     assert "Wh are needed with the reserve" in bench.a.texts()
     assert "handover override energy" in bench.a.texts()
+
+
+@pytest.mark.parametrize(
+    ("points", "passes"),
+    [
+        (None, True),  # those of the plan: it would come down at rally 2
+        ((), False),
+        (((526790000, 59350000),), True),
+        (((526790000, 59440000),), False),  # nearest of all, and outside the fence: ArduCopter would pass it over
+    ],
+)
+def test_the_way_back_goes_where_a_return_could_be_sent(
+    bench: Bench, delivery: MissionPackage, points: tuple[tuple[int, int], ...] | None, passes: bool
+) -> None:
+    """The fault: it was counted to the nearest place of the plan, whatever had become of the list."""
+    bench.autopilot.battery = 0.65
+    take_off(bench, delivery, 'fence = "off"\ncoverage = "off"')
+    if points == ():
+        assert result(send(bench, bench.a, clear())) == mavlink.MAV_MISSION_ACCEPTED
+    elif points is not None:
+        upload(bench, *points)
+    bench.run(3.0)
+    fly_to(bench, (52.679, 5.944))
+    assert passed(bench) == (1 if passes else 0)
+    assert ("target refused: " in bench.a.texts()) is not passes
 
 
 def test_another_speed_is_judged_by_the_energy_of_the_way_ahead(bench: Bench, delivery: MissionPackage) -> None:
