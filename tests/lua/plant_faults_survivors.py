@@ -7,8 +7,6 @@ from __future__ import annotations
 __all__ = ["KNOWN_SURVIVORS"]
 
 _MILLISECOND = "a millisecond, or a value that is its own bound"
-_CLAMP = "a bound that nobody should come near"
-_BEFORE = "the instant of the call before, 50 ms earlier"
 _BOXED = "a boxed number compares like a plain one"
 _WORK = "work counts for a little more: a frame less is read in the call"
 _ZEROS = "behind the end of a known message the firmware has zeros"
