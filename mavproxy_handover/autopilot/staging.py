@@ -217,7 +217,7 @@ def _read_route(
     package: MissionPackage, items: tuple[MissionItem, ...], here: tuple[float, float, float], commander: int
 ) -> Rerouted:
     """What an upload says, with the zones of the package. Raises MissionError. Takes as long as the upload makes it."""
-    route: Route = with_return(with_items(package.route, items), package.zones)
+    route: Route = with_return(with_items(package.route, items), package.zones, package.terrain)
     ahead = Ahead(route, package.zone_finder(), package.cruise_speed_mps)
     legs = ahead.way(1, here)
     commanders = walk_legs(legs, package.zone_finder(), commander).commanders if legs else (commander,)

@@ -38,7 +38,7 @@ from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import Route, read_route
 from mavproxy_handover.mission.returns import with_return
-from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain
+from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, relief_of
 from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Walk, commanders_along, legs_of
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 
@@ -147,10 +147,7 @@ class MissionPackage:
 
     def relief(self, home: tuple[float, float] | None = None) -> Relief | None:
         """The ground, as far as the mission knows it, with heights above `home`, None: above the plan's."""
-        if self.terrain is None:
-            return None
-        at_home = self.terrain.lowest_m(home or (self.route.home.lat_deg, self.route.home.lon_deg))
-        return Relief(self.terrain, self.route.home.alt_m if at_home is None else at_home)
+        return relief_of(self.terrain, self.route.home, home)
 
     def walk(self) -> Walk:
         """The route walked through the zones: commanders in order, handovers, gaps."""
@@ -295,6 +292,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     route_file = str(mission["route"])
     route = read_route(route_file, texts[route_file])
     speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or DEFAULT_CRUISE_MPS)
+    terrain = _terrain(mission.get("terrain"), texts)
     description = mission.get("description")
     files = {name: text.encode() for name, text in texts.items()}
     zones = _zones(where, mission, texts, detector=detector, stations=stations, route=route)
@@ -304,7 +302,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         stations=stations,
         detector=detector,
         zones=zones,
-        route=with_return(route, zones),
+        route=with_return(route, zones, terrain),
         expected_handovers=where.whole(where.need(mission, "expected_handovers"), "expected_handovers", 0, 1000),
         cruise_speed_mps=where.number(speed, "cruise_speed_mps", 0.1, 100.0),
         cruise_speed_named="cruise_speed_mps" in mission or route.cruise_speed_mps is not None,
@@ -312,7 +310,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
         policies=_policies(where, mission.get("policy", {})),
         gaps=read_gaps(where, mission.get("gap", []), {each.name: each.sysid for each in stations}, route),
         energy=_energy(where, mission.get("energy", {})),
-        terrain=_terrain(mission.get("terrain"), texts),
+        terrain=terrain,
         files=MappingProxyType(files),
         digest=hashlib.sha256(_plain_form(files)).digest(),
     )

@@ -22,6 +22,7 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import RETURN_TO_LAUNCH
 from mavproxy_handover.mission.places import PlaceFinder
 from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.terrain import Terrain, relief_of
 from mavproxy_handover.mission.walk import legs_of
 from mavproxy_handover.mission.zones import Zone
 
@@ -31,14 +32,14 @@ __all__ = ["with_return"]
 _MOST: Final = 64
 
 
-def with_return(route: Route, zones: Sequence[Zone]) -> Route:
+def with_return(route: Route, zones: Sequence[Zone], terrain: Terrain | None) -> Route:
     """The same route, and where its RTL item ends; one without such an item comes back as it is."""
     number = next((n for n, item in enumerate(route.items) if item.command == RETURN_TO_LAUNCH), None)
     if number is None:
         return route
     legs = legs_of(replace(route, items=route.items[:number]))
     lat, lon, alt = legs[-1].end if legs else (route.home.lat_deg, route.home.lon_deg, 0.0)
-    finder = PlaceFinder(zones, Fence(route.fence))
+    finder = PlaceFinder(zones, Fence(route.fence), relief_of(terrain, route.home))
     # the landing is the place that is looked for
     far = [(distance_m(lat, lon, p.lat_deg, p.lon_deg), p) for p in places_of(route) if p.name != LANDING]
     facts, spots = [], {}
@@ -54,6 +55,7 @@ def with_return(route: Route, zones: Sequence[Zone]) -> Route:
                 way_inside=view.way_inside,
                 there=view.there,
                 way=view.way,
+                way_clear=view.way_clear,
             )
         )
     found = best(facts, {zone.station for zone in zones})

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from mavproxy_handover.mission.errors import Where
 from mavproxy_handover.mission.geodesy import beside_deg, wrap_longitude_deg
+from mavproxy_handover.mission.plan import Home
 
-__all__ = ["CLEAR_M", "Relief", "Terrain", "read_terrain"]
+__all__ = ["CLEAR_M", "Relief", "Terrain", "read_terrain", "relief_of"]
 
 #: a way is above the ground where it is so much higher (m)
 CLEAR_M: Final = 10.0
@@ -93,6 +94,14 @@ class Relief:
         where it is not."""
         highest = self.terrain.highest_m(start, end)
         return math.inf if highest is None else height_m - (highest - self.home_m)
+
+
+def relief_of(terrain: Terrain | None, home: Home, here: _Spot | None = None) -> Relief | None:
+    """The ground as seen from `here`, None: from the plan's home, whose altitude counts where the grid has none."""
+    if terrain is None:
+        return None
+    at_home = terrain.lowest_m(here or (home.lat_deg, home.lon_deg))
+    return Relief(terrain, home.alt_m if at_home is None else at_home)
 
 
 _CORNERS: Final = tuple((up, right) for up in (np.floor, np.ceil) for right in (np.floor, np.ceil))

@@ -72,7 +72,7 @@ def test_of_a_mission_that_is_uploaded_in_flight_it_is_found_anew(back: Any) -> 
     package = load(back.write())
     items = package.route.upload_items()
     near_home = (*items[:2], replace(items[2], lon_deg=10.0015), items[3])
-    route = with_return(with_items(package.route, near_home), package.zones)
+    route = with_return(with_items(package.route, near_home), package.zones, package.terrain)
     assert legs_of(route)[-1].end[:2] == HOME
 
 
@@ -80,8 +80,8 @@ def test_of_thousands_of_rally_points_the_nearest_are_looked_at(back: Any) -> No
     """The one that is covered is the 70th by distance: no autopilot holds so many, and no link is to cost minutes."""
     package = load(back.write())
     far = [replace(package.route.rally[0], lon_deg=10.05 + n * 1e-5) for n in range(5000)]
-    route = with_return(replace(package.route, rally=(*far, *package.route.rally)), package.zones)
+    route = with_return(replace(package.route, rally=(*far, *package.route.rally)), package.zones, package.terrain)
     assert route.return_to == RALLY
     crowd = [replace(package.route.rally[0], lat_deg=0.0015, lon_deg=10.005 + n * 1e-7) for n in range(70)]
-    route = with_return(replace(package.route, rally=(*crowd, *package.route.rally)), package.zones)
+    route = with_return(replace(package.route, rally=(*crowd, *package.route.rally)), package.zones, package.terrain)
     assert route.return_to == (0.0015, 10.005), "of places that no zone covers the nearest"
