@@ -26,7 +26,7 @@ _OPERATORS_WORD = (Reason.COMMANDER_DENIED, Reason.PARTNER_REFUSED, Reason.CANCE
 class Candidates:
     """The stations that may be partner. Times are monotonic seconds."""
 
-    __slots__ = ("_failed", "_limits", "_presence", "_retry_after", "links", "mission", "zones")
+    __slots__ = ("_failed", "_limits", "_mute", "_presence", "_retry_after", "links", "mission", "zones")
 
     def __init__(self, presence: dict[int, Presence], limits: Limits) -> None:
         self._presence = presence
@@ -35,6 +35,8 @@ class Candidates:
         self._retry_after: dict[tuple[int, int], float] = {}
         #: stations that let a transfer fail since authority last moved
         self._failed: set[int] = set()
+        #: those of them that have not said anything in a transfer since
+        self._mute: set[int] = set()
         self.zones = ZoneTracker(limits)
         self.links = Links(limits)
         self.mission: Mission = NO_MISSION
@@ -125,6 +127,16 @@ class Candidates:
         self._retry_after[station, RANKS[reason]] = now + pause_s
         if why is Reason.PARTNER_SILENT:
             self._failed.add(station)
+            if not self._presence[station].station.standard:  # that has no words
+                self._mute.add(station)
+
+    def spoke(self, station: int) -> None:
+        """It has said a word in a transfer."""
+        self._mute.discard(station)
+
+    def mute(self, station: int) -> bool:
+        """Whether it has let a transfer fail by its silence, and has not said anything since."""
+        return station in self._mute
 
     def paused_s(self, station: int, reason: Reason, now: float) -> float:
         """How long no transfer for this reason goes to the station; 0 if one may."""
@@ -139,6 +151,7 @@ class Candidates:
         """What failed before does not count any more."""
         self._retry_after.clear()
         self._failed.clear()
+        self._mute.clear()
 
     def moved(self, station: int, now: float, *, flying: bool) -> None:
         """This station commands now."""

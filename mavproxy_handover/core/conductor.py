@@ -176,6 +176,7 @@ class Conductor:
         cause = cause_of(message, station)
         if cause is None:
             return "not the sender's to say"
+        self._candidates.spoke(station)
         if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):
             return None
         relay = isinstance(message, (OnHandover, DroneConnected)) and message.relay

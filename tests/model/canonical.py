@@ -485,6 +485,7 @@ class Packer:
             _limits=the_limits,
             _retry_after=_Times(),
             _failed=_Set(),
+            _mute=_Set(),
             zones=_Object(zones),
             links=_Object(links),
             mission=plain,

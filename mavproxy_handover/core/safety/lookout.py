@@ -5,8 +5,8 @@
 Coverage counts only where a station could take the aircraft: the commander's own zone, and those of stations that may
 be asked now, here or where the commander's zone ends. A station that dies is silent for seconds before that is known,
 and by then its zone would be flown over. So who is asked already has `answer_s`: a partner that does not answer for so
-long counts no more here, and one that has not taken the aircraft by then, whatever keeps it (an operator thinks, a
-message is on its way), not behind the border. The transfer goes on meanwhile.
+long counts no more here, until it does, and one that has not taken the aircraft by then, whatever keeps it (an operator
+thinks, a message is on its way), not behind the border. The transfer goes on meanwhile.
 
 Where the last coverage ends ahead (`hold_lead_s`), the aircraft is to stop inside. It then stands still, which looks as
 if nothing ended: so that sign stays until authority has moved, or the flight is over. If its commander has it fly on in
@@ -99,9 +99,8 @@ class Lookout:
         found: set[Cause] = set()
         if owner is not None and self._flight.flying:
             others = self._candidates.ready(zones.inside(), owner, Reason.ZONE_ENDS, now)
-            transfer = self._authority.transfer
-            if transfer is not None and transfer.unanswered(now):
-                others = [station for station in others if station != transfer.key.to_station]
+            partner, answers, _quick = self._asked(now)
+            others = [station for station in others if station != partner or answers]
             if zones.inside() and not zones.holds(owner) and not others:
                 found.add(Cause.NO_STATION)
             links = self._candidates.links
@@ -117,12 +116,22 @@ class Lookout:
         left_s = zones.ends_s(owner)
         if not zones.holds(owner) or left_s > self._limits.hold_lead_s:
             return False
-        transfer = self._authority.transfer
-        slow = transfer.key.to_station if transfer is not None and transfer.slow(now) else None
-        if any(zones.ends_s(station) > left_s for station in others if station != slow):
+        partner, _answers, quick = self._asked(now)
+        if any(zones.ends_s(station) > left_s for station in others if station != partner or quick):
             return False
-        beyond = zones.beyond(owner) - {slow}
+        beyond = zones.beyond(owner) if quick else zones.beyond(owner) - {partner}
         return not self._candidates.ready(beyond, owner, Reason.ZONE_ENDS, now)
+
+    def _asked(self, now: float) -> tuple[int | None, bool, bool]:
+        """The partner of the transfer under way, None without one; whether it answers what it is asked, as far as is
+        known, and whether it may still have the aircraft in time. Who did not answer the last time has to answer
+        first."""
+        transfer = self._authority.transfer
+        if transfer is None:
+            return None, True, True
+        partner = transfer.key.to_station
+        answers = not (transfer.unanswered(now) or self._candidates.mute(partner))
+        return partner, answers, answers and not transfer.slow(now)
 
     def signs(self, now: float) -> frozenset[Cause]:
         """What looks wrong now."""

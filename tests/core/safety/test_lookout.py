@@ -259,6 +259,34 @@ class TestNoStation:
         # a second without an answer, the hold-off of two; the aircraft is looked at every half a second
         assert asked_at + 3.0 <= at <= asked_at + 3.5
 
+    def test_one_that_goes_on_not_answering_could_not_however_often_it_is_asked(self) -> None:
+        """The fault: with each new attempt the emergency was over for a second, and began again."""
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(outside(A), inside(B))
+        bench.run(60.0)
+        assert len(bench.records("transfer_aborted")) > 5
+        assert len(bench.records("emergency")) == 1
+        assert bench.records("emergency_over") == []
+        bench.say(B, OnHandover(TransferKey(A, B, bench.arbiter.view.handover_id, 1)))
+        bench.run(2.0)
+        assert len(bench.records("emergency_over")) == 1, "it has answered"
+
+    def test_a_station_of_the_standard_has_no_words_to_answer_with(self) -> None:
+        bench = Bench(standard={B})
+        bench.on_mission()
+        bench.position(outside(A), inside(B))
+        bench.say(A, OkHandover(KEY, Consent.WAITING))
+        bench.run(1.0)
+        bench.alive = {A}
+        bench.run(7.0)
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.PARTNER_SILENT]
+        assert len(bench.records("emergency")) == 1
+        bench.alive = {A, B}
+        bench.run(4.0)
+        assert bench.arbiter.view.partner == B
+        assert len(bench.records("emergency_over")) == 1
+
     def test_one_whose_operator_thinks_could(self) -> None:
         bench = mission(None, B)
         bench.run(2.0)
