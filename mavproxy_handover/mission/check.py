@@ -20,7 +20,7 @@ from pathlib import Path
 
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M
-from mavproxy_handover.mission.energy import Budget, budget_of, places_of
+from mavproxy_handover.mission.energy import Budget, budget_of, places_of, released_at
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
 from mavproxy_handover.mission.gaps import Stretch, undeclared
@@ -102,6 +102,7 @@ def check(
         *_fence(package, walk),
         *_ground(package, RETURN_ALT_M if model is None else model.return_alt_m),
         *(() if energy is None else _energy(energy)),
+        *_payload(package),
         *_speed(package),
         *(Finding(Severity.WARNING, text) for text in package.route.warnings),
     ]
@@ -202,6 +203,14 @@ def _fence(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
             place = f"{_place(sample.lat_deg, sample.lon_deg)}, {_way(sample.distance_along_m)}"
             yield Finding(Severity.ERROR, f"the route leaves the geofence of the plan at {place}")
             return
+
+
+def _payload(package: MissionPackage) -> Iterator[Finding]:
+    payload_kg, released = package.energy.payload_kg, released_at(package.route)
+    if payload_kg and released is None:
+        yield Finding(Severity.WARNING, f"energy: no item of the route drops the payload of {payload_kg:g} kg")
+    elif payload_kg:
+        yield Finding(Severity.INFO, f"energy: behind item {released} it is flown without {payload_kg:g} kg of payload")
 
 
 def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:

@@ -177,6 +177,14 @@ def test_the_budget_counts_the_payload(small):
     assert lighter.items[1].back.need_wh < 0.8 * whole.items[1].back.need_wh
 
 
+def test_the_check_says_where_the_payload_goes(small):
+    numbers(small)
+    small.toml = small.toml.replace("[energy]\n", "[energy]\nmass_kg = 4\npayload_kg = 1\n")
+    assert "energy: no item of the route drops the payload of 1 kg" in found(small, Severity.WARNING)
+    gripper(small, 0)
+    assert "energy: behind item 2 it is flown without 1 kg of payload" in found(small, Severity.INFO)
+
+
 def budget_of_small(small):
     package = load(small.write())
     return budget_of(package.route, package.cruise_speed_mps, package.energy.model())
