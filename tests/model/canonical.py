@@ -167,16 +167,6 @@ class _Times(_Kind):
         return dict(value)
 
 
-class _Epoch(_Number):
-    """An epoch, or None."""
-
-    def __init__(self) -> None:
-        super().__init__("epoch", EPOCH)
-
-    def pack(self, value: Any, shift: Shift) -> Any:
-        return None if value is None else super().pack(value, shift)
-
-
 class _Waits(_Kind):
     """Causes and when each begins or ends."""
 
@@ -562,8 +552,9 @@ class Packer:
             _around=plain,
             _authority=_Shared(),
             _candidates=_Shared(),
-            _ended_in=_Epoch(),
+            _ended_for=plain,
             _flight=_Shared(),
+            _held_long=plain,
             _in_gap=plain,
             _limits=the_limits,
             crossing=_Object(_Class(Crossing, gap=plain, since=_Time(GAP_S))),

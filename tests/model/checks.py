@@ -18,7 +18,9 @@ of a transfer what the rules make of it. Nothing is asked of an arbiter but its 
 5. LOST means that the commander was not heard for that long and no forced transfer is running; then the aircraft is
    being brought home.
    Unless it is in a gap that the mission declares: then it is ALONE, on its way, no longer than the gap's limit.
-6. No transfer is begun of the vehicle's own accord unless the zone was entered since authority last changed, the
+6. The aircraft is held only where its commander's zone is about to end, and is told to go on only when authority has
+   moved since, or in a gap that the mission declares.
+7. No transfer is begun of the vehicle's own accord unless the zone was entered since authority last changed, the
    commander's zone has ended or is about to and the partner's is not, or its links are weak and the partner's are not.
 What must hold for stations is in `station_checks.py`.
 """
@@ -50,7 +52,7 @@ from mavproxy_handover.core.messages import (
     HandoverResult,
     TransferKey,
 )
-from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Phase, Reason
+from mavproxy_handover.core.model import AuthorityView, Consent, FlightAction, LeaseState, Phase, Reason
 from tests.model.canonical import GAP_S
 from tests.model.setting import PARENT
 
@@ -105,6 +107,8 @@ class Books:
     #: it is in a gap that the mission declares; and ticks since it has been without a commander in its zone there
     gap: bool = False
     alone: int | None = None
+    #: it was held since another station commanded
+    held: bool = False
     #: the state file was lost: nobody commands until the next flight
     blank: bool = False
     #: the run began without a state file
@@ -167,7 +171,8 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
     if isinstance(event, (StationHeard, StationMessage)):
         books = replace(books, silent=tuple(sorted({**dict(books.silent), event.station: 0}.items())))
     if isinstance(event, AutopilotState):
-        books = replace(books, flying=event.armed and event.flying, grounded=not event.armed)
+        flying = event.armed and event.flying
+        books = replace(books, flying=flying, grounded=not event.armed, held=books.held and flying)
     if isinstance(event, LinkJudged):
         books = replace(books, weak=books.weak - {event.station} | ({event.station} if event.weak else set()))
     if isinstance(event, PositionSeen):
@@ -223,11 +228,22 @@ def check_vehicle(
             exact = not isinstance(action.message, HandoverResult)
             told = epoch == gate.epoch if exact else epoch <= gate.epoch
             demand(told, f"station {action.station} is told of epoch {epoch} while the gate has {gate.epoch}")
-        elif isinstance(action, Fly) and action.reason is Reason.COMMANDER_LOST:
-            demand(gate.lease is LeaseState.LOST, f"{action.action.name} for a lost commander, but it is not lost")
+        elif isinstance(action, Fly):
+            books = _check_command(books, gate, action)
     demand(gate == after, "a change of the view was not announced")
     books = _crosses(books, after)
     _check_view(books, after)
+    return books
+
+
+def _check_command(books: Books, gate: AuthorityView, fly: Fly) -> Books:
+    if fly.reason is Reason.COMMANDER_LOST:
+        demand(gate.lease is LeaseState.LOST, f"{fly.action.name} for a lost commander, but it is not lost")
+    if fly.action is FlightAction.HOLD:
+        demand(gate.commander in books.ending or books.held, "it is held where no zone is about to end")
+        return replace(books, held=True)
+    if fly.action is FlightAction.CONTINUE:
+        demand(books.gap or not books.held, "it is told to go on, and authority has not moved")
     return books
 
 
@@ -364,7 +380,7 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, 
     if new.commander is not None and new.commander != old.commander:
         books = replace(books, recovering=None, blank=False)
         if new.commander != books.had:
-            books = replace(books, had=new.commander, entered=frozenset())
+            books = replace(books, had=new.commander, entered=frozenset(), held=False)
     if new.lease in (LeaseState.LOST, LeaseState.ALONE) and books.recovering is not None:
         demand(books.recovering >= int(limits.recovery_s), f"given up {books.recovering} s after the restart")
         # it was not heard in the time it had, so it counts as lost, whenever it was heard before the restart

@@ -163,8 +163,10 @@ class _Settling:
         owed = (books.entered & living) - {view.commander} if vehicle.loaded else set()
         demand(not owed, f"station {view.commander} commands on, though the zones of {sorted(owed)} were entered")
         if books.flying and books.zones:
-            # who is in zones whose stations are all gone, and not in its commander's, is brought home
-            expected = Phase.ON_MISSION if view.commander in books.zones else Phase.EMERGENCY
+            # who is in zones whose stations are all gone, and not in its commander's, is brought home; and so is who
+            # was held and taken by nobody
+            stays = view.commander in books.zones and not books.held
+            expected = Phase.ON_MISSION if stays else Phase.EMERGENCY
             demand(view.phase is expected, f"at rest in {view.phase.name}")
 
 

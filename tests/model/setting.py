@@ -57,6 +57,7 @@ LIMITS = Limits(
     dwell_s=3.0,
     link_weak_s=2.0,
     link_steady_s=4.0,
+    hold_s=3.0,
 )
 
 #: A step has two tries: where only messages go wrong, two faults are enough for a step to fail.
@@ -68,7 +69,8 @@ class Setting:
     """What is explored.
 
     A position is written as the letters of the stations whose zones hold the aircraft; a small letter: that zone is
-    about to end along the track. "=" before them: the mission declares a gap there.
+    about to end along the track, and behind its border are the zones of the next position. "=" before them: the mission
+    declares a gap there.
     """
 
     name: str

@@ -136,7 +136,10 @@ class World:
         self._heard = [self.events(StationHeard(sysid)) for sysid in self.sysids]
         self._vehicle_heard = self.events(gcs.VehicleHeard())
         self._peer_heard = [self.events(gcs.PeerHeard(sysid)) for sysid in self.sysids]
-        self._places = [self.events(PositionSeen(self._facts(place), _gap(place))) for place in setting.path]
+        self._places = [
+            self.events(PositionSeen(self._facts(place, following), _gap(place)))
+            for place, following in zip(setting.path, (*setting.path[1:], ""), strict=True)
+        ]
         self._autopilot = [
             self.events(AutopilotState(not place.startswith("_"), not place.startswith("_"))) for place in setting.path
         ]
@@ -162,12 +165,17 @@ class World:
     def _name(self, index: int) -> str:
         return "vehicle" if index < 0 else self.stations[index].name
 
-    def _facts(self, place: str) -> tuple[ZoneFact, ...]:
+    def _facts(self, place: str, following: str) -> tuple[ZoneFact, ...]:
+        """Behind a border that is ahead are the zones of the `following` place."""
         facts = []
+        beyond = frozenset(sysid for letter, sysid in zip(LETTERS, self.sysids, strict=False) if letter in following)
         for letter, sysid in zip(LETTERS, self.sysids, strict=False):
             ending = letter.lower() in place.lstrip("_")
             holds = ending or letter in place
-            facts.append(ZoneFact(sysid, 50.0 if holds else -50.0, SOON_S if ending else None))
+            margin_m = 50.0 if holds else -50.0
+            facts.append(
+                ZoneFact(sysid, margin_m, SOON_S, SOON_S, beyond) if ending else ZoneFact(sysid, margin_m, None)
+            )
         return tuple(facts)
 
     def _cut(self, draft: Draft, sender: int, receiver: int) -> bool:

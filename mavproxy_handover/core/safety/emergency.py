@@ -4,7 +4,8 @@
 
 `causes.py` says what is wrong, `strategy.py` what is done about it, at every moment anew. News is another cause, a
 graver action (what was a warning on the ground takes off), the end of what held the aircraft back, and the end of it
-all. What waits for a station that is about to take the aircraft (TRANSFER) is none: authority tells of that itself.
+all. What waits for a station that is about to take the aircraft (TRANSFER) is none: authority tells of that itself. Who
+was held stays held meanwhile: whoever has it then decides whether it flies on.
 
 Nothing here weakens the autopilot's own failsafes or the RC pilot: a decision is a command that the autopilot may
 refuse, and the guard stands behind it.
@@ -75,6 +76,10 @@ class News:
         return self.decision is None and self.before is not None and self.before.action is FlightAction.CONTINUE
 
 
+def _holds(told: Decision) -> bool:
+    return told.action is FlightAction.HOLD
+
+
 class Emergency:
     """What was told last of what is wrong. Times are monotonic seconds; not safe for threads."""
 
@@ -134,6 +139,8 @@ class Emergency:
     def judge(self, signs: Set[Cause], facts: Situation, now: float, *, certain: bool = True) -> News | None:
         """The decision if it is news. `certain` False: that nothing is wrong is not known yet."""
         decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
+        if decision is not None and decision.action is FlightAction.TRANSFER and told is not None and _holds(told):
+            return None
         if decision is None or decision.action is FlightAction.TRANSFER:
             decision = None
             if not certain or (told is None and not self._resumed):

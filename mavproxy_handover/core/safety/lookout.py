@@ -9,8 +9,8 @@ long counts no more here, until it does, and one that has not taken the aircraft
 thinks, a message is on its way), not behind the border. The transfer goes on meanwhile.
 
 Where the last coverage ends ahead (`hold_lead_s`), the aircraft is to stop inside. It then stands still, which looks as
-if nothing ended: so that sign stays until authority has moved, or the flight is over. If its commander has it fly on in
-spite of it, that is the commander's word.
+if nothing ended: so that sign stays until another station has authority, or the flight is over. If its commander has it
+fly on in spite of it, that is the commander's word.
 
 A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
 Weak links are no sign while one is crossed.
@@ -49,8 +49,9 @@ class Lookout:
         "_around",
         "_authority",
         "_candidates",
-        "_ended_in",
+        "_ended_for",
         "_flight",
+        "_held_long",
         "_in_gap",
         "_limits",
         "crossing",
@@ -69,10 +70,12 @@ class Lookout:
         self._limits = limits
         #: what the last position showed of coverage
         self._around: frozenset[Cause] = frozenset()
-        #: the epoch in which coverage came to its end; None if it has not
-        self._ended_in: int | None = None
+        #: the commander whose coverage came to its end; None if nobody's has
+        self._ended_for: int | None = None
         #: since when the aircraft is held for that; -inf if it is not
         self.held_at = -inf
+        #: at the last look that was as long as it may be
+        self._held_long = False
         #: who flies, and whether what was commanded is done
         self.helm = Helm()
         self.supervision = Supervision(limits)
@@ -95,7 +98,7 @@ class Lookout:
         before = self.crossing.gap
         self.crossing.seen(gap if self._flight.flying else None, now, covered=covered, exposed=exposed)
         if before is not None and self.crossing.gap is None:  # it ended there because the plan has it so
-            self._ended_in = None
+            self._ended_for = None
         found: set[Cause] = set()
         if owner is not None and self._flight.flying:
             others = self._candidates.ready(zones.inside(), owner, Reason.ZONE_ENDS, now)
@@ -106,8 +109,8 @@ class Lookout:
             links = self._candidates.links
             if links.weak(owner) and not links.better(owner, others, now) and self.crossing.since is None:
                 found.add(Cause.LINKS_WEAK)
-            if self._ends_ahead(owner, others, now):
-                self._ended_in = self._authority.epoch
+            if commanded and self._ends_ahead(owner, others, now):
+                self._ended_for = owner
         self._around = frozenset(found)
 
     def _ends_ahead(self, owner: int, others: Sequence[int], now: float) -> bool:
@@ -144,7 +147,7 @@ class Lookout:
         if flight.flying:
             found |= self._aloft(now)
         else:
-            self._ended_in = None
+            self._ended_for = None
         self.seen = frozenset(found)
         return self.seen
 
@@ -164,10 +167,11 @@ class Lookout:
             found.add(Cause.OFF_ROUTE)
         if self.told.fence:
             found.add(Cause.FENCE)
+        if self._ended_for != authority.owner:
+            self._ended_for = None
         if authority.owner is None or authority.lost:
-            self._ended_in = None
             return found
-        if self._ended_in == authority.epoch:
+        if self._ended_for is not None:
             found.add(Cause.COVERAGE_ENDS)
         if self._candidates.links.attacked(authority.owner):
             found.add(Cause.AUTHENTICATION)
@@ -190,9 +194,9 @@ class Lookout:
             found.add(Fact.AUTOPILOT)
         if authority.lost and (authority.recovering or (transfer is not None and transfer.forced and hurried)):
             found.add(Fact.SUCCESSOR)
-        held_long = self.held_at > -inf and now >= self.held_at + self._limits.hold_s
+        self._held_long = self.held_at > -inf and now >= self.held_at + self._limits.hold_s
         may_hold = flight.position_known(now) and FlightAction.HOLD not in unable
-        if may_hold and not authority.lost and not held_long:
+        if may_hold and not authority.lost and not self._held_long:
             found.add(Fact.MAY_HOLD)
         return frozenset(found)
 
@@ -216,7 +220,7 @@ class Lookout:
         flight = self._flight
         if not flight.flying:
             return None
-        times = [] if self.held_at == -inf else [self.held_at + self._limits.hold_s]
+        times = [] if self.held_at == -inf or self._held_long else [self.held_at + self._limits.hold_s]
         doubt_ends_at, gap_ends_at = self.helm.due_at(), self.crossing.ends_at()
         if doubt_ends_at is not None:
             times.append(doubt_ends_at)

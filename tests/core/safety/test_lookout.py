@@ -183,6 +183,39 @@ class TestHold:
         bench.run(0.6)
         assert bench.flights() == [HOLD]
 
+    def test_while_a_station_is_about_to_take_it_from_a_lost_commander_it_stays_held(self) -> None:
+        """The fault: for the two seconds of a forced transfer it was told to go on, with nobody in command."""
+        for takes_it in (True, False):
+            bench = self.asked()
+            bench.alive = {B}
+            bench.run(6.0)
+            assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (None, B)
+            assert bench.flights() == [HOLD]
+            if takes_it:
+                key = TransferKey(A, B, bench.arbiter.view.handover_id, 1)
+                bench.say(B, OnHandover(key))
+                bench.say(B, DroneConnected(key))
+                assert bench.arbiter.view.commander == B
+                assert bench.flights() == [HOLD, GO_ON]
+            else:
+                bench.run(3.0)
+                assert bench.flights() == [HOLD, Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
+
+    def test_a_commander_that_returns_has_the_same_border_ahead(self) -> None:
+        """The fault: with the next epoch the border was forgotten, and it was told to go on."""
+        bench = mission(Limits(forced_timeout_s=4.0), B)
+        bench.run(2.0)
+        bench.position(ends(4.0, A), replace(inside(B), ends_s=2.0))
+        assert bench.flights() == [HOLD]
+        bench.position(inside(A), inside(B))  # it stands
+        bench.alive = {B}
+        bench.run(6.0)
+        assert bench.arbiter.view.commander is None
+        bench.alive = {A, B}
+        bench.run(1.0)
+        assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (A, 2)
+        assert bench.flights() == [HOLD]
+
     @staticmethod
     def asked(limits: Limits | None = None) -> Bench:
         """Right before the border, in GCSB's zone since this moment: HANDOVER_REQUEST is out."""
