@@ -175,3 +175,67 @@ def test_what_is_no_arducopter_has_no_mode_that_is_known() -> None:
     for at in (AT, AT + 1.0, AT + 2.0):
         helm.seen(ModeSeen(None, radio=True), True, at)
     assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, set())
+
+
+def test_before_anything_was_heard_nobody_flies() -> None:
+    helm = Helm()
+    assert (helm.facts(), helm.piloted, helm.radio, helm.due_at()) == (set(), False, False, None)
+
+
+def test_who_took_off_by_hand_gives_it_back_like_any_pilot() -> None:
+    """The fault: by AUTO in the air he had taken over, and for the whole mission nothing was done about anything."""
+    helm = flying(HANDS, radio=True)
+    assert helm.facts() == {Fact.PILOT}
+    assert by_pilot(helm, AUTO) == [Change.GIVEN_BACK]
+    assert helm.facts() == set()
+
+
+def test_to_return_or_to_land_gives_nothing_back() -> None:
+    for flown in (RTL, LAND, STOP, OTHER):
+        helm = flying(AUTO, radio=True)
+        assert by_pilot(helm, HANDS, flown) == [Change.PILOT, Change.PILOT]
+        assert helm.chosen_by is Hand.PILOT
+
+
+def test_auto_by_the_commander_gives_back_nothing_of_the_pilots_and_ends_his_flight() -> None:
+    helm = flying(AUTO, radio=True)
+    by_pilot(helm, HANDS)
+    helm.heard(HandSeen(Hand.COMMANDER, AUTO), AT + 9.0)
+    assert change(helm, AUTO, radio=True, at=AT + 10.0) is Change.COMMANDER
+    assert helm.facts() == set()
+
+
+def test_hands_that_the_commander_chose_are_not_the_pilots_to_give_back() -> None:
+    helm = flying(AUTO, radio=True)
+    helm.heard(HandSeen(Hand.COMMANDER, HANDS), AT - 1.0)
+    assert change(helm, HANDS, radio=True) is Change.COMMANDER
+    change(helm, AUTO, radio=True, at=AT + 10.0)
+    assert helm.settle(AT + 11.0) is Change.PILOT
+
+
+@pytest.mark.parametrize(
+    ("heard", "found"),
+    [
+        ([(Hand.COMMANDER, 4.0), (Hand.COMPANION, 3.0)], Hand.COMPANION),
+        ([(Hand.COMMANDER, 3.0), (Hand.COMPANION, 4.0)], Hand.COMMANDER),
+        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 4.0)], Hand.FAILSAFE),
+        ([(Hand.FAILSAFE, 4.0), (Hand.GUARD, 3.0)], Hand.GUARD),
+        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 3.0), (Hand.COMMANDER, 3.0), (Hand.COMPANION, 3.0)], Hand.COMPANION),
+        ([(Hand.FAILSAFE, 3.0), (Hand.GUARD, 3.0)], Hand.GUARD),
+    ],
+)
+def test_of_those_who_may_have_it_was_who_was_heard_of_last_and_at_once_the_first_of_the_table(
+    heard: list[tuple[Hand, float]], found: Hand
+) -> None:
+    helm = flying(radio=True)
+    for hand, ago_s in heard:
+        helm.heard(HandSeen(hand), AT - ago_s)
+    change(helm, RTL, radio=True)
+    assert helm.chosen_by is found
+
+
+def test_a_mode_that_becomes_known_in_the_air_was_chosen_by_nobody() -> None:
+    helm = Helm()
+    helm.seen(ModeSeen(None, radio=True), True, 1.0)
+    assert change(helm, RTL, radio=True) is None
+    assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, {Fact.RETURNING})
