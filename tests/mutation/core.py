@@ -61,7 +61,7 @@ FIRST = {
     "safety.lookout": ("safety/test_lookout.py", "test_arbiter_safety.py", "test_link_quality.py"),
     "safety.places": ("safety/test_places.py",),
     "safety.helm": ("safety/test_helm.py", "safety/test_execution.py"),
-    "safety.supervision": ("safety/test_execution.py",),
+    "safety.supervision": ("safety/test_supervision.py", "safety/test_execution.py"),
     "safety.execution": ("safety/test_execution.py", "safety/test_lookout.py"),
     "safety.gap": ("safety/test_gap.py",),
     "safety.commands": ("safety/test_commands.py",),

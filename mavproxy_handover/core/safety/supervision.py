@@ -216,7 +216,6 @@ class Supervision:
             return None
         if now < self._since + self._limits.stuck_s:
             return None
-        self._since = now
         return self._give_up(order)
 
     def _rests(self, now: float) -> Seen | None:

@@ -185,6 +185,14 @@ def test_what_was_lifted_ends_with_the_authority_of_who_lifted_it() -> None:
     assert ask(rules, 11.0, Kind.FLY_TO) is REFUSED
 
 
+def test_a_refusal_under_another_authority_lifts_nothing() -> None:
+    rules, left = CommandRules(), {COVERAGE: "out of coverage"}
+    for at, moved, outcome in ((10.0, False, REFUSED), (14.0, True, REFUSED), (18.0, False, LIFTED)):
+        if moved:
+            rules.authority_moved()
+        assert rules.rule(Kind.FLY_TO, 1, left, GCSA, at).outcome is outcome
+
+
 def test_a_lifted_limit_that_nobody_would_leave_is_no_news() -> None:
     rules = CommandRules()
     rules.lift(COVERAGE, 0.0)

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Reason
 from mavproxy_handover.core.safety.causes import Cause
@@ -147,3 +149,86 @@ def test_a_mission_without_a_policy_leaves_the_one_in_force() -> None:
     assert emergency.out_of_coverage == "warn"
     emergency.judge({OUT}, ALOFT, 100.0)
     assert decisions([emergency.judge({OUT}, ALOFT, 101.0)]) == [Decision(FlightAction.WARN, OUT)]
+
+
+W, _, H, C, R, L = FlightAction
+#: the decision (None: nothing is wrong), the one before it -> whether it warns, holds, resumes, continues, has crossed
+NEWS = {
+    (None, None): (True, False, False, False, False),
+    (None, W): (True, False, False, False, False),
+    (None, H): (True, False, True, False, False),
+    (None, C): (True, False, False, False, True),
+    (None, R): (True, False, False, False, False),
+    (W, None): (True, False, False, False, False),
+    (W, H): (True, False, True, False, False),
+    (W, C): (True, False, False, False, False),
+    (H, None): (False, True, False, False, False),
+    (H, W): (False, True, False, False, False),
+    (H, H): (False, True, False, False, False),  # for another cause
+    (C, None): (False, False, False, True, False),
+    (C, H): (False, False, True, True, False),
+    (R, None): (False, False, False, False, False),
+    (R, H): (False, False, False, False, False),
+    (R, C): (False, False, False, False, False),
+    (L, H): (False, False, False, False, False),
+    (L, R): (False, False, False, False, False),
+}
+
+
+@pytest.mark.parametrize(("action", "before"), NEWS, ids=lambda each: "none" if each is None else each.name)
+def test_what_news_comes_to(action: FlightAction | None, before: FlightAction | None) -> None:
+    decision, told = (None if each is None else Decision(each, ENDS) for each in (action, before))
+    news = News(decision, told)
+    found = (news.warning, news.holds, news.resumes, news.continues, news.crossed)
+    assert found == NEWS[action, before]
+
+
+def test_what_another_hand_holds_back_is_not_ended() -> None:
+    assert not News(Decision(W, ENDS, Fact.PILOT), HOLD).resumes
+    assert News(Decision(W, ENDS), HOLD).resumes
+
+
+def test_a_return_and_a_landing_bring_it_down_and_nothing_else() -> None:
+    emergency = Emergency(Limits(policies={LOST: "land"}))
+    assert not emergency.brings_down
+    emergency.judge({ENDS}, STEADY, 100.0)
+    assert (emergency.decision, emergency.brings_down) == (HOLD, False)
+    emergency.judge({ENDS}, ALOFT, 101.0)
+    assert emergency.brings_down
+    emergency.judge({LOST}, ALOFT, 102.0)
+    assert (emergency.decision, emergency.brings_down) == (Decision(L, LOST), True)
+
+
+def test_what_lasts_as_long_as_the_flight_ends_with_it_and_so_does_its_decision() -> None:
+    energy = Cause.ENERGY
+    emergency = Emergency(Limits())
+    emergency.judge({energy}, ALOFT, 100.0)
+    emergency.judge({energy}, ALOFT, 102.0)
+    assert emergency.causes == {energy}
+    emergency.landed()
+    assert (emergency.causes, emergency.decision) == (frozenset(), None)
+    assert decisions([emergency.judge(set(), GROUND, 103.0)]) == ["over"]
+
+
+def test_to_fly_on_through_a_gap_is_no_emergency_and_its_end_is_news() -> None:
+    emergency = Emergency(Limits(policies={LOST: "warn"}))
+    assert emergency.judge({LOST}, ALOFT | {Fact.GAP}, 100.0) == News(Decision(C, LOST), None, grave=False)
+    assert emergency.judge({LOST}, ALOFT, 160.0) == News(WARN, Decision(C, LOST), grave=False)
+
+
+def test_what_was_grave_once_is_not_for_ever() -> None:
+    emergency = Emergency(Limits(hold_off_s={GUARD: 0.0}, clear_s={GUARD: 0.0}))
+    emergency.judge({LOST}, ALOFT, 100.0)
+    assert emergency.judge(set(), ALOFT, 101.0) == News(None, RETURN, grave=True)
+    assert emergency.judge({GUARD}, ALOFT, 102.0) == News(Decision(W, GUARD), None, grave=False)
+    assert emergency.judge(set(), ALOFT, 103.0) == News(None, Decision(W, GUARD), grave=False)
+
+
+def test_who_is_held_stays_held_while_a_station_is_about_to_take_it() -> None:
+    emergency = Emergency(Limits())
+    emergency.judge({ENDS}, STEADY, 100.0)
+    assert emergency.judge({LOST}, ALOFT | {Fact.SUCCESSOR}, 101.0) is None
+    assert emergency.told == HOLD
+    over = emergency.judge(set(), ALOFT, 102.0)
+    assert over is not None
+    assert over.resumes

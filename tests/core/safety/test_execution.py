@@ -101,6 +101,16 @@ class TestReturn:
         bench.run(20.0)
         assert bench.flights() == [DOWN] * len(commanded)
 
+    def test_what_is_commanded_again_and_again_is_told_every_ten_seconds(self) -> None:
+        policies = {Cause.OFF_ROUTE: "land"}
+        bench = aloft(Limits(policies=policies, obey_s=5.0))
+        bench.give(SignsSeen(off_route=True))
+        first = bench.now
+        bench.run(36.0)
+        again = [at for at, action in bench.log if isinstance(action, Announce) and " again" in action.text]
+        assert len(bench.flights()) == 8
+        assert [round(at - first) for at in again] == [5, 15, 25, 35]
+
     def test_the_wait_for_the_mode_is_configured(self) -> None:
         bench = lost(aloft(Limits(obey_s=3.0)), None)
         bench.run(3.6)
@@ -209,6 +219,14 @@ class TestHold:
         bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
         bench.run(20.0)
         assert bench.flights() == [HOLD]
+
+    @pytest.mark.parametrize("hand", [Hand.GUARD, Hand.FAILSAFE, Hand.COMPANION])
+    def test_what_others_may_have_chosen_is_no_word_to_fly_on(self, hand: Hand) -> None:
+        bench = self.held()
+        bench.run(2.0)
+        bench.give(HandSeen(hand))
+        bench.run(10.0)
+        assert bench.flights() == [HOLD, BACK]
 
     def test_a_pilot_ends_it_and_nothing_is_told_to_go_on(self) -> None:
         """The fault: what was held, and taken over, was commanded to go on."""

@@ -334,3 +334,18 @@ class TestCrossing:
         assert watch.since == 10.0
         watch.seen(None, 30.0, covered=True, exposed=False)
         assert watch.since is None
+
+
+def test_a_run_before_that_was_not_crossing_leaves_nothing_behind() -> None:
+    crossing_ = Crossing()
+    crossing_.resume(None, certain=False)
+    assert crossing_.since is None
+    crossing_.seen(GAP, 100.0, covered=False, exposed=True)
+    assert crossing_.left_s(110.0) == 30.0
+
+
+def test_outside_of_a_gap_no_time_is_left_and_there_is_nothing_to_say() -> None:
+    crossing_ = Crossing()
+    assert (crossing_.words(100.0), crossing_.left_s(100.0), crossing_.ends_at()) == ("", 0.0, None)
+    crossing_.resume(100.0, certain=True)
+    assert (crossing_.words(110.0), crossing_.left_s(110.0), crossing_.ends_at()) == ("", 0.0, None)

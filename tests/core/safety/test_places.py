@@ -12,7 +12,16 @@ from math import inf
 
 import pytest
 
-from mavproxy_handover.core.safety.places import Choice, Coverage, PlaceChooser, PlaceFact, Reach, best, standing
+from mavproxy_handover.core.safety.places import (
+    Choice,
+    Coverage,
+    PlaceChooser,
+    PlaceFact,
+    Reach,
+    Standing,
+    best,
+    standing,
+)
 
 A, B, C = 251, 252, 253
 ALL = frozenset({A, B})
@@ -69,6 +78,7 @@ def test_coverage_may_pass_from_one_station_to_another_on_the_way() -> None:
         ({"margin_wh": 0.0}, Reach.RESERVE),
         ({"margin_wh": -5.0, "spare_wh": 0.0}, Reach.RESERVE),
         ({"margin_wh": -5.0, "spare_wh": -0.1}, Reach.NO),
+        ({"margin_wh": -5.0, "spare_wh": None}, Reach.NO),
         ({"margin_wh": None, "spare_wh": None}, Reach.YES),
         ({"margin_wh": None, "spare_wh": None, "time_s": inf}, Reach.NO),
         ({"margin_wh": 5.0, "time_s": inf}, Reach.NO),
@@ -240,11 +250,94 @@ def test_one_odd_second_changes_nothing() -> None:
     assert set(flight.names) == {"rally 1"}
 
 
+def test_a_place_of_which_nothing_is_known_keeps_to_the_fence() -> None:
+    assert standing(PlaceFact("home", 100.0, 10.0), ALL)[:3] == (True, Reach.YES, True)
+
+
+@pytest.mark.parametrize("inside", [True, False])
+@pytest.mark.parametrize("reach", Reach)
+def test_a_return_gets_there_if_it_would_be_flown_to_and_the_energy_lasts(inside: bool, reach: Reach) -> None:
+    counts = Standing(inside, reach, False, Coverage.NO)
+    assert counts.reachable is (inside and reach in (Reach.RESERVE, Reach.YES))
+    assert Choice(HOME, counts, ()).reachable is counts.reachable
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"distance_m": 999.4}, "999 m, needs 20 % of 60 %, covered by GCSA"),
+        ({"distance_m": 1000.0}, "1.0 km, needs 20 % of 60 %, covered by GCSA"),
+        ({"distance_m": 60_000.0}, "60.0 km, needs 20 % of 60 %, covered by GCSA"),
+        ({"needs": None}, "600 m, covered by GCSA"),
+        ({"left": None}, "600 m, covered by GCSA"),
+    ],
+)
+def test_figures(changes: dict[str, float | None], text: str) -> None:
+    place = replace(HOME, **changes)  # type: ignore[arg-type]
+    assert Choice(place, standing(place, ALL), (A,)).figures(NAMES.__getitem__) == text
+
+
+def test_covered_is_what_counts_as_covered_and_has_somebody_who_covers_it() -> None:
+    for coverage, stations in ((Coverage.NO, (A,)), (Coverage.ALL, ()), (Coverage.THERE, ())):
+        choice = Choice(HOME, Standing(True, Reach.YES, True, coverage), stations)
+        assert choice.figures(NAMES.__getitem__).endswith(", not covered")
+
+
+def test_what_is_seen_twice_in_the_same_moment_has_not_lasted() -> None:
+    flight = Flight()
+    flight.look(HOME, NEAR)
+    for _ in range(20):
+        choice = flight.chooser.choose((HOME, replace(NEAR, way_inside=False)), ALL, flight.now)
+        assert choice is not None
+        assert choice.place.name == "rally 1"
+
+
+def test_a_place_that_comes_in_the_same_moment_has_to_be_good_as_long_as_any() -> None:
+    flight = Flight()
+    flight.look(HOME)
+    bad = replace(NEAR, way_inside=False)
+    flight.chooser.choose((HOME, bad), ALL, flight.now)
+    assert flight.look(HOME, NEAR, seconds=19).place.name == "home"
+    assert flight.look(HOME, NEAR).place.name == "rally 1"
+
+
+def test_a_place_that_was_gone_is_another_one_when_it_is_back() -> None:
+    flight = Flight()
+    flight.look(HOME, NEAR, seconds=20)
+    flight.look(HOME)
+    assert flight.look(HOME, replace(NEAR, way_inside=False)).place.name == "home"
+
+
+def test_without_places_the_choice_is_forgotten() -> None:
+    flight = Flight()
+    assert flight.look(HOME, NEAR).place.name == "rally 1"
+    assert flight.chooser.choose((), ALL, flight.now) is None
+    assert flight.look(replace(HOME, time_s=55.0), NEAR).place.name == "home"
+
+
+def test_unless_it_is_said_nothing_returns_and_nothing_is_fixed() -> None:
+    chooser = PlaceChooser()
+    for place, name in ((replace(NEAR, time_s=500.0), "home"), (NEAR, "rally 1")):
+        choice = chooser.choose((HOME, place), ALL, 100.0)
+        assert choice is not None
+        assert choice.place.name == name
+
+
+def test_near_its_end_is_nearer_than_a_hundred_metres_and_only_for_what_returns() -> None:
+    for distance_m, returning, name in ((99.9, True, "home"), (100.0, True, "rally 1"), (50.0, False, "rally 1")):
+        flight = Flight({A})
+        flight.look(HOME, NEAR)
+        flight.usable = frozenset({B})
+        close = replace(HOME, distance_m=distance_m)
+        assert flight.look(close, NEAR, returning=returning).place.name == name
+
+
 def test_a_place_has_to_be_clearly_sooner() -> None:
     flight = Flight()
     other = replace(HOME, time_s=60.0)
     assert flight.look(replace(NEAR, time_s=60.0), replace(other, time_s=61.0)).place.name == "rally 1"
     assert flight.look(replace(NEAR, time_s=60.0), replace(other, time_s=44.0), seconds=30).place.name == "rally 1"
+    assert flight.look(replace(NEAR, time_s=60.0), replace(other, time_s=43.0)).place.name == "rally 1"
     assert flight.look(replace(NEAR, time_s=60.0), replace(other, time_s=42.0)).place.name == "home"
     assert flight.look(replace(NEAR, time_s=42.0), replace(other, time_s=60.0)).place.name == "rally 1"
 

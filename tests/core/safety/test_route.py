@@ -174,3 +174,26 @@ def test_who_stays_away_is_told_of_after_the_hold_off_whatever_the_rate(
     (at_s, _text), *others = told(facts, every_s=every_s)
     assert others == []
     assert 3.0 - 1e-6 <= at_s < 3.0 + every_s + 1e-6
+
+
+def test_the_limits_without_a_word_in_the_configuration() -> None:
+    assert RouteLimits() == RouteLimits(30.0, 60.0, 3.0, 3.0)
+
+
+@pytest.mark.parametrize("deviation", [fact(41.0), fact(4.0, 95.0)], ids=["distance", "course"])
+def test_after_a_silence_of_more_than_five_seconds_it_is_counted_anew(deviation: TrackFact) -> None:
+    assert [at for at, _text in told([deviation] * 4, every_s=5.0)] == [5.0]
+    assert told([deviation] * 20, every_s=5.1) == []
+
+
+def test_two_thirds_of_the_limit_is_not_well_within() -> None:
+    assert told([fact(41.0)] * 4 + [fact(20.0)] * 60) == [(3.0, OFF_41)]
+    assert len(told([fact(41.0)] * 4 + [fact(19.9)] * 60)) == 2
+
+
+@pytest.mark.parametrize(
+    ("across_m", "words"),
+    [(0.0, "on"), (0.49, "on"), (-0.49, "on"), (0.5, "0 m right of"), (0.9, "1 m right of"), (-1.2, "1 m left of")],
+)
+def test_half_a_metre_beside_the_leg_is_on_it(across_m: float, words: str) -> None:
+    assert fact(across_m).side == words
