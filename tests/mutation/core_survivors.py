@@ -54,4 +54,48 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "a parent that is lost is not heard, so not fit; and when it is heard it is not lost any more"
         ),
     },
+    "safety.places": {
+        "look: number one more: 0.0 in self.value = self._level_s > 0.0": (
+            "it is asked at both ends of the scale only, and the upper one is more than 1"
+        ),
+        "look: dropped from and/or: some: full and some": (
+            "who has the reserve left has what the reserve is there for: the one is wrong no sooner than the other"
+        ),
+        "look: dropped from and/or: there: all_the_way and there": (
+            "who is covered all the way is covered there: the one is wrong no sooner than the other"
+        ),
+        "_goes_over: comparison turned: better > counts": "it is asked only of two standings that differ",
+    },
+    "safety.helm": {
+        "__init__: truth turned: False in self._flying = False": "there is no mode before the first one to differ from",
+        "settle: dropped: self._since = -inf": "it is looked at in doubt only, and the next doubt sets it",
+    },
+    "safety.supervision": {
+        "__init__: number one more: 0 in self._tries = 0": "nothing is counted before an order, which sets it",
+        "__init__: truth turned: False in self._shown = False": "nothing shows before an order, which sets it",
+        "__init__: number one more: 0.0 in self._first_speed = 0.0": "no stop begins before an order, which sets it",
+        "_moves: dropped: return None": "its time has just begun anew, so it is not over in the next line either",
+    },
+    "safety.route": {
+        "side: comparison turned: self.cross_track_m > 0": "at 0 it is on the leg",
+        "take: dropped from and/or: within: within and self._within": (
+            "what was counted so is not looked at, and is forgotten with the next value"
+        ),
+        "take: dropped from and/or: beyond: beyond and self._beyond_s >= self._limits.off_hold_s": (
+            "it grows only with a value that is beyond, and then it is over its limit at once"
+        ),
+        "take: dropped from and/or: within: within and self._within_s >= self._limits.off_clear_s": (
+            "without a value well within it is 0"
+        ),
+        "_words: dropped from and/or: fact.course_off_deg is None: "
+        "self._distance.over or fact.course_off_deg is None": (
+            "a course that is over its limit has just been compared; the type checker wants it said"
+        ),
+    },
+    "safety.commands": {
+        "_asked_before: dropped from and/or: asked.named is not None: "
+        "asked.named is not None and (not repeats) and (now - asked.at >= ANEW_S)": (
+            "to lift what is no limit lifts nothing; the type checker wants it said"
+        ),
+    },
 }
