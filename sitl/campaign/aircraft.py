@@ -6,8 +6,8 @@ It flies straight pieces (`Piece`), each at one speed and one power, so that whe
 any moment without stepping. What ArduCopter does is kept to what matters here:
 
 * AUTO: straight up, along the way, down at its end, or the return. A pause brakes it; who is carried off flies back.
-* RTL: up to the height of the return, straight to the nearest of home and rally points (one that is given), a pause,
-  down. A second order for it changes nothing. LAND: straight down.
+* RTL: up to the height of the return, straight to the one point of its rally list, which it reads when it begins, a
+  pause, down. A second order for it changes nothing; to leave it and begin it anew does. LAND: straight down.
 * Its own failsafes: a low and an empty battery (RTL, LAND), 8 s without a position (LAND), no heartbeat of the
   commander for 10 s (RTL).
 
@@ -85,6 +85,10 @@ class Aircraft:
         #: speed at which wind carries it away, east and north (m/s)
         self.drift = (0.0, 0.0)
         self.landed_at: Spot | None = None
+        #: the one point of its rally list: where a return goes, whoever orders it
+        self.rally: Spot = plan.places[0]
+        #: one of its own failsafes has acted
+        self.failsafe = False
 
     # ---- looking ----------------------------------------------------------------------------------------------------
 
@@ -231,12 +235,24 @@ class Aircraft:
         else:
             self._still(now, self._hover_w)
 
-    def come_home(self, by: str, now: int, place: Spot | None = None) -> None:
+    def rally_is(self, place: Spot, now: int) -> None:
+        """Its rally list is written."""
+        self.rally = place
+        self._log.rally.set(now, place)
+
+    def return_anew(self, by: str, now: int) -> None:
+        """Out of RTL and into it again: the list is read again."""
+        if self.mode is Mode.RTL:
+            self._return(by, now)
+
+    def come_home(self, by: str, now: int) -> None:
         """RTL; the second order changes nothing."""
-        if not self.flying or self.mode is Mode.RTL:
-            return
+        if self.flying and self.mode is not Mode.RTL:
+            self._return(by, now)
+
+    def _return(self, by: str, now: int) -> None:
         self._set(Mode.RTL, by, now)
-        place = place or min(self._plan.places, key=lambda spot: spot.away_m(self._x, self._y))
+        place = self.rally
         height = max(self._z, place.alt_m, self._model.return_alt_m)
         if height > self._z + 0.01:
             self._legs.append(self._up(height))

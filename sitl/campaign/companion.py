@@ -20,25 +20,21 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck, Message
 from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase, Station
 from mavproxy_handover.core.never import assert_never
-from mavproxy_handover.core.safety.energy import EnergyModel, Piece, landing, way_home
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.core.snapshot import Snapshot
-from mavproxy_handover.mission.geodesy import LocalPlane
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import Aircraft
+from sitl.campaign.earth import on_earth
 from sitl.campaign.log import FlightLog
-from sitl.campaign.plan import FlightPlan, Spot, bearing_deg
-from sitl.campaign.times import SECOND, in_seconds, in_ticks
+from sitl.campaign.places import Places
+from sitl.campaign.plan import FlightPlan, bearing_deg
+from sitl.campaign.times import in_seconds
 from sitl.campaign.watch import Watch
 
 __all__ = ["DIGEST", "Companion", "Ties"]
 
 DIGEST: Final = bytes(range(32))
-#: the plane touches the earth here
-_PLANE: Final = LocalPlane(52.68, 5.92)
-#: no wind of a fault carries an aircraft faster (m/s)
-_MOST_DRIFT_MPS: Final = 14.0
 #: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks
 _LONG_S: Final = 13.0
 #: entries of the journal behind which less than that has to be waited for, or more: how long (s), and the pauses that
@@ -75,20 +71,15 @@ class Companion:
         self._plan, self._aircraft, self._log, self._ties, self._core_s = plan, aircraft, log, ties, core_s
         self._stations = tuple(Station(each.sysid, each.name) for each in plan.stations)
         self._limits = Limits(policies=plan.policies)
-        self._finder = ZoneFinder(
-            Zone(each.sysid, each.name, ZoneCircle(*_earth(each.zone.x_m, each.zone.y_m), each.zone.radius_m))
+        self._zones = tuple(
+            Zone(each.sysid, each.name, ZoneCircle(*on_earth(each.zone.x_m, each.zone.y_m), each.zone.radius_m))
             for each in plan.stations
         )
-        self._model: EnergyModel = plan.model()
-        #: the direction in which it is slowest
-        self._worst = min(
-            (float(deg) for deg in range(0, 360, 15)), key=lambda deg: self._model.made_good(deg).speed_mps
-        )
+        self._finder = ZoneFinder(self._zones)
         self._route = RouteCheck(RouteLimits())
         self._nonce = 1
         self._kept: Snapshot | None = None
         self._signs = events.SignsSeen()
-        self.energy_due = 0
         #: causes that were there at once, by phase
         self.pairs: set[tuple[Phase, frozenset[str]]] = set()
         self._seen: tuple[Phase, frozenset[object]] | None = None
@@ -111,7 +102,8 @@ class Companion:
             self._watch = Watch(self.arbiter, self._stations[0].sysid, self._limits, restored=self._kept)
         except AssertionError as error:
             self._log.broken.append((now, f"a restart gives what it must not: {error}"))
-        self._signs, self.energy_due = events.SignsSeen(), now
+        self._signs = events.SignsSeen()
+        self.places = Places(self._plan, self._aircraft, self._zones)
         self._route = RouteCheck(RouteLimits())
         self._in_force(self.arbiter.view, now)
 
@@ -188,6 +180,8 @@ class Companion:
             case events.Fly():
                 self._log.orders.append((now, action.action.name))
                 self._log.note(now, f"the companion orders {action.action.name} ({action.reason.name.lower()})")
+                if action.action is FlightAction.RETURN:
+                    self._before_return(now)
                 ties.order(action.action, now)
                 ties.stir(now, _LONG_S, ())
             case events.BeginStart():
@@ -230,9 +224,9 @@ class Companion:
         x, y, z = aircraft.at(now)
         vx, vy, _up = aircraft.velocity
         speed = math.hypot(vx, vy)
-        way = tuple(_earth(spot.x_m, spot.y_m) for spot in aircraft.way_ahead())
+        way = tuple(on_earth(spot.x_m, spot.y_m) for spot in aircraft.way_ahead())
         track = bearing_deg(vx, vy) if speed > 0.0 else 0.0
-        facts = self._finder.facts(*_earth(x, y), track, speed, z, way)
+        facts = self._finder.facts(*on_earth(x, y), track, speed, z, way)
         self.give(events.PositionSeen(facts), now)
 
     def _track(self, x: float, y: float) -> TrackFact | None:
@@ -252,60 +246,30 @@ class Companion:
         """What the edge works out each second. `always`: even what cannot have changed."""
         if self.arbiter is None:
             return
-        energy = self._signs.energy
-        if self._aircraft.flying and (always or now >= self.energy_due):
-            energy = self._margin_wh(now) <= 0.0
+        self._judge_places(now, always=always)
         if self._aircraft.flying and self.fix:
             self._route.look(self._track(*self._aircraft.at(now)[:2]), in_seconds(now))
-        signs = events.SignsSeen(energy and self._aircraft.flying, self._route.deviation is not None)
+        signs = events.SignsSeen(self._aircraft.flying and self.places.short, self._route.deviation is not None)
         if signs != self._signs:
             self._signs = signs
             self._ties.stir(now, _LONG_S, ())
             self.give(signs, now)
 
-    def _margin_wh(self, now: int) -> float:
-        """As the real edge has it: what is believed to be left, over the way to where RTL goes."""
-        x, y, z = self._aircraft.at(now)
-        place = self._nearest(x, y)
-        left = self._aircraft.left_wh(now) * self._plan.truth.gauge
-        self.energy_due = now + max(SECOND, self._safe_for(left, place.away_m(x, y), z, place.alt_m))
-        return left - self.budget_home_wh(now)
+    # ---- places -----------------------------------------------------------------------------------------------------
 
-    def _nearest(self, x: float, y: float) -> Spot:
-        return min(self._plan.places, key=lambda spot: spot.away_m(x, y))
+    def _usable(self, now: int) -> frozenset[int]:
+        return frozenset() if self.arbiter is None else self.arbiter.usable(self._core_s(now))
+
+    def _judge_places(self, now: int, *, always: bool) -> None:
+        judged = self.places.look(now, self._core_s(now), self._usable(now), self.view, fix=self.fix, always=always)
+        if judged is not None:
+            self.give(judged, now)
+
+    def _before_return(self, now: int) -> None:
+        judged = self.places.before_return(now, self._core_s(now), self._usable(now), self.view, fix=self.fix)
+        if judged is not None:
+            self.give(judged, now)
 
     def budget_home_wh(self, now: int) -> float:
-        """What has to be left for the way to where RTL goes, with the reserve, as it is believed."""
-        x, y, z = self._aircraft.at(now)
-        model, place = self._model, self._nearest(x, y)
-        bearing = bearing_deg(place.x_m - x, place.y_m - y)
-        way = way_home(place.away_m(x, y), bearing, z, place.alt_m, model.return_alt_m)
-        return model.budget_wh(model.need_wh(way))
-
-    def _safe_for(self, left_wh: float, distance_m: float, z_m: float, place_alt_m: float) -> int:
-        """For so many ticks at least the margin stays above 0, however it flies from here.
-
-        By the dearest direction that there is: that need changes no faster than the distance does, whichever place is
-        the nearest then.
-        """
-        model = self._model
-        worst = self._worst
-        made = model.made_good(worst)
-        if made.speed_mps <= 0.0:
-            return 0
-        high = max(place_alt_m, model.return_alt_m, *(spot.alt_m for spot in (*self._plan.places, *self._plan.way)))
-        climb_down = Piece(climb_m=max(0.0, high - z_m)), landing(high)
-        level_w = max(made.power_w, model.power_w(model.airspeed_mps))
-        need = level_w * (distance_m / made.speed_mps + 60.0) / 3600.0 + model.need_wh(climb_down)
-        margin = left_wh - model.budget_wh(need)
-        watts = 1.2 * max(model.power_w(model.airspeed_mps), model.climb_w)
-        falls_w = watts + model.reserve_factor * level_w * (self._plan.speed_mps + _MOST_DRIFT_MPS) / made.speed_mps
-        return in_ticks(max(0.0, margin) * 3600.0 / falls_w)
-
-    def sagged(self, now: int) -> None:
-        """What is believed to be left has fallen."""
-        self.energy_due = now
-
-
-def _earth(x_m: float, y_m: float) -> tuple[float, float]:
-    return _PLANE.to_earth(x_m, y_m)
+        """What has to be left for the place that needs least, with the reserve, as it is believed."""
+        return self.places.budget_wh(now)

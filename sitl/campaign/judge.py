@@ -9,15 +9,16 @@ second, which every limit here is many times of.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.energy import way_home
 from sitl.campaign.aircraft import Mode
 from sitl.campaign.log import FlightLog
-from sitl.campaign.plan import FlightPlan
+from sitl.campaign.plan import FlightPlan, Spot, bearing_deg
 from sitl.campaign.times import SECOND
 
 __all__ = ["CLASSES", "UNSAFE", "Found", "Unsafe", "ended", "judge"]
@@ -33,6 +34,9 @@ BORDER_M: Final = 20.0
 PING_PONG, PING_PONG_S = 4, 60
 #: modes in which the aircraft is not on its way down, or home, and nobody's hand is on it
 _ON_ITS_WAY: Final = (Mode.AUTO.name, Mode.PAUSE.name)
+#: so long (s) what can be known of a place has to be so: 5 s until a station is lost, 20 s until one counts again, 5 s
+#: between two writes of the rally list
+KNOWN_S: Final = 32
 #: landed this near to a place is landed there (m)
 _THERE_M: Final = 15.0
 
@@ -57,6 +61,10 @@ class Moment:
     companion: bool
     #: stations that work, and whose zones hold the aircraft
     usable: frozenset[int]
+    #: stations that work, and whose links hold the aircraft
+    heard: frozenset[int]
+    #: companion and autopilot hear each other: the rally list is kept
+    writes: bool
     #: how far the aircraft is inside the commander's zone
     margin_m: float
 
@@ -84,11 +92,14 @@ def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
         for at in range(first, piece.ended, SECOND):
             x, y, z = piece.at(at)
             commander, companion = log.commander.at(at), log.companion.at(at)
-            usable = frozenset(
-                sysid for sysid, zone in zones.items() if zone.margin_m(x, y) > -BORDER_M and log.working[sysid].at(at)
-            )
+            margins = {sysid: zone.margin_m(x, y) for sysid, zone in zones.items() if log.working[sysid].at(at)}
+            usable = frozenset(sysid for sysid, margin in margins.items() if margin > -BORDER_M)
+            heard = frozenset(sysid for sysid, margin in margins.items() if margin > 0.0)
+            writes = companion and log.cable.at(at)
             margin = 0.0 if commander is None else zones[commander].margin_m(x, y)
-            yield Moment(at, (x, y, z), piece.mode, commander if companion else None, companion, usable, margin)
+            yield Moment(
+                at, (x, y, z), piece.mode, commander if companion else None, companion, usable, heard, writes, margin
+            )
 
 
 def _longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment], bool]) -> Moment | None:
@@ -168,29 +179,46 @@ def _ping_pong(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) 
 
 
 def _uncovered_place(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    """Landed by a return where nobody is, though a place that is covered could have been reached."""
-    begun = [(at, mode, by) for at, mode, by in log.modes if mode == Mode.RTL.name]
+    """Landed by a return at a place where nobody is, though another one that is covered could have been reached.
+
+    What counts was so, and could be known, for `KNOWN_S` before the return began: the vehicle knows of a station what
+    it hears, and the rally list is written by a companion that lives. Whoever falls away later is nobody's fault.
+    """
+    begun = [at for at, mode, _by in log.modes if mode == Mode.RTL.name]
     if not begun or not moments or log.landed is None or log.modes[-2][1] != Mode.RTL.name:
         return None
-    at, landed = begun[-1][0], log.landed
-    covered = [place for place in plan.places if _covered(plan, log, place.x_m, place.y_m, landed[0])]
+    at, landed = begun[-1], log.landed
     there = min(plan.places, key=lambda place: place.away_m(landed[1], landed[2]))
-    if there in covered or there.away_m(landed[1], landed[2]) > _THERE_M:
+    before = [moment for moment in moments if at - KNOWN_S * SECOND <= moment.at <= at]
+    steady = len(before) >= KNOWN_S and all(moment.writes for moment in before)
+    if not steady or there.away_m(landed[1], landed[2]) > _THERE_M or _known(plan, there, before, any):
         return None
-    here = min(moments, key=lambda m: abs(m.at - at)).place
-    covered = [place for place in covered if _covered(plan, log, place.x_m, place.y_m, at)]
-    left = log.left_wh_at(at)
-    for place in covered:
-        away = place.away_m(here[0], here[1])
-        need = plan.model().budget_wh(away / max(1.0, plan.speed_mps - 6.0) * plan.model().power_w(12.0) / 3600.0)
-        if left > need:
-            text = f"landed {there.away_m(*landed[1:]):.0f} m from a place that no station covers; one was in reach"
+    if _covered(plan, log, there, landed[0]):
+        return None
+    left = log.left_wh_at(at) * plan.truth.gauge
+    for place in plan.places:
+        safe = left > 1.1 * _budget_wh(plan, place, before[-1].place)
+        if safe and _known(plan, place, before, all) and _covered(plan, log, place, landed[0]):
+            text = f"landed at a place that no station covers; one {place.away_m(*landed[1:]):.0f} m away was in reach"
             return Found("landed uncovered", landed[0], text)
     return None
 
 
-def _covered(plan: FlightPlan, log: FlightLog, x: float, y: float, at: int) -> bool:
-    return any(s.zone.margin_m(x, y) > 0.0 and log.working[s.sysid].at(at) for s in plan.stations)
+def _known(plan: FlightPlan, place: Spot, moments: Iterable[Moment], how: Callable[[Iterable[bool]], bool]) -> bool:
+    """Whether a station covers the place that works and hears the aircraft: in any of these moments, or in all."""
+    covering = {s.sysid for s in plan.stations if s.zone.margin_m(place.x_m, place.y_m) > 0.0}
+    return how(not covering.isdisjoint(moment.heard) for moment in moments)
+
+
+def _budget_wh(plan: FlightPlan, place: Spot, here: tuple[float, float, float]) -> float:
+    x, y, z = here
+    model, away = plan.model(), place.away_m(x, y)
+    way = way_home(away, bearing_deg(place.x_m - x, place.y_m - y), z, place.alt_m, model.return_alt_m)
+    return model.budget_wh(model.need_wh(way))
+
+
+def _covered(plan: FlightPlan, log: FlightLog, place: Spot, at: int) -> bool:
+    return any(s.zone.margin_m(place.x_m, place.y_m) > 0.0 and log.working[s.sysid].at(at) for s in plan.stations)
 
 
 def _never_down(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:

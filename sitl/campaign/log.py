@@ -8,6 +8,8 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
+from sitl.campaign.plan import Spot
+
 __all__ = ["FlightLog", "Flown", "Series"]
 
 _Value = TypeVar("_Value")
@@ -66,6 +68,8 @@ class FlightLog:
     epoch: Series[int] = field(default_factory=lambda: Series(0))
     #: the companion runs, and its main loop goes round
     companion: Series[bool] = field(default_factory=lambda: Series(True))
+    #: the one point of the autopilot's rally list; None: home, as it was written with the plan
+    rally: Series[Spot | None] = field(default_factory=lambda: Series(None))
     #: companion and autopilot hear each other
     cable: Series[bool] = field(default_factory=lambda: Series(True))
     #: stations that work and are heard and hear, wherever the aircraft is

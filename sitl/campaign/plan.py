@@ -103,7 +103,7 @@ class FlightPlan:
     way: tuple[Spot, ...]
     #: it lands at the end of the way; else it returns
     lands: bool
-    #: where a return may go, home first
+    #: where a return may go: home, rally points, and where the mission lands if that is another place
     places: tuple[Spot, ...]
     speed_mps: float
     settings: EnergySettings
@@ -120,6 +120,15 @@ class FlightPlan:
     loss: float
     cell: Cell
     start_at: int = 8 * 64
+
+    @property
+    def named_places(self) -> tuple[tuple[str, Spot], ...]:
+        """Where a return may go, as the mission calls it."""
+        last = len(self.places) - 1
+        names = [f"rally {n}" if n else "home" for n in range(len(self.places))]
+        if self.lands and last:
+            names[last] = "landing"
+        return tuple(zip(names, self.places, strict=True))
 
     @property
     def zones(self) -> dict[int, Circle]:
@@ -162,6 +171,8 @@ def draw(seed: int) -> FlightPlan:
     for station in stations[1:]:
         if chance.random() < 0.7:
             spots.append(_around(chance, station.zone, 0.4))
+    if lands:
+        spots.append(Spot(way[-1].x_m, way[-1].y_m))
     farthest = max(spot.away_m(0.0, 0.0) for spot in (*way, *spots))
     return FlightPlan(
         seed,

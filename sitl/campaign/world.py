@@ -249,7 +249,7 @@ class World:
         if view.partner is not None or not self.pace.quiet(now, self._links, view.commander):
             return
         bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due, self._gcs_due]
-        bounds += [self._ekf_due, self._battery_due, self._over_at, companion.energy_due]
+        bounds += [self._ekf_due, self._battery_due, self._over_at, companion.places.due]
         if self._border_strikes and view.commander is not None:  # whether it leaves the zone is looked at each second
             x, y, _z = self.aircraft.at(now)
             away_s = self.plan.zones[view.commander].margin_m(x, y) / max(1.0, self.aircraft.speed_mps)
@@ -633,7 +633,7 @@ class World:
     def _sag(self, strike: Strike, now: int) -> None:
         assert self.companion is not None
         self.aircraft.sag(self.companion.budget_home_wh(now) * strike.amount / self.plan.truth.gauge, now)
-        self.companion.sagged(now)
+        self.companion.places.stir(now)
         self._battery_of = -1
 
     def _drift(self, strike: Strike, now: int) -> Callable[[int], None] | None:

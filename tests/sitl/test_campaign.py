@@ -179,21 +179,55 @@ def test_ping_pong(plan: FlightPlan) -> None:
     assert rows(plan, log) == ["ping-pong"]
 
 
-def test_a_return_that_ends_where_nobody_is() -> None:
-    plan = next(plan for seed in range(500) if len((plan := draw(seed)).places) == 2 and not plan.policies)
-    away = plan.places[1]
+@pytest.fixture
+def far() -> FlightPlan:
+    """One with a place that no station covers but the last one, which is not heard where GCSA is."""
+    return next(
+        plan
+        for seed in range(3000)
+        if not (plan := draw(seed)).policies
+        and len(plan.places) > 1
+        and all(s.zone.margin_m(plan.places[1].x_m, plan.places[1].y_m) < 0.0 for s in plan.stations[:-1])
+        and plan.stations[-1].zone.margin_m(plan.stations[0].zone.x_m, plan.stations[0].zone.y_m) < 0.0
+        and plan.stations[0].zone.margin_m(0.0, 0.0) > 0.0
+    )
+
+
+def returned(plan: FlightPlan) -> FlightLog:
+    """From above GCSA to a place that GCSA does not cover."""
     log = logged(plan, still(plan, 100), still(plan, 100, "RTL", begun=100))
-    log.landed = (200 * SECOND, away.x_m, away.y_m)
+    log.landed = (200 * SECOND, plan.places[1].x_m, plan.places[1].y_m)
     log.left = [(100 * SECOND, 1000.0)]
-    assert rows(plan, log) == []
-    covers = [s.sysid for s in plan.stations if s.zone.margin_m(away.x_m, away.y_m) > 0.0]
-    home = [s.sysid for s in plan.stations if s.zone.margin_m(0.0, 0.0) > 0.0]
-    assert not set(home) <= set(covers)
-    for each in covers:
-        log.working[each].set(0, False)
-    assert rows(plan, log) == ["landed uncovered"]
-    log.left = [(100 * SECOND, 0.0)]  # nothing else was in reach
-    assert rows(plan, log) == []
+    log.working[plan.stations[-1].sysid].set(0, False)
+    return log
+
+
+def test_a_return_that_ends_where_nobody_is_with_home_covered(far: FlightPlan) -> None:
+    assert rows(far, returned(far)) == ["landed uncovered"]
+    covered = returned(far)
+    covered.working[far.stations[-1].sysid].set(150 * SECOND, True)  # as it turned out
+    assert rows(far, covered) == []
+
+
+def test_what_could_not_be_reached_or_not_be_known_is_nobodys_fault(far: FlightPlan) -> None:
+    empty = returned(far)
+    empty.left = [(100 * SECOND, 0.0)]
+    assert rows(far, empty) == []
+    silent = returned(far)
+    silent.companion.set(80 * SECOND, False)
+    silent.companion.set(90 * SECOND, True)  # the list could not be written all the time
+    assert rows(far, silent) == []
+    cut = returned(far)
+    cut.cable.set(80 * SECOND, False)
+    cut.cable.set(90 * SECOND, True)
+    assert rows(far, cut) == []
+    lost = returned(far)
+    lost.working[A].set(150 * SECOND, False)  # where it should have gone, nobody is there either by then
+    assert rows(far, lost) == []
+    late = returned(far)
+    late.working[A].set(60 * SECOND, False)
+    late.working[A].set(70 * SECOND, True)  # it was silent, and had yet to show that it stays
+    assert rows(far, late) == []
 
 
 def test_every_row_says_what_and_how_long() -> None:

@@ -178,6 +178,11 @@ class _Steady:
         self.value = value
         self._level_s = BETTER_S if value else 0.0
 
+    @property
+    def settled(self) -> bool:
+        """It counts as what it was at every look of late."""
+        return self._level_s in (0.0, BETTER_S)
+
     def look(self, value: bool, passed_s: float) -> bool:
         """It is that now, `passed_s` after the last look; returns what it counts as."""
         change_s = passed_s if value else -passed_s * BETTER_S / WORSE_S
@@ -199,6 +204,12 @@ class _Record:
 
     def _cover(self, now: Standing) -> None:
         self._all, self._there = _Steady(now.coverage is Coverage.ALL), _Steady(now.coverage is not Coverage.NO)
+
+    @property
+    def settled(self) -> bool:
+        """It counts as the facts have it."""
+        parts = (self._inside, self._way, self._full, self._some, self._all, self._there)
+        return all(part.settled for part in parts)
 
     def look(self, now: Standing, passed_s: float, *, others: bool) -> Standing:
         """How it stands now by the facts; returns how it counts. `others`: other stations could take the aircraft."""
@@ -263,6 +274,12 @@ class PlaceChooser:
         place, counts = held
         self._name = place.name
         return Choice(place, counts, tuple(sorted(place.there & self._usable)))
+
+    def settled(self, now: float) -> bool:
+        """Whether the choice stays as long as the facts do: nothing has still to be so for a while to count."""
+        return all(record.settled for record in self._records.values()) and all(
+            since == inf or now - since >= BETTER_S for since in self._since.values()
+        )
 
     def _count(self, usable: Set[int], now: float) -> bool:
         """Take in who could take the aircraft; whether others count now than at the last look."""

@@ -213,6 +213,22 @@ def test_a_station_that_falls_away_counts_at_once_and_has_to_stay_to_count_again
     assert flight.look(HOME, NEAR, seconds=1).place.name == "rally 1"
 
 
+def test_a_choice_is_settled_when_nothing_has_still_to_stay_to_count() -> None:
+    chooser, far_then_near = PlaceChooser(), [HOME, NEAR]
+    chooser.choose(far_then_near, {A, B}, 0.0)
+    assert chooser.settled(0.0)
+    chooser.choose(far_then_near, {A}, 1.0)
+    assert chooser.settled(1.0)  # who falls away counts at once
+    chooser.choose(far_then_near, {A, B}, 2.0)
+    assert not chooser.settled(2.0)
+    chooser.choose(far_then_near, {A, B}, 22.0)
+    assert chooser.settled(22.0)
+    worse = [HOME, replace(NEAR, margin_wh=-1.0)]
+    for now, settled in ((23.0, False), (24.0, False), (26.0, True)):
+        chooser.choose(worse, {A, B}, now)
+        assert chooser.settled(now) is settled
+
+
 def test_a_station_that_comes_for_the_first_time_counts_at_once() -> None:
     flight = Flight({A})
     assert flight.look(HOME, NEAR).place.name == "home"
