@@ -9,7 +9,7 @@ any moment without stepping. What ArduCopter does is kept to what matters here:
 * RTL: up to the height of the return, straight to the one point of its rally list, which it reads when it begins, a
   pause, down. A second order for it changes nothing; to leave it and begin it anew does. LAND: straight down.
 * Its own failsafes: a low and an empty battery (RTL, LAND), 8 s without a position (LAND), no heartbeat of the
-  commander for 10 s (RTL).
+  commander for 10 s (RTL), the fence (RTL). When they act is for `world.py` to say.
 
 Wind slows it down as `core/safety/energy.py` says, and here a wind from behind helps.
 """
@@ -80,6 +80,8 @@ class Aircraft:
         self._used_j = 0.0
         self._capacity_j = plan.settings.battery_wh * 3600.0 if plan.settings.battery_wh else inf
         self._legs: list[_Leg] = []
+        #: the one of them that is flown
+        self._leg = _Leg(0.0, 0.0, 0.0, 0.0, 0.0)
         #: number of the waypoint that is flown to
         self.waypoint = 0
         #: speed at which wind carries it away, east and north (m/s)
@@ -87,8 +89,9 @@ class Aircraft:
         self.landed_at: Spot | None = None
         #: the one point of its rally list: where a return goes, whoever orders it
         self.rally: Spot = plan.places[0]
-        #: one of its own failsafes has acted
-        self.failsafe = False
+        #: one of its own failsafes has acted; it is outside its fence; its returns get nowhere
+        self.failsafe = self.breached = False
+        self._stuck = False
 
     # ---- looking ----------------------------------------------------------------------------------------------------
 
@@ -106,6 +109,14 @@ class Aircraft:
     def speed_mps(self) -> float:
         """Over ground."""
         return hypot(self._vx, self._vy)
+
+    def away_m(self, now: int) -> float | None:
+        """How far it is to where a return flies to; None: it does not return."""
+        if self.mode is not Mode.RTL:
+            return None
+        x, y, _z = self.at(now)
+        leg = next((leg for leg in (self._leg, *self._legs) if leg.speed_mps == inf), None)
+        return 0.0 if leg is None else hypot(leg.x_m - x, leg.y_m - y)
 
     @property
     def flying(self) -> bool:
@@ -315,7 +326,11 @@ class Aircraft:
         if not self._legs:
             self._touch_down(now)
             return
-        leg = self._legs.pop(0)
+        leg = self._leg = self._legs.pop(0)
+        if leg.speed_mps == inf and self._stuck:
+            self._legs.insert(0, leg)
+            self._still(now, self._model.cruise_w)
+            return
         if leg.speed_mps == inf:
             level = self._level(leg.x_m, leg.y_m, leg.z_m)
             leg = level if hypot(leg.x_m - self._x, leg.y_m - self._y) > 0.5 else self._up(leg.z_m + 0.01)
@@ -345,6 +360,16 @@ class Aircraft:
                 pass
 
     # ---- faults -----------------------------------------------------------------------------------------------------
+
+    def stuck(self, is_so: bool, now: int) -> None:
+        """A return hangs where it is, or does so no more."""
+        self._stuck = is_so
+        if self.mode is not Mode.RTL or not any(leg.speed_mps == inf for leg in (self._leg, *self._legs)):
+            return
+        self._settle(now)
+        if is_so:
+            self._legs.insert(0, self._leg)
+        self._next(now)
 
     def sag(self, left_wh: float, now: int) -> None:
         """No more than that is left."""

@@ -18,13 +18,13 @@ from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck, Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase, Station
+from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, LeaseState, Phase, Station
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
-from sitl.campaign.aircraft import Aircraft
+from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.earth import on_earth
 from sitl.campaign.log import FlightLog
 from sitl.campaign.places import Places
@@ -35,6 +35,15 @@ from sitl.campaign.watch import Watch
 __all__ = ["DIGEST", "Companion", "Ties"]
 
 DIGEST: Final = bytes(range(32))
+#: what a mode does, and its name
+_MODES: Final = {
+    Mode.GROUND: (Flown.HANDS, "LOITER"),
+    Mode.AUTO: (Flown.MISSION, "AUTO"),
+    Mode.PAUSE: (Flown.MISSION, "AUTO"),
+    Mode.RTL: (Flown.RETURN, "RTL"),
+    Mode.LAND: (Flown.LAND, "LAND"),
+    Mode.PILOT: (Flown.HANDS, "LOITER"),
+}
 #: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks
 _LONG_S: Final = 13.0
 #: entries of the journal behind which less than that has to be waited for, or more: how long (s), and the pauses that
@@ -90,6 +99,9 @@ class Companion:
         self.arbiter: Arbiter | None = None
         self._watch: Watch | None = None
         self.view = AuthorityView()
+        #: what was said last of mode and motion, which is said again only where every step is made
+        self._told: dict[type, object] = {}
+        self._flew = False
         self._start(0)
 
     # ---- its life ---------------------------------------------------------------------------------------------------
@@ -103,6 +115,8 @@ class Companion:
         except AssertionError as error:
             self._log.broken.append((now, f"a restart gives what it must not: {error}"))
         self._signs = events.SignsSeen()
+        self._told.clear()
+        self._flew = False
         self.places = Places(self._plan, self._aircraft, self._zones)
         self._route = RouteCheck(RouteLimits())
         self._in_force(self.arbiter.view, now)
@@ -229,6 +243,26 @@ class Companion:
         facts = self._finder.facts(*on_earth(x, y), track, speed, z, way)
         self.give(events.PositionSeen(facts), now)
 
+    def heartbeat(self, now: int, *, always: bool) -> None:
+        """The autopilot says what it is about. `always`: also what it has said before."""
+        aircraft = self._aircraft
+        flown, name = _MODES[aircraft.mode]
+        mode = events.ModeSeen(flown, name, aircraft.mode is Mode.LAND, self._plan.truth.radio)
+        # who flew at the heartbeat before is a part of what the rules make of it
+        key = mode, self._flew
+        self._flew = aircraft.flying
+        if always or self._told.get(events.ModeSeen) != key:
+            self._told[events.ModeSeen] = key
+            self.give(mode, now)
+        self.give(events.AutopilotState(aircraft.armed, aircraft.flying), now)
+
+    def _move(self, now: int, *, always: bool) -> None:
+        aircraft = self._aircraft
+        motion = events.MotionSeen(aircraft.speed_mps, aircraft.velocity[2], aircraft.away_m(now))
+        if always or self._told.get(events.MotionSeen) != motion:
+            self._told[events.MotionSeen] = motion
+            self.give(motion, now)
+
     def _track(self, x: float, y: float) -> TrackFact | None:
         aircraft = self._aircraft
         if not aircraft.way_ahead() or aircraft.waypoint == 0:
@@ -248,8 +282,12 @@ class Companion:
             return
         self._judge_places(now, always=always)
         if self._aircraft.flying and self.fix:
+            self._move(now, always=always)
+        if self._aircraft.flying and self.fix:
             self._route.look(self._track(*self._aircraft.at(now)[:2]), in_seconds(now))
-        signs = events.SignsSeen(self._aircraft.flying and self.places.short, self._route.deviation is not None)
+        signs = events.SignsSeen(
+            self._aircraft.flying and self.places.short, self._route.deviation is not None, self._aircraft.breached
+        )
         if signs != self._signs:
             self._signs = signs
             self._ties.stir(now, _LONG_S, ())

@@ -32,6 +32,8 @@ class Fault(Enum):
     DRIFT = "wind carries the aircraft off its route"
     BREACH = "wind carries the aircraft out of its fence"
     PILOT = "a pilot takes the aircraft, and gives it back"
+    DISOBEYS = "the autopilot does nothing of what the companion orders"
+    STUCK = "a return gets no nearer to its place"
 
 
 class Target(Enum):

@@ -43,6 +43,11 @@ class Guard:
             return GuardState.EXPIRED
         return GuardState.LIVE if self._lost_since is None else GuardState.LOST
 
+    @property
+    def enforcing(self) -> bool:
+        """It has sent the aircraft home, and nobody commands since."""
+        return self._acted
+
     def heed(self, flows: bool, held: bool, now: int) -> None:
         """Whether leases come, and whether they name a commander; to be told whenever that changes."""
         if self._flows and not flows:

@@ -59,6 +59,8 @@ class Moment:
     mode: str
     commander: int | None
     companion: bool
+    #: the autopilot does what it is ordered
+    obeys: bool
     #: stations that work, and whose zones hold the aircraft
     usable: frozenset[int]
     #: stations that work, and whose links hold the aircraft
@@ -98,7 +100,16 @@ def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
             writes = companion and log.cable.at(at)
             margin = 0.0 if commander is None else zones[commander].margin_m(x, y)
             yield Moment(
-                at, (x, y, z), piece.mode, commander if companion else None, companion, usable, heard, writes, margin
+                at,
+                (x, y, z),
+                piece.mode,
+                commander if companion else None,
+                companion,
+                log.obeys.at(at),
+                usable,
+                heard,
+                writes,
+                margin,
             )
 
 
@@ -109,6 +120,8 @@ def _longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment]
         assert moment is not None
         follows = before is None or moment.at - before.at <= SECOND
         run = run + 1 if wrong(moment) and follows else int(wrong(moment))
+        if not moment.obeys:  # whoever sends it home cannot have it go there; from then on is counted anew
+            run = 0
         if run > limit_s:
             return moment
     return None

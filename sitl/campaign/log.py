@@ -70,6 +70,8 @@ class FlightLog:
     companion: Series[bool] = field(default_factory=lambda: Series(True))
     #: the one point of the autopilot's rally list; None: home, as it was written with the plan
     rally: Series[Spot | None] = field(default_factory=lambda: Series(None))
+    #: the autopilot does what it is ordered
+    obeys: Series[bool] = field(default_factory=lambda: Series(True))
     #: companion and autopilot hear each other
     cable: Series[bool] = field(default_factory=lambda: Series(True))
     #: stations that work and are heard and hear, wherever the aircraft is

@@ -28,9 +28,9 @@ from typing import Final
 from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.links import EDGE_M, FADES_M, Link
 from sitl.campaign.plan import Circle, FlightPlan
-from sitl.campaign.times import NEVER, SECOND, in_ticks
+from sitl.campaign.times import NEVER, SECOND, in_seconds, in_ticks
 
-__all__ = ["Pace"]
+__all__ = ["Pace", "hits"]
 
 _STIRRED: Final = in_ticks(0.25)
 _BEFORE: Final = in_ticks(0.5)
@@ -77,6 +77,11 @@ class Pace:
     def settle(self, now: int, settle_s: float) -> None:
         """The same of something that lets the rules wait for no position."""
         self._quiet_from = max(self._quiet_from, now + in_ticks(settle_s))
+
+    def rush(self, until: int, now: int) -> None:
+        """Every round is made until then: the rules count what they do not announce."""
+        self._restless_until = max(self._restless_until, until)
+        self.stir(now, in_seconds(until - now))
 
     def worry(self, weak: bool, whom: Iterable[int]) -> None:
         """These links are weak, or are not any more: for how long they have been matters."""
@@ -130,7 +135,7 @@ class Pace:
         x, y, _z = aircraft.at(aircraft.begun)
         for sysid, zone in self._zones.items():
             outer, inner = (
-                _hits(zone, zone.radius_m + off, x, y, vx, vy) for off in (_BAND_M + _BIT_M, -_BAND_M - _BIT_M)
+                hits(zone, zone.radius_m + off, x, y, vx, vy) for off in (_BAND_M + _BIT_M, -_BAND_M - _BIT_M)
             )
             if outer is None:
                 continue
@@ -138,7 +143,7 @@ class Pace:
                 self._window(outer[0], outer[1])
                 continue
             entered, left = (
-                _hits(zone, zone.radius_m + off, x, y, vx, vy) for off in (_BIT_M - _BAND_M, _BAND_M - _BIT_M)
+                hits(zone, zone.radius_m + off, x, y, vx, vy) for off in (_BIT_M - _BAND_M, _BAND_M - _BIT_M)
             )
             assert entered is not None
             assert left is not None
@@ -185,7 +190,7 @@ class Pace:
                     until = min(until, begun)
             for zone in self._zones.values():  # links begin to lose, or to let through
                 for radius in (zone.radius_m - self._edge_m, zone.radius_m + FADES_M + 1.0):
-                    for at_s in _hits(zone, radius, x, y, vx, vy) or ():
+                    for at_s in hits(zone, radius, x, y, vx, vy) or ():
                         if at_s > -2.0:
                             until = min(until, now + int(max(0.0, at_s) * SECOND) - SECOND)
         return until
@@ -195,7 +200,7 @@ def _ahead(x: float, y: float, vx: float, vy: float, s: float) -> tuple[float, f
     return x + vx * s, y + vy * s
 
 
-def _hits(zone: Circle, radius_m: float, x: float, y: float, vx: float, vy: float) -> tuple[float, float] | None:
+def hits(zone: Circle, radius_m: float, x: float, y: float, vx: float, vy: float) -> tuple[float, float] | None:
     """When (s) a straight way goes into a circle of that radius and out of it; None: never."""
     dx, dy = x - zone.x_m, y - zone.y_m
     a, b, c = vx * vx + vy * vy, dx * vx + dy * vy, dx * dx + dy * dy - radius_m * radius_m

@@ -89,6 +89,9 @@ class Truth:
     #: whether the autopilot acts on a low battery by itself, and whether it tells the wind
     battery_failsafe: bool
     tells_wind: bool
+    #: whether it keeps its fence, or only tells of a breach; and whether there is a pilot with a radio
+    fence_failsafe: bool = True
+    radio: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +167,13 @@ def draw(seed: int) -> FlightPlan:
     route, way = _way(chance, stations, speed)
     wind = Wind(chance.uniform(0.0, 5.0), chance.uniform(0.0, 360.0))
     truth = Truth(
-        wind, chance.uniform(0.88, 1.05), chance.uniform(0.97, 1.02), chance.random() < 0.5, chance.random() < 0.5
+        wind,
+        chance.uniform(0.88, 1.05),
+        chance.uniform(0.97, 1.02),
+        chance.random() < 0.5,
+        chance.random() < 0.5,
+        chance.random() < 0.5 and not gap,  # who is to leave its coverage would be brought back before
+        chance.random() < 0.6,
     )
     lands = chance.random() < 0.5
     spots = [HOME]

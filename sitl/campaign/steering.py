@@ -98,6 +98,8 @@ _ANYTHING: Final = (
     (Fault.BURST, Target.ALL, 2.0, 9.0),
     (Fault.PILOT, Target.NOBODY, 5.0, 60.0),
     (Fault.DEAD, Target.ALL, 20.0, 200.0),
+    (Fault.DISOBEYS, Target.NOBODY, 10.0, 60.0),
+    (Fault.STUCK, Target.NOBODY, 30.0, 90.0),
 )
 
 

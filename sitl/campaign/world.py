@@ -25,7 +25,7 @@ from math import cos, inf, radians, sin
 from gcs_module import core as gcs
 from mavproxy_handover.core import events
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase
+from mavproxy_handover.core.model import AuthorityView, FlightAction, Hand, LeaseState, Phase
 from mavproxy_handover.core.never import assert_never
 from sitl.campaign.aircraft import EMPTY_PART, LOW_PART, Aircraft, Mode
 from sitl.campaign.companion import DIGEST, Companion, Ties
@@ -33,7 +33,7 @@ from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.guard import Guard
 from sitl.campaign.links import WEAK_LOSS, Link
 from sitl.campaign.log import FlightLog, Series
-from sitl.campaign.pace import Pace
+from sitl.campaign.pace import Pace, hits
 from sitl.campaign.plan import FlightPlan, bearing_deg
 from sitl.campaign.stations import Ground, GroundTies
 from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks, on_round
@@ -50,6 +50,10 @@ _START_TAKES = in_ticks(2.0)
 _LEAVES_S = 10.0
 #: FS_GCS_TIMEOUT, and when the autopilot lands without a position
 _GCS_TIMEOUT, _EKF = in_ticks(10.0), in_ticks(8.0)
+#: manual recovery of ArduCopter's fence
+_RECOVERY = in_ticks(10.0)
+#: so long behind it what was not obeyed may matter: a return that gets nowhere is given up after 30 s
+_OBEYS = in_ticks(45.0)
 #: a main loop that stands still is killed after this long, and a new one goes round so much later
 _SUPERVISED, _FORKED = in_ticks(1.2), in_ticks(0.6)
 
@@ -78,8 +82,13 @@ class World:
         self._gcs_due = NEVER
         self._ekf_due = NEVER
         self._battery_due = NEVER
+        #: when the border of the fence is crossed next, and when it was crossed outwards and inwards last
+        self._fence_due = NEVER
+        self._breach = [NEVER, NEVER]
+        #: the autopilot has none
+        self._no_position = False
         #: for the piece that began then; -1: to be found out
-        self._battery_of = -1
+        self._piece_of = -1
         self._round = -ROUND
         self._beaten = False
         #: when the rules have something due, as they count, and after how many events that was
@@ -146,9 +155,9 @@ class World:
         while True:
             first = planned[0][0] if planned else NEVER
             second = routine[0][0]
-            if aircraft.begun != self._battery_of:
-                self._know_battery()
-            own = min(aircraft.ends, guard.due, self._gcs_due, self._ekf_due, self._battery_due)
+            if aircraft.begun != self._piece_of:
+                self._know_piece()
+            own = min(aircraft.ends, guard.due, self._gcs_due, self._ekf_due, self._battery_due, self._fence_due)
             now = min(first, second, own)
             round_at = self._next_round(now, first)
             now = min(now, round_at)
@@ -220,10 +229,10 @@ class World:
 
     def _beat(self, now: int) -> None:
         """The autopilot's heartbeat, and what the companion does each second."""
-        companion, aircraft = self.companion, self.aircraft
+        companion = self.companion
         assert companion is not None
         if self.cable:
-            companion.give(events.AutopilotState(aircraft.armed, aircraft.flying), now)
+            companion.heartbeat(now, always=self.plain)
             companion.second(now, always=self.plain)
         self._beaten = True
         if self._border_strikes and self._leaves(now):
@@ -249,7 +258,7 @@ class World:
         if view.partner is not None or not self.pace.quiet(now, self._links, view.commander):
             return
         bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due, self._gcs_due]
-        bounds += [self._ekf_due, self._battery_due, self._over_at, companion.places.due]
+        bounds += [self._ekf_due, self._battery_due, self._fence_due, self._over_at, companion.places.due]
         if self._border_strikes and view.commander is not None:  # whether it leaves the zone is looked at each second
             x, y, _z = self.aircraft.at(now)
             away_s = self.plan.zones[view.commander].margin_m(x, y) / max(1.0, self.aircraft.speed_mps)
@@ -265,6 +274,8 @@ class World:
     def _guard_speaks(self, now: int) -> None:
         if self.guard.works and self.cable:
             self._tell(events.GuardSeen(self.guard.state, ours=True), now)
+            if self.guard.enforcing:
+                self._tell(events.HandSeen(Hand.GUARD), now)
 
     def _station_beats(self, sysid: int, now: int) -> None:
         """Heartbeats of a station, up and over the ground, and of the companion down to it."""
@@ -387,9 +398,9 @@ class World:
 
     def _order(self, action: FlightAction, now: int) -> None:
         """An order of the companion."""
-        if not self.cable:
-            return
         aircraft = self.aircraft
+        if not self.cable or not self.log.obeys.values[-1]:
+            return
         match action:
             case FlightAction.HOLD:
                 aircraft.pause(now)
@@ -397,7 +408,9 @@ class World:
                 if aircraft.mode is Mode.PAUSE:
                     aircraft.resume("companion", now)
             case FlightAction.RETURN:
-                if self._ekf_due == NEVER and self.companion is not None and self.companion.fix:
+                if self._no_position:  # RTL is refused, and LAND is what is tried next
+                    aircraft.land("companion", now)
+                else:
                     aircraft.come_home("companion", now)
             case FlightAction.LAND:
                 aircraft.land("companion", now)
@@ -411,10 +424,28 @@ class World:
         if self.aircraft.landed_at is not None and self._over_at > now + _AFTER:
             self._over_at = now + _AFTER
 
+    def _know_piece(self) -> None:
+        """When the piece that is flown now comes to where the autopilot acts by itself."""
+        self._piece_of = self.aircraft.begun
+        self._know_battery()
+        self._know_fence()
+
+    def _know_fence(self) -> None:
+        """When the border of the fence is crossed."""
+        aircraft, fence = self.aircraft, self.plan.fence
+        x, y, _z = aircraft.at(aircraft.begun)
+        vx, vy, _up = aircraft.velocity
+        times = hits(fence, fence.radius_m, x, y, vx, vy) if aircraft.flying else None
+        self._fence_due = NEVER
+        if times is None:
+            return
+        at_s = times[0] if aircraft.breached else times[1]
+        if at_s > 0.0 or not aircraft.breached:
+            self._fence_due = aircraft.begun + max(0, int(at_s * SECOND)) + 1
+
     def _know_battery(self) -> None:
         """When the battery comes to the next level at which something happens."""
         aircraft = self.aircraft
-        self._battery_of = aircraft.begun
         parts = [0.0]
         if self.plan.truth.battery_failsafe and aircraft.flying and aircraft.mode is not Mode.LAND:
             parts.append(EMPTY_PART)
@@ -428,23 +459,51 @@ class World:
         self.guard.look(now)
         if self._gcs_due <= now:
             self._gcs_due = NEVER
-            if aircraft.flying and not aircraft.mode.comes_down:
+            if aircraft.flying and not aircraft.mode.comes_down and aircraft.mode is not Mode.PILOT:
+                self._failsafe(now)
                 aircraft.come_home("GCS failsafe", now)
         if self._ekf_due <= now:
-            self._ekf_due = NEVER
+            self._ekf_due, self._no_position = NEVER, True
+            self._failsafe(now)
             aircraft.land("EKF failsafe", now)
+        if self._fence_due <= now:
+            self._crosses_fence(now)
         if self._battery_due <= now:
-            self._battery_of = -1
+            self._piece_of = -1
             left = aircraft.left_wh(now) / aircraft.battery_wh
             if left <= 0.001:
                 aircraft.falls(now)
             elif left <= EMPTY_PART + 0.001:
+                self._failsafe(now)
                 aircraft.land("battery failsafe", now)
             elif aircraft.mode is not Mode.RTL:
+                self._failsafe(now)
                 aircraft.come_home("battery failsafe", now)
         if aircraft.mode is not before:
             self.pace.stir(now, 13.0)
         self._after_piece(now)
+
+    def _failsafe(self, now: int) -> None:
+        """One of the autopilot's failsafes acts, and it says so."""
+        self.aircraft.failsafe = True
+        if self.cable:
+            self._tell(events.HandSeen(Hand.FAILSAFE), now)
+
+    def _crosses_fence(self, now: int) -> None:
+        """The border of the fence. A mode that was changed outside opens ten seconds in which no breach is acted on."""
+        aircraft = self.aircraft
+        aircraft.breached = not aircraft.breached
+        self._piece_of = -1
+        self.pace.stir(now, 13.0)
+        if not aircraft.breached:
+            self._breach[1] = now
+            return
+        began, ended = self._breach
+        self._breach = [now, NEVER]
+        by_hand = any(began <= at <= ended and now < at + _RECOVERY for at, _mode, _by in self.log.modes)
+        if self.plan.truth.fence_failsafe and not by_hand:
+            self._failsafe(now)
+            aircraft.come_home("fence failsafe", now)
 
     # ---- faults ------------------------------------------------------------------------------------------------------
 
@@ -515,8 +574,18 @@ class World:
             case Fault.DRIFT | Fault.BREACH:
                 return self._drift(strike, now)
             case Fault.PILOT:
+                if not self.plan.truth.radio:
+                    return None
                 self.aircraft.taken(now)
                 return self._pilot_gives_back
+            case Fault.DISOBEYS:
+                self.pace.rush(now + min(strike.lasts, _LONGEST) + _OBEYS, now)
+                self.log.obeys.set(now, False)
+                return lambda now: self.log.obeys.set(now, True)
+            case Fault.STUCK:
+                self.pace.rush(now + min(strike.lasts, _LONGEST) + _OBEYS, now)
+                self.aircraft.stuck(True, now)
+                return partial(self.aircraft.stuck, False)
             case _:
                 assert_never(strike.fault)
 
@@ -626,7 +695,7 @@ class World:
         self._ekf_due = now + _EKF if self.aircraft.flying else NEVER
 
         def end(_now: int) -> None:
-            companion.fix, self._ekf_due = True, NEVER
+            companion.fix, self._ekf_due, self._no_position = True, NEVER, False
 
         return end
 
@@ -634,7 +703,7 @@ class World:
         assert self.companion is not None
         self.aircraft.sag(self.companion.budget_home_wh(now) * strike.amount / self.plan.truth.gauge, now)
         self.companion.places.stir(now)
-        self._battery_of = -1
+        self._piece_of = -1
 
     def _drift(self, strike: Strike, now: int) -> Callable[[int], None] | None:
         """Wind from the side; for a breach it blows away from the middle."""

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Who flies in a campaign: failsafes and pilots win, what the autopilot does not follow is escalated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from sitl.campaign.faults import Fault, Strike
+from sitl.campaign.judge import judge
+from sitl.campaign.log import FlightLog
+from sitl.campaign.plan import FlightPlan, draw
+from sitl.campaign.times import NEVER, SECOND
+from sitl.campaign.world import World
+
+SAG = Strike(Fault.SAG, 300 * SECOND, NEVER, amount=0.97)
+
+
+def struck(*strikes: Strike, seed: int = 2, **truth: bool) -> FlightPlan:
+    """A flight with these faults, the table's policies, no operator who has to be asked, and what is true besides."""
+    plan = draw(seed)
+    truths = {"battery_failsafe": False, "fence_failsafe": True, "radio": True} | truth
+    stations = tuple(replace(station, asked=False) for station in plan.stations)
+    return replace(plan, strikes=strikes, policies={}, truth=replace(plan.truth, **truths), stations=stations)
+
+
+def flown(plan: FlightPlan, *, plain: bool = False) -> FlightLog:
+    return World(plan, plain=plain).run()
+
+
+def by(log: FlightLog) -> list[str]:
+    return [f"{mode} {who}" for _at, mode, who in log.modes]
+
+
+def orders(log: FlightLog) -> list[str]:
+    return [action for _at, action in log.orders]
+
+
+def test_the_fence_brings_back_whom_the_wind_carries_out_of_it_and_nobody_interferes() -> None:
+    out = Strike(Fault.BREACH, 120 * SECOND, 600 * SECOND, amount=0.9)
+    log = flown(struck(out))
+    assert by(log)[:2] == ["AUTO start", "RTL fence failsafe"]
+    assert "RETURN" not in orders(log)
+    assert log.landed is not None
+
+
+def test_a_fence_that_only_tells_lets_it_go_and_the_rules_bring_it_back_when_coverage_ends() -> None:
+    out = Strike(Fault.BREACH, 120 * SECOND, 600 * SECOND, amount=0.9)
+    plan = struck(out, fence_failsafe=False)
+    log = flown(plan)
+    assert "RTL companion" in by(log)
+    assert judge(plan, log) == ()
+
+
+def test_nothing_is_commanded_while_a_pilot_has_it_and_what_he_gives_back_is_brought_home() -> None:
+    plan = struck(SAG, Strike(Fault.PILOT, 290 * SECOND, 40 * SECOND))
+    log = flown(plan)
+    given_back = next(at for at, mode, who in log.modes if (mode, who) == ("AUTO", "pilot"))
+    assert [at >= given_back for at, action in log.orders if action == "RETURN"] == [True]
+    assert by(log)[-1] == "GROUND companion"
+    assert judge(plan, log) == ()
+
+
+def test_without_a_radio_there_is_no_pilot() -> None:
+    log = flown(struck(Strike(Fault.PILOT, 290 * SECOND, 40 * SECOND), radio=False))
+    assert not [mode for mode in by(log) if mode.endswith("pilot")]
+
+
+def test_what_is_not_obeyed_is_ordered_again_and_then_landed() -> None:
+    plan = struck(SAG, Strike(Fault.DISOBEYS, 295 * SECOND, 40 * SECOND))
+    log = flown(plan)
+    assert orders(log)[:3] == ["RETURN", "RETURN", "LAND"]
+    assert by(log)[-2:] == ["LAND companion", "GROUND companion"]
+
+
+def test_a_return_that_gets_no_nearer_becomes_a_landing() -> None:
+    log = flown(struck(SAG, Strike(Fault.STUCK, 295 * SECOND, 400 * SECOND)))
+    assert by(log)[-3:] == ["RTL companion", "LAND companion", "GROUND companion"]
+
+
+@pytest.mark.parametrize("fault", [Fault.DISOBEYS, Fault.STUCK, Fault.PILOT, Fault.BREACH])
+def test_the_same_comes_of_it_however_time_is_let_pass(fault: Fault) -> None:
+    plan = struck(SAG, Strike(fault, 295 * SECOND, 60 * SECOND, amount=0.9), seed=3)
+    short, whole = flown(plan), flown(plan, plain=True)
+    assert (short.modes, short.orders, short.landed) == (whole.modes, whole.orders, whole.landed)
+
+
+def test_an_autopilot_that_does_not_obey_is_no_fault_of_who_orders() -> None:
+    plan = struck()
+    log = flown(plan)
+    begun = log.modes[0][0]
+    log.commander.times[:], log.commander.values[:] = [0, begun + 50 * SECOND], [plan.stations[0].sysid, None]
+    assert [found.row for found in judge(plan, log)] == ["nobody, nothing done"]
+    log.obeys.set(begun + 52 * SECOND, False)
+    assert [found.row for found in judge(plan, log)] == []
