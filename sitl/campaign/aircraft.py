@@ -23,7 +23,8 @@ from typing import Final
 
 from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS, LANDING_BELOW_M, LANDING_MPS, LOITER_S
 from sitl.campaign.log import FlightLog, Flown
-from sitl.campaign.plan import FlightPlan, Spot, bearing_deg
+from sitl.campaign.plan import FlightPlan
+from sitl.campaign.plane import Spot, bearing_deg
 from sitl.campaign.times import NEVER, SECOND, in_ticks
 
 __all__ = ["Aircraft", "Mode"]

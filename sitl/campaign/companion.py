@@ -18,17 +18,18 @@ from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck, Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, LeaseState, Phase, Station
+from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Phase, Station
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import Aircraft, Mode
-from sitl.campaign.earth import on_earth
+from sitl.campaign.gaps import gap_at
 from sitl.campaign.log import FlightLog
 from sitl.campaign.places import Places
-from sitl.campaign.plan import FlightPlan, bearing_deg
+from sitl.campaign.plan import FlightPlan
+from sitl.campaign.plane import bearing_deg, on_earth
 from sitl.campaign.times import in_seconds
 from sitl.campaign.watch import Watch
 
@@ -223,11 +224,6 @@ class Companion:
             self._log.moves.append((now, before.commander, view.commander))
         self._ties.status(view, now)
 
-    @property
-    def held(self) -> bool:
-        """Whether leases name a commander."""
-        return self.view.lease in (LeaseState.HELD, LeaseState.TRANSFER)
-
     # ---- position, route, energy ------------------------------------------------------------------------------------
 
     def position(self, now: int) -> None:
@@ -241,7 +237,10 @@ class Companion:
         way = tuple(on_earth(spot.x_m, spot.y_m) for spot in aircraft.way_ahead())
         track = bearing_deg(vx, vy) if speed > 0.0 else 0.0
         facts = self._finder.facts(*on_earth(x, y), track, speed, z, way)
-        self.give(events.PositionSeen(facts), now)
+        gap = None
+        if self._plan.gaps and aircraft.mode in (Mode.AUTO, Mode.PAUSE):
+            gap = gap_at(self._plan.gaps, aircraft.waypoint, x, y, max(self._plan.speed_mps, speed))
+        self.give(events.PositionSeen(facts, gap), now)
 
     def heartbeat(self, now: int, *, always: bool) -> None:
         """The autopilot says what it is about. `always`: also what it has said before."""

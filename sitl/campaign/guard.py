@@ -3,13 +3,14 @@
 """The guard, as its page describes it: no live lease, or one that says for too long that nobody commands: RTL, once.
 
 Leases flow five times a second while companion, cable and main loop are well. So the guard's last lease is as old as
-the moment when one of them failed, and nothing needs to be counted in between. What is in a pilot's hands, on its way
-home or on its way down is left alone.
+the moment when one of them failed, and nothing needs to be counted in between. One that says that the aircraft is alone
+in a declared gap counts as authority for as long as the first of them has said, and HNDO_ALONE_MAX at the most. What is
+in a pilot's hands, on its way home or on its way down is left alone.
 """
 
 from __future__ import annotations
 
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.model import GuardState, LeaseState
 from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.times import NEVER, in_ticks
 
@@ -24,41 +25,65 @@ _LOOKS = in_ticks(0.25)
 class Guard:
     """One guard. Times are ticks."""
 
-    __slots__ = ("_acted", "_aircraft", "_flows", "_lost_since", "_stopped", "due", "works")
+    __slots__ = (
+        "_acted",
+        "_aircraft",
+        "_alone_max_s",
+        "_alone_until",
+        "_flows",
+        "_lost_since",
+        "_stopped",
+        "due",
+        "works",
+    )
 
-    def __init__(self, aircraft: Aircraft) -> None:
-        self._aircraft = aircraft
+    def __init__(self, aircraft: Aircraft, alone_max_s: float) -> None:
+        """`alone_max_s`: HNDO_ALONE_MAX."""
+        self._aircraft, self._alone_max_s = aircraft, alone_max_s
         self.works = True
         self._flows = False
         #: when the last lease came, and since when leases say that nobody commands
         self._stopped = 0
         self._lost_since: int | None = None
+        #: until when it may be alone in the gap that is crossed; None: it is in none
+        self._alone_until: int | None = None
         self._acted = False
         self.due = NEVER
 
-    @property
-    def state(self) -> GuardState:
+    def state(self, now: int) -> GuardState:
         """What it says of itself, while leases flow or just have."""
         if self._acted and not self._flows:
             return GuardState.EXPIRED
-        return GuardState.LIVE if self._lost_since is None else GuardState.LOST
+        return GuardState.LIVE if self._lost_since is None or now < self._lost_since else GuardState.LOST
 
     @property
     def enforcing(self) -> bool:
         """It has sent the aircraft home, and nobody commands since."""
         return self._acted
 
-    def heed(self, flows: bool, held: bool, now: int) -> None:
-        """Whether leases come, and whether they name a commander; to be told whenever that changes."""
+    def heed(self, flows: bool, lease: LeaseState, alone_s: float, now: int) -> None:
+        """Whether leases come, what they say, and for how long the aircraft may still be alone (s); to be told whenever
+        that changes."""
         if self._flows and not flows:
             self._stopped = now
         self._flows = flows
         if flows:
-            if held:
-                self._lost_since, self._acted = None, False
-            elif self._lost_since is None:
-                self._lost_since = now
+            self._read(lease, alone_s, now)
         self._plan()
+
+    def _read(self, lease: LeaseState, alone_s: float, now: int) -> None:
+        if lease in (LeaseState.HELD, LeaseState.TRANSFER):
+            self._lost_since = self._alone_until = None
+            self._acted = False
+            return
+        if lease is LeaseState.ALONE:
+            if self._alone_until is None:  # what later leases say makes it no longer
+                self._alone_until = now + in_ticks(min(alone_s, self._alone_max_s))
+            if not self._acted and now < self._alone_until:
+                self._lost_since = self._alone_until
+                return
+        if self._lost_since is None or self._lost_since > now:
+            self._lost_since = now
 
     def _plan(self) -> None:
         times = [] if self._flows else [self._stopped + TIMEOUT + _LOOKS]

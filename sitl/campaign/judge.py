@@ -18,7 +18,8 @@ from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.energy import way_home
 from sitl.campaign.aircraft import Mode
 from sitl.campaign.log import FlightLog
-from sitl.campaign.plan import FlightPlan, Spot, bearing_deg
+from sitl.campaign.plan import FlightPlan
+from sitl.campaign.plane import Spot, bearing_deg
 from sitl.campaign.times import SECOND
 
 __all__ = ["CLASSES", "UNSAFE", "Found", "Unsafe", "ended", "judge"]
@@ -61,6 +62,8 @@ class Moment:
     companion: bool
     #: the autopilot does what it is ordered
     obeys: bool
+    #: limit (s) of the declared gap that it flies through; 0: in none
+    gap_s: float
     #: stations that work, and whose zones hold the aircraft
     usable: frozenset[int]
     #: stations that work, and whose links hold the aircraft
@@ -106,6 +109,7 @@ def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
                 commander if companion else None,
                 companion,
                 log.obeys.at(at),
+                _gap_s(plan, piece.mode, x, y),
                 usable,
                 heard,
                 writes,
@@ -113,12 +117,29 @@ def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
             )
 
 
+def _gap_s(plan: FlightPlan, mode: str, x: float, y: float) -> float:
+    if mode not in _ON_ITS_WAY:
+        return 0.0
+    for gap in plan.gaps:
+        along = gap.along_m(x, y)
+        if along is not None and -BORDER_M <= along <= gap.length_m + BORDER_M:
+            return gap.limit_s
+    return 0.0
+
+
 def _longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment], bool]) -> Moment | None:
-    """The moment when something has gone on for longer than the limit."""
-    run = 0
+    """The moment when something has gone on for longer than the limit, what a declared gap allows left out.
+
+    That is the gap's own limit, and no second more: behind it everything counts, the gap or not.
+    """
+    run = alone = 0
     for before, moment in pairwise((None, *moments)):
         assert moment is not None
         follows = before is None or moment.at - before.at <= SECOND
+        alone = alone + 1 if moment.gap_s and wrong(moment) and follows else 0
+        if 0 < alone <= moment.gap_s:
+            run = 0
+            continue
         run = run + 1 if wrong(moment) and follows else int(wrong(moment))
         if not moment.obeys:  # whoever sends it home cannot have it go there; from then on is counted anew
             run = 0

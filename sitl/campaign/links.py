@@ -11,7 +11,7 @@ matter who else has sent what, and the same messages are lost however time is le
 
 from __future__ import annotations
 
-from sitl.campaign.plan import Circle
+from sitl.campaign.plane import Circle
 
 __all__ = ["EDGE_M", "FADES_M", "WEAK_LOSS", "Link"]
 

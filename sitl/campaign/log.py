@@ -8,7 +8,7 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from sitl.campaign.plan import Spot
+from sitl.campaign.plane import Spot
 
 __all__ = ["FlightLog", "Flown", "Series"]
 

@@ -22,15 +22,17 @@ before and behind. Where the way ahead turns first, the turn comes first, and is
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import inf, sqrt
+from math import inf
 from typing import Final
 
 from sitl.campaign.aircraft import Aircraft, Mode
+from sitl.campaign.gaps import CONTACT_S, LEAD_S
 from sitl.campaign.links import EDGE_M, FADES_M, Link
-from sitl.campaign.plan import Circle, FlightPlan
+from sitl.campaign.plan import FlightPlan
+from sitl.campaign.plane import Circle
 from sitl.campaign.times import NEVER, SECOND, in_seconds, in_ticks
 
-__all__ = ["Pace", "hits"]
+__all__ = ["Pace"]
 
 _STIRRED: Final = in_ticks(0.25)
 _BEFORE: Final = in_ticks(0.5)
@@ -50,6 +52,7 @@ class Pace:
     def __init__(self, plan: FlightPlan, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
         self._zones = plan.zones
+        self._gaps = plan.gaps
         self._edge_m = EDGE_M + 1.0 if plan.loss else 1.0
         self._restless_until = 0
         self._quiet_from = in_ticks(20.0)
@@ -134,22 +137,26 @@ class Pace:
             return
         x, y, _z = aircraft.at(aircraft.begun)
         for sysid, zone in self._zones.items():
-            outer, inner = (
-                hits(zone, zone.radius_m + off, x, y, vx, vy) for off in (_BAND_M + _BIT_M, -_BAND_M - _BIT_M)
-            )
+            outer, inner = (zone.crossed(x, y, vx, vy, off) for off in (_BAND_M + _BIT_M, -_BAND_M - _BIT_M))
             if outer is None:
                 continue
             if inner is None:  # it grazes the border
                 self._window(outer[0], outer[1])
                 continue
-            entered, left = (
-                hits(zone, zone.radius_m + off, x, y, vx, vy) for off in (_BIT_M - _BAND_M, _BAND_M - _BIT_M)
-            )
+            entered, left = (zone.crossed(x, y, vx, vy, off) for off in (_BIT_M - _BAND_M, _BAND_M - _BIT_M))
             assert entered is not None
             assert left is not None
             self._window(entered[0], inner[0])
             self._window(left[1], outer[1])
             self._window(inner[1] - _ENDS_S, outer[1], sysid)
+        for gap in self._gaps:  # where the rules are told of one, and how long it may still take
+            if aircraft.mode is Mode.AUTO and gap.waypoint == aircraft.waypoint:
+                along, speed = gap.along_m(x, y), aircraft.speed_mps
+                if along is None or aircraft.drift != (0.0, 0.0):
+                    self._window(0.0, 3600.0)
+                else:
+                    begins_s, ends_s = -along / speed - LEAD_S, (gap.length_m - along) / speed + CONTACT_S
+                    self._window(begins_s - 1.0, ends_s + 1.0)
         if aircraft.ends < NEVER and aircraft.mode is Mode.AUTO:
             # what the way does behind the turn counts before it
             ends_s = (aircraft.ends - aircraft.begun) / SECOND
@@ -189,8 +196,8 @@ class Pace:
                 if begun >= now and whose in (None, commander):
                     until = min(until, begun)
             for zone in self._zones.values():  # links begin to lose, or to let through
-                for radius in (zone.radius_m - self._edge_m, zone.radius_m + FADES_M + 1.0):
-                    for at_s in hits(zone, radius, x, y, vx, vy) or ():
+                for off in (-self._edge_m, FADES_M + 1.0):
+                    for at_s in zone.crossed(x, y, vx, vy, off) or ():
                         if at_s > -2.0:
                             until = min(until, now + int(max(0.0, at_s) * SECOND) - SECOND)
         return until
@@ -198,14 +205,3 @@ class Pace:
 
 def _ahead(x: float, y: float, vx: float, vy: float, s: float) -> tuple[float, float]:
     return x + vx * s, y + vy * s
-
-
-def hits(zone: Circle, radius_m: float, x: float, y: float, vx: float, vy: float) -> tuple[float, float] | None:
-    """When (s) a straight way goes into a circle of that radius and out of it; None: never."""
-    dx, dy = x - zone.x_m, y - zone.y_m
-    a, b, c = vx * vx + vy * vy, dx * vx + dy * vy, dx * dx + dy * dy - radius_m * radius_m
-    under = b * b - a * c
-    if under <= 0.0 or a == 0.0:
-        return None
-    root = sqrt(under)
-    return (-b - root) / a, (-b + root) / a

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from math import hypot, inf, sqrt
+from math import hypot, inf
 from typing import Final
 
 from mavproxy_handover.core.events import PlaceJudged
@@ -26,8 +26,8 @@ from mavproxy_handover.mission.places import PlaceFinder, flown_s
 from mavproxy_handover.mission.plan import FenceCircle
 from mavproxy_handover.mission.zones import Zone
 from sitl.campaign.aircraft import Aircraft, Mode
-from sitl.campaign.earth import on_earth
-from sitl.campaign.plan import Circle, FlightPlan, Spot, bearing_deg
+from sitl.campaign.plan import FlightPlan
+from sitl.campaign.plane import Circle, Spot, bare_spans, bearing_deg, on_earth
 from sitl.campaign.times import SECOND, in_ticks
 
 __all__ = ["Places"]
@@ -285,25 +285,6 @@ def _lipschitz(around: Sequence[float]) -> float:
 def _bare(here: tuple[float, float, float], place: Spot, circles: Sequence[Circle], more_m: float) -> float:
     """How much of the straight way (m) is in none of the circles, each larger by `more_m`."""
     x, y, _z = here
-    dx, dy = place.x_m - x, place.y_m - y
-    length = hypot(dx, dy)
-    if length < 1e-3:
+    if place.away_m(x, y) < 1e-3:
         return 0.0 if any(each.margin_m(x, y) + more_m > 0.0 for each in circles) else inf
-    spans = []
-    for each in circles:
-        radius = each.radius_m + more_m
-        rx, ry = x - each.x_m, y - each.y_m
-        along, beyond = (rx * dx + ry * dy) / length, rx * rx + ry * ry - radius * radius
-        under = along * along - beyond
-        if radius > 0.0 and under > 0.0:
-            root = sqrt(under)
-            spans.append((-along - root, -along + root))
-    bare, covered_to = 0.0, 0.0
-    for begins, ends in sorted(spans):
-        if begins > covered_to:
-            bare += min(begins, length) - covered_to
-            covered_to = min(begins, length)
-        covered_to = max(covered_to, min(ends, length))
-        if covered_to >= length:
-            return bare
-    return bare + length - covered_to
+    return sum(ends - begins for begins, ends in bare_spans(Spot(x, y), place, circles, more_m))

@@ -2,10 +2,10 @@
 
 """What a flight is about, drawn from one seed: where stations cover, what is flown, and how things really are.
 
-The ground is a plane, in metres east and north of home; zones are circles. A mission follows a chain of zones there and
-back until it lasts ten minutes and has two handovers. In some a gap lies between two zones; in some stations' operators
-are asked. The energy of the battery is enough for the mission with the reserve, and little more; what flying costs, and
-what the battery says, is not quite what is believed of it.
+The ground is a plane (`plane.py`); zones are circles. A mission follows a chain of zones there and back until it lasts
+ten minutes and has two handovers. In some a gap lies between two zones, and half of these missions declare it; in some
+stations' operators are asked. The energy of the battery is enough for the mission with the reserve, and little more;
+what flying costs, and what the battery says, is not quite what is believed of it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from math import atan2, cos, degrees, hypot, pi, sin
+from math import cos, hypot, pi, sin
 from random import Random
 from typing import Final
 
@@ -22,9 +22,11 @@ from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.safety.energy import EnergyModel, Piece, Wind, landing
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from sitl.campaign.faults import Strike
+from sitl.campaign.gaps import GapPlan, find_gaps
+from sitl.campaign.plane import HOME, Circle, Spot, bearing_deg
 from sitl.campaign.steering import Cell, policies_for, strikes_for
 
-__all__ = ["HOME", "Circle", "FlightPlan", "Spot", "StationPlan", "Truth", "draw"]
+__all__ = ["FlightPlan", "StationPlan", "Truth", "draw"]
 
 #: system id of the first station, the parent
 FIRST: Final = 251
@@ -34,35 +36,6 @@ LEAST_S, LEAST_HANDOVERS = 620.0, 2
 _RADII: Final = (1200.0, 3500.0)
 #: how near their middles are, as a part of the sum of two radii: overlapping, and with a gap between them
 _OVERLAP, _GAP = (0.55, 0.85), (1.03, 1.15)
-
-
-@dataclass(frozen=True, slots=True)
-class Spot:
-    """A place: metres east and north of home, and a height above it; as a place of return the lowest way there."""
-
-    x_m: float
-    y_m: float
-    alt_m: float = 0.0
-
-    def away_m(self, x_m: float, y_m: float) -> float:
-        """Horizontal distance."""
-        return hypot(self.x_m - x_m, self.y_m - y_m)
-
-
-HOME: Final = Spot(0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Circle:
-    """A zone."""
-
-    x_m: float
-    y_m: float
-    radius_m: float
-
-    def margin_m(self, x_m: float, y_m: float) -> float:
-        """How far a place is inside, below 0 outside."""
-        return self.radius_m - hypot(self.x_m - x_m, self.y_m - y_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +95,9 @@ class FlightPlan:
     #: part of the messages that is lost near the border of a zone
     loss: float
     cell: Cell
+    #: gaps that the mission declares, and how long the guard lets the aircraft be alone (s)
+    gaps: tuple[GapPlan, ...] = ()
+    alone_max_s: float = 0.0
     start_at: int = 8 * 64
 
     @property
@@ -182,6 +158,9 @@ def draw(seed: int) -> FlightPlan:
             spots.append(_around(chance, station.zone, 0.4))
     if lands:
         spots.append(Spot(way[-1].x_m, way[-1].y_m))
+    settings = _energy(chance, way, speed, truth, lands)
+    gaps = _gaps(chance, stations, way, speed, settings.model(wind if truth.tells_wind else None))
+    longest_s = max((each.limit_s for each in gaps), default=0.0)
     farthest = max(spot.away_m(0.0, 0.0) for spot in (*way, *spots))
     return FlightPlan(
         seed,
@@ -191,7 +170,7 @@ def draw(seed: int) -> FlightPlan:
         lands,
         tuple(spots),
         speed,
-        _energy(chance, way, speed, truth, lands),
+        settings,
         truth,
         Circle(0.0, 0.0, farthest + 60.0),
         policies_for(chance, cell),
@@ -200,6 +179,8 @@ def draw(seed: int) -> FlightPlan:
         ground_link=chance.random() < 0.7,
         loss=chance.choice((0.05, 0.2)) if chance.random() < 0.15 else 0.0,
         cell=cell,
+        gaps=gaps,
+        alone_max_s=longest_s if chance.random() < 0.95 else 0.5 * longest_s,
     )
 
 
@@ -228,6 +209,20 @@ def _stations(chance: Random, *, slow: bool, gap: bool) -> tuple[StationPlan, ..
             StationPlan(FIRST + number, f"GCS{'ABCDE'[number]}", zone, chance.choice((1, 2, 4, 10)), asked, answer)
         )
     return tuple(found)
+
+
+def _gaps(
+    chance: Random,
+    stations: tuple[StationPlan, ...],
+    way: tuple[Spot, ...],
+    speed_mps: float,
+    model: EnergyModel | None,
+) -> tuple[GapPlan, ...]:
+    """All gaps of a mission that declares them."""
+    assert model is not None
+    spare, declared = chance.uniform(1.1, 1.6), chance.random() < 0.5
+    zones = [station.zone for station in stations]
+    return tuple(find_gaps(way, zones, model, speed_mps, spare)) if declared else ()
 
 
 def _way(
@@ -282,8 +277,3 @@ def _pieces(way: tuple[Spot, ...]) -> list[Piece]:
         east, north = end.x_m - start.x_m, end.y_m - start.y_m
         pieces.append(Piece(length_m=hypot(east, north), bearing_deg=bearing_deg(east, north)))
     return pieces
-
-
-def bearing_deg(east_m: float, north_m: float) -> float:
-    """Direction from north, clockwise, 0 up to 360."""
-    return degrees(atan2(east_m, north_m)) % 360.0

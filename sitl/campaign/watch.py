@@ -15,7 +15,8 @@
    of before comes back. While nobody has authority, or had it, a station's memory may raise it; in a run that began
    without a state file each station's first answer may, outside transfers. Never otherwise, and it never falls.
 4. Phase, lease and partner of a view say the same.
-5. That takeover is allowed is the word of one commander: with another one it is not.
+5. Without a commander the aircraft flies on alone only where the last position was in a declared gap, not before it.
+6. That takeover is allowed is the word of one commander: with another one it is not.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from mavproxy_handover.core.events import (
     AutopilotState,
     ControlRequested,
     Event,
+    PositionSeen,
     StationHeard,
     StationMessage,
     ViewChanged,
@@ -65,6 +67,8 @@ class Watch:
         self._standard = frozenset(standard)
         self._view = arbiter.view
         self._heard: dict[int, float] = {}
+        #: the last position was in a declared gap
+        self._gap = False
         self._words: set[tuple[int, Message]] = set()
         self._had_authority: int | None = None
         #: whom the commander lets have control without being asked: stations, or `_ANYBODY`
@@ -96,6 +100,8 @@ class Watch:
         """Check what `event` has led to."""
         if isinstance(event, AutopilotState):
             self._armed = event.armed
+        if isinstance(event, PositionSeen):
+            self._gap = event.gap is not None and not event.gap.ahead
         heard_before = dict(self._heard)
         if isinstance(event, (StationHeard, StationMessage)):
             self._heard[event.station] = now
@@ -106,6 +112,7 @@ class Watch:
         for action in actions:
             if isinstance(action, ViewChanged):
                 self._check_view(action.view)
+                assert action.view.lease is not LeaseState.ALONE or self._gap
                 if action.view.commander != self._view.commander:
                     self._check_move(self._view, action.view, event, heard_before, now)
                     self.moves.append((now, self._view.commander, action.view.commander, action.view.epoch))

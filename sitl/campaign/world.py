@@ -30,11 +30,13 @@ from mavproxy_handover.core.never import assert_never
 from sitl.campaign.aircraft import EMPTY_PART, LOW_PART, Aircraft, Mode
 from sitl.campaign.companion import DIGEST, Companion, Ties
 from sitl.campaign.faults import Fault, Strike, Target
+from sitl.campaign.gaps import lacking
 from sitl.campaign.guard import Guard
 from sitl.campaign.links import WEAK_LOSS, Link
 from sitl.campaign.log import FlightLog, Series
-from sitl.campaign.pace import Pace, hits
-from sitl.campaign.plan import FlightPlan, bearing_deg
+from sitl.campaign.pace import Pace
+from sitl.campaign.plan import FlightPlan
+from sitl.campaign.plane import bearing_deg
 from sitl.campaign.stations import Ground, GroundTies
 from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks, on_round
 
@@ -74,12 +76,14 @@ class World:
         self._planned: list[tuple[int, int, Callable[[int], None]]] = []
         self._routine: list[tuple[int, int, Callable[[int], None]]] = []
         self.aircraft = Aircraft(plan, log)
-        self.guard = Guard(self.aircraft)
+        self.guard = Guard(self.aircraft, plan.alone_max_s)
         self.pace = Pace(plan, self.aircraft)
         self._lay_links()
         self.cable = True
         self._gcs_stopped: int | None = 0
         self._gcs_due = NEVER
+        #: the guard has had it watch the companion's heartbeats, until somebody commands again
+        self._watches_itself = False
         self._ekf_due = NEVER
         self._battery_due = NEVER
         #: when the border of the fence is crossed next, and when it was crossed outwards and inwards last
@@ -273,7 +277,7 @@ class World:
 
     def _guard_speaks(self, now: int) -> None:
         if self.guard.works and self.cable:
-            self._tell(events.GuardSeen(self.guard.state, ours=True), now)
+            self._tell(events.GuardSeen(self.guard.state(now), ours=True), now)
             if self.guard.enforcing:
                 self._tell(events.HandSeen(Hand.GUARD), now)
 
@@ -360,10 +364,13 @@ class World:
         """Leases and heartbeats of the commander reach the autopilot, or do not any more."""
         companion = self.companion
         runs = self.cable and (companion is None or companion.runs)
-        held = self._view.commander is not None
-        self.guard.heed(runs, held, now)
+        held, lease = self._view.commander is not None, self._view.lease
+        arbiter = None if companion is None else companion.arbiter
+        self.guard.heed(runs, lease, 0.0 if arbiter is None else arbiter.alone_s(self.core_s(now)), now)
         self.log.cable.set(now, self.cable)
-        if runs and held:
+        if runs and self.guard.works and (held or lease is LeaseState.ALONE):
+            self._watches_itself = not held
+        if runs and (held or self._watches_itself):
             self._gcs_stopped, self._gcs_due = None, NEVER
         elif self._gcs_stopped is None:
             self._gcs_stopped, self._gcs_due = now, now + _GCS_TIMEOUT
@@ -383,6 +390,7 @@ class World:
         """The parent's operator sends START."""
         companion = self.companion
         assert companion is not None
+        companion.give(events.GapsJudged(lacking(self.plan.gaps, self.plan.alone_max_s)), now)
         companion.give(events.StartRequested(self.plan.stations[0].sysid), now)
 
     def _begin_start(self, now: int) -> None:
@@ -435,7 +443,7 @@ class World:
         aircraft, fence = self.aircraft, self.plan.fence
         x, y, _z = aircraft.at(aircraft.begun)
         vx, vy, _up = aircraft.velocity
-        times = hits(fence, fence.radius_m, x, y, vx, vy) if aircraft.flying else None
+        times = fence.crossed(x, y, vx, vy) if aircraft.flying else None
         self._fence_due = NEVER
         if times is None:
             return

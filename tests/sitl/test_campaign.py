@@ -15,7 +15,8 @@ from sitl.campaign.judge import UNSAFE, judge
 from sitl.campaign.log import FlightLog, Flown, Series
 from sitl.campaign.main import main
 from sitl.campaign.outcome import Outcome, fly
-from sitl.campaign.plan import Circle, FlightPlan, draw
+from sitl.campaign.plan import FlightPlan, draw
+from sitl.campaign.plane import Circle
 from sitl.campaign.times import SECOND
 from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
 from sitl.campaign.world import World

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Gaps in coverage on the way of a flight, and those of them that its mission declares.
+
+Every waypoint lies inside a zone here, so a gap is a part of one leg. What the real edge makes of a declared gap
+(`autopilot/gaps.py`) is `GapPlan.fact`; where the guard allows less than the longest limit, START is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+from mavproxy_handover.core.model import GapFact
+from mavproxy_handover.core.safety.energy import EnergyModel
+from sitl.campaign.plane import Circle, Spot, bare_spans, bearing_deg
+
+__all__ = ["CONTACT_S", "LEAD_S", "GapPlan", "find_gaps", "gap_at", "lacking"]
+
+#: whoever is farther beside the way is not on it (m)
+_CORRIDOR_M: Final = 50.0
+#: so much (s) before the border a gap begins for the rules, and behind the far one there is so much time for contact:
+#: hold_lead_s and 3 s, as `autopilot/gaps.py` has them
+LEAD_S, CONTACT_S = 8.0, 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class GapPlan:
+    """A declared gap: on the leg to this waypoint, from one length of it to another (m), which may take so long (s)."""
+
+    waypoint: int
+    start: Spot
+    end: Spot
+    begins_m: float
+    ends_m: float
+    limit_s: float
+    words: str
+
+    def along_m(self, x_m: float, y_m: float) -> float | None:
+        """How far into the gap, below 0 before it; None: not on this leg."""
+        east, north = self.end.x_m - self.start.x_m, self.end.y_m - self.start.y_m
+        length = self.start.away_m(self.end.x_m, self.end.y_m)
+        dx, dy = x_m - self.start.x_m, y_m - self.start.y_m
+        if abs(dx * north - dy * east) / length > _CORRIDOR_M:
+            return None
+        return (dx * east + dy * north) / length - self.begins_m
+
+    @property
+    def length_m(self) -> float:
+        """From border to border."""
+        return self.ends_m - self.begins_m
+
+    def fact(self, x_m: float, y_m: float, speed_mps: float) -> GapFact | None:
+        """What the rules are told there."""
+        along = self.along_m(x_m, y_m)
+        if along is None or not -LEAD_S * speed_mps <= along <= self.length_m + CONTACT_S * speed_mps:
+            return None
+        return GapFact(self.limit_s, self.words, ahead=along < 0.0)
+
+
+def find_gaps(
+    way: Sequence[Spot], zones: Iterable[Circle], model: EnergyModel, speed_mps: float, spare: float
+) -> Iterator[GapPlan]:
+    """Every gap on the way, with `spare` times as much time as it takes against the wind."""
+    circles = tuple(zones)
+    for waypoint, (start, end) in enumerate(pairwise(way), 1):
+        bearing = bearing_deg(end.x_m - start.x_m, end.y_m - start.y_m)
+        made = model.made_good(bearing, speed_mps).speed_mps
+        for begins, ends in bare_spans(start, end, circles):
+            if ends - begins > 1.0:
+                limit_s = float(round(spare * (ends - begins) / made + 5.0))
+                yield GapPlan(waypoint, start, end, begins, ends, limit_s, f"leg {waypoint}")
+
+
+def gap_at(gaps: Iterable[GapPlan], waypoint: int, x_m: float, y_m: float, speed_mps: float) -> GapFact | None:
+    """The gap that an aircraft there is in, which flies to this waypoint."""
+    found = (gap.fact(x_m, y_m, speed_mps) for gap in gaps if gap.waypoint == waypoint)
+    return next((fact for fact in found if fact is not None), None)
+
+
+def lacking(gaps: Sequence[GapPlan], alone_max_s: float) -> str:
+    """What crossing them takes and is not there, in words; "" if nothing."""
+    longest_s = max((gap.limit_s for gap in gaps), default=0.0)
+    return "" if alone_max_s >= longest_s else f"HNDO_ALONE_MAX is {alone_max_s:g} s, a gap may take {longest_s:g} s"

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Declared gaps in a campaign: crossed alone within their limit, by the rules, the guard and the autopilot alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mavproxy_handover.core.model import GuardState, LeaseState
+from sitl.campaign.aircraft import Aircraft
+from sitl.campaign.faults import Fault, Strike
+from sitl.campaign.gaps import find_gaps
+from sitl.campaign.guard import Guard
+from sitl.campaign.judge import judge
+from sitl.campaign.log import FlightLog, Flown, Series
+from sitl.campaign.plan import FlightPlan, draw
+from sitl.campaign.plane import Circle, Spot
+from sitl.campaign.times import NEVER, SECOND
+from sitl.campaign.world import World
+
+MODEL = draw(0).model()
+WAY = (Spot(0.0, 0.0, 50.0), Spot(3000.0, 0.0, 50.0))
+ZONES = (Circle(0.0, 0.0, 1000.0), Circle(3000.0, 0.0, 1500.0))
+
+
+def declaring(seed: int = 1, *strikes: Strike, limit_s: float | None = None) -> FlightPlan:
+    """A flight with a gap, which it declares; no policy but the table's, nobody is asked."""
+    plan = draw(seed)
+    zones = [station.zone for station in plan.stations]
+    gaps = tuple(find_gaps(plan.way, zones, plan.model(), plan.speed_mps, 1.5))
+    if limit_s is not None:
+        gaps = tuple(replace(gap, limit_s=limit_s) for gap in gaps)
+    stations = tuple(replace(station, asked=False) for station in plan.stations)
+    return replace(
+        plan, strikes=strikes, policies={}, gaps=gaps, alone_max_s=600.0, stations=stations, resumes=False, loss=0.0
+    )
+
+
+# ---- where they are --------------------------------------------------------------------------------------------------
+
+
+def test_a_gap_is_the_part_of_a_leg_that_no_zone_holds() -> None:
+    (gap,) = find_gaps(WAY, ZONES, MODEL, 10.0, 1.0)
+    assert (gap.waypoint, gap.begins_m, gap.ends_m) == (1, pytest.approx(1000.0), pytest.approx(1500.0))
+    assert gap.along_m(1200.0, 49.0) == pytest.approx(200.0)
+    assert gap.along_m(1200.0, 51.0) is None
+
+
+@pytest.mark.parametrize(
+    ("x", "found"), [(919.0, None), (921.0, True), (999.0, True), (1001.0, False), (1549.0, False), (1551.0, None)]
+)
+def test_it_begins_for_the_rules_before_the_border_and_ends_behind_the_far_one(x: float, found: bool | None) -> None:
+    (gap,) = find_gaps(WAY, ZONES, MODEL, 10.0, 1.0)
+    fact = gap.fact(x, 0.0, 10.0)
+    assert (None if fact is None else fact.ahead) is found
+
+
+# ---- the guard -------------------------------------------------------------------------------------------------------
+
+
+def guard(alone_max_s: float = 60.0) -> tuple[Guard, Aircraft]:
+    plan = draw(1)
+    aircraft = Aircraft(plan, FlightLog())
+    aircraft.take_off(0)
+    watch = Guard(aircraft, alone_max_s)
+    watch.heed(True, LeaseState.HELD, 0.0, 0)
+    return watch, aircraft
+
+
+def test_alone_is_authority_for_as_long_as_the_first_lease_says_and_the_parameter_allows() -> None:
+    for most_s, says_s, ends_s in ((60.0, 40.0, 40), (30.0, 40.0, 30), (0.0, 40.0, 0)):
+        watch, aircraft = guard(most_s)
+        watch.heed(True, LeaseState.ALONE, says_s, 0)
+        watch.heed(True, LeaseState.ALONE, 500.0, SECOND // 2)  # a later one makes it no longer
+        expected = GuardState.LIVE if ends_s else GuardState.LOST
+        assert watch.state(max(0, ends_s * SECOND - 1)) is expected
+        assert watch.state(ends_s * SECOND + 32) is GuardState.LOST
+        watch.look(ends_s * SECOND + 2 * SECOND)
+        assert aircraft.by == "start"
+        watch.look(watch.due)
+        assert aircraft.by == "guard"
+
+
+def test_a_companion_that_dies_in_the_gap_is_a_loss_like_any_other() -> None:
+    watch, aircraft = guard()
+    watch.heed(True, LeaseState.ALONE, 60.0, 0)
+    watch.heed(False, LeaseState.ALONE, 60.0, 10 * SECOND)
+    assert watch.due == 13 * SECOND + 16
+    watch.look(watch.due)
+    assert aircraft.by == "guard"
+
+
+def test_alone_does_not_end_a_loss_that_is_acted_on() -> None:
+    watch, _aircraft = guard()
+    watch.heed(True, LeaseState.LOST, 0.0, 0)
+    watch.look(watch.due)
+    assert watch.enforcing
+    watch.heed(True, LeaseState.ALONE, 60.0, 20 * SECOND)
+    assert watch.enforcing
+    assert watch.state(21 * SECOND) is GuardState.LOST
+    watch.heed(True, LeaseState.HELD, 0.0, 30 * SECOND)
+    assert not watch.enforcing
+
+
+# ---- flights ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_declared_gap_is_crossed_alone_and_authority_goes_on_behind_it() -> None:
+    plan = declaring()
+    assert plan.gaps
+    world = World(plan, tells=True)
+    log = world.run()
+    assert log.orders == []
+    assert None in log.commander.values[2:-1]  # nobody commands in the middle of it
+    assert log.modes[-1][2] in ("start", "mission")
+    assert judge(plan, log) == ()
+    assert [row.row for row in judge(replace(plan, gaps=()), log)] != []  # not declared it would be no crossing
+
+
+def test_behind_its_limit_the_aircraft_comes_home() -> None:
+    plan = declaring(limit_s=8.0)
+    log = World(plan).run()
+    assert "RETURN" in [action for _at, action in log.orders]
+    assert judge(plan, log) == ()
+
+
+def test_a_guard_that_does_not_allow_it_lets_nobody_start() -> None:
+    plan = replace(declaring(), alone_max_s=1.0)
+    world = World(plan)
+    assert world.run().modes == []
+
+
+def test_without_a_guard_the_autopilots_failsafe_ends_it() -> None:
+    """Nobody has told the autopilot to watch the companion."""
+    quiet = Strike(Fault.NO_GUARD, 60 * SECOND, NEVER)
+    plan = replace(declaring(1, quiet), alone_max_s=600.0)
+    log = World(plan).run()
+    assert ("RTL", "GCS failsafe") in [(mode, by) for _at, mode, by in log.modes]
+
+
+@pytest.mark.parametrize("limit_s", [None, 8.0])
+def test_the_same_comes_of_it_however_time_is_let_pass(limit_s: float | None) -> None:
+    plan = declaring(limit_s=limit_s)
+    short, whole = World(plan).run(), World(plan, plain=True).run()
+    assert (short.modes, short.orders, short.moves) == (whole.modes, whole.orders, whole.moves)
+
+
+# ---- the judge -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("seconds", "rows"), [(30 + 18, []), (30 + 19, ["uncovered, nothing done"])])
+def test_the_judge_allows_the_limit_of_the_gap_and_no_second_more(seconds: int, rows: list[str]) -> None:
+    (gap,) = find_gaps(WAY, ZONES, MODEL, 10.0, 1.0)
+    plan = replace(declaring(), gaps=(replace(gap, limit_s=30.0),))
+    stations = tuple(replace(station, zone=zone) for station, zone in zip(plan.stations[:2], ZONES, strict=True))
+    plan = replace(plan, stations=stations)
+    log = FlightLog(landed=(1000 * SECOND, 0.0, 0.0), ended=1000 * SECOND)
+    for station in stations:
+        log.working[station.sysid], log.believes[station.sysid] = Series(True), Series(None)
+    log.commander.set(0, stations[0].sysid)
+    log.flown = [Flown(0, seconds * SECOND, 1250.0, 0.0, 50.0, 0.0, 0.0, 0.0, "AUTO")]
+    log.modes = [(0, "AUTO", "start"), (seconds * SECOND, "RTL", "companion"), (1000 * SECOND, "GROUND", "companion")]
+    assert [found.row for found in judge(plan, log) if found.row == "uncovered, nothing done"] == rows
