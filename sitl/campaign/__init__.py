@@ -9,8 +9,8 @@ the route check, the choice of the place. What is simulated: everything around t
   `steering.py` chooses what strikes when, so that every pair of causes comes up in every phase.
 * `aircraft.py` is where the aircraft really is, what it really uses, and what its autopilot does by itself; `guard.py`
   the guard; `links.py` what becomes of a message.
-* `companion.py`, with `places.py`, and `stations.py` are the edges of the rules. Nothing else knows an event or an
-  action of theirs.
+* `companion.py`, with `places.py`, `gaps.py` and `commands.py`, and `stations.py` are the edges of the rules. Nothing
+  else knows an event or an action of theirs.
 * `world.py` puts them together and lets time pass, in steps or from one thing that matters to the next (`pace.py`).
 * `log.py` keeps what really happened, `judge.py` says by that alone what was unsafe and how the flight ended.
 * `work.py` flies many seeds (Dask), `outcome.py` and `figures.py` count, `page.py` and `pictures.py` show.

@@ -20,12 +20,14 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck, Message
 from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Phase, Station
 from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.safety.commands import CommandRules, Outcome, Ruling
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import Aircraft, Mode
-from sitl.campaign.gaps import gap_at
+from sitl.campaign.commands import Desk
+from sitl.campaign.gaps import gap_at, lacking
 from sitl.campaign.log import FlightLog
 from sitl.campaign.places import Places
 from sitl.campaign.plan import FlightPlan
@@ -118,6 +120,7 @@ class Companion:
         self._signs = events.SignsSeen()
         self._told.clear()
         self._flew = False
+        self.desk = Desk(self._plan, self._aircraft, self._zones, CommandRules())
         self.places = Places(self._plan, self._aircraft, self._zones)
         self._route = RouteCheck(RouteLimits())
         self._in_force(self.arbiter.view, now)
@@ -219,6 +222,8 @@ class Companion:
         self._kept = self.arbiter.snapshot()
         self._log.commander.set(now, view.commander)
         self._log.epoch.set(now, view.epoch)
+        if view.commander != before.commander:
+            self.desk.rules.authority_moved()
         if view.commander is not None and before.commander not in (None, view.commander):
             assert before.commander is not None
             self._log.moves.append((now, before.commander, view.commander))
@@ -291,6 +296,32 @@ class Companion:
             self._signs = signs
             self._ties.stir(now, _LONG_S, ())
             self.give(signs, now)
+
+    # ---- commands ---------------------------------------------------------------------------------------------------
+
+    def commanded_on(self, station: int, now: int) -> Ruling | None:
+        """AUTO of the commander, in flight; None: nobody heeds it."""
+        if self.arbiter is None:
+            return None
+        ruling = self.desk.go_on(self._usable(now), station, now, self._core_s(now))
+        return self._ruled(ruling, "AUTO", now)
+
+    def commanded_start(self, station: int, now: int) -> Ruling | None:
+        """START of the commander."""
+        if self.arbiter is None:
+            return None
+        lacks = self.desk.start_lacks(now)
+        ruling = self._ruled(self.desk.start(lacks, station, self._core_s(now)), "START", now)
+        self.give(events.EnergyJudged("" if ruling.passes else lacks), now)
+        self.give(events.GapsJudged(lacking(self._plan.gaps, self._plan.alone_max_s)), now)
+        self.give(events.StartRequested(station), now)
+        return ruling
+
+    def _ruled(self, ruling: Ruling, what: str, now: int) -> Ruling:
+        self._log.note(now, f"{what} {ruling.outcome.value}{': ' if ruling.words else ''}{ruling.words}")
+        if ruling.outcome is Outcome.LIFTED:
+            self._log.lifted += [(now, limit.value) for limit in ruling.limits]
+        return ruling
 
     # ---- places -----------------------------------------------------------------------------------------------------
 

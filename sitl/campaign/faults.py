@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What may go wrong in a flight, and when it strikes."""
+"""What may go wrong in a flight, when it strikes, and what operators do about it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from enum import Enum
 
 from mavproxy_handover.core.model import Phase
 
-__all__ = ["Fault", "Strike", "Target"]
+__all__ = ["Fault", "Insists", "Strike", "Target"]
 
 
 class Fault(Enum):
@@ -43,6 +43,14 @@ class Target(Enum):
     NEXT = "the next station on the route"
     ALL = "all stations"
     NOBODY = "no station"
+
+
+class Insists(Enum):
+    """What an operator does who was refused."""
+
+    NO = "leaves it at that"
+    ANEW = "sends it anew in time"
+    LIFTS = "lifts the limit that he was told"
 
 
 @dataclass(frozen=True, slots=True)

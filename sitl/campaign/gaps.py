@@ -47,6 +47,12 @@ class GapPlan:
             return None
         return (dx * east + dy * north) / length - self.begins_m
 
+    def place(self, along_m: float) -> tuple[float, float]:
+        """East and north of a place on the leg, so far from its beginning."""
+        part = along_m / self.start.away_m(self.end.x_m, self.end.y_m)
+        east, north = self.end.x_m - self.start.x_m, self.end.y_m - self.start.y_m
+        return self.start.x_m + part * east, self.start.y_m + part * north
+
     @property
     def length_m(self) -> float:
         """From border to border."""

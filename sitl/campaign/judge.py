@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import Final
 
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.core.safety.energy import way_home
 from sitl.campaign.aircraft import Mode
 from sitl.campaign.log import FlightLog
@@ -85,6 +86,8 @@ class Unsafe:
     words: str
     limit: str
     excused_by: frozenset[Cause]
+    #: what an operator has lifted by his own hand is his
+    lifted: Limit | None
     look: Look
 
 
@@ -276,8 +279,8 @@ def _turned_back(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]
     return None
 
 
-def _row(name: str, words: str, limit: str, look: Look, *excused_by: Cause) -> Unsafe:
-    return Unsafe(name, words, limit, frozenset(excused_by), look)
+def _row(name: str, words: str, limit: str, look: Look, *excused_by: Cause, lifted: Limit | None = None) -> Unsafe:
+    return Unsafe(name, words, limit, frozenset(excused_by), lifted, look)
 
 
 _LOST, _OUT, _NONE = Cause.COMMANDER_LOST, Cause.OUT_OF_COVERAGE, Cause.NO_STATION
@@ -286,13 +289,14 @@ UNSAFE: Final = (
     _row("two commanders", "two stations take themselves for the commander in one epoch", "never", _two_commanders),
     _row("authority without cause", "authority moves by anything but a listed cause, or rules break", "never", _books),
     _row("refused and obeyed", "a station without authority is obeyed", "never", _obeyed),
-    _row("battery empty", "the battery is empty in the air", "never", _empty, Cause.ENERGY),
+    _row("battery empty", "the battery is empty in the air", "never", _empty, Cause.ENERGY, lifted=Limit.ENERGY),
     _row(
         "uncovered, nothing done",
         "no station that works covers the aircraft, and it flies on",
         f"{ALONE_S} s",
         _uncovered,
         *(_LOST, _OUT, _NONE),
+        lifted=Limit.COVERAGE,
     ),
     _row("nobody, nothing done", "nobody commands, and the aircraft flies on", f"{ALONE_S} s", _nobody, _LOST),
     _row(
@@ -301,6 +305,7 @@ UNSAFE: Final = (
         f"{OUTSIDE_S} s",
         _outside,
         *(_LOST, _OUT, _NONE),
+        lifted=Limit.COVERAGE,
     ),
     _row("ping-pong", "authority goes to and fro between two stations", f"{PING_PONG} in {PING_PONG_S} s", _ping_pong),
     _row(
@@ -325,7 +330,8 @@ def judge(plan: FlightPlan, log: FlightLog) -> tuple[Found, ...]:
     """Everything that was unsafe in a flight."""
     moments = tuple(_moments(plan, log))
     looked = (row.look(plan, log, moments) for row in UNSAFE if not _excused(plan, row))
-    return tuple(found for found in looked if found is not None)
+    lifted = {row.name: [at for at, limit in log.lifted if row.lifted and limit == row.lifted.value] for row in UNSAFE}
+    return tuple(found for found in looked if found is not None and not any(at <= found.at for at in lifted[found.row]))
 
 
 #: how flights end, and by whose word; the first that fits

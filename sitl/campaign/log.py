@@ -80,6 +80,8 @@ class FlightLog:
     believes: dict[int, Series[int | None]] = field(default_factory=dict)
     #: what a station ordered that was obeyed: tick, station, whether it had authority
     obeyed: list[tuple[int, int, bool]] = field(default_factory=list)
+    #: limits that an operator has lifted by his own hand: tick, and which one
+    lifted: list[tuple[int, str]] = field(default_factory=list)
     #: orders of the companion: tick, action
     orders: list[tuple[int, str]] = field(default_factory=list)
     #: authority went from one station to another: tick, from, to

@@ -21,7 +21,7 @@ from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.safety.energy import EnergyModel, Piece, Wind, landing
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
-from sitl.campaign.faults import Strike
+from sitl.campaign.faults import Insists, Strike
 from sitl.campaign.gaps import GapPlan, find_gaps
 from sitl.campaign.plane import HOME, Circle, Spot, bearing_deg
 from sitl.campaign.steering import Cell, policies_for, strikes_for
@@ -88,8 +88,11 @@ class FlightPlan:
     fence: Circle
     policies: Mapping[Cause, str]
     strikes: tuple[Strike, ...]
-    #: whether the commander sends the aircraft on again once nothing is wrong any more
-    resumes: bool
+    #: how often operators of the commander send the aircraft on that was stopped or turned back, how long after that
+    #: (s), and what they do when they are refused
+    resumes: int
+    resumes_after_s: float
+    insists: Insists
     #: without a ground link the vehicle passes on what stations say to each other
     ground_link: bool
     #: part of the messages that is lost near the border of a zone
@@ -175,7 +178,9 @@ def draw(seed: int) -> FlightPlan:
         Circle(0.0, 0.0, farthest + 60.0),
         policies_for(chance, cell),
         strikes_for(chance, cell),
-        resumes=chance.random() < 0.3,
+        resumes=chance.choice((1, 2, 4)) if chance.random() < 0.3 else 0,
+        resumes_after_s=chance.uniform(4.0, 40.0),
+        insists=chance.choice(tuple(Insists)),
         ground_link=chance.random() < 0.7,
         loss=chance.choice((0.05, 0.2)) if chance.random() < 0.15 else 0.0,
         cell=cell,
@@ -268,7 +273,9 @@ def _energy(chance: Random, way: tuple[Spot, ...], speed_mps: float, truth: Trut
     assert model is not None
     last = HOME if not lands else way[-1]
     need = model.need_wh([Piece(climb_m=way[0].alt_m), *_pieces((*way, last)), landing(way[0].alt_m)])
-    return settings((model.reserve_factor * need + hover / 60.0) / 0.8 * chance.uniform(1.03, 1.5))
+    # now and then it is not enough: START is refused, and some operators have it go on all the same
+    enough = chance.uniform(0.8, 0.99) if chance.random() < 0.04 else chance.uniform(1.03, 1.5)
+    return settings((model.reserve_factor * need + hover / 60.0) / 0.8 * enough)
 
 
 def _pieces(way: tuple[Spot, ...]) -> list[Piece]:

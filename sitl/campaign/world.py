@@ -25,12 +25,13 @@ from math import cos, inf, radians, sin
 from gcs_module import core as gcs
 from mavproxy_handover.core import events
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, Hand, LeaseState, Phase
+from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Hand, LeaseState, Phase
 from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.safety.commands import Ruling
 from sitl.campaign.aircraft import EMPTY_PART, LOW_PART, Aircraft, Mode
+from sitl.campaign.commands import ANEW_S
 from sitl.campaign.companion import DIGEST, Companion, Ties
-from sitl.campaign.faults import Fault, Strike, Target
-from sitl.campaign.gaps import lacking
+from sitl.campaign.faults import Fault, Insists, Strike, Target
 from sitl.campaign.guard import Guard
 from sitl.campaign.links import WEAK_LOSS, Link
 from sitl.campaign.log import FlightLog, Series
@@ -104,6 +105,9 @@ class World:
         self._looks_at = 0
         self._next_of: tuple[int, ...] = ()
         self._over_at = _NOT_STARTED
+        #: what operators still want of the aircraft, and how often they still try what was refused
+        self._wishes_left, self._tries_left = plan.resumes, 6
+        self._wish_waits = False
         self._phases: dict[Phase, int] = {}
         self._phase = Phase.ON_LOAD
         self._border_strikes = tuple(strike for strike in plan.strikes if strike.border)
@@ -239,6 +243,7 @@ class World:
             companion.heartbeat(now, always=self.plain)
             companion.second(now, always=self.plain)
         self._beaten = True
+        self._wants_on(now)
         if self._border_strikes and self._leaves(now):
             strikes, self._border_strikes = self._border_strikes, ()
             for strike in strikes:
@@ -388,10 +393,54 @@ class World:
 
     def _start(self, now: int) -> None:
         """The parent's operator sends START."""
-        companion = self.companion
+        companion, parent = self.companion, self.plan.stations[0].sysid
         assert companion is not None
-        companion.give(events.GapsJudged(lacking(self.plan.gaps, self.plan.alone_max_s)), now)
-        companion.give(events.StartRequested(self.plan.stations[0].sysid), now)
+        self._refused(companion.commanded_start(parent, now), self._start, now)
+
+    def _refused(self, ruling: Ruling | None, again: Callable[[int], None], now: int) -> None:
+        """An operator was refused: what does he do?"""
+        companion, insists = self.companion, self.plan.insists
+        assert companion is not None
+        if ruling is None or ruling.passes or insists is Insists.NO or self._tries_left <= 0:
+            return
+        self._tries_left -= 1
+        if insists is Insists.LIFTS:
+            companion.desk.lift(ruling, self.core_s(now))
+        self._at(now + in_ticks(ANEW_S), again)
+
+    def _wants_on(self, now: int) -> None:
+        """It was stopped, or turned back: whoever commands may have it go on."""
+        if self._wishes_left <= 0 or self._wish_waits or self.aircraft.mode not in (Mode.PAUSE, Mode.RTL):
+            return
+        self._wishes_left -= 1
+        self._wish_waits = True
+        self._at(now + in_ticks(self.plan.resumes_after_s), self._sends_on)
+
+    def _sends_on(self, now: int) -> None:
+        """The operator of whoever takes itself for the commander sends AUTO."""
+        self._wish_waits = False
+        sysid = self._view.commander
+        if sysid is None or self.ground[sysid].core is None:
+            return
+        x, y, _z = self.aircraft.at(now)
+        at = self._uplinks[sysid].arrives(now, x, y)
+        if at is not None:
+            self._at(at, partial(self._sent_on, sysid))
+
+    def _sent_on(self, sysid: int, now: int) -> None:
+        """AUTO of a station has come."""
+        companion, aircraft = self.companion, self.aircraft
+        assert companion is not None
+        if not self._passes(sysid) or aircraft.mode not in (Mode.PAUSE, Mode.RTL):
+            return
+        ruling = companion.commanded_on(sysid, now)
+        if ruling is None or not ruling.passes:
+            self._refused(ruling, self._sends_on, now)
+            return
+        self.log.obeyed.append((now, sysid, True))
+        self._tell(events.HandSeen(Hand.COMMANDER, Flown.MISSION), now)
+        if not self._no_position:
+            aircraft.resume("commander", now)
 
     def _begin_start(self, now: int) -> None:
         self._at(now + _START_TAKES, self._take_off)

@@ -34,7 +34,7 @@ def declaring(seed: int = 1, *strikes: Strike, limit_s: float | None = None) -> 
         gaps = tuple(replace(gap, limit_s=limit_s) for gap in gaps)
     stations = tuple(replace(station, asked=False) for station in plan.stations)
     return replace(
-        plan, strikes=strikes, policies={}, gaps=gaps, alone_max_s=600.0, stations=stations, resumes=False, loss=0.0
+        plan, strikes=strikes, policies={}, gaps=gaps, alone_max_s=600.0, stations=stations, resumes=0, loss=0.0
     )
 
 

@@ -16,7 +16,7 @@ from sitl.campaign.world import World
 
 def struck(seed: int, *strikes: Strike) -> FlightPlan:
     """The flight of a seed with these faults and the table's policies."""
-    return replace(draw(seed), strikes=strikes, policies={}, resumes=False)
+    return replace(draw(seed), strikes=strikes, policies={}, resumes=0)
 
 
 def at(fault: Fault, second: int) -> Strike:
