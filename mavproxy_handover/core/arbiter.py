@@ -427,7 +427,8 @@ class Arbiter:
         self._conductor.move(Cause.COMMANDER_LOST, now, actions)
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
-        self._lookout.lost(now)
+        # at once: the first lease that says ALONE says for how long
+        self._authority.fly_alone(self._lookout.lost(now) and not self._emergency.brings_down)
         self._authority.lose(owner, now, actions)
         # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()

@@ -207,9 +207,11 @@ class Lookout:
             return False
         return self.crossing.open(now, commanded=not authority.lost)
 
-    def lost(self, now: float) -> None:
-        """The commander is, in this moment."""
+    def lost(self, now: float) -> bool:
+        """The commander is, in this moment; whether the aircraft may fly on without."""
         self.crossing.begin(now)
+        flight = self._flight
+        return flight.flying and flight.position_known(now) and self.crossing.open(now, commanded=False)
 
     def landed(self) -> None:
         """The flight is over."""

@@ -104,6 +104,15 @@ class TestIntoIt:
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
         assert bench.arbiter.view.lease is LeaseState.LOST
 
+    def test_nor_do_leases_say_for_a_moment_that_it_is_alone(self) -> None:
+        """The guard would keep the time that the first of them has left, which is none. Found by a campaign."""
+        bench = mission()
+        bench.gap = AHEAD
+        bench.position(inside(A, exit_s=3.0), *far(B, C, D))
+        bench.alive.clear()
+        bench.run(8.0)
+        assert {change.view.lease for change in bench.views()} == {LeaseState.LOST}
+
     def test_out_of_coverage_in_it_is_no_emergency_and_the_journal_says_so(self) -> None:
         bench = crossing()
         bench.run(20.0)
