@@ -47,8 +47,8 @@ _MODES: Final = {
     Mode.LAND: (Flown.LAND, "LAND"),
     Mode.PILOT: (Flown.HANDS, "LOITER"),
 }
-#: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks
-_LONG_S: Final = 13.0
+#: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks, and pauses
+_LONG_S: Final = 8.0
 #: entries of the journal behind which less than that has to be waited for, or more: how long (s), and the pauses that
 #: begin with them
 _STIRS: Final[Mapping[str, tuple[float, tuple[float, ...]]]] = {
@@ -56,7 +56,7 @@ _STIRS: Final[Mapping[str, tuple[float, tuple[float, ...]]]] = {
     "zone_left": (4.0, ()),
     **dict.fromkeys(("transfer_begun", "step", "candidate", "transfer_raised"), (2.5, ())),
     "transfer_committed": (6.0, (5.0,)),
-    "transfer_aborted": (_LONG_S, (2.0, 10.0)),
+    "transfer_aborted": (11.0, (2.0, 10.0)),
     "authority": (_LONG_S, (5.0,)),
     **dict.fromkeys(("link_quality", "attack"), (45.0, (3.0, 30.0))),
 }
@@ -231,10 +231,10 @@ class Companion:
 
     # ---- position, route, energy ------------------------------------------------------------------------------------
 
-    def position(self, now: int) -> None:
-        """A position of the autopilot comes in."""
+    def position(self, now: int) -> bool:
+        """A position of the autopilot comes in, if it has one; whether it has."""
         if self.arbiter is None or not self.fix:
-            return
+            return False
         aircraft = self._aircraft
         x, y, z = aircraft.at(now)
         vx, vy, _up = aircraft.velocity
@@ -246,6 +246,7 @@ class Companion:
         if self._plan.gaps and aircraft.mode in (Mode.AUTO, Mode.PAUSE):
             gap = gap_at(self._plan.gaps, aircraft.waypoint, x, y, max(self._plan.speed_mps, speed))
         self.give(events.PositionSeen(facts, gap), now)
+        return True
 
     def heartbeat(self, now: int, *, always: bool) -> None:
         """The autopilot says what it is about. `always`: also what it has said before."""
@@ -329,12 +330,12 @@ class Companion:
         return frozenset() if self.arbiter is None else self.arbiter.usable(self._core_s(now))
 
     def _judge_places(self, now: int, *, always: bool) -> None:
-        judged = self.places.look(now, self._core_s(now), self._usable(now), self.view, fix=self.fix, always=always)
+        judged = self.places.look(now, self._usable(now), self.view, fix=self.fix, always=always)
         if judged is not None:
             self.give(judged, now)
 
     def _before_return(self, now: int) -> None:
-        judged = self.places.before_return(now, self._core_s(now), self._usable(now), self.view, fix=self.fix)
+        judged = self.places.before_return(now, self._usable(now), self.view, fix=self.fix)
         if judged is not None:
             self.give(judged, now)
 

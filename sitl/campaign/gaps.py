@@ -11,13 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 from typing import Final
 
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.core.safety.energy import EnergyModel
 from sitl.campaign.plane import Circle, Spot, bare_spans, bearing_deg
 
-__all__ = ["CONTACT_S", "LEAD_S", "GapPlan", "find_gaps", "gap_at", "lacking"]
+__all__ = ["GapPlan", "find_gaps", "gap_at", "lacking"]
 
 #: whoever is farther beside the way is not on it (m)
 _CORRIDOR_M: Final = 50.0
@@ -58,12 +59,32 @@ class GapPlan:
         """From border to border."""
         return self.ends_m - self.begins_m
 
+    def met_s(self, x_m: float, y_m: float, vx: float, vy: float, speed_mps: float) -> tuple[float, float]:
+        """From when to when (s) whoever flies straight on has to do with it; the first is not the sooner one: never."""
+        length = self.start.away_m(self.end.x_m, self.end.y_m)
+        east, north = (self.end.x_m - self.start.x_m) / length, (self.end.y_m - self.start.y_m) / length
+        dx, dy = x_m - self.start.x_m, y_m - self.start.y_m
+        along = dx * east + dy * north - self.begins_m
+        spans = (
+            _between(along, vx * east + vy * north, -LEAD_S * speed_mps, self.length_m + CONTACT_S * speed_mps),
+            _between(dx * north - dy * east, vx * north - vy * east, -_CORRIDOR_M, _CORRIDOR_M),
+        )
+        return max(begins for begins, _ends in spans), min(ends for _begins, ends in spans)
+
     def fact(self, x_m: float, y_m: float, speed_mps: float) -> GapFact | None:
         """What the rules are told there."""
         along = self.along_m(x_m, y_m)
         if along is None or not -LEAD_S * speed_mps <= along <= self.length_m + CONTACT_S * speed_mps:
             return None
         return GapFact(self.limit_s, self.words, ahead=along < 0.0)
+
+
+def _between(value: float, rate: float, low: float, high: float) -> tuple[float, float]:
+    """From when to when (s) a value that changes at that rate is between the two."""
+    if abs(rate) < 1e-9:
+        return (-inf, inf) if low <= value <= high else (inf, -inf)
+    times = (low - value) / rate, (high - value) / rate
+    return min(times), max(times)
 
 
 def find_gaps(

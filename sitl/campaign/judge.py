@@ -39,6 +39,8 @@ _ON_ITS_WAY: Final = (Mode.AUTO.name, Mode.PAUSE.name)
 #: so long (s) what can be known of a place has to be so: 5 s until a station is lost, 20 s until one counts again, 5 s
 #: between two writes of the rally list
 KNOWN_S: Final = 32
+#: a heartbeat each second says what is flown: an order that is on its way when a pilot takes over knows nothing (s)
+KNOWS_S: Final = 1.2
 #: landed this near to a place is landed there (m)
 _THERE_M: Final = 15.0
 
@@ -265,8 +267,9 @@ def _never_down(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) 
 
 
 def _overruled(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
-    for (_, mode, _), (at, after, by) in pairwise(log.modes):
-        if mode == Mode.PILOT.name and by in ("companion", "guard"):
+    for (began, mode, _), (at, after, by) in pairwise(log.modes):
+        knew = by == "guard" or at - began > KNOWS_S * SECOND
+        if mode == Mode.PILOT.name and by in ("companion", "guard") and knew:
             return Found("pilot overruled", at, f"a pilot had it, and {by} made it {after}")
     return None
 
@@ -315,7 +318,12 @@ UNSAFE: Final = (
         _uncovered_place,
     ),
     _row("never down", "the flight does not end", "90 min", _never_down),
-    _row("pilot overruled", "what a pilot has in his hands is taken from him", "never", _overruled),
+    _row(
+        "pilot overruled",
+        "what a pilot has in his hands is taken from him",
+        f"never; by the companion from {KNOWS_S:g} s on, when a heartbeat has told it",
+        _overruled,
+    ),
     _row("graver undone", "the companion undoes a return or a landing", "never", _turned_back),
 )
 

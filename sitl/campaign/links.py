@@ -58,6 +58,11 @@ class Link:
             return self.loss
         return min(1.0, self.loss + self.edge_loss + max(0.0, -margin / FADES_M))
 
+    def fades(self, x_m: float, y_m: float, vx: float, vy: float) -> bool:
+        """Whether it gets no better for an aircraft there that flies on, or a fault is at it."""
+        zone = self.zone
+        return zone is None or self.loss > 0.0 or (x_m - zone.x_m) * vx + (y_m - zone.y_m) * vy >= 0.0
+
     def steady(self, x_m: float, y_m: float) -> bool:
         """Whether everything gets through, or nothing."""
         return self.lost_part(x_m, y_m) in (0.0, 1.0)

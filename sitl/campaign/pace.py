@@ -4,8 +4,8 @@
 
 Three speeds:
 
-* Restless: every round of the main loop is made. So it is for a quarter of a second behind everything that is no
-  routine, half a second before everything that is planned, near every border that the aircraft is about to cross, and
+* Restless: every round of the main loop is made. So it is for an eighth of a second behind everything that is no
+  routine, as long before everything that is planned, near every border that the aircraft is about to cross, and
   while its commander's zone does not hold it.
 * At rest: a position each second keeps the last one fresh, and the rounds in between are made when the rules have
   something due. Nothing that they ask of a position changes within that second.
@@ -22,28 +22,30 @@ before and behind. Where the way ahead turns first, the turn comes first, and is
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import inf
 from typing import Final
 
 from sitl.campaign.aircraft import Aircraft, Mode
-from sitl.campaign.gaps import CONTACT_S, LEAD_S
 from sitl.campaign.links import EDGE_M, FADES_M, Link
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Circle
-from sitl.campaign.times import NEVER, SECOND, in_seconds, in_ticks
+from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks
 
 __all__ = ["Pace"]
 
-_STIRRED: Final = in_ticks(0.25)
-_BEFORE: Final = in_ticks(0.5)
+_STIRRED: Final = in_ticks(0.125)
+_BEFORE: Final = in_ticks(0.125)
 #: longer than anybody waits before who is not heard counts as lost (s)
 _LINK_S: Final = 6.5
+#: and longer than it takes until one that is heard is asked and has answered (s)
+_COMES_S: Final = 2.5
 #: so far inside its border a zone is entered, and so far outside left (m); and how exact that is on a plane
-_BAND_M, _BIT_M = 5.0, 1.0
+_BAND_M, _BIT_M = 5.0, 0.1
 #: from so long before its end on the commander's zone is about to end: `exit_soon_s`, and a bit (s)
-_ENDS_S: Final = 8.8
-#: no turn within this time (s): the way behind it is not looked at
-_TURN_S: Final = 7.0
+_ENDS_S: Final = 8.2
+#: no turn within this time (s): the way behind it is not looked at; and how fast the aircraft gets at the most
+_TURN_S, _FASTEST_MPS = 5.2, 14.0
+#: a round earlier and two later
+_EARLIER, _LATER = ROUND + 1, 2 * ROUND + 1
 
 
 class Pace:
@@ -52,7 +54,7 @@ class Pace:
     def __init__(self, plan: FlightPlan, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
         self._zones = plan.zones
-        self._gaps = plan.gaps
+        self._gaps, self._speed_mps = plan.gaps, plan.speed_mps
         self._edge_m = EDGE_M + 1.0 if plan.loss else 1.0
         self._restless_until = 0
         self._quiet_from = in_ticks(20.0)
@@ -143,26 +145,37 @@ class Pace:
             if inner is None:  # it grazes the border
                 self._window(outer[0], outer[1])
                 continue
-            entered, left = (zone.crossed(x, y, vx, vy, off) for off in (_BIT_M - _BAND_M, _BAND_M - _BIT_M))
-            assert entered is not None
-            assert left is not None
-            self._window(entered[0], inner[0])
-            self._window(left[1], outer[1])
-            self._window(inner[1] - _ENDS_S, outer[1], sysid)
+            inside, border = (zone.crossed(x, y, vx, vy, off) for off in (_BIT_M - _BAND_M, 0.0))
+            assert inside is not None
+            assert border is not None
+            self._window(inside[0], inner[0])
+            self._window(border[1], outer[1])
+            self._window(border[1] - _ENDS_S, outer[1], sysid)
         for gap in self._gaps:  # where the rules are told of one, and how long it may still take
             if aircraft.mode is Mode.AUTO and gap.waypoint == aircraft.waypoint:
-                along, speed = gap.along_m(x, y), aircraft.speed_mps
-                if along is None or aircraft.drift != (0.0, 0.0):
-                    self._window(0.0, 3600.0)
-                else:
-                    begins_s, ends_s = -along / speed - LEAD_S, (gap.length_m - along) / speed + CONTACT_S
-                    self._window(begins_s - 1.0, ends_s + 1.0)
+                begins_s, ends_s = gap.met_s(x, y, vx, vy, max(self._speed_mps, aircraft.speed_mps))
+                if begins_s < ends_s:
+                    self._window(begins_s - 0.5, ends_s + 0.5)
         if aircraft.ends < NEVER and aircraft.mode is Mode.AUTO:
             # what the way does behind the turn counts before it
             ends_s = (aircraft.ends - aircraft.begun) / SECOND
-            margin = min((zone.margin_m(*_ahead(x, y, vx, vy, ends_s)) for zone in self._holding(x, y)), default=inf)
-            if margin < _TURN_S * 14.0:
+            if self._leaves_behind(*_ahead(x, y, vx, vy, ends_s), self._holding(x, y)):
                 self._window(ends_s - _TURN_S, ends_s + 0.3)
+
+    def _leaves_behind(self, x: float, y: float, holding: list[Circle]) -> bool:
+        """Whether the way behind the turn at this place leaves one of these zones soon."""
+        left_m = _TURN_S * _FASTEST_MPS
+        for spot in self._aircraft.way_ahead()[1:]:
+            length = spot.away_m(x, y)
+            if length > 0.0:
+                part = min(1.0, left_m / length)
+                x, y = x + part * (spot.x_m - x), y + part * (spot.y_m - y)
+                left_m -= length
+            if any(zone.margin_m(x, y) < _BAND_M for zone in holding):
+                return True
+            if left_m <= 0.0:
+                break
+        return False
 
     def _holding(self, x: float, y: float) -> list[Circle]:
         return [zone for zone in self._zones.values() if zone.margin_m(x, y) > -_BAND_M - _BIT_M]
@@ -170,14 +183,17 @@ class Pace:
     def _window(self, begun_s: float, ended_s: float, whose: int | None = None) -> None:
         begun = self._aircraft.begun
         if ended_s > 0.0:
-            self._crossings.append((begun + int(begun_s * SECOND) - 16, begun + int(ended_s * SECOND) + 24, whose))
+            begun_s, ended_s = max(begun_s, -1e6), min(ended_s, 1e6)
+            first, last = int(begun_s * SECOND) - _EARLIER, int(ended_s * SECOND) + _LATER
+            self._crossings.append((begun + first, begun + last, whose))
 
     def quiet(self, now: int, links: Iterable[Link], commander: int | None) -> bool:
         """Whether each second is like the one before, with no transfer under way."""
         aircraft = self._aircraft
         x, y, _z = aircraft.at(now)
-        if not all(link.steady(x, y) for link in links):
-            self.settle(now, _LINK_S)
+        for link in links:
+            if not link.steady(x, y):  # who comes is heard or not, who goes is waited for
+                self.settle(now, _LINK_S if link.fades(x, y, *aircraft.velocity[:2]) else _COMES_S)
         if now < self._quiet_from or self._weak or not aircraft.flying:
             return False
         if aircraft.mode in (Mode.PAUSE, Mode.PILOT) or aircraft.drift != (0.0, 0.0):

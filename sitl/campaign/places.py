@@ -28,7 +28,7 @@ from mavproxy_handover.mission.zones import Zone
 from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Circle, Spot, bare_spans, bearing_deg, on_earth
-from sitl.campaign.times import SECOND, in_ticks
+from sitl.campaign.times import SECOND, in_seconds, in_ticks
 
 __all__ = ["Places"]
 
@@ -42,7 +42,7 @@ _COMMANDED: Final = (LeaseState.HELD, LeaseState.TRANSFER)
 
 
 class Places:
-    """The places of one vehicle, as one run of its companion has them. Times: ticks, `core_s`: as the rules count."""
+    """The places of one vehicle, as one run of its companion has them. Times are ticks."""
 
     def __init__(self, plan: FlightPlan, aircraft: Aircraft, zones: Iterable[Zone]) -> None:
         self._plan, self._aircraft, self._model = plan, aircraft, plan.model()
@@ -69,7 +69,7 @@ class Places:
     # ---- each second ------------------------------------------------------------------------------------------------
 
     def look(
-        self, now: int, core_s: float, usable: frozenset[int], view: AuthorityView, *, fix: bool, always: bool
+        self, now: int, usable: frozenset[int], view: AuthorityView, *, fix: bool, always: bool
     ) -> PlaceJudged | None:
         """Judge, choose, keep the list; what there is to tell the rules. `fix`: the position is fresh."""
         aircraft = self._aircraft
@@ -83,9 +83,8 @@ class Places:
         here = aircraft.at(now)
         if fix or not self._facts:
             self._measure(here, left_wh)
-        self._choose(now, core_s, usable, view)
-        quiet = core_s >= self._settled_at and self._chooser.settled(core_s) and self._written
-        self.due = now + (self._holds(here, usable) if quiet else SECOND)
+        self._choose(now, usable, view)
+        self.due = now + self._waits(now, here)
         return self._news(view)
 
     def _measure(self, here: tuple[float, float, float], left_wh: float) -> None:
@@ -116,18 +115,18 @@ class Places:
         bearing = bearing_deg(place.x_m - x, place.y_m - y) if away > 0.0 else 0.0
         return way_home(away, bearing, z, place.alt_m, self._model.return_alt_m)
 
-    def _choose(self, now: int, core_s: float, usable: frozenset[int], view: AuthorityView) -> None:
-        aircraft = self._aircraft
+    def _choose(self, now: int, usable: frozenset[int], view: AuthorityView) -> None:
+        aircraft, now_s = self._aircraft, in_seconds(now)
         if self._settled_at == inf:
-            self._settled_at = core_s + _SETTLE_S
+            self._settled_at = now_s + _SETTLE_S
             if aircraft.flying:  # what the list holds is where a return goes
                 self._chooser.adopt(next(name for name, place in self._places if place == aircraft.rally))
         returning = aircraft.flying and aircraft.mode is Mode.RTL
-        unsettled = core_s < self._settled_at or view.lease is LeaseState.RECOVERING
+        unsettled = now_s < self._settled_at or view.lease is LeaseState.RECOVERING
         fixed = unsettled or (returning and not self._may_bounce(now, view))
         before = self.choice
         self.choice = self._chooser.choose(
-            [self._facts[name] for name, _place in self._places], usable, core_s, returning=returning, fixed=fixed
+            [self._facts[name] for name, _place in self._places], usable, now_s, returning=returning, fixed=fixed
         )
         assert self.choice is not None
         name = self.choice.place.name
@@ -147,11 +146,9 @@ class Places:
         self._judged = judged
         return judged
 
-    def before_return(
-        self, now: int, core_s: float, usable: frozenset[int], view: AuthorityView, *, fix: bool
-    ) -> PlaceJudged | None:
+    def before_return(self, now: int, usable: frozenset[int], view: AuthorityView, *, fix: bool) -> PlaceJudged | None:
         """A return is about to be ordered: judge once more, and write what is not written."""
-        judged = self.look(now, core_s, usable, view, fix=fix, always=True)
+        judged = self.look(now, usable, view, fix=fix, always=True)
         if not self._written:
             self._write(now)
         self.returning = True
@@ -196,6 +193,15 @@ class Places:
         self.due = now
 
     # ---- how long nothing changes -----------------------------------------------------------------------------------
+
+    def _waits(self, now: int, here: tuple[float, float, float]) -> int:
+        """For so many ticks another look would come to the same."""
+        now_s = in_seconds(now)
+        stays_s = self._chooser.stays_until(now_s) - now_s
+        if now_s < self._settled_at or stays_s <= 0.0 or not self._written:
+            return SECOND
+        holds = self._holds(here, self._chooser.usable)
+        return holds if stays_s == inf else min(holds, SECOND * max(1, int(stays_s)))
 
     def _holds(self, here: tuple[float, float, float], usable: frozenset[int]) -> int:
         """For so many ticks, a whole number of seconds, every place stands as it does, and none becomes clearly

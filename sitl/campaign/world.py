@@ -46,6 +46,8 @@ __all__ = ["World"]
 #: a flight is over so long after the landing, and one that nobody starts
 _AFTER = in_ticks(5.0)
 _NOT_STARTED = in_ticks(120.0)
+#: longer than what was no routine can matter without any news of it (s)
+_LONG_S = 8.0
 #: longer than any of these missions with everything that can delay it
 _LONGEST = in_ticks(5400.0)
 _START_TAKES = in_ticks(2.0)
@@ -182,7 +184,7 @@ class World:
             elif first <= now:
                 _at, _number, job = heapq.heappop(planned)
                 job(now)
-                pace.stir(now, 13.0)
+                pace.stir(now, _LONG_S)
             elif second <= now:
                 _at, _number, job = heapq.heappop(routine)
                 job(now)
@@ -228,8 +230,8 @@ class World:
         assert companion is not None
         if not companion.runs:
             return
-        if self.cable and (self.plain or now >= self._looks_at):
-            companion.position(now)
+        if self.cable and (self.plain or now >= self._looks_at) and companion.position(now):
+            return  # whatever was due is done
         if companion.runs and companion.due() <= self.core_s(now):
             companion.give(events.Tick(), now)
 
@@ -537,7 +539,7 @@ class World:
                 self._failsafe(now)
                 aircraft.come_home("battery failsafe", now)
         if aircraft.mode is not before:
-            self.pace.stir(now, 13.0)
+            self.pace.stir(now, _LONG_S)
         self._after_piece(now)
 
     def _failsafe(self, now: int) -> None:
@@ -551,7 +553,7 @@ class World:
         aircraft = self.aircraft
         aircraft.breached = not aircraft.breached
         self._piece_of = -1
-        self.pace.stir(now, 13.0)
+        self.pace.stir(now, _LONG_S)
         if not aircraft.breached:
             self._breach[1] = now
             return
@@ -579,7 +581,7 @@ class World:
 
     def _strike(self, strike: Strike, now: int) -> None:
         """A fault strikes; its end is planned with it."""
-        self.pace.stir(now, 13.0)
+        self.pace.stir(now, _LONG_S)
         whom = self._whom(strike.target)
         names = " ".join(s.name for s in self.plan.stations if s.sysid in whom)
         self.log.note(now, f"FAULT {strike.words} {names}".rstrip())

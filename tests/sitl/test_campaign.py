@@ -154,7 +154,7 @@ def test_books_battery_pilot_and_a_flight_without_an_end(plan: FlightPlan) -> No
     log = logged(plan, still(plan, 100))
     log.broken.append((4, "what must not be"))
     log.empty_at = 9
-    log.modes = [(0, "AUTO", "start"), (1, "PILOT", "pilot"), (2, "RTL", "companion"), (3, "AUTO", "companion")]
+    log.modes = [(0, "AUTO", "start"), (1, "PILOT", "pilot"), (200, "RTL", "companion"), (300, "AUTO", "companion")]
     log.landed = None
     assert rows(plan, log) == [
         "authority without cause",
@@ -163,6 +163,13 @@ def test_books_battery_pilot_and_a_flight_without_an_end(plan: FlightPlan) -> No
         "pilot overruled",
         "graver undone",
     ]
+
+
+def test_an_order_that_crosses_a_pilots_hand_knows_nothing_of_it(plan: FlightPlan) -> None:
+    for by, ticks, found in (("companion", 76, []), ("companion", 77, ["pilot overruled"]), ("guard", 1, None)):
+        log = logged(plan, still(plan, 100))
+        log.modes = [(0, "AUTO", "start"), (10, "PILOT", "pilot"), (10 + ticks, "RTL", by)]
+        assert rows(plan, log) == (["pilot overruled"] if found is None else found)
 
 
 def test_what_a_pilot_or_a_commander_does_himself_is_no_fault(plan: FlightPlan) -> None:

@@ -275,11 +275,17 @@ class PlaceChooser:
         self._name = place.name
         return Choice(place, counts, tuple(sorted(place.there & self._usable)))
 
-    def settled(self, now: float) -> bool:
-        """Whether the choice stays as long as the facts do: nothing has still to be so for a while to count."""
-        return all(record.settled for record in self._records.values()) and all(
-            since == inf or now - since >= BETTER_S for since in self._since.values()
-        )
+    @property
+    def usable(self) -> frozenset[int]:
+        """Stations that could take the aircraft, as they count."""
+        return self._usable
+
+    def stays_until(self, now: float) -> float:
+        """Until when the choice stays if the facts do: `now` while one of them has still to be so for a while to count,
+        then until the next station counts again; inf without any."""
+        if not all(record.settled for record in self._records.values()):
+            return now
+        return min((since + BETTER_S for since in self._since.values() if now < since + BETTER_S < inf), default=inf)
 
     def _count(self, usable: Set[int], now: float) -> bool:
         """Take in who could take the aircraft; whether others count now than at the last look."""

@@ -213,20 +213,24 @@ def test_a_station_that_falls_away_counts_at_once_and_has_to_stay_to_count_again
     assert flight.look(HOME, NEAR, seconds=1).place.name == "rally 1"
 
 
-def test_a_choice_is_settled_when_nothing_has_still_to_stay_to_count() -> None:
-    chooser, far_then_near = PlaceChooser(), [HOME, NEAR]
-    chooser.choose(far_then_near, {A, B}, 0.0)
-    assert chooser.settled(0.0)
-    chooser.choose(far_then_near, {A}, 1.0)
-    assert chooser.settled(1.0)  # who falls away counts at once
-    chooser.choose(far_then_near, {A, B}, 2.0)
-    assert not chooser.settled(2.0)
-    chooser.choose(far_then_near, {A, B}, 22.0)
-    assert chooser.settled(22.0)
+def test_until_when_a_choice_stays_if_the_facts_do() -> None:
+    chooser, places = PlaceChooser(), [HOME, NEAR]
+    chooser.choose(places, {A, B}, 0.0)
+    assert chooser.stays_until(0.0) == inf
+    chooser.choose(places, {A}, 1.0)
+    assert chooser.stays_until(1.0) == inf  # who falls away counts at once
+    assert chooser.usable == {A}
+    chooser.choose(places, {A, B}, 2.0)
+    assert chooser.stays_until(2.0) == 22.0
+    chooser.choose(places, {A, B}, 21.9)
+    assert chooser.usable == {A}
+    chooser.choose(places, {A, B}, 22.0)
+    assert chooser.stays_until(22.0) == inf
+    assert chooser.usable == {A, B}
     worse = [HOME, replace(NEAR, margin_wh=-1.0)]
-    for now, settled in ((23.0, False), (24.0, False), (26.0, True)):
+    for now, until in ((23.0, 23.0), (24.0, 24.0), (26.0, inf)):
         chooser.choose(worse, {A, B}, now)
-        assert chooser.settled(now) is settled
+        assert chooser.stays_until(now) == until
 
 
 def test_a_station_that_comes_for_the_first_time_counts_at_once() -> None:
