@@ -234,6 +234,45 @@ class TestHold:
         bench.say(A, DisconnectHandover(KEY))
         assert bench.arbiter.view.commander == B
 
+    def test_who_waits_for_a_partners_operator_holds_until_he_has_answered(self) -> None:
+        """It flew on into the partner's zone, out of the commander's. Found by a campaign."""
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(inside(A, exit_s=12.0), inside(B, exit_s=90.0))
+        view = bench.arbiter.view
+        key = TransferKey(A, B, view.handover_id, view.epoch)
+        bench.say(B, OnHandover(key, Consent.WAITING))
+        bench.position(ends(5.0, A, B), inside(B, exit_s=90.0))
+        assert bench.flights() == []
+        bench.run(1.5)
+        assert bench.flights() == [HOLD]
+        for station, word in ((B, OnHandover(key)), (A, OkHandover(key)), (B, DroneConnected(key))):
+            bench.say(station, word)
+        bench.say(A, DisconnectHandover(key))
+        assert bench.flights() == [HOLD, GO_ON]
+
+    def test_a_partner_whose_operator_never_answers_is_none(self) -> None:
+        """Each attempt ended after 30 s, and counted for nothing when the next one began. Found by a campaign."""
+        bench = mission(Limits(operator_timeout_s=30.0), B)
+        bench.run(2.0)
+        bench.position(inside(A, exit_s=90.0), inside(B, exit_s=190.0))
+        view = bench.arbiter.view
+        bench.say(B, OnHandover(TransferKey(A, B, view.handover_id, view.epoch), Consent.WAITING))
+        bench.run(30.1)
+        assert bench.arbiter.view.partner is None
+        bench.position(ends(5.0, A, B), inside(B, exit_s=90.0))
+        assert bench.flights() == [HOLD]
+
+    def test_but_it_may_have_been_a_moment_without_a_link(self) -> None:
+        bench = mission(Limits(operator_timeout_s=30.0), B)
+        bench.run(2.0)
+        bench.position(inside(A, exit_s=90.0), inside(B, exit_s=190.0))
+        bench.run(4.1)  # nobody has answered at all
+        bench.position(inside(A, exit_s=90.0))  # out of it again: it is not asked any more
+        bench.run(35.1)
+        bench.position(ends(5.0, A, B), outside(B))
+        assert bench.flights() == []
+
     def test_the_loss_of_the_commander_is_graver(self) -> None:
         bench = mission()
         bench.position(ends(4.0), outside(B))
