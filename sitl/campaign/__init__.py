@@ -13,5 +13,6 @@ the route check, the choice of the place. What is simulated: everything around t
   else knows an event or an action of theirs.
 * `world.py` puts them together and lets time pass, in steps or from one thing that matters to the next (`pace.py`).
 * `log.py` keeps what really happened, `judge.py` says by that alone what was unsafe and how the flight ended.
-* `work.py` flies many seeds (Dask), `outcome.py` and `figures.py` count, `page.py` and `pictures.py` show.
+* `work.py` flies many seeds (Dask), `outcome.py` and `figures.py` count, `page.py` and `pictures.py` show;
+  `compare.py` flies both ways.
 """

@@ -10,6 +10,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from sitl.campaign.compare import compare
 from sitl.campaign.figures import figures
 from sitl.campaign.judge import ended, judge
 from sitl.campaign.page import summary, write_page
@@ -39,6 +40,9 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         "--out", type=Path, metavar="DIR", help="folder; one that is there goes on (runs/campaign-TIME)"
     )
     parser.add_argument("--stepping", choices=("events", "plain"), default="events", help="plain: make every step")
+    parser.add_argument(
+        "--compare", action="store_true", help="fly each flight both ways: the same outcomes, and how much faster?"
+    )
     arguments = parser.parse_args(argv)
     for name, least in (("runs", 1), ("jobs", 1), ("seed", 0)):
         if getattr(arguments, name) < least:
@@ -54,6 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     if arguments.story:
         return _tell(arguments.seed, plain=arguments.stepping == "plain")
+    if arguments.compare:
+        return _compare(range(arguments.seed, arguments.seed + arguments.runs))
     campaign = Campaign(arguments.seed, arguments.runs, arguments.stepping)
     folder: Path = arguments.out or Path("runs") / time.strftime("campaign-%Y%m%d-%H%M%S")
     try:
@@ -86,6 +92,17 @@ def _fly(campaign: Campaign, folder: Path, jobs: int, scheduler: str | None) -> 
     except OSError as error:
         raise CampaignError(f"{folder}: {error.strerror}") from error
     return 1 if found.unsafe_flights else 0
+
+
+def _compare(seeds: range) -> int:
+    """Both ways to let time pass, side by side."""
+    told = time.monotonic()
+    for found in compare(seeds):
+        now = time.monotonic()
+        if found.flights == len(seeds) or now - told >= _TELLS_S:
+            told = now
+            print(found.words, flush=True)
+    return 1 if found.differ else 0
 
 
 def _tell(seed: int, *, plain: bool) -> int:

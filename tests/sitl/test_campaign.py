@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.core.safety.causes import Cause
+from sitl.campaign.compare import compare
 from sitl.campaign.figures import all_cells, figures, wilson
 from sitl.campaign.judge import UNSAFE, judge
 from sitl.campaign.log import FlightLog, Flown, Series
@@ -307,6 +308,27 @@ def test_the_story_of_a_flight(capsys: pytest.CaptureFixture[str]) -> None:
     assert "START from GCSA" in said
     assert "FAULT" in said
     assert "ended: " in said
+
+
+def test_both_ways_to_let_time_pass_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--compare", "--runs", "2", "--seed", "4"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("2 flights, ")
+    assert said.endswith("times; the same outcomes\n")
+
+
+def test_a_flight_that_comes_to_something_else_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def flown(seed: int, *, plain: bool = False) -> Outcome:
+        ended = "delivered" if plain and seed == 8 else "held to its end"
+        return Outcome(seed, ended, (), 1800.0, 2, (), "", 10.0 if plain else 1.0, ())
+
+    monkeypatch.setattr("sitl.campaign.compare.fly", flown)
+    *_before, found = compare(range(7, 9))
+    assert found.differ == (8,)
+    assert found.words == (
+        "2 flights, 1.0 hours: 0.50 flight hours a second of processor time, 0.05 with every step made, 10.0 times; "
+        "NOT the same: 8"
+    )
 
 
 @pytest.mark.parametrize("words", [["--runs", "0"], ["--jobs", "0"], ["--seed", "-1"], ["--stepping", "backwards"]])
