@@ -12,7 +12,18 @@ from mavproxy_handover.core.events import Announce, Fly, HandSeen, LinkJudged, M
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Reason
 from mavproxy_handover.core.safety.causes import Cause
-from tests.core.bench import A, Bench, outside
+from tests.core.bench import (
+    A,
+    B,
+    Bench,
+    DisconnectHandover,
+    DroneConnected,
+    OkHandover,
+    OnHandover,
+    TransferKey,
+    inside,
+    outside,
+)
 from tests.core.safety.test_lookout import ends, mission
 
 LOST = Reason.COMMANDER_LOST
@@ -204,6 +215,20 @@ class TestHold:
         bench.run(2.0)
         assert bench.flights() == [HOLD, BACK]
         assert "HOLD: the autopilot does not follow, flies AUTO (coverage ends ahead)" in said(bench)
+
+    def test_what_flies_on_before_it_stood_is_not_expected_to_stand(self) -> None:
+        bench = self.held()
+        bench.alive = {A, B}
+        bench.run(2.0)
+        bench.position(ends(3.0, A, B), inside(B))
+        view = bench.arbiter.view
+        key = TransferKey(A, B, view.handover_id, view.epoch)
+        for station, word in ((B, OnHandover(key)), (A, OkHandover(key)), (B, DroneConnected(key))):
+            bench.say(station, word)
+        bench.say(A, DisconnectHandover(key))
+        bench.run(20.0)
+        assert bench.flights() == [HOLD, Fly(FlightAction.CONTINUE, Reason.NONE)]
+        assert not any("does not follow" in text for text in said(bench))
 
     def test_what_is_blown_about_once_it_stood_is_left_alone(self) -> None:
         bench = self.held()
