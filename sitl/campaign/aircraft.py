@@ -87,6 +87,7 @@ class Aircraft:
         self.waypoint = 0
         #: speed at which wind carries it away, east and north (m/s)
         self.drift = (0.0, 0.0)
+        self._lift_mps = 0.0
         self.landed_at: Spot | None = None
         #: the one point of its rally list: where a return goes, whoever orders it
         self.rally: Spot = plan.places[0]
@@ -118,6 +119,11 @@ class Aircraft:
         x, y, _z = self.at(now)
         leg = next((leg for leg in (self._leg, *self._legs) if leg.speed_mps == inf), None)
         return 0.0 if leg is None else hypot(leg.x_m - x, leg.y_m - y)
+
+    @property
+    def lifted(self) -> bool:
+        """An updraft has it."""
+        return self._lift_mps > 0.0
 
     @property
     def flying(self) -> bool:
@@ -218,7 +224,7 @@ class Aircraft:
     def _set(self, mode: Mode, by: str, now: int) -> None:
         self._settle(now)
         self.mode, self.by, self._legs = mode, by, []
-        self.drift = (0.0, 0.0)
+        self.drift, self._lift_mps = (0.0, 0.0), 0.0
         self._log.left.append((now, self.left_wh(now)))
         self._log.mode(now, mode.name, by)
 
@@ -287,12 +293,12 @@ class Aircraft:
             self._set(Mode.PILOT, "pilot", now)
             self._still(now, self._hover_w)
 
-    def carried(self, velocity: tuple[float, float], now: int) -> None:
-        """Wind carries it to the side, in AUTO; (0, 0): no more, and it flies on from there."""
+    def carried(self, velocity: tuple[float, float], now: int, lift_mps: float = 0.0) -> None:
+        """Wind carries it to the side or up, in AUTO; (0, 0): no more, and it flies on from there."""
         if self.mode is not Mode.AUTO:
             return
         self._settle(now)
-        self.drift = velocity
+        self.drift, self._lift_mps = velocity, lift_mps
         self._along(now)
 
     @property
@@ -312,7 +318,10 @@ class Aircraft:
         leg = self._level(spot.x_m, spot.y_m, spot.alt_m)
         self._fly(leg, now)
         east, north = self.drift
-        if east or north:
+        if self._lift_mps:  # it stays where it is, but for the height
+            self._vx = self._vy = 0.0
+            self._vz, self._ends = self._lift_mps, NEVER
+        elif east or north:
             self._vx, self._vy = self._vx + east, self._vy + north
             self._ends = NEVER  # it gets nowhere until the wind lets it go
 

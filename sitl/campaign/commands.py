@@ -38,7 +38,7 @@ _WISH: Final = "on with the mission"
 
 @dataclass(frozen=True, slots=True)
 class Desk:
-    """The commander's commands, of one run of the companion. Times in seconds, as the rules count them."""
+    """The commander's commands, of one run of the companion. `now_s`: time as operators count it."""
 
     plan: FlightPlan
     aircraft: Aircraft
@@ -51,11 +51,11 @@ class Desk:
         legs = tuple(self._legs(Spot(0.0, 0.0, 0.0), (Spot(0.0, 0.0, way[0].alt_m), *way[1:]), 0))
         return self._energy(legs, now)
 
-    def start(self, lacks: str, station: int, core_s: float) -> Ruling:
+    def start(self, lacks: str, station: int, now_s: float) -> Ruling:
         """What becomes of START."""
-        return self.rules.rule(Kind.START, "START", {Limit.ENERGY: lacks}, station, core_s)
+        return self.rules.rule(Kind.START, "START", {Limit.ENERGY: lacks}, station, now_s)
 
-    def go_on(self, usable: frozenset[int], station: int, now: int, core_s: float) -> Ruling:
+    def go_on(self, usable: frozenset[int], station: int, now: int, now_s: float) -> Ruling:
         """What becomes of AUTO in flight. `now`: a tick."""
         x, y, z = self.aircraft.at(now)
         first = self.aircraft.waypoint
@@ -65,12 +65,12 @@ class Desk:
             Limit.FENCE: leaves_fence(legs, self._fence()),
             Limit.COVERAGE: leaves_coverage(legs, ZoneFinder(self.zones), usable, self._stretches()),
         }
-        return self.rules.rule(Kind.GO_ON, _WISH, left if legs else {}, station, core_s)
+        return self.rules.rule(Kind.GO_ON, _WISH, left if legs else {}, station, now_s)
 
-    def lift(self, ruling: Ruling, core_s: float) -> None:
+    def lift(self, ruling: Ruling, now_s: float) -> None:
         """The operator lifts what he was told."""
         if ruling.outcome is Outcome.REFUSED:
-            self.rules.lift(ruling.limits[0], core_s)
+            self.rules.lift(ruling.limits[0], now_s)
 
     def _legs(self, here: Spot, way: Iterable[Spot], seq: int) -> Iterable[Leg]:
         """From here along the way, and down at its end where it lands."""

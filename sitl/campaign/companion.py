@@ -304,7 +304,7 @@ class Companion:
         """AUTO of the commander, in flight; None: nobody heeds it."""
         if self.arbiter is None:
             return None
-        ruling = self.desk.go_on(self._usable(now), station, now, self._core_s(now))
+        ruling = self.desk.go_on(self._usable(now), station, now, in_seconds(now))
         return self._ruled(ruling, "AUTO", now)
 
     def commanded_start(self, station: int, now: int) -> Ruling | None:
@@ -312,7 +312,7 @@ class Companion:
         if self.arbiter is None:
             return None
         lacks = self.desk.start_lacks(now)
-        ruling = self._ruled(self.desk.start(lacks, station, self._core_s(now)), "START", now)
+        ruling = self._ruled(self.desk.start(lacks, station, in_seconds(now)), "START", now)
         self.give(events.EnergyJudged("" if ruling.passes else lacks), now)
         self.give(events.GapsJudged(lacking(self._plan.gaps, self._plan.alone_max_s)), now)
         self.give(events.StartRequested(station), now)

@@ -31,6 +31,7 @@ class Fault(Enum):
     SAG = "a part of the battery's energy is gone"
     DRIFT = "wind carries the aircraft off its route"
     BREACH = "wind carries the aircraft out of its fence"
+    LIFT = "an updraft carries the aircraft over the ceiling of its fence"
     PILOT = "a pilot takes the aircraft, and gives it back"
     DISOBEYS = "the autopilot does nothing of what the companion orders"
     STUCK = "a return gets no nearer to its place"

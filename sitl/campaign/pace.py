@@ -196,7 +196,7 @@ class Pace:
                 self.settle(now, _LINK_S if link.fades(x, y, *aircraft.velocity[:2]) else _COMES_S)
         if now < self._quiet_from or self._weak or not aircraft.flying:
             return False
-        if aircraft.mode in (Mode.PAUSE, Mode.PILOT) or aircraft.drift != (0.0, 0.0):
+        if aircraft.mode in (Mode.PAUSE, Mode.PILOT) or aircraft.drift != (0.0, 0.0) or aircraft.lifted:
             return False
         return not self._outside(now, commander) and not self._near(now, commander)
 

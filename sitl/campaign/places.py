@@ -123,7 +123,7 @@ class Places:
                 self._chooser.adopt(next(name for name, place in self._places if place == aircraft.rally))
         returning = aircraft.flying and aircraft.mode is Mode.RTL
         unsettled = now_s < self._settled_at or view.lease is LeaseState.RECOVERING
-        fixed = unsettled or (returning and not self._may_bounce(now, view))
+        fixed = unsettled or (returning and not self._may_bounce(view))
         before = self.choice
         self.choice = self._chooser.choose(
             [self._facts[name] for name, _place in self._places], usable, now_s, returning=returning, fixed=fixed
@@ -135,7 +135,7 @@ class Places:
         if not self._written and now >= self._write_at:
             self._write(now)
         bounces, self._bounces_to = self._bounces_to == name and self._written, None if self._written else name
-        if bounces and aircraft.mode is Mode.RTL and self._may_bounce(now, view):
+        if bounces and aircraft.mode is Mode.RTL and self._may_bounce(view):
             aircraft.return_anew("companion", now)
 
     def _news(self, view: AuthorityView) -> PlaceJudged | None:
@@ -169,11 +169,9 @@ class Places:
         self._aircraft.rally_is(self._chosen, now)
         self._write_at = now + _WRITE
 
-    def _may_bounce(self, now: int, view: AuthorityView) -> bool:
-        x, y, _z = self._aircraft.at(now)
+    def _may_bounce(self, view: AuthorityView) -> bool:
         commanded = view.commander is not None and view.lease in _COMMANDED
-        inside = self._plan.fence.margin_m(x, y) > 0.0
-        return self.returning and commanded and inside and not self._aircraft.failsafe
+        return self.returning and commanded and not self._aircraft.breached and not self._aircraft.failsafe
 
     # ---- energy -----------------------------------------------------------------------------------------------------
 

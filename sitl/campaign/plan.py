@@ -86,6 +86,8 @@ class FlightPlan:
     truth: Truth
     #: a circle around all of it that the autopilot keeps
     fence: Circle
+    #: and the height that it keeps below (m)
+    ceiling_m: float
     policies: Mapping[Cause, str]
     strikes: tuple[Strike, ...]
     #: how often operators of the commander send the aircraft on that was stopped or turned back, how long after that
@@ -162,7 +164,9 @@ def draw(seed: int) -> FlightPlan:
     if lands:
         spots.append(Spot(way[-1].x_m, way[-1].y_m))
     settings = _energy(chance, way, speed, truth, lands)
-    gaps = _gaps(chance, stations, way, speed, settings.model(wind if truth.tells_wind else None))
+    model = settings.model(wind if truth.tells_wind else None)
+    assert model is not None
+    gaps = _gaps(chance, stations, way, speed, model)
     longest_s = max((each.limit_s for each in gaps), default=0.0)
     farthest = max(spot.away_m(0.0, 0.0) for spot in (*way, *spots))
     return FlightPlan(
@@ -176,6 +180,7 @@ def draw(seed: int) -> FlightPlan:
         settings,
         truth,
         Circle(0.0, 0.0, farthest + 60.0),
+        max(way[0].alt_m, model.return_alt_m) + 15.0,
         policies_for(chance, cell),
         strikes_for(chance, cell),
         resumes=chance.choice((1, 2, 4)) if chance.random() < 0.3 else 0,
@@ -221,10 +226,9 @@ def _gaps(
     stations: tuple[StationPlan, ...],
     way: tuple[Spot, ...],
     speed_mps: float,
-    model: EnergyModel | None,
+    model: EnergyModel,
 ) -> tuple[GapPlan, ...]:
     """All gaps of a mission that declares them."""
-    assert model is not None
     spare, declared = chance.uniform(1.1, 1.6), chance.random() < 0.5
     zones = [station.zone for station in stations]
     return tuple(find_gaps(way, zones, model, speed_mps, spare)) if declared else ()

@@ -20,7 +20,7 @@ from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.times import NEVER, SECOND
 
-__all__ = ["CELLS", "NEVER_MEET", "PHASES", "Cell", "policies_for", "strikes_for"]
+__all__ = ["CELLS", "NEVER_IN", "NEVER_MEET", "PHASES", "Cell", "policies_for", "strikes_for"]
 
 
 #: a phase that begins and how often it has, or that the aircraft is about to leave its commander's zone
@@ -53,8 +53,14 @@ NEVER_MEET: Final[Mapping[frozenset[Cause], str]] = {
     frozenset({Cause.COMMANDER_LOST, Cause.COVERAGE_ENDS}): "without a commander no end of coverage is looked for",
     frozenset({Cause.OUT_OF_COVERAGE, Cause.NO_STATION}): "outside every zone, and inside one",
 }
+#: causes that do not come up in a phase, and why
+NEVER_IN: Final[Mapping[tuple[Cause, Phase], str]] = {
+    (Cause.OUT_OF_COVERAGE, Phase.ON_HANDOVER): "a transfer ends where its partner's zone does",
+}
 CELLS: Final = tuple(
-    Cell(*pair, phase) for phase, pair in product(PHASES, combinations(Cause, 2)) if frozenset(pair) not in NEVER_MEET
+    Cell(*pair, phase)
+    for phase, pair in product(PHASES, combinations(Cause, 2))
+    if frozenset(pair) not in NEVER_MEET and not any((cause, phase) in NEVER_IN for cause in pair)
 )
 
 #: how a cause is brought about: fault, whom it strikes, how long it lasts (s)
@@ -71,7 +77,11 @@ _PROVOKES: Final[Mapping[Cause, tuple[tuple[Fault, Target, float, float], ...]]]
     Cause.AUTHENTICATION: ((Fault.ATTACK, Target.COMMANDER, 15.0, 60.0),),
     Cause.LINKS_WEAK: ((Fault.WEAK, Target.COMMANDER, 30.0, 90.0),),
     Cause.GUARD_LOST: ((Fault.NO_GUARD, Target.NOBODY, 15.0, 90.0),),
-    Cause.FENCE: ((Fault.BREACH, Target.NOBODY, 20.0, 60.0),),
+    Cause.FENCE: (
+        (Fault.LIFT, Target.NOBODY, 12.0, 40.0),
+        (Fault.LIFT, Target.NOBODY, 12.0, 40.0),
+        (Fault.BREACH, Target.NOBODY, 20.0, 60.0),
+    ),
     Cause.OFF_ROUTE: ((Fault.DRIFT, Target.NOBODY, 15.0, 35.0),),
     Cause.POSITION_STALE: ((Fault.NO_FIX, Target.NOBODY, 5.0, 20.0),),
     Cause.AUTOPILOT_LOST: ((Fault.BLIND, Target.NOBODY, 6.0, 20.0),),
@@ -83,12 +93,15 @@ _TAKES_S: Final[Mapping[Cause, float]] = {
     Cause.LINKS_WEAK: 13.0,
     Cause.GUARD_LOST: 5.5,
     Cause.OFF_ROUTE: 9.0,
+    Cause.FENCE: 5.0,
     Cause.POSITION_STALE: 3.5,
     Cause.AUTOPILOT_LOST: 3.5,
     Cause.AUTHENTICATION: 0.5,
 }
 #: causes that are there when the aircraft comes to a border, whenever their fault has struck
 _AT_A_BORDER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.OUT_OF_COVERAGE})
+#: causes behind which the rules hear no more of where the aircraft is
+_NO_NEWS: Final = frozenset({Cause.POSITION_STALE, Cause.AUTOPILOT_LOST})
 #: what may come on top, in any flight
 _ANYTHING: Final = (
     (Fault.ROGUE, Target.NOBODY, 5.0, 60.0),
@@ -124,13 +137,24 @@ def strikes_for(chance: Random, cell: Cell) -> tuple[Strike, ...]:
         if cause in _AT_A_BORDER and how[0] is not Fault.BREACH:
             found.append(_strike(chance, how, chance.uniform(5.0, 30.0)))
         else:
-            found.append(_strike(chance, how, at_s - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0), when))
+            later_s = _later_s(cause, cell)
+            found.append(
+                _strike(chance, how, at_s + later_s - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0), when)
+            )
     if cell.phase is Phase.EMERGENCY and chance.random() < 0.7:  # something has to bring that about
         lost = chance.choice(((Fault.BURST, Target.ALL, 12.0, 30.0), (Fault.DEAD, Target.ALL, 12.0, 60.0)))
         found.append(_strike(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when))
     if chance.random() < 0.2:
         found.append(_strike(chance, chance.choice(_ANYTHING), chance.uniform(10.0, 500.0)))
     return tuple(found)
+
+
+def _later_s(cause: Cause, cell: Cell) -> float:
+    """What leaves the rules without news strikes when they have had the other news."""
+    other = cell.second if cause is cell.first else cell.first
+    if cause not in _NO_NEWS or other in _NO_NEWS:
+        return 0.0
+    return 9.0 if other in _AT_A_BORDER else 5.0
 
 
 def _moment(chance: Random, cell: Cell) -> tuple[_When, float]:

@@ -87,10 +87,13 @@ class World:
         self._gcs_due = NEVER
         #: the guard has had it watch the companion's heartbeats, until somebody commands again
         self._watches_itself = False
+        #: how many faults make a station's links weak, and how many attack it
+        self._links_wrong: dict[int, list[int]] = {}
         self._ekf_due = NEVER
         self._battery_due = NEVER
         #: when the border of the fence is crossed next, and when it was crossed outwards and inwards last
-        self._fence_due = NEVER
+        self._fence_due = self._border_due = self._ceiling_due = NEVER
+        self._outside = self._above = False
         self._breach = [NEVER, NEVER]
         #: the autopilot has none
         self._no_position = False
@@ -407,7 +410,7 @@ class World:
             return
         self._tries_left -= 1
         if insists is Insists.LIFTS:
-            companion.desk.lift(ruling, self.core_s(now))
+            companion.desk.lift(ruling, in_seconds(now))
         self._at(now + in_ticks(ANEW_S), again)
 
     def _wants_on(self, now: int) -> None:
@@ -490,17 +493,22 @@ class World:
         self._know_fence()
 
     def _know_fence(self) -> None:
-        """When the border of the fence is crossed."""
+        """When the border of the fence is crossed, or its ceiling."""
         aircraft, fence = self.aircraft, self.plan.fence
-        x, y, _z = aircraft.at(aircraft.begun)
-        vx, vy, _up = aircraft.velocity
-        times = fence.crossed(x, y, vx, vy) if aircraft.flying else None
-        self._fence_due = NEVER
-        if times is None:
-            return
-        at_s = times[0] if aircraft.breached else times[1]
-        if at_s > 0.0 or not aircraft.breached:
-            self._fence_due = aircraft.begun + max(0, int(at_s * SECOND)) + 1
+        self._border_due = self._ceiling_due = NEVER
+        if aircraft.flying:
+            x, y, z = aircraft.at(aircraft.begun)
+            vx, vy, up = aircraft.velocity
+            times = fence.crossed(x, y, vx, vy)
+            if times is not None and (times[0] > 0.0 or not self._outside):
+                self._border_due = self._in(times[0] if self._outside else times[1])
+            if up != 0.0 and (up > 0.0) is not self._above:
+                self._ceiling_due = self._in((self.plan.ceiling_m - z) / up)
+        self._fence_due = min(self._border_due, self._ceiling_due)
+
+    def _in(self, seconds: float) -> int:
+        """So long behind the beginning of the piece that is flown."""
+        return self.aircraft.begun + max(0, int(seconds * SECOND)) + 1
 
     def _know_battery(self) -> None:
         """When the battery comes to the next level at which something happens."""
@@ -549,11 +557,15 @@ class World:
             self._tell(events.HandSeen(Hand.FAILSAFE), now)
 
     def _crosses_fence(self, now: int) -> None:
-        """The border of the fence. A mode that was changed outside opens ten seconds in which no breach is acted on."""
-        aircraft = self.aircraft
-        aircraft.breached = not aircraft.breached
+        """The fence. A mode that was changed outside opens ten seconds in which no breach is acted on."""
+        aircraft, before = self.aircraft, self.aircraft.breached
+        self._outside ^= self._border_due <= now
+        self._above ^= self._ceiling_due <= now
+        aircraft.breached = self._outside or self._above
         self._piece_of = -1
         self.pace.stir(now, _LONG_S)
+        if aircraft.breached is before:
+            return
         if not aircraft.breached:
             self._breach[1] = now
             return
@@ -632,6 +644,9 @@ class World:
                 return None
             case Fault.DRIFT | Fault.BREACH:
                 return self._drift(strike, now)
+            case Fault.LIFT:
+                self.aircraft.carried((0.0, 0.0), now, 3.0 + 3.0 * strike.amount)
+                return partial(self.aircraft.carried, (0.0, 0.0))
             case Fault.PILOT:
                 if not self.plan.truth.radio:
                     return None
@@ -696,13 +711,16 @@ class World:
         """What the companion's measuring says of these links, and that it says so no more."""
         text = "a third of all messages is lost" if weak else "bad signatures"
 
-        def judged(weak: bool, attacked: bool, now: int) -> None:
-            self.pace.worry(weak, whom)
+        def judged(begins: bool, now: int) -> None:
             for each in whom:
-                self._tell(events.LinkJudged(each, weak, attacked, text), now)
+                wrong = self._links_wrong.setdefault(each, [0, 0])
+                for number, is_so in enumerate((weak, attacked)):
+                    wrong[number] += is_so if begins else -is_so
+                self.pace.worry(wrong[0] > 0, (each,))
+                self._tell(events.LinkJudged(each, wrong[0] > 0, wrong[1] > 0, text), now)
 
-        self._at(now + 1, partial(judged, weak, attacked))
-        return lambda now: self._at(now + 3 * SECOND, partial(judged, False, False))
+        self._at(now + 1, partial(judged, True))
+        return lambda now: self._at(now + 3 * SECOND, partial(judged, False))
 
     def _rogue(self, until: int, now: int) -> None:
         """Whoever does not command sends the aircraft home or down, twice a second."""

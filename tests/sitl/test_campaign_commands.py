@@ -76,8 +76,10 @@ def test_start_without_the_energy_is_refused_until_an_operator_insists(insists: 
     assert judge(plan, log) == ()
 
 
-def test_the_same_comes_of_it_however_time_is_let_pass() -> None:
-    plan = wishing(Insists.ANEW, SAG, resumes=3)
+@pytest.mark.parametrize(("insists", "after_s"), [(Insists.ANEW, 20.0), (Insists.LIFTS, 90.0)])
+def test_the_same_comes_of_it_however_time_is_let_pass(insists: Insists, after_s: float) -> None:
+    """What is lifted for a minute is lifted for a minute of the operator's, not of rules whose clock stands still."""
+    plan = wishing(insists, SAG, resumes=3, after_s=after_s)
     short, whole = flown(plan)[0], flown(plan, plain=True)[0]
     assert (short.modes, short.orders, short.lifted) == (whole.modes, whole.orders, whole.lifted)
 

@@ -54,6 +54,16 @@ def test_a_fence_that_only_tells_lets_it_go_and_the_rules_bring_it_back_when_cov
     assert judge(plan, log) == ()
 
 
+def test_over_its_ceiling_it_is_outside_its_fence_too() -> None:
+    up = Strike(Fault.LIFT, 120 * SECOND, 30 * SECOND, amount=0.5)
+    log = flown(struck(up))
+    assert by(log)[:2] == ["AUTO start", "RTL fence failsafe"]
+    assert log.modes[1][0] == pytest.approx((130 + 15 / 4.5) * SECOND, abs=5 * SECOND)
+    told = flown(struck(up, fence_failsafe=False))
+    assert "RTL fence failsafe" not in by(told)
+    assert orders(told) == []  # the table warns
+
+
 def test_nothing_is_commanded_while_a_pilot_has_it_and_what_he_gives_back_is_brought_home() -> None:
     plan = struck(SAG, Strike(Fault.PILOT, 290 * SECOND, 40 * SECOND))
     log = flown(plan)
