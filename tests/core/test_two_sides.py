@@ -129,6 +129,7 @@ class TestOperators:
         # it is to stop before the end, and this aircraft does not
         assert [(at, fly.action, fly.reason) for at, fly in network.flights] == [
             (pytest.approx(35.0, abs=0.1), FlightAction.HOLD, Reason.COVERAGE_ENDS),
+            (pytest.approx(40.0, abs=0.1), FlightAction.RETURN, Reason.COVERAGE_ENDS),
             (pytest.approx(42.0, abs=0.1), FlightAction.RETURN, Reason.NO_STATION),
             (pytest.approx(46.0), FlightAction.RETURN, Reason.OUT_OF_COVERAGE),
         ]

@@ -10,7 +10,8 @@ thinks, a message is on its way), not behind the border. The transfer goes on me
 
 Where the last coverage ends ahead (`hold_lead_s`), the aircraft is to stop inside. It then stands still, which looks as
 if nothing ended: so that sign stays until another station has authority, or the flight is over. If its commander has it
-fly on in spite of it, that is the commander's word.
+fly on in spite of it, that is the commander's word. Outside of the commander's zone nobody is held: who waits there for
+a partner is commanded from where no station should command.
 
 A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
 Weak links are no sign while one is crossed.
@@ -195,7 +196,8 @@ class Lookout:
         if authority.lost and (authority.recovering or (transfer is not None and transfer.forced and hurried)):
             found.add(Fact.SUCCESSOR)
         self._held_long = self.held_at > -inf and now >= self.held_at + self._limits.hold_s
-        may_hold = flight.position_known(now) and FlightAction.HOLD not in unable
+        covered = authority.owner is not None and self._candidates.zones.holds(authority.owner)
+        may_hold = covered and flight.position_known(now) and FlightAction.HOLD not in unable
         if may_hold and not authority.lost and not self._held_long:
             found.add(Fact.MAY_HOLD)
         return frozenset(found)

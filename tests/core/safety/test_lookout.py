@@ -273,6 +273,19 @@ class TestHold:
         bench.position(ends(5.0, A, B), outside(B))
         assert bench.flights() == []
 
+    def test_nobody_is_held_outside_of_the_commanders_zone(self) -> None:
+        """The fault: sent on by its commander out of its zone, with a partner whose operator is silent, it was held
+        there for a minute. Found by the campaign."""
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(ends(4.0, A, B), inside(B, exit_s=90.0))
+        bench.say(B, OnHandover(KEY, Consent.WAITING))
+        bench.run(1.5)
+        assert bench.flights() == [HOLD]
+        bench.position(outside(A), inside(B, exit_s=90.0))
+        bench.run(1.0)
+        assert bench.flights() == [HOLD, HOME]
+
     def test_the_loss_of_the_commander_is_graver(self) -> None:
         bench = mission()
         bench.position(ends(4.0), outside(B))

@@ -155,9 +155,10 @@ def _radio(bench: Obedient, chance: random.Random) -> None:
 
 
 TRUTHS = {
-    # over the border it is to stop, outside of the zone to come home
+    # over the border it is to stop; outside of the zone it is to come home, first since nobody stops there, then since
+    # it is out of coverage
     "at the border": Truth(lambda bench, chance: _margin(bench, chance, 0.0), 1),
-    "where a zone is left": Truth(lambda bench, chance: _margin(bench, chance, -5.0), 2),
+    "where a zone is left": Truth(lambda bench, chance: _margin(bench, chance, -5.0), 3),
     "where a zone is entered": Truth(lambda bench, chance: _margin(bench, chance, 5.0), 0),
     "as far from the border as a stop takes": Truth(_ahead, 1),
     "a station behind the border": Truth(_beyond, 1),
