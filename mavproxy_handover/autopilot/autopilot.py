@@ -56,6 +56,8 @@ __all__ = ["Autopilot"]
 _ZONE_CHECK_S: Final = 0.03
 #: name of a conversation
 _HELD: Final = "held"
+#: what an older heartbeat has said of arming and of the mode does not count
+_HEARTBEAT_S: Final = 2.5
 #: a position that has waited for longer, because the main loop stood still, does not count: another is on its way
 _OLD_S: Final = 0.2
 
@@ -186,7 +188,8 @@ class Autopilot:
     def _on_state(self, message: Any, now: float) -> None:
         aircraft = self.aircraft
         self.places.take(message, now)
-        if aircraft.heartbeat_at > -math.inf:  # before that nothing is known of arming: in flight it would read as no
+        # without a heartbeat of late nothing is known of arming and of the mode: what was before need not be so
+        if now - aircraft.heartbeat_at < _HEARTBEAT_S:
             self._execution.state(now)  # first: what is flown by now need not be commanded
             self._ties.handle(AutopilotState(aircraft.armed, aircraft.flying, aircraft.foreign), now)
 

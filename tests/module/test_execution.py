@@ -249,8 +249,23 @@ def test_a_vehicle_without_a_receiver_has_its_position_from_elsewhere(flown: Ben
 def test_a_return_that_somebody_has_begun_while_the_line_was_cut_is_not_commanded_again(flown: Bench) -> None:
     """Flown: its first heartbeat counted before its mode did, so the order of before went out once more."""
     flown.autopilot.silent = True
-    flown.a.alive = flown.b.alive = False
     flown.run(15.0)
     flown.autopilot.mode, flown.autopilot.silent = RTL, False
     flown.run(10.0)
     assert modes(flown) == []
+
+
+def test_an_autopilot_that_is_heard_again_is_not_commanded_by_the_mode_of_before(flown: Bench) -> None:
+    """The fault: its EXTENDED_SYS_STATE came first, and what the guard had done meanwhile was commanded once more."""
+    flown.autopilot.silent = True
+    flown.run(5.0)
+    flown.a.alive = flown.b.alive = False
+    flown.run(8.0)
+    flown.autopilot.mode = RTL  # by the guard
+    told = modes(flown)
+    flown.mpstate.deliver(packed(stock.MAVLink_extended_sys_state_message(0, 2)))
+    flown.run(0.2)
+    assert modes(flown) == told
+    flown.autopilot.silent = False
+    flown.run(3.0)
+    assert modes(flown) == told
