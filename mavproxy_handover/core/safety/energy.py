@@ -134,14 +134,14 @@ class EnergyModel:
         """The same aircraft without its payload."""
         if self.unloaded_part == 1.0:
             return self
-        lifting = self.unloaded_part
+        part = self.unloaded_part
         return replace(
             self,
-            hover_w=self.hover_w * lifting,
-            cruise_w=self.hover_w * lifting + max(0.0, self.cruise_w - self.hover_w),
-            climb_w=self.climb_w * lifting,
-            descent_w=self.descent_w * lifting,
-            airspeed_mps=self.airspeed_mps * sqrt(self.unloaded_part),
+            hover_w=self.hover_w * part,
+            cruise_w=self.hover_w * part + max(0.0, self.cruise_w - self.hover_w),
+            climb_w=self.climb_w * part,
+            descent_w=self.descent_w * part,
+            airspeed_mps=self.airspeed_mps * sqrt(part),
             unloaded_part=1.0,
         )
 
@@ -181,7 +181,8 @@ class EnergyModel:
 
     def need_wh(self, way: Iterable[Piece]) -> float:
         """What a way costs, without any reserve; infinite where the wind does not let it be flown."""
-        return sum((self.piece_wh(piece) for piece in way), 0.0)
+        light = self.unloaded
+        return sum(((light if piece.unloaded else self).piece_wh(piece) for piece in way), 0.0)
 
     def budget_wh(self, need_wh: float) -> float:
         """What has to be left for a way of that need to be begun: the need with its factor, and the reserve."""
