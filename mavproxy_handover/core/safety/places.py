@@ -20,7 +20,8 @@ counts as reachable: all places are alike in that, and to land where it is is no
 `PlaceChooser` keeps the choice, and changes it when a fact changes, not when a number trembles. Each yes or no that
 measured numbers stand behind has to be wrong for a while to count as wrong, and right for longer to count as right
 again; what flickers stays what it was, or wrong. A place that stands as high has to be clearly sooner. A station that
-falls away counts at once, for it was silent for seconds already, and is one again after a while.
+falls away counts at once, for it was silent for seconds already, and is one again after a while. Nothing goes over to a
+place for the sake of what it was a moment ago: another place has to be better by the facts of this moment, too.
 
 What returns already has no use for a place that is only sooner: its choice changes for one that stands higher, and
 near its end not at all.
@@ -257,20 +258,23 @@ class PlaceChooser:
         passed_s = min(_MOST_S, max(0.0, now - self._looked_at))
         self._looked_at = now
         found: dict[str, tuple[PlaceFact, Standing]] = {}
+        certain: dict[str, tuple[PlaceFact, Standing]] = {}
         for place in places:
             raw = standing(place, self._usable)
             record = self._records.get(place.name)
             if record is None:
                 record = self._records[place.name] = _Record(raw)
-            found[place.name] = place, record.look(raw, passed_s, others=others)
+            counts = record.look(raw, passed_s, others=others)
+            found[place.name] = place, counts
+            certain[place.name] = place, _worse(counts, raw)
         self._records = {name: record for name, record in self._records.items() if name in found}
         if not found:
             self._name = None
             return None
-        first, top = max(found.values(), key=lambda entry: (entry[1], -entry[0].time_s))
+        top = max(certain.values(), key=lambda entry: (entry[1], -entry[0].time_s))
         held = None if self._name is None else found.get(self._name)
-        if held is None or (not fixed and _goes_over(held, (first, top), returning=returning)):
-            held = first, top
+        if held is None or (not fixed and _goes_over(held, top, returning=returning)):
+            held = found[top[0].name]
         place, counts = held
         self._name = place.name
         return Choice(place, counts, tuple(sorted(place.there & self._usable)))
@@ -297,6 +301,16 @@ class PlaceChooser:
             self._since[station] = inf
         self._usable = frozenset(station for station in usable if now - self._since[station] >= BETTER_S)
         return self._usable != before
+
+
+def _worse(one: Standing, other: Standing) -> Standing:
+    """What both of them are at the least."""
+    return Standing(
+        one.inside and other.inside,
+        min(one.reach, other.reach),
+        one.way_free and other.way_free,
+        min(one.coverage, other.coverage),
+    )
 
 
 def _goes_over(held: tuple[PlaceFact, Standing], other: tuple[PlaceFact, Standing], *, returning: bool) -> bool:

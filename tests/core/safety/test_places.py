@@ -261,6 +261,26 @@ def test_a_place_that_has_become_worse_is_left_and_needs_longer_to_come_back(wor
     assert flight.look(HOME, NEAR).place.name == "rally 1"
 
 
+@pytest.mark.parametrize(
+    "worse",
+    [
+        {"margin_wh": -6.0, "spare_wh": -1.0},
+        {"way_inside": False},
+        {"way_clear": False},
+        {"inside": False},
+    ],
+)
+def test_nothing_goes_over_to_a_place_for_what_it_was_a_moment_ago(worse: dict[str, object]) -> None:
+    """Its home's station falls away in the second in which the other place gets as bad: a return would not arrive."""
+    flight = Flight()
+    other = replace(NEAR, time_s=150.0)
+    assert flight.look(HOME, other).place.name == "home"
+    flight.usable = frozenset({B})
+    bad = replace(other, **worse)  # type: ignore[arg-type]
+    names = {flight.look(HOME, bad).place.name for _ in range(10)}
+    assert names == {"home"}
+
+
 def test_one_odd_second_changes_nothing() -> None:
     flight = Flight()
     flight.look(HOME, NEAR, seconds=20)
