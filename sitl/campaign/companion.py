@@ -32,7 +32,7 @@ from sitl.campaign.log import FlightLog
 from sitl.campaign.places import Places
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import bearing_deg, on_earth
-from sitl.campaign.times import in_seconds
+from sitl.campaign.times import NEVER, in_seconds, in_ticks
 from sitl.campaign.watch import Watch
 
 __all__ = ["DIGEST", "Companion", "Ties"]
@@ -47,6 +47,9 @@ _MODES: Final = {
     Mode.LAND: (Flown.LAND, "LAND"),
     Mode.PILOT: (Flown.HANDS, "LOITER"),
 }
+#: a station that has not been heard, or has not answered, for so long is no partner
+_LOST: Final = in_ticks(Limits().heartbeat_lost_s)
+_UNANSWERED: Final = in_ticks(Limits().connect_lost_s)
 #: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks, and pauses
 _LONG_S: Final = 8.0
 #: entries of the journal behind which less than that has to be waited for, or more: how long (s), and the pauses that
@@ -54,7 +57,7 @@ _LONG_S: Final = 8.0
 _STIRS: Final[Mapping[str, tuple[float, tuple[float, ...]]]] = {
     **dict.fromkeys(("station_heard", "connected", "zone_entered", "partner_unfit"), (1.5, ())),
     "zone_left": (4.0, ()),
-    **dict.fromkeys(("transfer_begun", "step", "candidate", "transfer_raised"), (2.5, ())),
+    **dict.fromkeys(("transfer_begun", "step", "candidate", "transfer_raised"), (2.5, (1.0,))),
     "transfer_committed": (6.0, (5.0,)),
     "transfer_aborted": (11.0, (2.0, 10.0)),
     "authority": (_LONG_S, (5.0,)),
@@ -98,6 +101,10 @@ class Companion:
         self.handled = 0
         #: when each station is asked again whether it is there (s, as the rules count)
         self._asks: dict[int, float] = {}
+        #: when each was heard last, and answered last whether it is (ticks, as the rules count)
+        self._heard: dict[int, int] = {}
+        self._answered: dict[int, int] = {}
+        self._silent_at = NEVER
         self.fix = True
         self.arbiter: Arbiter | None = None
         self._watch: Watch | None = None
@@ -148,6 +155,17 @@ class Companion:
         deadline = None if self.arbiter is None else self.arbiter.next_deadline()
         return math.inf if deadline is None else deadline
 
+    def silent_at(self, after: int) -> int:
+        """When, behind `after`, a station will count as silent, or no sooner: one that is not heard, or does not
+        answer, until then (ticks, as the rules count)."""
+        if after >= self._silent_at:  # till now later news has only moved it on
+            times = (
+                *(at + _LOST for at in self._heard.values()),
+                *(at + _UNANSWERED for at in self._answered.values()),
+            )
+            self._silent_at = min((at for at in times if at > after), default=NEVER)
+        return self._silent_at
+
     def only_asks(self, due: float) -> bool:
         """Whether what is due then is a question to a station, with no transfer under way that could run out."""
         return self.view.partner is None and due in self._asks.values()
@@ -160,6 +178,8 @@ class Companion:
         if arbiter is None:
             return
         self.handled += 1
+        if isinstance(event, events.StationHeard | events.StationMessage):
+            self._hears(event, in_ticks(self._core_s(now)))
         try:
             actions = arbiter.handle(event, self._core_s(now))
             if watch is not None:
@@ -172,6 +192,13 @@ class Companion:
             for action in actions:
                 self._perform(action, now)
         self._count()
+
+    def _hears(self, event: events.StationHeard | events.StationMessage, now: int) -> None:
+        self._heard[event.station] = now
+        self._silent_at = min(self._silent_at, now + _LOST)
+        if isinstance(event, events.StationMessage) and isinstance(event.message, ConnectAck):
+            self._answered[event.station] = now
+            self._silent_at = min(self._silent_at, now + _UNANSWERED)
 
     def _count(self) -> None:
         """Which causes are there at once, and in which phase."""

@@ -59,17 +59,21 @@ class GapPlan:
         """From border to border."""
         return self.ends_m - self.begins_m
 
-    def met_s(self, x_m: float, y_m: float, vx: float, vy: float, speed_mps: float) -> tuple[float, float]:
-        """From when to when (s) whoever flies straight on has to do with it; the first is not the sooner one: never."""
+    def changes_s(self, x_m: float, y_m: float, vx: float, vy: float, speed_mps: float) -> tuple[float, ...]:
+        """When (s) what the rules are told of it changes for whoever flies straight on: it begins to matter, begins,
+        and is over; none if it never matters."""
         length = self.start.away_m(self.end.x_m, self.end.y_m)
         east, north = (self.end.x_m - self.start.x_m) / length, (self.end.y_m - self.start.y_m) / length
         dx, dy = x_m - self.start.x_m, y_m - self.start.y_m
-        along = dx * east + dy * north - self.begins_m
+        along, rate = dx * east + dy * north - self.begins_m, vx * east + vy * north
         spans = (
-            _between(along, vx * east + vy * north, -LEAD_S * speed_mps, self.length_m + CONTACT_S * speed_mps),
+            _between(along, rate, -LEAD_S * speed_mps, self.length_m + CONTACT_S * speed_mps),
             _between(dx * north - dy * east, vx * north - vy * east, -_CORRIDOR_M, _CORRIDOR_M),
         )
-        return max(begins for begins, _ends in spans), min(ends for _begins, ends in spans)
+        begins, ends = max(begins for begins, _ends in spans), min(ends for _begins, ends in spans)
+        if begins >= ends:
+            return ()
+        return tuple(at for at in (begins, ends, *_between(along, rate, 0.0, self.length_m)) if begins <= at <= ends)
 
     def fact(self, x_m: float, y_m: float, speed_mps: float) -> GapFact | None:
         """What the rules are told there."""

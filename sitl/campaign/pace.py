@@ -5,8 +5,10 @@
 Three speeds:
 
 * Restless: every round of the main loop is made. So it is for an eighth of a second behind everything that is no
-  routine, as long before everything that is planned, near every border that the aircraft is about to cross, and
-  while its commander's zone does not hold it.
+  routine, as long before everything that is planned, around the end of every pause and of every time after which a
+  station counts as silent, and where a fact of the way ahead changes: near every border that is about to be crossed,
+  where the end of a zone comes so near that the rules move authority or hold the aircraft, and where a gap begins and
+  ends. And by every border while wind carries the aircraft off its way.
 * At rest: a position each second keeps the last one fresh, and the rounds in between are made when the rules have
   something due. Nothing that they ask of a position changes within that second.
   The route is looked at each second, whatever the speed (in the air it is five times).
@@ -22,6 +24,7 @@ before and behind. Where the way ahead turns first, the turn comes first, and is
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import hypot
 from typing import Final
 
 from sitl.campaign.aircraft import Aircraft, Mode
@@ -30,9 +33,10 @@ from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Circle
 from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks
 
-__all__ = ["Pace"]
+__all__ = ["STIRRED", "Pace"]
 
-_STIRRED: Final = in_ticks(0.125)
+#: so long behind what is no routine, and before and behind the moment of a time that runs out
+STIRRED: Final = in_ticks(0.125)
 _BEFORE: Final = in_ticks(0.125)
 #: longer than anybody waits before who is not heard counts as lost (s)
 _LINK_S: Final = 6.5
@@ -40,10 +44,14 @@ _LINK_S: Final = 6.5
 _COMES_S: Final = 2.5
 #: so far inside its border a zone is entered, and so far outside left (m); and how exact that is on a plane
 _BAND_M, _BIT_M = 5.0, 0.1
-#: from so long before its end on the commander's zone is about to end: `exit_soon_s`, and a bit (s)
-_ENDS_S: Final = 8.2
-#: no turn within this time (s): the way behind it is not looked at; and how fast the aircraft gets at the most
-_TURN_S, _FASTEST_MPS = 5.2, 14.0
+#: so long before its end a zone is about to end, and the aircraft is to stop: `exit_soon_s`, `hold_lead_s`
+_SOON_S, _HOLD_S = 8.0, 5.0
+#: and how exact these times are: along the way an end is looked for in steps (s)
+_BIT_S, _STEP_S = 0.2, 0.8
+#: so far inside its border a zone may be about to end, whichever way the wind carries the aircraft (m)
+_NEAR_M: Final = 70.0
+#: where other borders are farther than this from where a zone ends, it is clear who is behind it (m)
+_CLEAR_M: Final = 40.0
 #: a round earlier and two later
 _EARLIER, _LATER = ROUND + 1, 2 * ROUND + 1
 
@@ -72,11 +80,11 @@ class Pace:
 
         `pauses`: of the rules that begin with it and end with the first position behind them, and no sooner (s).
         """
-        self._restless_until = max(self._restless_until, now + _STIRRED)
+        self._restless_until = max(self._restless_until, now + STIRRED)
         self.changes += 1
         self.settle(now, settle_s)
         if pauses:
-            self._moments = [at for at in self._moments if at > now - _STIRRED]
+            self._moments = [at for at in self._moments if at > now - STIRRED]
             self._moments += [now + in_ticks(pause_s) for pause_s in pauses]
 
     def settle(self, now: int, settle_s: float) -> None:
@@ -96,24 +104,32 @@ class Pace:
         else:
             self._weak.difference_update(whom)
 
-    def restless(self, at: int, planned: int, commander: int | None) -> int:
-        """From when on, then or later, rounds are to be made whatever is due. `planned`: when something is."""
+    def restless(self, at: int, planned: int, commander: int | None, silent: int = NEVER) -> int:
+        """From when on, then or later, rounds are to be made whatever is due.
+
+        `planned`: when something is; `silent`: when a station will count as silent that is not heard until then.
+        """
         if at <= self._restless_until or planned - at <= _BEFORE:
             return at
         aircraft = self._aircraft
         if not aircraft.flying:
             return planned - _BEFORE
-        if self._weak or self._outside(at, commander):
+        if aircraft.drift != (0.0, 0.0) and self._by_a_border(at):  # it does not fly where its way leads
             return at
         begins = planned - _BEFORE
-        for moment in self._moments:
-            if at <= moment + _STIRRED:
-                begins = min(begins, max(at, moment - _STIRRED))
+        for moment in (*self._moments, silent):
+            if at <= moment + STIRRED:
+                begins = min(begins, max(at, moment - STIRRED))
         self._know()
         for begun, ended, whose in self._crossings:
-            if at <= ended and whose in (None, commander):
+            # with a weak link, how long the others' zones last matters too
+            if at <= ended and (whose in (None, commander) or self._weak):
                 begins = min(begins, max(at, begun))
         return begins
+
+    def _by_a_border(self, now: int) -> bool:
+        x, y, _z = self._aircraft.at(now)
+        return any(-_BAND_M - _BIT_M < zone.margin_m(x, y) < _NEAR_M for zone in self._zones.values())
 
     def _outside(self, now: int, commander: int | None) -> bool:
         """Whether the zone of who commands does not hold the aircraft, or hardly."""
@@ -150,35 +166,52 @@ class Pace:
             assert border is not None
             self._window(inside[0], inner[0])
             self._window(border[1], outer[1])
-            self._window(border[1] - _ENDS_S, outer[1], sysid)
-        for gap in self._gaps:  # where the rules are told of one, and how long it may still take
+            self._window(border[1] - _SOON_S - _BIT_S, border[1] - _SOON_S + _BIT_S, sysid)
+            self._hold_window(border[1], *_ahead(x, y, vx, vy, border[1]), sysid)
+        for gap in self._gaps:  # where the rules are told of one, and of another part of it
             if aircraft.mode is Mode.AUTO and gap.waypoint == aircraft.waypoint:
-                begins_s, ends_s = gap.met_s(x, y, vx, vy, max(self._speed_mps, aircraft.speed_mps))
-                if begins_s < ends_s:
-                    self._window(begins_s - 0.5, ends_s + 0.5)
+                for at_s in gap.changes_s(x, y, vx, vy, max(self._speed_mps, aircraft.speed_mps)):
+                    self._window(at_s - 0.5, at_s + 0.5)
         if aircraft.ends < NEVER and aircraft.mode is Mode.AUTO:
-            # what the way does behind the turn counts before it
-            ends_s = (aircraft.ends - aircraft.begun) / SECOND
-            if self._leaves_behind(*_ahead(x, y, vx, vy, ends_s), self._holding(x, y)):
-                self._window(ends_s - _TURN_S, ends_s + 0.3)
+            self._know_turn(x, y, vx, vy, (aircraft.ends - aircraft.begun) / SECOND)
 
-    def _leaves_behind(self, x: float, y: float, holding: list[Circle]) -> bool:
-        """Whether the way behind the turn at this place leaves one of these zones soon."""
-        left_m = _TURN_S * _FASTEST_MPS
+    def _hold_window(self, ends_s: float, x: float, y: float, whose: int | None = None) -> None:
+        """A zone ends there: the aircraft may have to be held, from when on depends on who is behind it."""
+        clear = all(abs(zone.margin_m(x, y)) > _CLEAR_M for sysid, zone in self._zones.items() if sysid != whose)
+        begins_s = ends_s - _HOLD_S - _BIT_S
+        self._window(begins_s, begins_s + _STEP_S + 2 * _BIT_S if clear else ends_s + _BIT_S, whose)
+
+    def _know_turn(self, x: float, y: float, vx: float, vy: float, turn_s: float) -> None:
+        """What the way does behind the turn counts before it: where zones end that hold the aircraft at the turn."""
+        x, y = _ahead(x, y, vx, vy, turn_s)
+        speed = hypot(vx, vy)
+        for sysid, zone in self._zones.items():
+            if zone.margin_m(x, y) < -_BAND_M - _BIT_M:
+                continue
+            end = self._end_behind(zone, x, y, speed * _HOLD_S)
+            if end is not None:
+                length, there = end
+                self._hold_window(turn_s + length / speed, *there, sysid)
+
+    def _end_behind(
+        self, zone: Circle, x: float, y: float, within_m: float
+    ) -> tuple[float, tuple[float, float]] | None:
+        """How far behind the turn at this place the way leaves that zone (m), and where; None: not so soon."""
+        flown = 0.0
         for spot in self._aircraft.way_ahead()[1:]:
             length = spot.away_m(x, y)
             if length > 0.0:
-                part = min(1.0, left_m / length)
-                x, y = x + part * (spot.x_m - x), y + part * (spot.y_m - y)
-                left_m -= length
-            if any(zone.margin_m(x, y) < _BAND_M for zone in holding):
-                return True
-            if left_m <= 0.0:
+                east, north = (spot.x_m - x) / length, (spot.y_m - y) / length
+                crossed = zone.crossed(x, y, east, north)
+                if crossed is None or crossed[0] > _BAND_M:  # there it is not held at the turn
+                    return 0.0, (x, y)
+                if crossed[1] <= length:
+                    far = max(0.0, crossed[1])
+                    return (flown + far, (x + far * east, y + far * north)) if flown + far <= within_m else None
+            x, y, flown = spot.x_m, spot.y_m, flown + length
+            if flown > within_m:
                 break
-        return False
-
-    def _holding(self, x: float, y: float) -> list[Circle]:
-        return [zone for zone in self._zones.values() if zone.margin_m(x, y) > -_BAND_M - _BIT_M]
+        return None
 
     def _window(self, begun_s: float, ended_s: float, whose: int | None = None) -> None:
         begun = self._aircraft.begun

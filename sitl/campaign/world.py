@@ -35,7 +35,7 @@ from sitl.campaign.faults import Fault, Insists, Strike, Target
 from sitl.campaign.guard import Guard
 from sitl.campaign.links import WEAK_LOSS, Link
 from sitl.campaign.log import FlightLog, Series
-from sitl.campaign.pace import Pace
+from sitl.campaign.pace import STIRRED, Pace
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import bearing_deg
 from sitl.campaign.stations import Ground, GroundTies
@@ -203,7 +203,7 @@ class World:
         following = max(self._round + ROUND, on_round(self.now))
         companion = self.companion
         assert companion is not None
-        if self.plain:
+        if self.plain or following > now:  # something else comes first
             return following
         of = (self._round, self.pace.changes, planned, companion.handled, self.aircraft.begun, self.stood)
         if of == self._next_of and self._next >= following:
@@ -212,7 +212,8 @@ class World:
         return self._next
 
     def _find_next_round(self, following: int, planned: int, companion: Companion) -> int:
-        restless = self.pace.restless(following, planned, companion.view.commander)
+        silent = companion.silent_at(following - self.stood - STIRRED - 1) + self.stood
+        restless = self.pace.restless(following, planned, companion.view.commander, silent)
         if restless <= following:
             self._looks_at = following
             return following
@@ -278,12 +279,12 @@ class World:
             away_s = self.plan.zones[view.commander].margin_m(x, y) / max(1.0, self.aircraft.speed_mps)
             bounds.append(now + int((away_s - _LEAVES_S - 2.0) * SECOND))
         left_out = self.pace.nothing_until(now, min(bounds), companion.view.commander) - now
-        left_out -= left_out % (ROUND * SECOND)
+        left_out -= left_out % SECOND
         if left_out <= 0:
             return
         self.stood += left_out
         self._routine[:] = [(at + left_out, number, job) for at, number, job in self._routine]
-        self._round += left_out
+        self._round = on_round(self._round + left_out)
 
     def _guard_speaks(self, now: int) -> None:
         if self.guard.works and self.cable:
