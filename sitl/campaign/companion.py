@@ -155,10 +155,10 @@ class Companion:
         deadline = None if self.arbiter is None else self.arbiter.next_deadline()
         return math.inf if deadline is None else deadline
 
-    def silent_at(self, after: int) -> int:
-        """When, behind `after`, a station will count as silent, or no sooner: one that is not heard, or does not
-        answer, until then (ticks, as the rules count)."""
-        if after >= self._silent_at:  # till now later news has only moved it on
+    def silent_at(self, after: int, near: int) -> int:
+        """When, behind `after`, a station will count as silent that is not heard, or does not answer, until then; if
+        that is behind `near`, perhaps too early (ticks, as the rules count)."""
+        if near >= self._silent_at:  # till now later news has only moved it on
             times = (
                 *(at + _LOST for at in self._heard.values()),
                 *(at + _UNANSWERED for at in self._answered.values()),

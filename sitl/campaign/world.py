@@ -212,7 +212,8 @@ class World:
         return self._next
 
     def _find_next_round(self, following: int, planned: int, companion: Companion) -> int:
-        silent = companion.silent_at(following - self.stood - STIRRED - 1) + self.stood
+        at = following - self.stood
+        silent = companion.silent_at(at - STIRRED - 1, at + STIRRED + ROUND) + self.stood
         restless = self.pace.restless(following, planned, companion.view.commander, silent)
         if restless <= following:
             self._looks_at = following
@@ -221,12 +222,12 @@ class World:
             self._due_of, due = companion.handled, companion.due()
             self._due = NEVER if due == inf else in_ticks(due)
             self._only_asks = companion.only_asks(due)
-        at = NEVER if self._due == NEVER else on_round(self._due + self.stood)
+        due_at = NEVER if self._due == NEVER else on_round(self._due + self.stood)
         # the next whole second, too: a position each second keeps it fresh
         self._looks_at = max(following, min(on_round(restless), on_round((self._round // SECOND + 1) * SECOND)))
         if not self._only_asks:  # what runs out may let the rules look around
-            self._looks_at = min(self._looks_at, max(following, at))
-        return max(following, min(at, self._looks_at))
+            self._looks_at = min(self._looks_at, max(following, due_at))
+        return max(following, min(due_at, self._looks_at))
 
     def _go_round(self, now: int) -> None:
         self._round = now
@@ -266,25 +267,33 @@ class World:
         return zone.margin_m(x + _LEAVES_S * vx, y + _LEAVES_S * vy) < 0.0
 
     def _stand_still(self, now: int) -> None:
-        """Leave out time in which nothing can happen."""
+        """Leave out time in which nothing can happen; places are looked at in between when they have to be."""
         companion = self.companion
         assert companion is not None
-        view = companion.view
-        if view.partner is not None or not self.pace.quiet(now, self._links, view.commander):
-            return
+        while companion.view.partner is None and self.pace.quiet(now, self._links, companion.view.commander):
+            left_out = min(self._nothing_until(now, companion), companion.places.due) - now
+            left_out -= left_out % SECOND
+            if left_out <= 0:
+                return
+            self.stood += left_out
+            self._routine[:] = [(at + left_out, number, job) for at, number, job in self._routine]
+            self._round = on_round(self._round + left_out)
+            now += left_out
+            self.now = now
+            if now < companion.places.due:
+                return
+            companion.second(now, always=False)
+
+    def _nothing_until(self, now: int, companion: Companion) -> int:
+        """Up to when there is nothing but routine, and places."""
         bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due, self._gcs_due]
-        bounds += [self._ekf_due, self._battery_due, self._fence_due, self._over_at, companion.places.due]
-        if self._border_strikes and view.commander is not None:  # whether it leaves the zone is looked at each second
+        bounds += [self._ekf_due, self._battery_due, self._fence_due, self._over_at]
+        commander = companion.view.commander
+        if self._border_strikes and commander is not None:  # whether it leaves the zone is looked at each second
             x, y, _z = self.aircraft.at(now)
-            away_s = self.plan.zones[view.commander].margin_m(x, y) / max(1.0, self.aircraft.speed_mps)
+            away_s = self.plan.zones[commander].margin_m(x, y) / max(1.0, self.aircraft.speed_mps)
             bounds.append(now + int((away_s - _LEAVES_S - 2.0) * SECOND))
-        left_out = self.pace.nothing_until(now, min(bounds), companion.view.commander) - now
-        left_out -= left_out % SECOND
-        if left_out <= 0:
-            return
-        self.stood += left_out
-        self._routine[:] = [(at + left_out, number, job) for at, number, job in self._routine]
-        self._round = on_round(self._round + left_out)
+        return self.pace.nothing_until(now, min(bounds), commander)
 
     def _guard_speaks(self, now: int) -> None:
         if self.guard.works and self.cable:
