@@ -135,8 +135,6 @@ def withheld(action: FlightAction, facts: Situation) -> Fact | None:
 
 def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) -> Decision | None:
     """What is done about these causes; None if there are none. `policies`: as configured, for every cause."""
-    if not causes:
-        return None
     order = list(Cause)
     best: Decision | None = None
     for cause in sorted(causes, key=order.index):
