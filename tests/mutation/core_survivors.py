@@ -54,6 +54,11 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "a parent that is lost is not heard, so not fit; and when it is heard it is not lost any more"
         ),
     },
+    "safety.strategy": {
+        "judge: dropped from and/or: found is not None: found is not None and found.action >= held.action": (
+            "where the held decision's cause is there, something is decided; the type checker wants it said"
+        ),
+    },
     "safety.places": {
         "look: number one more: 0.0 in self.value = self._level_s > 0.0": (
             "it is asked at both ends of the scale only, and the upper one is more than 1"
