@@ -65,7 +65,7 @@ FIRST = {
     "safety.execution": ("safety/test_execution.py", "safety/test_lookout.py"),
     "safety.gap": ("safety/test_gap.py",),
     "safety.commands": ("safety/test_commands.py",),
-    "safety.sentence": ("safety/test_execution.py",),
+    "safety.sentence": ("safety/test_sentence.py", "safety/test_execution.py"),
     "safety.explain": ("../cli/test_explain.py",),
     "safety.route": ("safety/test_route.py",),
     "safety.energy": ("safety/test_energy.py", "safety/test_energy_prior.py", "safety/test_learning.py"),
