@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import pytest
 
-from mavproxy_handover.core.events import Announce, PlaceJudged
-from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.safety.causes import Cause
-from mavproxy_handover.core.safety.sentence import over, sentence
+from mavproxy_handover.core.events import Announce, PlaceJudged, SignsSeen
+from mavproxy_handover.core.model import FlightAction, GuardState, Reason
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.sentence import Figures, over, sentence
 from mavproxy_handover.core.safety.strategy import Decision, Fact
 
 WARN, HOLD, CONTINUE = FlightAction.WARN, FlightAction.HOLD, FlightAction.CONTINUE
@@ -58,3 +60,91 @@ def test_a_warning_says_why_no_more_is_done(fact: Fact, words: str) -> None:
 def test_the_end_of_it_says_what_is_over() -> None:
     assert over(Decision(RETURN, Cause.ENERGY)) == Announce("OVER: energy for the way back only", None, Reason.ENERGY)
     assert over(None) == Announce("OVER: the emergency of before the restart", None, Reason.NONE)
+
+
+# ---- figures --------------------------------------------------------------------------------------------------------
+
+
+class Known:
+    """What the rules know, as far as the figures ask for it."""
+
+    def __init__(self) -> None:
+        self.owner: int | None = 251
+        self.silent = self.ends = self.position = self.autopilot = self.guard_silent = inf
+        self.guard_state = GuardState.LIVE
+        self.near: tuple[int, float] | None = None
+        self.holding: tuple[int, ...] = ()
+        self.zones = self
+
+    def name(self, station: int | None) -> str:
+        return {251: "GCSA", 252: "GCSB", None: "nobody"}[station]
+
+    def silent_s(self, station: int, _now: float) -> float:
+        assert station == self.owner
+        return self.silent
+
+    def nearest(self) -> tuple[int, float] | None:
+        return self.near
+
+    def inside(self) -> tuple[int, ...]:
+        return self.holding
+
+    def ends_s(self, station: int) -> float:
+        assert station == self.owner
+        return self.ends
+
+    def guard(self, _now: float) -> GuardState:
+        return self.guard_state
+
+    def guard_silent_s(self, _now: float) -> float:
+        return self.guard_silent
+
+    def position_silent_s(self, _now: float) -> float:
+        return self.position
+
+    def autopilot_silent_s(self, _now: float) -> float:
+        return self.autopilot
+
+
+@pytest.mark.parametrize(
+    ("cause", "known", "words"),
+    [
+        (Cause.COMMANDER_LOST, {"silent": 5.2}, "GCSA silent 5 s"),
+        (Cause.COMMANDER_LOST, {}, "commander lost"),
+        (Cause.COMMANDER_LOST, {"owner": None}, "commander lost"),
+        (Cause.OUT_OF_COVERAGE, {"near": (252, -41.6)}, "out of coverage, 42 m outside the zone of GCSB"),
+        (Cause.OUT_OF_COVERAGE, {}, "out of coverage"),
+        (Cause.NO_STATION, {"holding": (252, 251)}, "no station here could take the aircraft: GCSB, GCSA"),
+        (Cause.NO_STATION, {}, "no station here could take the aircraft"),
+        (Cause.COVERAGE_ENDS, {"ends": 4.6}, "coverage ends ahead, zone of GCSA in 5 s"),
+        (Cause.COVERAGE_ENDS, {}, "coverage ends ahead"),
+        (Cause.COVERAGE_ENDS, {"owner": None}, "coverage ends ahead"),
+        (Cause.AUTHENTICATION, {}, "repeated authentication failures in the name of GCSA"),
+        (Cause.LINKS_WEAK, {}, "links of GCSA weak, and no better station"),
+        (Cause.GUARD_LOST, {"guard_state": GuardState.DISABLED, "guard_silent": 1.0}, "guard switched off"),
+        (Cause.GUARD_LOST, {"guard_state": GuardState.SILENT, "guard_silent": 4.4}, "guard silent 4 s"),
+        (Cause.GUARD_LOST, {"guard_state": GuardState.SILENT}, "guard lost"),
+        (Cause.POSITION_STALE, {"position": 3.3}, "no fresh position for 3 s"),
+        (Cause.POSITION_STALE, {}, "no fresh position"),
+        (Cause.AUTOPILOT_LOST, {"autopilot": 3.3}, "autopilot silent 3 s"),
+        (Cause.AUTOPILOT_LOST, {}, "autopilot not heard"),
+        (Cause.ENERGY, {}, "short by 3 Wh"),
+        (Cause.FENCE, {}, "12 m outside"),
+        (Cause.OFF_ROUTE, {}, "41 m left"),
+    ],
+)
+def test_what_is_wrong_has_its_figures_and_its_name_where_there_are_none(
+    cause: Cause, known: dict[str, object], words: str
+) -> None:
+    rules = Known()
+    for name, value in known.items():
+        setattr(rules, name, value)
+    told = SignsSeen(energy_words="short by 3 Wh", fence_words="12 m outside", off_route_words="41 m left")
+    figures = Figures(rules, rules, rules)  # type: ignore[arg-type]
+    assert figures.of(cause, told, 100.0) == words
+
+
+@pytest.mark.parametrize("cause", [Cause.ENERGY, Cause.FENCE, Cause.OFF_ROUTE])
+def test_where_the_edge_says_nothing_the_name_has_to_do(cause: Cause) -> None:
+    rules = Known()
+    assert Figures(rules, rules, rules).of(cause, SignsSeen(), 100.0) == CAUSES[cause].words  # type: ignore[arg-type]
