@@ -61,6 +61,8 @@ class Orders:
         self.before_return: Callable[[float], Callable[[], bool]] = lambda _now: lambda: True
         #: the autopilot returns because it was told so here
         self.returning = False
+        #: how many ways home, stops and landings have been ordered
+        self._ordered = 0
 
     @property
     def starting(self) -> bool:
@@ -141,11 +143,20 @@ class Orders:
     # ---- the way home ---------------------------------------------------------------------------------------------
 
     def fly(self, action: FlightAction, now: float) -> None:
-        """Have the autopilot stop, go on, fly home, or land."""
+        """Have the autopilot stop, go on, fly home, or land.
+
+        The place of a return is looked at once more before it is ordered, and that may show that none is in reach: what
+        was decided for it was ordered within, and stays.
+        """
+        self._ordered += 1
+        ordered = self._ordered
         pauses = action in (FlightAction.HOLD, FlightAction.CONTINUE)
         if not pauses:
             self.give_start_up("the aircraft is brought home", now)
-        asking = self._copter.hold(action is FlightAction.HOLD) if pauses else self._way_home(action, now)
+        written = self._place(now) if action is FlightAction.RETURN else lambda: True
+        if ordered != self._ordered:
+            return
+        asking = self._copter.hold(action is FlightAction.HOLD) if pauses else self._way_home(action, written)
         self._begin_home(action, asking, now)
 
     def again(self, now: float) -> None:
@@ -164,13 +175,11 @@ class Orders:
 
         self._conversations.begin(_HOME, asking, done, now)
 
-    def _way_home(self, action: FlightAction, now: float) -> Asking:
+    def _way_home(self, action: FlightAction, written: Callable[[], bool]) -> Asking:
         """The place first, then the return to it; but no return waits for that longer than a moment."""
-        if action is FlightAction.RETURN:
-            written = self._place(now)
-            if not written():
-                with suppress(NoAnswer):
-                    yield Ask("the place to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
+        if not written():
+            with suppress(NoAnswer):
+                yield Ask("the place to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
         return (yield from self._copter.bring_home(action))
 
     def _place(self, now: float) -> Callable[[], bool]:

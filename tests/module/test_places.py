@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.rally import READ_S, WRITE_S
-from mavproxy_handover.core.events import LinkJudged
+from mavproxy_handover.core.events import LinkJudged, PlaceJudged
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.places import PlaceFinder
@@ -227,6 +228,26 @@ def test_a_return_never_waits_longer_than_a_moment_for_its_place(flying: Bench) 
     flying.companion.autopilot.orders.fly(flying_return(), asked_at)
     flying.until(lambda: flying.autopilot.mode == RTL, 3.0)
     assert 0.9 <= flying.clock.now - asked_at <= 1.5
+
+
+def test_what_is_decided_while_the_place_is_looked_at_is_not_undone(flying: Bench) -> None:
+    """The last look before a return finds that no place is in reach any more."""
+    fly_to(flying, BETWEEN, 40.0)
+    own_orders = flying.companion.autopilot.orders
+    look = own_orders.before_return
+
+    def finds_nothing(now: float) -> Callable[[], bool]:
+        written = look(now)
+        flying.companion.handle(PlaceJudged("home", False, "out of reach"), now)
+        return written
+
+    own_orders.before_return = finds_nothing
+    flying.autopilot.received.clear()
+    lose(flying, flying.a, flying.b)
+    flying.until(lambda: flying.autopilot.mode in (LAND, RTL), 20.0)
+    flying.run(3.0)
+    assert [what for kind, what in orders(flying) if kind == "mode"] == [LAND]
+    assert flying.autopilot.mode == LAND
 
 
 def flying_return() -> Any:
