@@ -21,7 +21,14 @@ from enum import Enum
 from math import cos, hypot, inf, radians, sin, sqrt
 from typing import Final
 
-from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS, LANDING_BELOW_M, LANDING_MPS, LOITER_S
+from mavproxy_handover.core.safety.energy import (
+    CLIMB_MPS,
+    DESCENT_MPS,
+    LANDING_BELOW_M,
+    LANDING_MPS,
+    LOITER_S,
+    landing,
+)
 from sitl.campaign.log import FlightLog, Flown
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Spot, bearing_deg
@@ -173,8 +180,9 @@ class Aircraft:
     def _settle(self, now: int) -> None:
         """The piece ends here."""
         if now > self._begun:
-            flown = Flown(self._begun, now, self._x, self._y, self._z, self._vx, self._vy, self._vz, self.mode.name)
-            self._log.flown.append(flown)
+            place, speed = (self._x, self._y, self._z), (self._vx, self._vy, self._vz)
+            left_wh = self.left_wh(self._begun)
+            self._log.flown.append(Flown(self._begun, now, *place, *speed, self.mode.name, left_wh, self._watts))
         x, y, z = self.at(now)
         self._used_j = self._used(now)
         self._x, self._y, self._z, self._begun = x, y, max(0.0, z), now
@@ -381,8 +389,16 @@ class Aircraft:
             self._legs.insert(0, self._leg)
         self._next(now)
 
+    def down_wh(self, now: int) -> float:
+        """What it takes to come straight down from here, as it is believed, a quarter more, and a part of the reserve
+        for as long as it takes to decide that."""
+        return 1.25 * self._model.need_wh((landing(self.at(now)[2]),)) + 0.25 * self._model.reserve_wh
+
     def sag(self, left_wh: float, now: int) -> None:
-        """No more than that is left."""
+        """No more than that is left. A new piece begins, which goes on as before."""
+        velocity, ends = self.velocity, self._ends
+        self._settle(now)
+        (self._vx, self._vy, self._vz), self._ends = velocity, ends
         left = self._capacity_j - self._used(now)
         self._capacity_j -= max(0.0, left - left_wh * 3600.0)
 

@@ -223,11 +223,13 @@ class Companion:
                 self._in_force(action.view, now)
                 ties.stir(now, 2.5, ())
             case events.Fly():
-                self._log.orders.append((now, action.action.name))
+                order = (now, action.action.name, action.reason.name)
+                self._log.orders.append(order)
                 self._log.note(now, f"the companion orders {action.action.name} ({action.reason.name.lower()})")
                 if action.action is FlightAction.RETURN:
                     self._before_return(now)
-                ties.order(action.action, now)
+                if self._log.orders[-1] is order:  # that look may lead to something graver, and that was done by now
+                    ties.order(action.action, now)
                 ties.stir(now, _LONG_S, ())
             case events.BeginStart():
                 ties.take_off(now)

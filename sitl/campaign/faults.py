@@ -31,6 +31,7 @@ class Fault(Enum):
     SAG = "a part of the battery's energy is gone"
     DRIFT = "wind carries the aircraft off its route"
     BREACH = "wind carries the aircraft out of its fence"
+    GUST = "a head wind holds the aircraft up"
     LIFT = "an updraft carries the aircraft over the ceiling of its fence"
     PILOT = "a pilot takes the aircraft, and gives it back"
     DISOBEYS = "the autopilot does nothing of what the companion orders"
@@ -57,9 +58,10 @@ class Insists(Enum):
 @dataclass(frozen=True, slots=True)
 class Strike:
     """A fault and its time: `after` ticks behind take-off, or behind the `nth` time that `phase` begins, or (`border`)
-    behind the first time that the aircraft is about to leave the zone of its commander.
+    behind the first time that the aircraft is about to leave the zone of its commander; (`bare`) that and every other.
 
-    `lasts`: ticks; `amount`: how much of it, where that has a meaning.
+    `late`: all that counts only from the moment on when the flight is ripe (`plan.py`). `lasts`: ticks; `amount`: how
+    much of it, where that has a meaning.
     """
 
     fault: Fault
@@ -70,6 +72,8 @@ class Strike:
     nth: int = 1
     amount: float = 0.0
     border: bool = False
+    bare: bool = False
+    late: bool = False
 
     @property
     def words(self) -> str:

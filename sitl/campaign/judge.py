@@ -5,6 +5,11 @@
 A row says what must not be, for how long it may, and which policies excuse it: whoever configures that a cause is only
 warned of has taken what follows upon himself. Whoever flies a second of it is looked at: the truth is sampled once a
 second, which every limit here is many times of.
+
+Two kinds of rows. The first say what must never be, whatever has failed: their limits are sums of the worst, a dead
+companion and a dead guard with it. The others ask what the rules are for: while all that they need is whole, and has
+been for a while (`_whole_s`), nothing may be left to the guard or to the autopilot's failsafes, which stand
+behind them. Their limits are those of the rules, and a little for a heartbeat a second.
 """
 
 from __future__ import annotations
@@ -14,9 +19,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
+from mavproxy_handover.core.model import Reason
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.commands import Limit
-from mavproxy_handover.core.safety.energy import way_home
+from mavproxy_handover.core.safety.energy import EnergyModel, way_home
 from sitl.campaign.aircraft import Mode
 from sitl.campaign.log import FlightLog
 from sitl.campaign.plan import FlightPlan
@@ -41,6 +47,18 @@ _ON_ITS_WAY: Final = (Mode.AUTO.name, Mode.PAUSE.name)
 KNOWN_S: Final = 32
 #: a heartbeat each second says what is flown: an order that is on its way when a pilot takes over knows nothing (s)
 KNOWS_S: Final = 1.2
+#: companion, cable, position and obedience whole, and nobody's hand on the aircraft: so long before that counts (s);
+#: 2.5 s until a restarted companion waits no longer for its commander, 6 s until what was not obeyed is ordered again
+_SETTLED_S: Final = 10
+#: then so long without a commander, outside every zone, or with no place in reach (s): 2 s for a forced transfer, or a
+#: hold-off of 1 or 2 s; 1 s until it is looked at, 1 s in doubt whose the mode is, 1 s for rounding
+REACTS_S: Final = 5
+#: ordered and not flown, with its cause still there: `obey_s` until it is ordered again, and 2 s for news each second
+OBEYED_S: Final = 8
+#: what is farther outside than that is outside for the rules (m)
+_LEFT_M: Final = 6.0
+#: the energy that is left beyond the way home falls no faster than so many times the power in the air
+_FALLS: Final = 6.0
 #: landed this near to a place is landed there (m)
 _THERE_M: Final = 15.0
 
@@ -73,8 +91,12 @@ class Moment:
     heard: frozenset[int]
     #: companion and autopilot hear each other: the rally list is kept
     writes: bool
-    #: how far the aircraft is inside the commander's zone
+    #: how far the aircraft is inside the commander's zone, and inside any, whoever works
     margin_m: float
+    inside_m: float
+    #: what is really left (Wh), and when the piece ends that is flown
+    left_wh: float
+    piece_ends: int
 
 
 Look = Callable[[FlightPlan, FlightLog, tuple[Moment, ...]], Found | None]
@@ -105,6 +127,7 @@ def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
             margins = {sysid: zone.margin_m(x, y) for sysid, zone in zones.items() if log.working[sysid].at(at)}
             usable = frozenset(sysid for sysid, margin in margins.items() if margin > -BORDER_M)
             heard = frozenset(sysid for sysid, margin in margins.items() if margin > 0.0)
+            inside = max(zone.margin_m(x, y) for zone in zones.values())
             writes = companion and log.cable.at(at)
             margin = 0.0 if commander is None else zones[commander].margin_m(x, y)
             yield Moment(
@@ -119,7 +142,22 @@ def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
                 heard,
                 writes,
                 margin,
+                inside,
+                piece.left_at(at),
+                piece.ended,
             )
+
+
+def _whole_s(log: FlightLog, at: int) -> float:
+    """How long (s) companion, cable, position and obedience had been whole then, in a flight that neither a pilot nor
+    an operator has changed of late; 0: something is not."""
+    needed = (log.companion, log.cable, log.fix, log.obeys)
+    if not all(series.at(at) for series in needed):
+        return 0.0
+    begun, _mode, by = log.mode_at(at)
+    if by == "commander":  # his word stands until something new is wrong
+        return 0.0
+    return (at - max(begun, *(series.since(at) for series in needed))) / SECOND
 
 
 def _gap_s(plan: FlightPlan, mode: str, x: float, y: float) -> float:
@@ -151,6 +189,15 @@ def _longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment]
         if run > limit_s:
             return moment
     return None
+
+
+def _unnoticed(log: FlightLog, moments: tuple[Moment, ...], wrong: Callable[[Moment], bool]) -> Moment | None:
+    """The moment when that has gone on for longer than the rules need, on the way and with all whole that they need."""
+
+    def counts(moment: Moment) -> bool:
+        return moment.mode in _ON_ITS_WAY and wrong(moment) and _whole_s(log, moment.at) >= _SETTLED_S
+
+    return _longest(moments, REACTS_S, counts)
 
 
 # ---- the rows -------------------------------------------------------------------------------------------------------
@@ -234,9 +281,9 @@ def _uncovered_place(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ..
         return None
     if _covered(plan, log, there, landed[0]):
         return None
-    left = log.left_wh_at(at) * plan.truth.gauge
+    left, model = log.left_wh_at(at) * plan.truth.gauge, plan.model()
     for place in plan.places:
-        safe = left > 1.1 * _budget_wh(plan, place, before[-1].place)
+        safe = left > 1.1 * model.budget_wh(_need_wh(model, place, before[-1].place))
         if safe and _known(plan, place, before, all) and _covered(plan, log, place, landed[0]):
             text = f"landed at a place that no station covers; one {place.away_m(*landed[1:]):.0f} m away was in reach"
             return Found("landed uncovered", landed[0], text)
@@ -249,11 +296,11 @@ def _known(plan: FlightPlan, place: Spot, moments: Iterable[Moment], how: Callab
     return how(not covering.isdisjoint(moment.heard) for moment in moments)
 
 
-def _budget_wh(plan: FlightPlan, place: Spot, here: tuple[float, float, float]) -> float:
+def _need_wh(model: EnergyModel, place: Spot, here: tuple[float, float, float]) -> float:
     x, y, z = here
-    model, away = plan.model(), place.away_m(x, y)
+    away = place.away_m(x, y)
     way = way_home(away, bearing_deg(place.x_m - x, place.y_m - y), z, place.alt_m, model.return_alt_m)
-    return model.budget_wh(model.need_wh(way))
+    return model.need_wh(way)
 
 
 def _covered(plan: FlightPlan, log: FlightLog, place: Spot, at: int) -> bool:
@@ -280,6 +327,74 @@ def _turned_back(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]
         if coming and by == "companion" and (after in _ON_ITS_WAY or (mode, after) == ("LAND", "RTL")):
             return Found("graver undone", at, f"the companion made {after} of a {mode}")
     return None
+
+
+def _outside_all(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    found = _unnoticed(log, moments, lambda m: m.inside_m < -BORDER_M)
+    if found is None:
+        return None
+    return Found("outside, not noticed", found.at, f"{REACTS_S} s outside every zone with all whole, and it flew on")
+
+
+def _lost(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    found = _unnoticed(log, moments, lambda m: m.commander is None)
+    if found is None:
+        return None
+    return Found("nobody, not noticed", found.at, f"{REACTS_S} s without a commander with all whole, and it flew on")
+
+
+def _left_to_others(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    for (began, before, _), (at, mode, by) in pairwise(log.modes):
+        stands_behind = by in ("guard", "GCS failsafe") and before in _ON_ITS_WAY and mode == Mode.RTL.name
+        if stands_behind and at - began >= _SETTLED_S * SECOND and _whole_s(log, at - 1) >= _SETTLED_S:
+            return Found("left to others", at, f"all was whole, and it was the {by} that sent it home")
+    return None
+
+
+def _spent(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    run, looks_at = 0, 0
+    model = plan.model()
+    for moment in moments:
+        if moment.mode not in _ON_ITS_WAY or moment.at < looks_at:
+            run = 0
+            continue
+        needs = min(_need_wh(model, place, moment.place) for place in plan.places)
+        margin = moment.left_wh * plan.truth.gauge - model.budget_wh(needs)
+        if margin > 0.0:  # so long it stays so, unless a part of the energy goes at once
+            run = 0
+            lasts_s = margin * 3600.0 / (_FALLS * model.climb_w)
+            looks_at = int(min(moment.at + lasts_s * SECOND, moment.piece_ends))
+            continue
+        run = run + 1 if _whole_s(log, moment.at) >= _SETTLED_S else 0
+        if run > REACTS_S:
+            return Found("energy, not noticed", moment.at, f"{REACTS_S} s with no place in reach, and it flew on")
+    return None
+
+
+def _not_again(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    """What was ordered and is not flown is ordered again, or something graver is, as long as its cause is there."""
+    needed = (log.companion, log.cable, log.fix)
+    for (at, action, why), (following, *_rest) in pairwise((*log.orders, (log.ended, "", ""))):
+        until = at + OBEYED_S * SECOND
+        if action not in ("RETURN", "LAND") or following <= until:
+            continue
+        whole = all(series.stays(True, at - SECOND, until) for series in needed)
+        begun, mode, by = log.mode_at(until)
+        on_its_way = begun <= at and mode in _ON_ITS_WAY and by != "commander"
+        if whole and on_its_way and log.obeys.stays(False, at, until) and _still_wrong(plan, log, why, at, until):
+            text = f"{action} ({why.lower()}) was ordered and not flown for {OBEYED_S} s, and nothing more was ordered"
+            return Found("not ordered again", until, text)
+    return None
+
+
+def _still_wrong(plan: FlightPlan, log: FlightLog, why: str, first: int, last: int) -> bool:
+    """Whether this reason of an order is really there from the first to the last of these moments."""
+    if why == Reason.COMMANDER_LOST.name:
+        return log.commander.stays(None, first, last)
+    if why == Reason.OUT_OF_COVERAGE.name:
+        places = [log.place_at(at) for at in range(first, last + 1, SECOND)]
+        return all(zone.margin_m(x, y) < -_LEFT_M for x, y, _z in places for zone in plan.zones.values())
+    return why == Reason.ENERGY.name  # less energy does not become more
 
 
 def _row(name: str, words: str, limit: str, look: Look, *excused_by: Cause, lifted: Limit | None = None) -> Unsafe:
@@ -325,6 +440,42 @@ UNSAFE: Final = (
         _overruled,
     ),
     _row("graver undone", "the companion undoes a return or a landing", "never", _turned_back),
+    _row(
+        "outside, not noticed",
+        "all is whole, no zone holds the aircraft, and it flies on",
+        f"{REACTS_S} s",
+        _outside_all,
+        *(_OUT,),
+        lifted=Limit.COVERAGE,
+    ),
+    _row(
+        "nobody, not noticed",
+        "all is whole, nobody commands, and the aircraft flies on",
+        f"{REACTS_S} s",
+        _lost,
+        *(_LOST,),
+    ),
+    _row(
+        "left to others",
+        "all is whole, and guard or GCS failsafe send it home, not the companion",
+        "never",
+        _left_to_others,
+        *(_LOST,),
+    ),
+    _row(
+        "energy, not noticed",
+        "all is whole, no place is in reach with the reserve, and it flies on",
+        f"{REACTS_S} s",
+        _spent,
+        *(Cause.ENERGY,),
+        lifted=Limit.ENERGY,
+    ),
+    _row(
+        "not ordered again",
+        "a return or a landing is ordered and not flown, its cause is there, and nothing more is ordered",
+        f"{OBEYED_S} s",
+        _not_again,
+    ),
 )
 
 

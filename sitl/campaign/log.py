@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass, field
+from math import inf
 from typing import Generic, TypeVar
 
 from sitl.campaign.plane import Spot
@@ -17,7 +18,8 @@ _Value = TypeVar("_Value")
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """A straight piece that was flown: ticks, place and velocity (m, m/s) at its beginning, and the mode."""
+    """A straight piece that was flown: ticks, place and velocity (m, m/s) at its beginning, and the mode; what was
+    really left in the battery at its beginning (Wh), and what was drawn (W)."""
 
     begun: int
     ended: int
@@ -28,11 +30,17 @@ class Flown:
     vy: float
     vz: float
     mode: str
+    left_wh: float = inf
+    watts: float = 0.0
 
     def at(self, now: int) -> tuple[float, float, float]:
         """Where it was."""
         s = (now - self.begun) / 64
         return self.x_m + self.vx * s, self.y_m + self.vy * s, self.z_m + self.vz * s
+
+    def left_at(self, now: int) -> float:
+        """What was left then (Wh)."""
+        return self.left_wh - self.watts * (now - self.begun) / 64 / 3600.0
 
 
 class Series(Generic[_Value]):
@@ -54,6 +62,14 @@ class Series(Generic[_Value]):
         """What it was then."""
         return self.values[bisect_right(self.times, now) - 1]
 
+    def since(self, now: int) -> int:
+        """Since when it had been what it was then."""
+        return self.times[bisect_right(self.times, now) - 1]
+
+    def stays(self, value: _Value, first: int, last: int) -> bool:
+        """Whether it was that from the first to the last of these moments."""
+        return self.at(last) == value and self.since(last) <= first
+
 
 @dataclass(slots=True)
 class FlightLog:
@@ -72,6 +88,8 @@ class FlightLog:
     rally: Series[Spot | None] = field(default_factory=lambda: Series(None))
     #: the autopilot does what it is ordered
     obeys: Series[bool] = field(default_factory=lambda: Series(True))
+    #: the autopilot knows where it is
+    fix: Series[bool] = field(default_factory=lambda: Series(True))
     #: companion and autopilot hear each other
     cable: Series[bool] = field(default_factory=lambda: Series(True))
     #: stations that work and are heard and hear, wherever the aircraft is
@@ -82,8 +100,8 @@ class FlightLog:
     obeyed: list[tuple[int, int, bool]] = field(default_factory=list)
     #: limits that an operator has lifted by his own hand: tick, and which one
     lifted: list[tuple[int, str]] = field(default_factory=list)
-    #: orders of the companion: tick, action
-    orders: list[tuple[int, str]] = field(default_factory=list)
+    #: orders of the companion: tick, action, and the reason that it gives
+    orders: list[tuple[int, str, str]] = field(default_factory=list)
     #: authority went from one station to another: tick, from, to
     moves: list[tuple[int, int, int]] = field(default_factory=list)
     #: what broke the books of authority (`watch.py`)
@@ -102,6 +120,15 @@ class FlightLog:
         """Another mode is flown."""
         self.modes.append((now, mode, by))
         self.note(now, f"{mode} ({by})" if by else mode)
+
+    def mode_at(self, at: int) -> tuple[int, str, str]:
+        """Since when which mode was flown then, and who had set it."""
+        return next((each for each in reversed(self.modes) if each[0] <= at), (0, "", ""))
+
+    def place_at(self, at: int) -> tuple[float, float, float]:
+        """Where the aircraft was then; home before it flew."""
+        number = bisect_right(self.flown, at, key=lambda piece: piece.begun) - 1
+        return self.flown[number].at(at) if number >= 0 else (0.0, 0.0, 0.0)
 
     def left_wh_at(self, at: int) -> float:
         """What was left when the mode began that was flown then."""

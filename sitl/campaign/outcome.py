@@ -78,5 +78,5 @@ def fly(seed: int, *, plain: bool = False) -> Outcome:
         tuple(sorted(cells)),
         f"{track} | {moves}",
         cpu,
-        tuple(f"{at / SECOND:.3f}:{action}" for at, action in log.orders),
+        tuple(f"{at / SECOND:.3f}:{action}" for at, action, _why in log.orders),
     )

@@ -3,14 +3,16 @@
 """What a flight is about, drawn from one seed: where stations cover, what is flown, and how things really are.
 
 The ground is a plane (`plane.py`); zones are circles. A mission follows a chain of zones there and back until it lasts
-ten minutes and has two handovers. In some a gap lies between two zones, and half of these missions declare it; in some
-stations' operators are asked. The energy of the battery is enough for the mission with the reserve, and little more;
-what flying costs, and what the battery says, is not quite what is believed of it.
+ten minutes and has two handovers. In most flights faults are kept for behind that: they strike when the flight is ripe,
+and the mission is so much longer that there are borders left to be crossed by then. In some a gap lies between two
+zones, in most of them behind that as well, and half of these missions declare it; in some stations' operators are
+asked. The energy of the battery is enough for the mission with the reserve, and little more; what flying costs, and
+what the battery says, is not quite what is believed of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import cos, hypot, pi, sin
@@ -26,16 +28,26 @@ from sitl.campaign.gaps import GapPlan, find_gaps
 from sitl.campaign.plane import HOME, Circle, Spot, bearing_deg
 from sitl.campaign.steering import Cell, policies_for, strikes_for
 
-__all__ = ["FlightPlan", "StationPlan", "Truth", "draw"]
+__all__ = ["LEAST_HANDOVERS", "FlightPlan", "StationPlan", "Truth", "draw", "left_at"]
 
 #: system id of the first station, the parent
 FIRST: Final = 251
 #: a flight is planned to last so long at least (s), with so many handovers
 LEAST_S, LEAST_HANDOVERS = 620.0, 2
+#: part of the flights in which faults strike from take-off on
+EARLY: Final = 1.0 / 6.0
+#: from when on they strike in all others at the earliest (s), how long behind the second handover, and how much longer
+#: than that the mission is
+_RIPE_S, _BEHIND_S, _GOES_ON_S = (420.0, 560.0), 12.0, (150.0, 400.0)
+#: a way has no more of them
+_MOST_LEGS: Final = 40
+#: of what is reckoned it may take so much more: wind, operators, transfers that fail
+_LATER: Final = 1.3
 #: zones of stations: radius from, to (m)
 _RADII: Final = (1200.0, 3500.0)
-#: how near their middles are, as a part of the sum of two radii: overlapping, and with a gap between them
-_OVERLAP, _GAP = (0.55, 0.85), (1.03, 1.15)
+#: how near their middles are, as a part of the sum of two radii: overlapping, in late flights so little that there is
+#: a border on the way from one to the next, and with a gap between them
+_OVERLAP, _LATE_OVERLAP, _GAP = (0.55, 0.85), (0.7, 0.85), (1.03, 1.15)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +115,8 @@ class FlightPlan:
     #: gaps that the mission declares, and how long the guard lets the aircraft be alone (s)
     gaps: tuple[GapPlan, ...] = ()
     alone_max_s: float = 0.0
+    #: how long behind take-off late faults may strike (s), with two handovers behind; and from when on without them
+    ripe_s: tuple[float, float] = (0.0, 0.0)
     start_at: int = 8 * 64
 
     @property
@@ -143,9 +157,10 @@ def draw(seed: int) -> FlightPlan:
     chance = Random(0x5EED_0000 + seed)
     cell = Cell.of(seed)
     gap = Cause.OUT_OF_COVERAGE in (cell.first, cell.second)
-    stations = _stations(chance, slow=cell.phase is Phase.ON_HANDOVER, gap=gap)
+    late = chance.random() >= EARLY
+    stations = _stations(chance, slow=cell.phase is Phase.ON_HANDOVER, gap=gap, late=late)
     speed = chance.uniform(8.0, 12.0)
-    route, way = _way(chance, stations, speed)
+    route, way, ripe_s = _way(chance, stations, speed, late=late)
     wind = Wind(chance.uniform(0.0, 5.0), chance.uniform(0.0, 360.0))
     truth = Truth(
         wind,
@@ -182,7 +197,7 @@ def draw(seed: int) -> FlightPlan:
         Circle(0.0, 0.0, farthest + 60.0),
         max(way[0].alt_m, model.return_alt_m) + 15.0,
         policies_for(chance, cell),
-        strikes_for(chance, cell),
+        strikes_for(chance, cell, late=late, gap=bool(gaps)),
         resumes=chance.choice((1, 2, 4)) if chance.random() < 0.3 else 0,
         resumes_after_s=chance.uniform(4.0, 40.0),
         insists=chance.choice(tuple(Insists)),
@@ -191,13 +206,18 @@ def draw(seed: int) -> FlightPlan:
         cell=cell,
         gaps=gaps,
         alone_max_s=longest_s if chance.random() < 0.95 else 0.5 * longest_s,
+        ripe_s=(ripe_s, _LATER * ripe_s),
     )
 
 
-def _stations(chance: Random, *, slow: bool, gap: bool) -> tuple[StationPlan, ...]:
-    """A chain of zones, home in the first. `slow`: operators take their time; `gap`: there is one between two zones."""
+def _stations(chance: Random, *, slow: bool, gap: bool, late: bool) -> tuple[StationPlan, ...]:
+    """A chain of zones, home in the first. `slow`: operators take their time; `gap`: there is one between two zones;
+    `late`: before it there are two zones at least."""
     count = chance.choice((2, 2, 3, 3, 3, 4, 5))
-    gap_at = chance.randrange(1, count) if gap or chance.random() < 0.06 else 0
+    gap_at = 0
+    if gap or chance.random() < 0.06:
+        count = max(count, 3) if late else count
+        gap_at = chance.randrange(2 if late else 1, count)
     heading = chance.uniform(0.0, 2.0 * pi)
     zones: list[Circle] = []
     for number in range(count):
@@ -207,7 +227,8 @@ def _stations(chance: Random, *, slow: bool, gap: bool) -> tuple[StationPlan, ..
             zones.append(Circle(away * cos(turn), away * sin(turn), radius))
             continue
         before = zones[-1]
-        apart = (before.radius_m + radius) * chance.uniform(*(_GAP if number == gap_at else _OVERLAP))
+        overlap = _LATE_OVERLAP if late else _OVERLAP
+        apart = (before.radius_m + radius) * chance.uniform(*(_GAP if number == gap_at else overlap))
         heading += chance.uniform(-0.9, 0.9)
         zones.append(Circle(before.x_m + apart * cos(heading), before.y_m + apart * sin(heading), radius))
     found = []
@@ -234,23 +255,82 @@ def _gaps(
     return tuple(find_gaps(way, zones, model, speed_mps, spare)) if declared else ()
 
 
+def left_at(way: Sequence[Spot], zone: Circle) -> tuple[float, Spot] | None:
+    """How far along a way that begins inside a zone leaves it (m), and where; None: it does not."""
+    length = 0.0
+    for start, end in pairwise(way):
+        away = start.away_m(end.x_m, end.y_m)
+        if zone.margin_m(end.x_m, end.y_m) < 0.0:
+            times = zone.crossed(start.x_m, start.y_m, end.x_m - start.x_m, end.y_m - start.y_m)
+            part = min(1.0, max(0.0, 0.0 if times is None else times[1]))
+            spot = Spot(start.x_m + part * (end.x_m - start.x_m), start.y_m + part * (end.y_m - start.y_m))
+            return length + part * away, spot
+        length += away
+    return None
+
+
+class _Walk:
+    """A way as it grows, and where on it authority is to change: to a station whose zone it comes into, or from one
+    whose zone it leaves."""
+
+    def __init__(self, stations: tuple[StationPlan, ...], alt_m: float) -> None:
+        self._zones = [station.zone for station in stations]
+        self.way, self.order, self.length_m = [Spot(0.0, 0.0, alt_m)], [0], 0.0
+        #: how far along that is (m)
+        self.moves_m: list[float] = []
+        self._commander = 0
+
+    def go(self, spot: Spot, number: int) -> None:
+        """On to this waypoint in the zone of that station."""
+        here = self.way[-1]
+        away = here.away_m(spot.x_m, spot.y_m)
+        borders = []
+        for n, zone in enumerate(self._zones):
+            times = zone.crossed(here.x_m, here.y_m, spot.x_m - here.x_m, spot.y_m - here.y_m) or ()
+            borders += [(at, n, comes) for at, comes in zip(times, (True, False), strict=False) if 0.0 < at < 1.0]
+        for at, n, comes in sorted(borders):
+            if comes is (n == self._commander):
+                continue
+            x, y = here.x_m + at * (spot.x_m - here.x_m), here.y_m + at * (spot.y_m - here.y_m)
+            others = [other for other in range(len(self._zones)) if other != n]
+            self._commander = n if comes else max(others, key=lambda other: self._zones[other].margin_m(x, y))
+            self.moves_m.append(self.length_m + at * away)
+        self.length_m += away
+        self.way.append(spot)
+        self.order.append(number)
+
+
 def _way(
-    chance: Random, stations: tuple[StationPlan, ...], speed_mps: float
-) -> tuple[tuple[int, ...], tuple[Spot, ...]]:
-    """There and back along the chain until it is long enough."""
-    alt = chance.uniform(25.0, 80.0)
-    way, order = [Spot(0.0, 0.0, alt)], [0]
-    number, step, length = 0, 1, 0.0
-    while length < LEAST_S * speed_mps or len(order) <= LEAST_HANDOVERS:
+    chance: Random, stations: tuple[StationPlan, ...], speed_mps: float, *, late: bool
+) -> tuple[tuple[int, ...], tuple[Spot, ...], float]:
+    """There and back along the chain until it is long enough; and when the flight is ripe (s)."""
+    walk = _Walk(stations, chance.uniform(25.0, 80.0))
+    ripe_s, goes_on_s = chance.uniform(*_RIPE_S), chance.uniform(*_GOES_ON_S)
+    number, step, ripe = 0, 1, not late
+    while len(walk.order) < _MOST_LEGS:
+        lasts_s, moves_s = walk.length_m / speed_mps, [each / speed_mps for each in walk.moves_m]
+        long_enough = lasts_s >= LEAST_S and len(walk.order) > LEAST_HANDOVERS
+        if late and len(moves_s) >= LEAST_HANDOVERS:
+            ripe_s = max(ripe_s, moves_s[LEAST_HANDOVERS - 1] + _BEHIND_S)
+            ripe = lasts_s > ripe_s
+            long_enough &= lasts_s >= ripe_s + goes_on_s and moves_s[-1] > ripe_s + 2.0 * _BEHIND_S
+        if ripe and long_enough:
+            break
         number += step
-        if not 0 <= number < len(stations):
+        if not 0 <= number < (len(stations) if ripe else _before_gap(stations)):
             step = -step
             number += 2 * step
-        spot = _around(chance, stations[number].zone, 0.35, alt)
-        length += spot.away_m(way[-1].x_m, way[-1].y_m)
-        way.append(spot)
-        order.append(number)
-    return tuple(stations[each].sysid for each in order), tuple(way)
+        walk.go(_around(chance, stations[number].zone, 0.35, walk.way[0].alt_m), number)
+    route = tuple(stations[each].sysid for each in walk.order)
+    return route, tuple(walk.way), min(ripe_s, 0.6 * walk.length_m / speed_mps) if late else 0.0
+
+
+def _before_gap(stations: tuple[StationPlan, ...]) -> int:
+    """How many stations stand before the first gap in the chain; all of them without one."""
+    for number, (one, other) in enumerate(pairwise(stations), 1):
+        if one.zone.margin_m(other.zone.x_m, other.zone.y_m) + other.zone.radius_m < 0.0:
+            return number
+    return len(stations)
 
 
 def _around(chance: Random, zone: Circle, part: float, alt_m: float = 0.0) -> Spot:

@@ -20,11 +20,11 @@ __all__ = ["Ground", "GroundTies"]
 
 @dataclass(frozen=True, slots=True)
 class GroundTies:
-    """How what a station says travels, and how an operator's answer comes: at a tick."""
+    """How what a station says travels, and how an operator's answer comes: yes or no, and after how long (ticks)."""
 
     to_vehicle: Callable[[int, Message, int], None]
     to_peer: Callable[[int, int, Message, int], None]
-    answer: Callable[[int, object, bool, int], None]
+    answer: Callable[[int, object, tuple[bool, int] | None, int], None]
 
 
 class Ground:
@@ -66,9 +66,7 @@ class Ground:
         question = core.question
         if question is not None and question != self._asked:
             self._asked = question
-            if self._station.answer is not None:
-                yes, after = self._station.answer
-                self._ties.answer(self.sysid, question, yes, now + after)
+            self._ties.answer(self.sysid, question, self._station.answer, now)
 
     def answer(self, question: object, yes: bool, now: int) -> None:
         """Its operator has made up his mind."""

@@ -10,7 +10,7 @@ phase, milder policies are drawn, so that both can be there; the judge knows the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from random import Random
 from typing import Final
@@ -102,6 +102,8 @@ _TAKES_S: Final[Mapping[Cause, float]] = {
 _AT_A_BORDER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.OUT_OF_COVERAGE})
 #: causes behind which the rules hear no more of where the aircraft is
 _NO_NEWS: Final = frozenset({Cause.POSITION_STALE, Cause.AUTOPILOT_LOST})
+#: so long (s) behind take-off, or behind the moment when the flight is ripe, causes are to meet
+_EARLY_S, _SOON_S = (30.0, 420.0), (10.0, 110.0)
 #: what may come on top, in any flight
 _ANYTHING: Final = (
     (Fault.ROGUE, Target.NOBODY, 5.0, 60.0),
@@ -109,44 +111,85 @@ _ANYTHING: Final = (
     (Fault.STALLED, Target.NOBODY, 1.0, 5.0),
     (Fault.GONE, Target.NOBODY, 1.0, 1.0),
     (Fault.BURST, Target.ALL, 2.0, 9.0),
-    (Fault.PILOT, Target.NOBODY, 5.0, 60.0),
     (Fault.DEAD, Target.ALL, 20.0, 200.0),
-    (Fault.DISOBEYS, Target.NOBODY, 10.0, 60.0),
-    (Fault.STUCK, Target.NOBODY, 30.0, 90.0),
 )
+#: what is nothing by itself, and much where something has to be done: a pilot, an autopilot that does not follow
+_IN_THE_WAY: Final = (
+    (Fault.PILOT, Target.NOBODY, 5.0, 60.0),
+    (Fault.DISOBEYS, Target.NOBODY, 10.0, 60.0),
+    (Fault.STUCK, Target.NOBODY, 40.0, 120.0),
+)
+#: causes beside which somebody can still land what has no energy left to return: the companion, and nobody before it
+_LEAVES_HANDS: Final = frozenset(
+    {
+        Cause.COMMANDER_LOST,
+        Cause.OUT_OF_COVERAGE,
+        Cause.NO_STATION,
+        Cause.COVERAGE_ENDS,
+        Cause.AUTHENTICATION,
+        Cause.LINKS_WEAK,
+        Cause.GUARD_LOST,
+        Cause.OFF_ROUTE,
+    }
+)
+#: what part of the way home is left in the battery where no place can be reached any more: from, to
+_TOO_LITTLE: Final = (0.1, 0.75)
 
 
 def _strike(
-    chance: Random, how: tuple[Fault, Target, float, float], after_s: float, when: _When = (None, 1, False)
+    chance: Random,
+    how: tuple[Fault, Target, float, float],
+    after_s: float,
+    when: _When = (None, 1, False),
+    *,
+    late: bool = False,
 ) -> Strike:
     fault, target, shortest, longest = how
     lasts = NEVER if fault in (Fault.SAG, Fault.GONE) else int(chance.uniform(shortest, longest) * SECOND)
     amount = chance.uniform(shortest, longest) if fault is Fault.SAG else chance.uniform(0.0, 1.0)
     phase, nth, border = when
-    return Strike(fault, int(after_s * SECOND), lasts, target, phase, nth, amount, border)
+    return Strike(fault, int(after_s * SECOND), lasts, target, phase, nth, amount, border, late=late)
 
 
-def strikes_for(chance: Random, cell: Cell) -> tuple[Strike, ...]:
-    """The two causes of the cell, so that they are there at the same moment, and now and then one thing more."""
+def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[Strike, ...]:
+    """The two causes of the cell, so that they are there at the same moment, and now and then one thing more.
+
+    `late`: not before the flight is ripe; `gap`: its mission declares one.
+    """
     if chance.random() < 0.1:  # a flight in which nothing goes wrong
         return ()
-    when, at_s = _moment(chance, cell)
+    if gap and chance.random() < 0.4:  # nothing but that the gap takes too long
+        gust = _strike(chance, (Fault.GUST, Target.NOBODY, 60.0, 400.0), chance.uniform(11.0, 17.0), late=late)
+        return (replace(gust, border=True, bare=True),)
+    when, at_s = _moment(chance, cell, late=late)
     found = []
     for cause in (cell.first, cell.second):
         how = chance.choice(_PROVOKES[cause])
         if cause in _AT_A_BORDER and how[0] is not Fault.BREACH:
-            found.append(_strike(chance, how, chance.uniform(5.0, 30.0)))
+            found.append(_strike(chance, how, chance.uniform(0.0 if late else 5.0, 30.0), late=late))
         else:
-            later_s = _later_s(cause, cell)
-            found.append(
-                _strike(chance, how, at_s + later_s - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0), when)
-            )
+            strikes_s = at_s + _later_s(cause, cell) - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0)
+            found.append(_strike(chance, how, strikes_s, when, late=late))
     if cell.phase is Phase.EMERGENCY and chance.random() < 0.7:  # something has to bring that about
         lost = chance.choice(((Fault.BURST, Target.ALL, 12.0, 30.0), (Fault.DEAD, Target.ALL, 12.0, 60.0)))
-        found.append(_strike(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when))
-    if chance.random() < 0.2:
-        found.append(_strike(chance, chance.choice(_ANYTHING), chance.uniform(10.0, 500.0)))
-    return tuple(found)
+        found.append(_strike(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when, late=late))
+    causes = {cell.first, cell.second}
+    if Cause.ENERGY in causes and causes - {Cause.ENERGY} <= _LEAVES_HANDS and chance.random() < 0.5:
+        part = chance.uniform(*_TOO_LITTLE)  # only to land is right, and nobody is in the way of it
+        return tuple(replace(each, amount=part) if each.fault is Fault.SAG else each for each in found)
+    return (*found, *_on_top(chance, when, at_s, late=late))
+
+
+def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
+    """What comes on top: when the causes of the cell come, or at any time."""
+    luck = chance.random()
+    if luck < 0.2:
+        return (_strike(chance, chance.choice(_IN_THE_WAY), at_s + chance.uniform(-10.0, 12.0), when, late=late),)
+    if luck < 0.27:
+        return (_strike(chance, chance.choice(_ANYTHING), at_s + chance.uniform(-6.0, 10.0), when, late=late),)
+    if luck < 0.34:
+        return (_strike(chance, chance.choice((*_ANYTHING, *_IN_THE_WAY)), chance.uniform(10.0, 500.0)),)
+    return ()
 
 
 def _later_s(cause: Cause, cell: Cell) -> float:
@@ -157,13 +200,14 @@ def _later_s(cause: Cause, cell: Cell) -> float:
     return 9.0 if other in _AT_A_BORDER else 5.0
 
 
-def _moment(chance: Random, cell: Cell) -> tuple[_When, float]:
-    """When both causes are to be there: behind take-off, or behind what is seen in flight (s)."""
+def _moment(chance: Random, cell: Cell, *, late: bool) -> tuple[_When, float]:
+    """When both causes are to be there: behind take-off (`late`: from when the flight is ripe), or behind what is seen
+    in flight (s)."""
     if {cell.first, cell.second} & _AT_A_BORDER:
         return (None, 1, True), chance.uniform(4.0, 12.0)
     if cell.phase is Phase.ON_HANDOVER:
-        return (Phase.ON_HANDOVER, chance.choice((1, 1, 2)), False), chance.uniform(3.0, 9.0)
-    return (None, 1, False), chance.uniform(30.0, 420.0)
+        return (Phase.ON_HANDOVER, 1 if late else chance.choice((1, 1, 2)), False), chance.uniform(3.0, 9.0)
+    return (None, 1, False), chance.uniform(*(_SOON_S if late else _EARLY_S))
 
 
 #: what is never but warned of by a vehicle that is to come home by itself
@@ -180,6 +224,8 @@ def policies_for(chance: Random, cell: Cell) -> Mapping[Cause, str]:
         if aimed and cell.phase in (Phase.ON_MISSION, Phase.ON_HANDOVER) and "warn" in row.policies:
             if chance.random() < 0.8:
                 chosen[cause] = "warn"
+        elif aimed and cause is Cause.POSITION_STALE and chance.random() < 0.5:
+            chosen[cause] = "land"  # behind it, and on its way down, the other cause asks for less
         elif cause not in chosen and chance.random() < 0.1:
             chosen[cause] = chance.choice([word for word in row.policies if cause not in _GRAVE or word != "warn"])
     return chosen

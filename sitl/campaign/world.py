@@ -36,8 +36,8 @@ from sitl.campaign.guard import Guard
 from sitl.campaign.links import WEAK_LOSS, Link
 from sitl.campaign.log import FlightLog, Series
 from sitl.campaign.pace import STIRRED, Pace
-from sitl.campaign.plan import FlightPlan
-from sitl.campaign.plane import bearing_deg
+from sitl.campaign.plan import LEAST_HANDOVERS, FlightPlan, left_at
+from sitl.campaign.plane import Spot, bearing_deg
 from sitl.campaign.stations import Ground, GroundTies
 from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks, on_round
 
@@ -51,6 +51,8 @@ _LONG_S = 8.0
 #: longer than any of these missions with everything that can delay it
 _LONGEST = in_ticks(5400.0)
 _START_TAKES = in_ticks(2.0)
+#: an operator who thinks no longer than that does not let a border come near
+_AGREES = in_ticks(2.0)
 #: so long before its border (s) an aircraft is about to leave a zone
 _LEAVES_S = 10.0
 #: FS_GCS_TIMEOUT, and when the autopilot lands without a position
@@ -115,7 +117,11 @@ class World:
         self._wish_waits = False
         self._phases: dict[Phase, int] = {}
         self._phase = Phase.ON_LOAD
-        self._border_strikes = tuple(strike for strike in plan.strikes if strike.border)
+        self._border_strikes = tuple(strike for strike in plan.strikes if strike.border and not strike.late)
+        #: from when on late faults strike (`_ripens`), and at the latest
+        self._ripe_at = self._ripe_by = NEVER
+        self._ripe = False
+        self._late_phases: dict[Phase, int] = {}
         ground_ties = GroundTies(self._from_station, self._between, self._plan_answer)
         self.ground = {s.sysid: Ground(plan, s, log, ground_ties, self.core_s) for s in plan.stations}
         ties = Ties(self._to_station, self._status, self._order, self._begin_start, self.pace.stir, self.pace.settle)
@@ -152,7 +158,7 @@ class World:
         self._at(3 * SECOND, lambda now: self._tell(events.MissionLoaded(DIGEST, self.plan.route), now))
         self._at(self.plan.start_at, self._start)
         for strike in self.plan.strikes:
-            if strike.phase is None and not strike.border:
+            if strike.phase is None and not strike.border and not strike.late:
                 take_off = self.plan.start_at + _START_TAKES
                 self._at(max(1, take_off + strike.after), partial(self._strike, strike))
 
@@ -252,7 +258,9 @@ class World:
         self._beaten = True
         self._wants_on(now)
         if self._border_strikes and self._leaves(now):
-            strikes, self._border_strikes = self._border_strikes, ()
+            bare = self._leaves_all(now)
+            strikes = [strike for strike in self._border_strikes if bare or not strike.bare]
+            self._border_strikes = tuple(strike for strike in self._border_strikes if strike not in strikes)
             for strike in strikes:
                 self._at(max(now + 1, now + strike.after), partial(self._strike, strike))
 
@@ -265,6 +273,13 @@ class World:
         vx, vy, _up = self.aircraft.velocity
         zone = self.plan.zones[commander]
         return zone.margin_m(x + _LEAVES_S * vx, y + _LEAVES_S * vy) < 0.0
+
+    def _leaves_all(self, now: int) -> bool:
+        """Whether no zone at all holds where it is about to be."""
+        x, y, _z = self.aircraft.at(now)
+        vx, vy, _up = self.aircraft.velocity
+        ahead = x + _LEAVES_S * vx, y + _LEAVES_S * vy
+        return all(zone.margin_m(*ahead) < 0.0 for zone in self.plan.zones.values())
 
     def _stand_still(self, now: int) -> None:
         """Leave out time in which nothing can happen; places are looked at in between when they have to be."""
@@ -360,8 +375,12 @@ class World:
     def _between(self, sysid: int, peer: int, message: Message, now: int) -> None:
         self._over_ground(sysid, peer, gcs.FromPeer(sysid, message), now)
 
-    def _plan_answer(self, sysid: int, question: object, yes: bool, when: int) -> None:
-        self._at(when, partial(self.ground[sysid].answer, question, yes))
+    def _plan_answer(self, sysid: int, question: object, answer: tuple[bool, int] | None, now: int) -> None:
+        """An operator is asked. What they do wrong belongs to what goes wrong: before that they say yes, and soon."""
+        if not self._ripe:
+            answer = True, _AGREES
+        if answer is not None:
+            self._at(now + answer[1], partial(self.ground[sysid].answer, question, answer[0]))
 
     def _status(self, view: AuthorityView, now: int) -> None:
         """AUTHORITY_STATUS to all, and the lease to the guard."""
@@ -376,6 +395,7 @@ class World:
                 self._down(sysid, heard, now)
         if changed:
             self._flows_changed(now)
+            self._ripens(now)
             self._phase_changed(view.phase, now)
 
     # ---- what watches the leases -------------------------------------------------------------------------------------
@@ -399,9 +419,23 @@ class World:
         if phase is self._phase:
             return
         self._phase = phase
-        times = self._phases[phase] = self._phases.get(phase, 0) + 1
-        for strike in self.plan.strikes:
-            if strike.phase is phase and strike.nth == times:
+        for late, counted in ((False, self._phases), (True, self._late_phases)):
+            if late and not self._ripe:
+                continue
+            times = counted[phase] = counted.get(phase, 0) + 1
+            for strike in self.plan.strikes:
+                if strike.phase is phase and strike.nth == times and strike.late is late:
+                    self._at(max(now + 1, now + strike.after), partial(self._strike, strike))
+
+    def _ripens(self, now: int) -> None:
+        """Late faults strike from now on, if it is late enough and the handovers lie behind; or if it is very late."""
+        if self._ripe or now < self._ripe_at or (len(self.log.moves) < LEAST_HANDOVERS and now < self._ripe_by):
+            return
+        self._ripe = True
+        late = [strike for strike in self.plan.strikes if strike.late]
+        self._border_strikes += tuple(strike for strike in late if strike.border)
+        for strike in late:
+            if strike.phase is None and not strike.border:
                 self._at(max(now + 1, now + strike.after), partial(self._strike, strike))
 
     # ---- the autopilot -----------------------------------------------------------------------------------------------
@@ -466,6 +500,9 @@ class World:
         if not self.guard.due < NEVER:
             self.aircraft.take_off(now)
             self._over_at = now + _LONGEST
+            self._ripe_at, self._ripe_by = (now + in_ticks(each) for each in self.plan.ripe_s)
+            for at in (self._ripe_at, self._ripe_by):
+                self._at(at, self._ripens)
             self._tell(events.StartFinished(True), now)
 
     def _order(self, action: FlightAction, now: int) -> None:
@@ -596,10 +633,19 @@ class World:
         if target is Target.NEXT:
             companion = self.companion
             assert companion is not None
-            x, y, _z = self.aircraft.at(self.now)
+            x, y = self._leaves_at(commander)
             others = [s for s in self.plan.stations if s.sysid != commander]
             return [max(others, key=lambda s: s.zone.margin_m(x, y)).sysid]
         return everybody if target is Target.ALL else []
+
+    def _leaves_at(self, commander: int | None) -> tuple[float, float]:
+        """Where the way ahead leaves the commander's zone; where the aircraft is, if that is not to be said."""
+        x, y, _z = self.aircraft.at(self.now)
+        way = self.aircraft.way_ahead()
+        if commander is None or not way or self.plan.zones[commander].margin_m(x, y) <= 0.0:
+            return x, y
+        left = left_at((Spot(x, y), *way), self.plan.zones[commander])
+        return (x, y) if left is None else (left[1].x_m, left[1].y_m)
 
     def _strike(self, strike: Strike, now: int) -> None:
         """A fault strikes; its end is planned with it."""
@@ -654,6 +700,8 @@ class World:
                 return None
             case Fault.DRIFT | Fault.BREACH:
                 return self._drift(strike, now)
+            case Fault.GUST:
+                return self._gust(strike, now)
             case Fault.LIFT:
                 self.aircraft.carried((0.0, 0.0), now, 3.0 + 3.0 * strike.amount)
                 return partial(self.aircraft.carried, (0.0, 0.0))
@@ -779,16 +827,19 @@ class World:
         assert self.companion is not None
         companion = self.companion
         companion.fix = False
+        self.log.fix.set(now, False)
         self._ekf_due = now + _EKF if self.aircraft.flying else NEVER
 
-        def end(_now: int) -> None:
+        def end(now: int) -> None:
             companion.fix, self._ekf_due, self._no_position = True, NEVER, False
+            self.log.fix.set(now, True)
 
         return end
 
     def _sag(self, strike: Strike, now: int) -> None:
         assert self.companion is not None
-        self.aircraft.sag(self.companion.budget_home_wh(now) * strike.amount / self.plan.truth.gauge, now)
+        left_wh = max(self.companion.budget_home_wh(now) * strike.amount, self.aircraft.down_wh(now))
+        self.aircraft.sag(left_wh / self.plan.truth.gauge, now)
         self.companion.places.stir(now)
         self._piece_of = -1
 
@@ -802,6 +853,15 @@ class World:
         across = 10.0 + 3.0 * strike.amount if breach else 3.0 + 4.0 * strike.amount
         angle = radians(bearing_deg(x, y) if breach else bearing_deg(vx, vy) + (90.0 if strike.amount > 0.5 else -90.0))
         aircraft.carried((across * sin(angle), across * cos(angle)), now)
+        return lambda now: aircraft.carried((0.0, 0.0), now)
+
+    def _gust(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+        """It makes half of its speed, or next to none."""
+        aircraft, part = self.aircraft, 0.5 + 0.5 * strike.amount
+        if aircraft.mode is not Mode.AUTO:
+            return None
+        vx, vy, _up = aircraft.velocity
+        aircraft.carried((-part * vx, -part * vy), now)
         return lambda now: aircraft.carried((0.0, 0.0), now)
 
     def _pilot_gives_back(self, now: int) -> None:

@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -49,6 +51,29 @@ def test_a_seed_is_a_flight() -> None:
     assert draw(7) == draw(7)
     assert draw(7) != draw(8)
     assert fly(7).same == fly(7).same
+
+
+def test_most_flights_have_two_handovers_and_ten_minutes_behind_them_before_anything_goes_wrong() -> None:
+    late = [plan for seed in range(60) if (plan := draw(seed)).ripe_s[0] > 0.0]
+    assert 40 <= len(late) < 60  # and some do not
+    for plan in late:
+        way_s = sum(a.away_m(b.x_m, b.y_m) for a, b in pairwise(plan.way)) / plan.speed_mps
+        assert 400.0 <= plan.ripe_s[0] <= way_s - 60.0
+        assert plan.ripe_s[0] < plan.ripe_s[1]
+    for plan in late[:6]:
+        log = World(plan, tells=True).run()
+        take_off = log.modes[0][0]
+        struck = [at for at, text in log.story if text.startswith("FAULT")]
+        ripe = [at for at, _old, _new in log.moves[1:2]] + [take_off + int(plan.ripe_s[1] * SECOND)]
+        planned = [strike for strike in plan.strikes if strike.late]
+        if len(planned) == len(plan.strikes):
+            assert all(at >= min(ripe) for at in struck)
+
+
+def test_operators_agree_until_faults_may_strike() -> None:
+    seed = next(seed for seed in range(64, 118) if any(s.asked and s.answer is None for s in draw(seed).stations[:2]))
+    log = World(replace(draw(seed), strikes=())).run()
+    assert log.moves
 
 
 def test_a_mission_is_ten_minutes_and_two_handovers_long() -> None:
@@ -239,8 +264,131 @@ def test_what_could_not_be_reached_or_not_be_known_is_nobodys_fault(far: FlightP
     assert rows(far, late) == []
 
 
+# ---- what the rules are for ------------------------------------------------------------------------------------------
+
+QUICK = {"outside, not noticed", "nobody, not noticed", "left to others", "energy, not noticed", "not ordered again"}
+
+
+def quick(plan: FlightPlan, log: FlightLog) -> list[str]:
+    return [row for row in rows(plan, log) if row in QUICK]
+
+
+@pytest.mark.parametrize(("seconds", "found"), [(15, []), (16, ["outside, not noticed"])])
+def test_to_fly_on_outside_with_all_whole(plan: FlightPlan, seconds: int, found: list[str]) -> None:
+    """Ten seconds until it counts that all is whole, five for the rules."""
+    log = logged(plan, still(plan, seconds, away=True))
+    assert quick(plan, log) == found
+    log.fix.set(SECOND, False)
+    log.fix.set(SECOND + 1, True)
+    assert quick(plan, log) == []
+    assert quick(plan, logged(plan, still(plan, seconds, "RTL", away=True))) == []
+
+
+@pytest.mark.parametrize("what", ["companion", "cable", "fix", "obeys"])
+def test_what_the_rules_need_and_have_not_is_no_fault_of_theirs(plan: FlightPlan, what: str) -> None:
+    log = logged(plan, still(plan, 60))
+    log.commander.set(30 * SECOND, None)
+    assert quick(plan, log) == ["nobody, not noticed"]
+    assert judge(plan, log)[-1].at == (30 + 5) * SECOND
+    getattr(log, what).set(25 * SECOND, False)
+    getattr(log, what).set(46 * SECOND, True)
+    assert quick(plan, log) == []
+
+
+def test_nobody_knows_sooner_than_the_forced_transfer_has_failed(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 60))
+    log.commander.set(30 * SECOND, None)
+    log.commander.set(35 * SECOND, B)
+    assert quick(plan, log) == []
+
+
+def test_a_commanders_word_stands(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 60))
+    log.commander.set(30 * SECOND, None)
+    log.modes.insert(1, (5 * SECOND, "AUTO", "commander"))
+    assert quick(plan, log) == []
+
+
+def sent_home(plan: FlightPlan, by: str, mode: str = "AUTO") -> FlightLog:
+    log = logged(plan, still(plan, 60, mode), still(plan, 60, "RTL", begun=60))
+    log.modes[1] = (60 * SECOND, "RTL", by)
+    return log
+
+
+def test_nothing_is_left_to_those_who_stand_behind_the_rules(plan: FlightPlan) -> None:
+    for by, found in (("companion", []), ("guard", ["left to others"]), ("GCS failsafe", ["left to others"])):
+        assert quick(plan, sent_home(plan, by)) == found
+    assert quick(plan, sent_home(plan, "guard", "PILOT")) == []
+    dead = sent_home(plan, "guard")
+    dead.companion.set(57 * SECOND, False)
+    assert quick(plan, dead) == []
+    back = sent_home(plan, "guard")
+    back.cable.set(40 * SECOND, False)
+    back.cable.set(51 * SECOND, True)
+    assert quick(plan, back) == []
+    fence = sent_home(plan, "fence failsafe")
+    assert quick(plan, fence) == []
+
+
+@pytest.mark.parametrize(("seconds", "found"), [(15, []), (16, ["energy, not noticed"])])
+def test_to_fly_on_with_no_place_in_reach(plan: FlightPlan, seconds: int, found: list[str]) -> None:
+    piece = replace(still(plan, seconds), left_wh=0.1, watts=10.0)
+    assert quick(plan, logged(plan, piece)) == found
+    assert quick(plan, logged(plan, replace(piece, mode="LAND"))) == []
+    enough = replace(still(plan, 60), left_wh=1000.0, watts=10.0)
+    log = logged(plan, enough, replace(still(plan, 6, begun=60), left_wh=0.1))
+    log.modes.pop(1)  # it goes on as before, and a part of the energy is gone
+    assert quick(plan, log) == ["energy, not noticed"]
+    assert judge(plan, log)[-1].at == 65 * SECOND
+    log = logged(plan, piece)
+    log.lifted.append((0, "energy"))
+    assert quick(plan, log) == []
+
+
+def not_obeyed(plan: FlightPlan, why: str) -> FlightLog:
+    """A return is ordered at 30 s, and not flown."""
+    log = logged(plan, still(plan, 100))
+    log.orders = [(30 * SECOND, "RETURN", why)]
+    log.obeys.set(20 * SECOND, False)
+    return log
+
+
+def test_what_is_not_flown_is_ordered_again_while_its_cause_is_there(plan: FlightPlan) -> None:
+    log = not_obeyed(plan, "ENERGY")
+    assert quick(plan, log) == ["not ordered again"]
+    log.orders.append((38 * SECOND, "RETURN", "ENERGY"))
+    log.orders.append((46 * SECOND, "LAND", "ENERGY"))
+    assert quick(plan, log) == ["not ordered again"]  # nor is a landing left at that
+    assert judge(plan, log)[0].at == (46 + 8) * SECOND
+    log.obeys.set(50 * SECOND, True)
+    assert quick(plan, log) == []
+
+
+def test_what_is_not_wrong_any_more_is_not_ordered_again(plan: FlightPlan) -> None:
+    assert quick(plan, not_obeyed(plan, "OUT_OF_COVERAGE")) == []
+    assert quick(plan, not_obeyed(plan, "COMMANDER_LOST")) == []
+    lost = not_obeyed(plan, "COMMANDER_LOST")
+    lost.commander.set(28 * SECOND, None)
+    assert quick(plan, lost) == ["not ordered again"]
+    lost.commander.set(37 * SECOND, A)
+    assert quick(plan, lost) == []
+    away = logged(plan, still(plan, 100, away=True))
+    away.orders, away.obeys = [(30 * SECOND, "RETURN", "OUT_OF_COVERAGE")], Series(False)
+    assert quick(plan, away) == ["not ordered again"]
+
+
+def test_who_is_not_heard_or_has_no_say_orders_nothing_again(plan: FlightPlan) -> None:
+    for what in ("companion", "cable", "fix"):
+        log = not_obeyed(plan, "ENERGY")
+        getattr(log, what).set(34 * SECOND, False)
+        assert quick(plan, log) == []
+    piloted = not_obeyed(plan, "ENERGY")
+    piloted.modes.insert(1, (33 * SECOND, "PILOT", "pilot"))
+    assert quick(plan, piloted) == []
+
+
 def test_every_row_says_what_and_how_long() -> None:
-    assert len({row.name for row in UNSAFE}) == len(UNSAFE) == 12
+    assert len({row.name for row in UNSAFE}) == len(UNSAFE) == 17
     assert all(row.words and row.limit for row in UNSAFE)
 
 
@@ -303,7 +451,7 @@ def test_the_command_flies_and_writes_a_page(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_the_story_of_a_flight(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--seed", "1", "--story"])
+    main(["--seed", "2", "--story"])
     said = capsys.readouterr().out
     assert "START from GCSA" in said
     assert "FAULT" in said

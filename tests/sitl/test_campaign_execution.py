@@ -18,7 +18,7 @@ from sitl.campaign.world import World
 SAG = Strike(Fault.SAG, 300 * SECOND, NEVER, amount=0.97)
 
 
-def struck(*strikes: Strike, seed: int = 2, **truth: bool) -> FlightPlan:
+def struck(*strikes: Strike, seed: int = 3, **truth: bool) -> FlightPlan:
     """A flight with these faults, the table's policies, no operator who has to be asked, and what is true besides."""
     plan = draw(seed)
     truths = {"battery_failsafe": False, "fence_failsafe": True, "radio": True} | truth
@@ -35,7 +35,7 @@ def by(log: FlightLog) -> list[str]:
 
 
 def orders(log: FlightLog) -> list[str]:
-    return [action for _at, action in log.orders]
+    return [action for _at, action, _why in log.orders]
 
 
 def test_the_fence_brings_back_whom_the_wind_carries_out_of_it_and_nobody_interferes() -> None:
@@ -68,7 +68,7 @@ def test_nothing_is_commanded_while_a_pilot_has_it_and_what_he_gives_back_is_bro
     plan = struck(SAG, Strike(Fault.PILOT, 290 * SECOND, 40 * SECOND))
     log = flown(plan)
     given_back = next(at for at, mode, who in log.modes if (mode, who) == ("AUTO", "pilot"))
-    assert [at >= given_back for at, action in log.orders if action == "RETURN"] == [True]
+    assert [at >= given_back for at, action, _why in log.orders if action == "RETURN"] == [True]
     assert by(log)[-1] == "GROUND companion"
     assert judge(plan, log) == ()
 
@@ -102,6 +102,6 @@ def test_an_autopilot_that_does_not_obey_is_no_fault_of_who_orders() -> None:
     log = flown(plan)
     begun = log.modes[0][0]
     log.commander.times[:], log.commander.values[:] = [0, begun + 50 * SECOND], [plan.stations[0].sysid, None]
-    assert [found.row for found in judge(plan, log)] == ["nobody, nothing done"]
+    assert [found.row for found in judge(plan, log)] == ["nobody, nothing done", "nobody, not noticed"]
     log.obeys.set(begun + 52 * SECOND, False)
     assert [found.row for found in judge(plan, log)] == []

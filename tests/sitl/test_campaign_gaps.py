@@ -25,7 +25,7 @@ WAY = (Spot(0.0, 0.0, 50.0), Spot(3000.0, 0.0, 50.0))
 ZONES = (Circle(0.0, 0.0, 1000.0), Circle(3000.0, 0.0, 1500.0))
 
 
-def declaring(seed: int = 1, *strikes: Strike, limit_s: float | None = None) -> FlightPlan:
+def declaring(seed: int = 20, *strikes: Strike, limit_s: float | None = None) -> FlightPlan:
     """A flight with a gap, which it declares; no policy but the table's, nobody is asked."""
     plan = draw(seed)
     zones = [station.zone for station in plan.stations]
@@ -122,8 +122,22 @@ def test_a_declared_gap_is_crossed_alone_and_authority_goes_on_behind_it() -> No
 def test_behind_its_limit_the_aircraft_comes_home() -> None:
     plan = declaring(limit_s=8.0)
     log = World(plan).run()
-    assert "RETURN" in [action for _at, action in log.orders]
+    assert "RETURN" in [action for _at, action, _why in log.orders]
     assert judge(plan, log) == ()
+
+
+def test_a_head_wind_in_the_gap_lets_its_time_run_out() -> None:
+    wind = Strike(Fault.GUST, 14 * SECOND, 400 * SECOND, amount=0.9, border=True, bare=True)
+    plan = declaring(20, wind)
+    world = World(plan, tells=True)
+    log = world.run()
+    blown = next(at for at, text in log.story if text.startswith("FAULT gust"))
+    ordered = next(at for at, action, _why in log.orders if action == "RETURN")
+    assert blown < ordered
+    assert any(gap.along_m(*log.place_at(ordered)[:2]) is not None for gap in plan.gaps)
+    assert judge(plan, log) == ()
+    slow = next(piece for piece in log.flown if piece.begun == blown)
+    assert 0.0 < (slow.vx**2 + slow.vy**2) ** 0.5 < 0.2 * plan.speed_mps
 
 
 def test_a_guard_that_does_not_allow_it_lets_nobody_start() -> None:
@@ -135,7 +149,7 @@ def test_a_guard_that_does_not_allow_it_lets_nobody_start() -> None:
 def test_without_a_guard_the_autopilots_failsafe_ends_it() -> None:
     """Nobody has told the autopilot to watch the companion."""
     quiet = Strike(Fault.NO_GUARD, 60 * SECOND, NEVER)
-    plan = replace(declaring(1, quiet), alone_max_s=600.0)
+    plan = replace(declaring(20, quiet), alone_max_s=600.0)
     log = World(plan).run()
     assert ("RTL", "GCS failsafe") in [(mode, by) for _at, mode, by in log.modes]
 

@@ -66,14 +66,14 @@ def test_who_turns_back_for_energy_comes_home_with_it() -> None:
         plan = struck(seed, replace(at(Fault.SAG, 300), amount=0.97))
         world = World(plan)
         log = world.run()
-        assert "RETURN" in [action for _when, action in log.orders]
+        assert "RETURN" in [action for _when, action, _why in log.orders]
         assert judge(plan, log) == ()
 
 
 def test_a_return_is_begun_anew_for_a_place_that_stands_higher() -> None:
     """The station of the place that is flown to dies under way, and another place is covered."""
     dies = Strike(Fault.DEAD, 355 * SECOND, NEVER, Target.NEXT)
-    plan = struck(2, replace(at(Fault.SAG, 330), amount=0.97), dies)
+    plan = struck(5, replace(at(Fault.SAG, 330), amount=0.97), dies)
     log = World(plan).run()
     returns = [(when, by) for when, mode, by in log.modes if mode == "RTL"]
     assert [by for _when, by in returns] == ["companion", "companion"]
