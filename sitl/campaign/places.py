@@ -63,6 +63,9 @@ class Places:
         self._bounces_to: str | None = None
         self._judged: PlaceJudged | None = None
         self._key: tuple[object, ...] = ()
+        #: when it was looked at last, and who could take the aircraft then
+        self._looked_at = 0
+        self._usable: frozenset[int] = frozenset()
         #: when to look again at the latest
         self.due = 0
 
@@ -79,6 +82,10 @@ class Places:
         if not always and now < self.due and key == self._key:
             return None
         self._key = key
+        if self._facts and now - self._looked_at > SECOND:  # until a second ago nothing had changed
+            places = [self._facts[name] for name, _place in self._places]
+            self._chooser.choose(places, self._usable, in_seconds(now - SECOND), fixed=True)
+        self._looked_at, self._usable = now, usable
         left_wh = aircraft.left_wh(now) * self._plan.truth.gauge
         here = aircraft.at(now)
         if fix or not self._facts:
