@@ -307,6 +307,7 @@ def _way(
     walk = _Walk(stations, chance.uniform(25.0, 80.0))
     ripe_s, goes_on_s = chance.uniform(*_RIPE_S), chance.uniform(*_GOES_ON_S)
     number, step, ripe = 0, 1, not late
+    near = _before_gap(stations)
     while len(walk.order) < _MOST_LEGS:
         lasts_s, moves_s = walk.length_m / speed_mps, [each / speed_mps for each in walk.moves_m]
         long_enough = lasts_s >= LEAST_S and len(walk.order) > LEAST_HANDOVERS
@@ -314,10 +315,11 @@ def _way(
             ripe_s = max(ripe_s, moves_s[LEAST_HANDOVERS - 1] + _BEHIND_S)
             ripe = lasts_s > ripe_s
             long_enough &= lasts_s >= ripe_s + goes_on_s and moves_s[-1] > ripe_s + 2.0 * _BEHIND_S
+            long_enough &= near == len(stations) or max(walk.order) >= near
         if ripe and long_enough:
             break
         number += step
-        if not 0 <= number < (len(stations) if ripe else _before_gap(stations)):
+        if not 0 <= number < (len(stations) if ripe else near):
             step = -step
             number += 2 * step
         walk.go(_around(chance, stations[number].zone, 0.35, walk.way[0].alt_m), number)

@@ -116,7 +116,7 @@ _ANYTHING: Final = (
 #: what is nothing by itself, and much where something has to be done: a pilot, an autopilot that does not follow
 _IN_THE_WAY: Final = (
     (Fault.PILOT, Target.NOBODY, 5.0, 60.0),
-    (Fault.DISOBEYS, Target.NOBODY, 10.0, 60.0),
+    (Fault.DISOBEYS, Target.NOBODY, 15.0, 60.0),
     (Fault.STUCK, Target.NOBODY, 40.0, 120.0),
 )
 #: causes beside which somebody can still land what has no energy left to return: the companion, and nobody before it
@@ -177,6 +177,10 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
     if Cause.ENERGY in causes and causes - {Cause.ENERGY} <= _LEAVES_HANDS and chance.random() < 0.5:
         part = chance.uniform(*_TOO_LITTLE)  # only to land is right, and nobody is in the way of it
         return tuple(replace(each, amount=part) if each.fault is Fault.SAG else each for each in found)
+    if Cause.ENERGY in causes and chance.random() < 0.3:
+        # nobody but the companion brings home whom the energy leaves: what if it is not obeyed at first?
+        how = Fault.DISOBEYS, Target.NOBODY, 20.0, 60.0
+        return (*found, _strike(chance, how, at_s + chance.uniform(-12.0, -4.0), when, late=late))
     return (*found, *_on_top(chance, when, at_s, late=late))
 
 
@@ -184,7 +188,7 @@ def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[St
     """What comes on top: when the causes of the cell come, or at any time."""
     luck = chance.random()
     if luck < 0.2:
-        return (_strike(chance, chance.choice(_IN_THE_WAY), at_s + chance.uniform(-10.0, 12.0), when, late=late),)
+        return (_strike(chance, chance.choice(_IN_THE_WAY), at_s + chance.uniform(-9.0, 5.0), when, late=late),)
     if luck < 0.27:
         return (_strike(chance, chance.choice(_ANYTHING), at_s + chance.uniform(-6.0, 10.0), when, late=late),)
     if luck < 0.34:

@@ -13,7 +13,9 @@ import pytest
 
 from mavproxy_handover.core.safety.causes import Cause
 from sitl.campaign.compare import compare
+from sitl.campaign.faults import Fault
 from sitl.campaign.figures import all_cells, figures, wilson
+from sitl.campaign.gaps import find_gaps
 from sitl.campaign.judge import UNSAFE, judge
 from sitl.campaign.log import FlightLog, Flown, Series
 from sitl.campaign.main import main
@@ -68,6 +70,31 @@ def test_most_flights_have_two_handovers_and_ten_minutes_behind_them_before_anyt
         planned = [strike for strike in plan.strikes if strike.late]
         if len(planned) == len(plan.strikes):
             assert all(at >= min(ripe) for at in struck)
+
+
+def test_a_gap_lies_on_the_way_behind_two_handovers() -> None:
+    found = 0
+    for seed in range(192):
+        plan = draw(seed)
+        gaps = tuple(find_gaps(plan.way, plan.zones.values(), plan.model(), plan.speed_mps, 1.0))
+        if plan.ripe_s[0] > 0.0 and Cause.OUT_OF_COVERAGE in (plan.cell.first, plan.cell.second):
+            found += 1
+            assert gaps
+            way = plan.way[: gaps[0].waypoint + 1]
+            flown_m = sum(a.away_m(b.x_m, b.y_m) for a, b in pairwise(way))
+            assert flown_m / plan.speed_mps > plan.ripe_s[0]
+    assert found > 10
+
+
+def test_where_the_energy_is_too_little_to_return_nobody_is_in_the_way_of_a_landing() -> None:
+    scarce = 0
+    for seed in range(1000):
+        plan = draw(seed)
+        if any(strike.fault is Fault.SAG and strike.amount < 0.8 for strike in plan.strikes):
+            scarce += 1
+            in_the_way = {Fault.PILOT, Fault.DISOBEYS, Fault.STUCK, Fault.GONE, Fault.BLIND, Fault.LIFT, Fault.NO_FIX}
+            assert in_the_way.isdisjoint(strike.fault for strike in plan.strikes)
+    assert scarce > 20
 
 
 def test_operators_agree_until_faults_may_strike() -> None:
