@@ -14,9 +14,12 @@ from typing import Final
 __all__ = ["NEVER", "ROUND", "SECOND", "in_seconds", "in_ticks", "on_round"]
 
 SECOND: Final = 64
-#: between two rounds of the companion's main loop: 21.3 a second, where 20 are promised
-ROUND: Final = 3
+#: the longest between two rounds of the companion's main loop, of which there are 20 a second
+ROUND: Final = 4
 NEVER: Final = 1 << 60
+#: so many ticks hold five rounds, at 0, 3, 6, 10 and 13: every second has the same, whole ones may be left out
+_FIVE: Final = 16
+_NEXT: Final = tuple(next(at for at in (0, 3, 6, 10, 13, _FIVE) if at >= tick) for tick in range(_FIVE))
 
 
 def in_seconds(ticks: int) -> float:
@@ -31,4 +34,4 @@ def in_ticks(seconds: float) -> int:
 
 def on_round(ticks: int) -> int:
     """The first round of the main loop then or later."""
-    return -(-ticks // ROUND) * ROUND
+    return ticks - ticks % _FIVE + _NEXT[ticks % _FIVE]

@@ -4,7 +4,7 @@
 
 Events stand in two queues: what is planned (faults, operators, restarts), and what is routine or a message (heartbeats,
 CONNECT, status, the words of a transfer). Beside them stand the times of aircraft, guard and companion. The companion's
-main loop goes round every `ROUND` ticks: position first, then what the rules have due.
+main loop goes round 20 times a second: position first, then what the rules have due.
 
 Two ways to let time pass, and the same comes of both (`tests/sitl/test_campaign_pace.py`):
 
@@ -101,7 +101,7 @@ class World:
         self._no_position = False
         #: for the piece that began then; -1: to be found out
         self._piece_of = -1
-        self._round = -ROUND
+        self._round = -SECOND
         self._beaten = False
         #: when the rules have something due, as they count, and after how many events that was
         self._due, self._due_of = NEVER, -1
@@ -206,7 +206,7 @@ class World:
 
     def _next_round(self, now: int, planned: int) -> int:
         """When the main loop goes round next with something to come of it."""
-        following = max(self._round + ROUND, on_round(self.now))
+        following = on_round(max(self._round + 1, self.now))
         companion = self.companion
         assert companion is not None
         if self.plain or following > now:  # something else comes first
@@ -292,7 +292,7 @@ class World:
                 return
             self.stood += left_out
             self._routine[:] = [(at + left_out, number, job) for at, number, job in self._routine]
-            self._round = on_round(self._round + left_out)
+            self._round += left_out
             now += left_out
             self.now = now
             if now < companion.places.due:
