@@ -158,7 +158,7 @@ def draw(seed: int) -> FlightPlan:
     cell = Cell.of(seed)
     gap = Cause.OUT_OF_COVERAGE in (cell.first, cell.second)
     late = chance.random() >= EARLY
-    stations = _stations(chance, slow=cell.phase is Phase.ON_HANDOVER, gap=gap, late=late)
+    stations = _stations(chance, slow=cell.phase is Phase.ON_HANDOVER, silent=cell.at_a_border, gap=gap, late=late)
     speed = chance.uniform(8.0, 12.0)
     route, way, ripe_s = _way(chance, stations, speed, late=late)
     wind = Wind(chance.uniform(0.0, 5.0), chance.uniform(0.0, 360.0))
@@ -210,9 +210,10 @@ def draw(seed: int) -> FlightPlan:
     )
 
 
-def _stations(chance: Random, *, slow: bool, gap: bool, late: bool) -> tuple[StationPlan, ...]:
-    """A chain of zones, home in the first. `slow`: operators take their time; `gap`: there is one between two zones;
-    `late`: before it there are two zones at least."""
+def _stations(chance: Random, *, slow: bool, silent: bool, gap: bool, late: bool) -> tuple[StationPlan, ...]:
+    """A chain of zones, home in the first. `slow`: operators take their time, and (`silent`) most never answer, so that
+    a transfer is under way at a border; `gap`: there is one between two zones; `late`: before it there are two zones at
+    least."""
     count = chance.choice((2, 2, 3, 3, 3, 4, 5))
     gap_at = 0
     if gap or chance.random() < 0.06:
@@ -236,6 +237,8 @@ def _stations(chance: Random, *, slow: bool, gap: bool, late: bool) -> tuple[Sta
         asked = chance.random() < (0.8 if slow else 0.1)
         yes, after = chance.random() < 0.85, chance.randrange((10 if slow else 2) * 64, 25 * 64)
         answer = (yes, after) if chance.random() < 0.9 else None
+        if slow and silent:
+            asked, answer = True, answer if chance.random() < 0.1 else None
         found.append(
             StationPlan(FIRST + number, f"GCS{'ABCDE'[number]}", zone, chance.choice((1, 2, 4, 10)), asked, answer)
         )

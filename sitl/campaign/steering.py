@@ -41,6 +41,11 @@ class Cell:
         return CELLS[seed % len(CELLS)]
 
     @property
+    def at_a_border(self) -> bool:
+        """One of them comes up at a border."""
+        return bool({self.first, self.second} & _AT_A_BORDER)
+
+    @property
     def words(self) -> str:
         """For people."""
         return f"{self.first.value} with {self.second.value} in {self.phase.name.lower()}"
@@ -100,6 +105,8 @@ _TAKES_S: Final[Mapping[Cause, float]] = {
 }
 #: causes that are there when the aircraft comes to a border, whenever their fault has struck
 _AT_A_BORDER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.OUT_OF_COVERAGE})
+#: causes that come up in another way while a transfer is under way
+_IN_A_TRANSFER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.LINKS_WEAK})
 #: causes behind which the rules hear no more of where the aircraft is
 _NO_NEWS: Final = frozenset({Cause.POSITION_STALE, Cause.AUTOPILOT_LOST})
 #: so long (s) behind take-off, or behind the moment when the flight is ripe, causes are to meet
@@ -162,10 +169,12 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
         gust = _strike(chance, (Fault.GUST, Target.NOBODY, 60.0, 400.0), chance.uniform(11.0, 17.0), late=late)
         return (replace(gust, border=True, bare=True),)
     when, at_s = _moment(chance, cell, late=late)
-    found = []
+    found: list[Strike] = []
     for cause in (cell.first, cell.second):
         how = chance.choice(_PROVOKES[cause])
-        if cause in _AT_A_BORDER and how[0] is not Fault.BREACH:
+        if cell.phase is Phase.ON_HANDOVER and cause in _IN_A_TRANSFER:
+            found += _in_a_transfer(chance, cell, cause, when, at_s, late=late)
+        elif cause in _AT_A_BORDER and how[0] is not Fault.BREACH:
             found.append(_strike(chance, how, chance.uniform(0.0 if late else 5.0, 30.0), late=late))
         else:
             strikes_s = at_s + _later_s(cause, cell) - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0)
@@ -182,6 +191,21 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
         how = Fault.DISOBEYS, Target.NOBODY, 20.0, 60.0
         return (*found, _strike(chance, how, at_s + chance.uniform(-12.0, -4.0), when, late=late))
     return (*found, *_on_top(chance, when, at_s, late=late))
+
+
+def _in_a_transfer(
+    chance: Random, cell: Cell, cause: Cause, when: _When, at_s: float, *, late: bool
+) -> tuple[Strike, ...]:
+    """What comes up while a transfer is under way. Where coverage ends, that is by operators who do not answer."""
+    if cause is Cause.NO_STATION:  # it dies when the border is near, and is not yet known to be lost behind it
+        dies = Fault.DEAD, Target.NEXT, 30.0, 90.0
+        return (_strike(chance, dies, chance.uniform(8.0, 10.3), when, late=late),)
+    if cause is Cause.LINKS_WEAK:  # of both, else it is a reason to move
+        weak = Fault.WEAK, Target.ALL, 60.0, 400.0
+        if cell.at_a_border:
+            return (_strike(chance, weak, chance.uniform(0.0, 20.0), late=late),)
+        return (_strike(chance, weak, at_s - _TAKES_S[cause], when, late=late),)
+    return ()
 
 
 def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
@@ -207,8 +231,13 @@ def _later_s(cause: Cause, cell: Cell) -> float:
 def _moment(chance: Random, cell: Cell, *, late: bool) -> tuple[_When, float]:
     """When both causes are to be there: behind take-off (`late`: from when the flight is ripe), or behind what is seen
     in flight (s)."""
-    if {cell.first, cell.second} & _AT_A_BORDER:
+    causes = {cell.first, cell.second}
+    if cell.at_a_border and cell.phase is Phase.ON_HANDOVER:
+        return (None, 1, True), chance.uniform(*((11.0, 14.0) if Cause.NO_STATION in causes else (5.5, 10.0)))
+    if cell.at_a_border:
         return (None, 1, True), chance.uniform(4.0, 12.0)
+    if cell.phase is Phase.ON_HANDOVER and Cause.LINKS_WEAK in causes:
+        return (Phase.ON_HANDOVER, 1, False), chance.uniform(13.0, 20.0)
     if cell.phase is Phase.ON_HANDOVER:
         return (Phase.ON_HANDOVER, 1 if late else chance.choice((1, 1, 2)), False), chance.uniform(3.0, 9.0)
     return (None, 1, False), chance.uniform(*(_SOON_S if late else _EARLY_S))
