@@ -107,6 +107,10 @@ _TAKES_S: Final[Mapping[Cause, float]] = {
 _AT_A_BORDER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.OUT_OF_COVERAGE})
 #: causes that come up in another way while a transfer is under way
 _IN_A_TRANSFER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.LINKS_WEAK})
+#: causes that come up, and stay, only while the mission is flown
+_UNDER_WAY: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.FENCE, Cause.OFF_ROUTE})
+#: what is never but warned of by a vehicle that is to come home by itself
+_GRAVE: Final = frozenset({Cause.COMMANDER_LOST, Cause.OUT_OF_COVERAGE, Cause.ENERGY, Cause.NO_STATION})
 #: causes behind which the rules hear no more of where the aircraft is
 _NO_NEWS: Final = frozenset({Cause.POSITION_STALE, Cause.AUTOPILOT_LOST})
 #: so long (s) behind take-off, or behind the moment when the flight is ripe, causes are to meet
@@ -179,9 +183,8 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
         else:
             strikes_s = at_s + _later_s(cause, cell) - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0)
             found.append(_strike(chance, how, strikes_s, when, late=late))
-    if cell.phase is Phase.EMERGENCY and chance.random() < 0.7:  # something has to bring that about
-        lost = chance.choice(((Fault.BURST, Target.ALL, 12.0, 30.0), (Fault.DEAD, Target.ALL, 12.0, 60.0)))
-        found.append(_strike(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when, late=late))
+    if cell.phase is Phase.EMERGENCY:
+        found += _emergency(chance, cell, when, at_s, late=late)
     causes = {cell.first, cell.second}
     if Cause.ENERGY in causes and causes - {Cause.ENERGY} <= _LEAVES_HANDS and chance.random() < 0.5:
         part = chance.uniform(*_TOO_LITTLE)  # only to land is right, and nobody is in the way of it
@@ -191,6 +194,17 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
         how = Fault.DISOBEYS, Target.NOBODY, 20.0, 60.0
         return (*found, _strike(chance, how, at_s + chance.uniform(-12.0, -4.0), when, late=late))
     return (*found, *_on_top(chance, when, at_s, late=late))
+
+
+def _emergency(chance: Random, cell: Cell, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
+    """What brings an emergency about where neither of the two causes does."""
+    causes = {cell.first, cell.second}
+    if chance.random() < 0.2:
+        lost = chance.choice(((Fault.BURST, Target.ALL, 12.0, 30.0), (Fault.DEAD, Target.ALL, 12.0, 60.0)))
+        return (_strike(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when, late=late),)
+    if causes & (_GRAVE | _UNDER_WAY):
+        return ()
+    return (_strike(chance, chance.choice(_PROVOKES[Cause.ENERGY]), at_s - 5.0, when, late=late),)
 
 
 def _in_a_transfer(
@@ -221,8 +235,11 @@ def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[St
 
 
 def _later_s(cause: Cause, cell: Cell) -> float:
-    """What leaves the rules without news strikes when they have had the other news."""
+    """What leaves the rules without news strikes when they have had the other news, and what turns the aircraft back
+    when what comes up on the way alone is there."""
     other = cell.second if cause is cell.first else cell.first
+    if cell.phase is Phase.EMERGENCY and cause in _GRAVE and other in _UNDER_WAY:
+        return 3.0
     if cause not in _NO_NEWS or other in _NO_NEWS:
         return 0.0
     return 9.0 if other in _AT_A_BORDER else 5.0
@@ -243,13 +260,23 @@ def _moment(chance: Random, cell: Cell, *, late: bool) -> tuple[_When, float]:
     return (None, 1, False), chance.uniform(*(_SOON_S if late else _EARLY_S))
 
 
-#: what is never but warned of by a vehicle that is to come home by itself
-_GRAVE: Final = frozenset({Cause.COMMANDER_LOST, Cause.OUT_OF_COVERAGE, Cause.ENERGY, Cause.NO_STATION})
+def _turns_back(chance: Random, cell: Cell) -> dict[Cause, str]:
+    """What is flown home for, in an emergency that one of these causes has to bring about, and is there with it."""
+    under_way = [cause for cause in (cell.first, cell.second) if cause in _UNDER_WAY]
+    if cell.phase is not Phase.EMERGENCY or not under_way or chance.random() < 0.2:
+        return {}
+    grave = {cell.first, cell.second} & (_GRAVE - _UNDER_WAY)
+    turns = None if grave else chance.choice(under_way)
+    return {
+        cause: "return" if cause is turns else "warn"
+        for cause in (cell.first, cell.second)
+        if cause not in grave and "warn" in CAUSES[cause].policies
+    }
 
 
 def policies_for(chance: Random, cell: Cell) -> Mapping[Cause, str]:
     """Mostly those of the table."""
-    chosen = {}
+    chosen = _turns_back(chance, cell)
     if Cause.COVERAGE_ENDS not in (cell.first, cell.second) and {cell.first, cell.second} & _AT_A_BORDER:
         chosen[Cause.COVERAGE_ENDS] = "off"  # else it would stop before anything happens at the border
     for cause, row in CAUSES.items():
