@@ -99,7 +99,7 @@ class Candidates:
     def reasons(self, owner: int, now: float, actions: list[Action]) -> dict[int, Reason]:
         """The stations that authority could move to now, and why it should."""
         fit = self._fit(owner, now, actions)
-        reasons = self.zones.reasons(owner, fit, now, self.links.better(owner, fit, now))
+        reasons = self.zones.reasons(owner, fit, now, self.links.better(owner, fit, now), self.links.worse(owner, fit))
         return {station: why for station, why in reasons.items() if self.paused_s(station, why, now) <= 0.0}
 
     def wanted(self, owner: int, now: float, actions: list[Action]) -> tuple[int, Reason] | None:

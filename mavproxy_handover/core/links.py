@@ -57,6 +57,10 @@ class Links:
         """Whether somebody else speaks in its name."""
         return station in self._attacked
 
+    def worse(self, commander: int, stations: Iterable[int]) -> list[int]:
+        """Those of `stations` whose links are weak, while the commander's are good."""
+        return [] if commander in self._weak else [station for station in stations if station in self._weak]
+
     def better(self, commander: int, stations: Iterable[int], now: float) -> list[int]:
         """Those of `stations` whose links have long been good, while the commander's have been weak for a while."""
         if now - self._weak.get(commander, inf) < self._limits.link_weak_s:

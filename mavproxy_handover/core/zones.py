@@ -8,6 +8,7 @@ Rules
   not flicker.
 * Authority moves to a station when its zone is entered while another commands (the thesis's rule), or when the
   commander's zone has ended or is about to end along the track while another zone still holds the aircraft longer.
+* A zone alone is no reason to move from good links to weak ones: the links would call authority back at once.
 * After a change of authority only a zone entered since then counts as entered, and nothing moves during the dwell
   time unless the commander's zone has ended: no ping-pong inside one handover region.
 * Where several stations would do: the next one on the route, then the one that keeps the aircraft longest.
@@ -122,12 +123,12 @@ class ZoneTracker:
         return frozenset() if fact is None else fact.beyond
 
     def reasons(
-        self, commander: int, usable: Sequence[int], now: float, better: Sequence[int] = ()
+        self, commander: int, usable: Sequence[int], now: float, better: Sequence[int] = (), worse: Sequence[int] = ()
     ) -> dict[int, Reason]:
         """Why authority should move now: each station that it should move to, with the gravest reason.
 
         `usable`: stations that could take the aircraft. `better`: those of them whose links are good while the
-        commander's are not.
+        commander's are not; `worse`: those whose links are weak while the commander's are good.
         """
         if now - self._moved_at < self._limits.dwell_s and commander in self._inside:
             return {}
@@ -143,7 +144,7 @@ class ZoneTracker:
             # a better link is no reason to go where the zone is about to end: authority would come back at once
             elif station in better and own_s > self._limits.exit_soon_s:
                 found[station] = Reason.LINK_QUALITY
-            elif station in self._fresh:
+            elif station in self._fresh and station not in worse:
                 found[station] = Reason.ZONE
         return found
 

@@ -91,3 +91,34 @@ def test_an_attack_is_told_and_changes_nothing() -> None:
     judged(bench, view.commander or 0, attacked=True)
     assert bench.arbiter.view == view
     assert bench.records("attack")[-1].reason is Reason.AUTHENTICATION
+
+
+def test_the_zone_of_a_station_with_weak_links_does_not_call_while_the_commanders_are_good() -> None:
+    """It would be called back for its links a moment later, and so on (campaign, seed 1101778)."""
+    bench = Bench().on_mission()
+    bench.position(inside(A), outside(B))
+    judged(bench, B, weak=True)
+    bench.position(inside(A), inside(B))
+    bench.run(10.0)
+    assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (A, None)
+    judged(bench, B)
+    bench.position(inside(A), inside(B))
+    assert bench.arbiter.view.partner == B, "now it does: the zone was entered, and nothing has moved since"
+    assert bench.records("transfer_begun")[-1].reason is Reason.ZONE
+
+
+def test_where_both_are_weak_the_zone_calls_as_ever() -> None:
+    bench = Bench().on_mission()
+    bench.position(inside(A), outside(B))
+    judged(bench, A, weak=True)
+    judged(bench, B, weak=True)
+    bench.position(inside(A), inside(B))
+    assert bench.arbiter.view.partner == B
+
+
+def test_weak_links_are_better_than_the_end_of_a_zone() -> None:
+    bench = Bench().on_mission()
+    judged(bench, B, weak=True)
+    bench.position(inside(A, exit_s=6.0), inside(B))
+    assert bench.arbiter.view.partner == B
+    assert bench.records("transfer_begun")[-1].reason is Reason.ZONE_ENDS
