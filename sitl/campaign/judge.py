@@ -24,6 +24,7 @@ from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.core.safety.energy import EnergyModel, way_home
 from sitl.campaign.aircraft import Mode
+from sitl.campaign.gaps import CONTACT_S
 from sitl.campaign.log import FlightLog
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Spot, bearing_deg
@@ -85,6 +86,8 @@ class Moment:
     obeys: bool
     #: limit (s) of the declared gap that it flies through; 0: in none
     gap_s: float
+    #: right behind one, where the rules give the far station time to make contact
+    behind_gap: bool
     #: stations that work, and whose zones hold the aircraft
     usable: frozenset[int]
     #: stations that work, and whose links hold the aircraft
@@ -138,6 +141,7 @@ def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
                 companion,
                 log.obeys.at(at),
                 _gap_s(plan, piece.mode, x, y),
+                _behind_gap(plan, x, y),
                 usable,
                 heard,
                 writes,
@@ -168,6 +172,12 @@ def _gap_s(plan: FlightPlan, mode: str, x: float, y: float) -> float:
         if along is not None and -BORDER_M <= along <= gap.length_m + BORDER_M:
             return gap.limit_s
     return 0.0
+
+
+def _behind_gap(plan: FlightPlan, x: float, y: float) -> bool:
+    alongs = [(gap.length_m, gap.along_m(x, y)) for gap in plan.gaps]
+    contact_m = CONTACT_S * plan.speed_mps + BORDER_M
+    return any(along is not None and 0.0 <= along - length_m <= contact_m for length_m, along in alongs)
 
 
 def _longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment], bool]) -> Moment | None:
@@ -337,15 +347,18 @@ def _outside_all(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...])
 
 
 def _lost(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    found = _unnoticed(log, moments, lambda m: m.commander is None)
+    found = _unnoticed(log, moments, lambda m: m.commander is None and not m.behind_gap)
     if found is None:
         return None
     return Found("nobody, not noticed", found.at, f"{REACTS_S} s without a commander with all whole, and it flew on")
 
 
-def _left_to_others(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+def _left_to_others(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
     for (began, before, _), (at, mode, by) in pairwise(log.modes):
         stands_behind = by in ("guard", "GCS failsafe") and before in _ON_ITS_WAY and mode == Mode.RTL.name
+        x, y, _z = log.place_at(at)
+        if by == "GCS failsafe" and (_gap_s(plan, before, x, y) or _behind_gap(plan, x, y)):
+            continue  # without a guard, which has it watch the companion, it allows no gap
         if stands_behind and at - began >= _SETTLED_S * SECOND and _whole_s(log, at - 1) >= _SETTLED_S:
             return Found("left to others", at, f"all was whole, and it was the {by} that sent it home")
     return None

@@ -164,6 +164,35 @@ def test_the_same_comes_of_it_however_time_is_let_pass(limit_s: float | None) ->
 # ---- the judge -------------------------------------------------------------------------------------------------------
 
 
+def alone(x: float, seconds: int, by: str = "companion") -> list[str]:
+    """Nobody commands who hangs so far along the way, in a gap with time left, until it is sent home by that; what of
+    it is left undone by the rules."""
+    (gap,) = find_gaps(WAY, ZONES, MODEL, 10.0, 1.0)
+    plan = replace(declaring(), gaps=(replace(gap, limit_s=300.0),), speed_mps=10.0)
+    stations = tuple(replace(station, zone=zone) for station, zone in zip(plan.stations[:2], ZONES, strict=True))
+    plan = replace(plan, stations=stations)
+    log = FlightLog(landed=(1000 * SECOND, 0.0, 0.0), ended=1000 * SECOND)
+    for station in stations:
+        log.working[station.sysid], log.believes[station.sysid] = Series(True), Series(None)
+    log.flown = [Flown(0, seconds * SECOND, x, 0.0, 50.0, 0.0, 0.0, 0.0, "AUTO")]
+    log.modes = [(0, "AUTO", "start"), (seconds * SECOND, "RTL", by), (1000 * SECOND, "GROUND", by)]
+    return [found.row for found in judge(plan, log) if found.row in ("nobody, not noticed", "left to others")]
+
+
+def test_nobody_is_left_alone_in_a_gap_or_right_behind_it() -> None:
+    assert alone(1250.0, 60) == []
+    assert alone(1500.0 + 65.0, 60) == []  # the far station has yet to make contact
+    assert alone(1500.0 + 75.0, 60) == ["nobody, not noticed"]
+    assert alone(950.0, 60) == ["nobody, not noticed"]
+
+
+def test_without_a_guard_the_failsafe_ends_a_crossing_and_a_guard_does_not() -> None:
+    assert alone(1250.0, 60, "GCS failsafe") == []
+    assert alone(1250.0, 60, "guard") == ["left to others"]
+    assert alone(1500.0 + 65.0, 9, "GCS failsafe") == []
+    assert alone(1500.0 + 75.0, 12, "GCS failsafe") == ["left to others"]
+
+
 @pytest.mark.parametrize(("seconds", "rows"), [(30 + 18, []), (30 + 19, ["uncovered, nothing done"])])
 def test_the_judge_allows_the_limit_of_the_gap_and_no_second_more(seconds: int, rows: list[str]) -> None:
     (gap,) = find_gaps(WAY, ZONES, MODEL, 10.0, 1.0)
