@@ -12,19 +12,30 @@ from typing import Any, Protocol
 from MAVProxy.modules.lib import mp_settings
 from pymavlink.dialects.v20 import handover as mavlink
 
+from gcs_module.alarms import Level
+from gcs_module.banner import Situation
 from gcs_module.core import Answer, Event, StationCore, Wish
 from gcs_module.decisions import Decisions
 from gcs_module.narrator import StationNarrator
 from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
-from gcs_module.view import View, telemetry_line
+from gcs_module.view import View, telemetry_line, telemetry_table
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, command_long
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LIMITS, MISSION_START, OPERATOR_CONTROL
+from mavproxy_handover.wire.ids import (
+    AUTOPILOT_COMPID,
+    COMPANION_COMPID,
+    COPTER_AUTO,
+    LIMITS,
+    MISSION_START,
+    OPERATOR_CONTROL,
+)
 
 __all__ = ["StationCommands"]
 
 _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
+#: less than texts of the companion wait (`texts.py`)
+_WHY_S = 0.4
 
 
 class Host(Protocol):
@@ -46,6 +57,12 @@ class Host(Protocol):
     def to_vehicle(self, message: Any) -> None:
         """Send a MAVLink message to the vehicle."""
 
+    def situation(self) -> Situation:
+        """What is known of the vehicle now."""
+
+    def said(self, beginning: str) -> str:
+        """Words of the companion that begin so and are not shown yet; "" if there are none."""
+
 
 class StationCommands:
     """The operator's commands. A command to the aircraft is asked again until it is acknowledged."""
@@ -63,6 +80,8 @@ class StationCommands:
             ]
         )
         self._talks: dict[str, Conversation] = {}
+        #: refused, and until when words that say why may still come
+        self._refused: dict[str, tuple[str, float]] = {}
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
             "status": ("who commands, this station's part, telemetry, links", self._status),
             "share": ("send the mission package to the vehicle and to the other stations", self._share),
@@ -71,6 +90,12 @@ class StationCommands:
             "continue": ("CONTINUE the mission", lambda: self._command("CONTINUE", _PAUSE, 1)),
             "request": ("ask for control of the aircraft", self._request),
             "release": ("give control up; in flight only to a station that can take it", self._release),
+            "resume": (
+                "AUTO again after a return, a landing or a hold: on with the mission where it was left",
+                self._resume,
+            ),
+            "ack": ("silence the alarms that stand", module.narrator.acknowledged),
+            "telemetry": ("all that the vehicle says of the aircraft", self._telemetry),
             "accept": ("answer the question of a handover: yes", lambda: module.operator(Answer(True))),
             "deny": ("answer the question of a handover: no", lambda: module.operator(Answer(False))),
         }
@@ -133,6 +158,14 @@ class StationCommands:
             result = yield Ask("the end of the command", (), _ack(command, final=True), timeout_s=60.0, tries=1)
         return result
 
+    def _resume(self) -> None:
+        """The vehicle judges it as any AUTO of its commander: leg, fence, coverage, energy."""
+        if self._module.decisions.text:
+            self._module.view.line(f"RESUME not sent: {self._module.decisions.text}", Level.ADVISORY)
+            return
+        custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
+        self._command("RESUME", mavlink.MAV_CMD_DO_SET_MODE, custom, float(COPTER_AUTO))
+
     def _request(self) -> None:
         """Whoever commands is asked; the answer of the vehicle says that, AUTHORITY_STATUS who commands."""
         own = self._module.config.station.sysid
@@ -174,18 +207,33 @@ class StationCommands:
         """Time has passed: repeats what was not answered, tells what was."""
         for word, talk in list(self._talks.items()):
             talk.tick(now)
-            if not talk.finished:
-                continue
-            del self._talks[word]
-            if talk.failure is not None:
-                outcome, text = "no answer", f"{word}: no answer of the vehicle."
-            else:
-                outcome = _result_name(talk.result)
-                accepted = talk.result == mavlink.MAV_RESULT_ACCEPTED
-                text = f"{word} accepted." if accepted else f"{word} refused: {outcome.replace('_', ' ')}."
-                if word in ("REQUEST", "GIVE") and talk.result == mavlink.MAV_RESULT_FAILED:
-                    outcome, text = "pending", f"{word}: the commander is being asked."
-            self._module.narrator.command_ended(word, outcome, text)
+            if talk.finished:
+                del self._talks[word]
+                self._ended(word, talk, now)
+        for word, (outcome, until) in list(self._refused.items()):
+            why = self._module.said(f"{word} refused: ")
+            if why or now >= until:
+                del self._refused[word]
+                text = f"{word} refused: {why.partition(': ')[2] or outcome.replace('_', ' ')}"
+                self._module.narrator.command_ended(word, outcome, f"{text.rstrip('.')}.{self._hint(word)}")
+
+    def _ended(self, word: str, talk: Conversation, now: float) -> None:
+        narrator = self._module.narrator
+        if talk.failure is not None:
+            narrator.command_ended(word, "no answer", f"{word}: no answer of the vehicle.")
+        elif talk.result == mavlink.MAV_RESULT_ACCEPTED:
+            narrator.command_ended(word, "accepted", f"{word} accepted.")
+        elif word in ("REQUEST", "GIVE") and talk.result == mavlink.MAV_RESULT_FAILED:
+            narrator.command_ended(word, "pending", f"{word}: the commander is being asked.")
+        else:  # why is said in words of its own, which come before or behind the answer
+            self._refused[word] = _result_name(talk.result), now + _WHY_S
+
+    def _hint(self, word: str) -> str:
+        """What brings the mission back where STOP and CONTINUE cannot."""
+        mode = self._module.situation().mode
+        if word in ("STOP", "CONTINUE") and mode not in ("", "AUTO"):
+            return f" The aircraft is in {mode}: 'handover resume' brings it back to its mission."
+        return ""
 
     # ---- others ---------------------------------------------------------------------------------------------------
 
@@ -200,6 +248,18 @@ class StationCommands:
             module.desk.offer(peer.station.sysid, 0, now)
         module.view.line(f"Sharing mission {module.desk.held.name!r}.")
 
+    def _telemetry(self) -> None:
+        module, telemetry = self._module, self._module.view.last_telemetry
+        if telemetry is None:
+            module.view.show("telemetry none yet: the vehicle sends it to who commands, and to a partner")
+            return
+        old = module.view.telemetry_age(time.monotonic())
+        if old:
+            module.view.show(f"telemetry{old}")
+        zone = module.core.name(telemetry.zone) if telemetry.zone else "none"
+        for row in telemetry_table(telemetry, zone, module.situation().mode):
+            module.view.show(row)
+
     def _take(self, name: str) -> None:
         self._module.view.line(self._module.desk.inbox.take(name, self._module.disarmed))
 
@@ -210,6 +270,8 @@ class StationCommands:
         show(f"commander {core.name(core.commander)}, epoch {core.epoch}; this station is {core.role.value}")
         if module.decisions.text:
             show(f"decision  {module.decisions.text}")
+        for alarm in module.narrator.alarms.standing:
+            show(f"alarm     {alarm.level.name}: {alarm.text}{' (acknowledged)' if alarm.acknowledged else ''}")
         if core.question is not None:
             show(f"question  handover {core.question.handover_id}: 'handover accept' or 'handover deny'")
         held = module.desk.held
@@ -228,7 +290,7 @@ class StationCommands:
         telemetry = module.view.last_telemetry
         if telemetry is not None:
             zone = core.name(telemetry.zone) if telemetry.zone else "none"
-            show(f"telemetry {telemetry_line(telemetry, zone)}")
+            show(f"telemetry {telemetry_line(telemetry, zone)}{module.view.telemetry_age(now)}")
         if module.faults:
             show("faults    " + ", ".join(f"{where} {count}" for where, count in module.faults.items()))
 

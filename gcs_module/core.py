@@ -122,6 +122,8 @@ class StationCore:
     VEHICLE_LOST_S = 5.0
     #: how long what the operator asked for stands
     WISH_S = 60.0
+    #: so long before its end the operator is told that the commander's zone ends; and not again before it was so long
+    ENDS_S, AGAIN_S = 15.0, 18.0
 
     def __init__(
         self, station: Station, vehicle_name: str, peers: tuple[Station, ...], *, automatic: Collection[str]
@@ -132,8 +134,13 @@ class StationCore:
         self._automatic = frozenset(automatic)
         self._names = {peer.sysid: peer.name for peer in peers} | {station.sysid: station.name}
         self._peers_heard = {peer.sysid: -inf for peer in peers}
+        #: those whose ground link is known to work
+        self._peers_up: frozenset[int] = frozenset()
         self._vehicle_heard = -inf
         self._vehicle_lost = True
+        #: whose zone holds the aircraft, the commander's first; and the commander's is about to end
+        self._zone: int | None = None
+        self._zone_ending = False
         self._part: _Part | None = None
         #: when a question was last over unanswered, and until when an answer may be meant for that one
         self._unanswered_at = -inf
@@ -176,9 +183,13 @@ class StationCore:
         """Whether the ground link to another station works."""
         return now - self._peers_heard.get(peer, -inf) < self.PEER_LOST_S
 
+    def vehicle_silent_s(self, now: float) -> float:
+        """How long the vehicle's companion has not been heard; inf if it never was."""
+        return now - self._vehicle_heard
+
     def vehicle_alive(self, now: float) -> bool:
         """Whether the vehicle's companion is heard."""
-        return now - self._vehicle_heard < self.VEHICLE_LOST_S
+        return self.vehicle_silent_s(now) < self.VEHICLE_LOST_S
 
     # ---- entry points ---------------------------------------------------------------------------------------------
 
@@ -221,11 +232,15 @@ class StationCore:
                 assert_never(event)
 
     def tick(self, now: float) -> list[Action]:
-        """Time has passed: notices that the vehicle has fallen silent."""
-        if self._vehicle_lost or self.vehicle_alive(now):
-            return []
-        self._vehicle_lost = True
-        return [Notice("lost", f"{self._vehicle_name} is not heard any more.", urgent=True)]
+        """Time has passed: notices that the vehicle, or another station, has fallen silent."""
+        actions: list[Action] = []
+        if not self._vehicle_lost and not self.vehicle_alive(now):
+            self._vehicle_lost = True
+            actions.append(Notice("lost", f"{self._vehicle_name} is not heard any more."))
+        for peer in [peer for peer in self._peers_up if not self.peer_alive(peer, now)]:
+            self._peers_up -= {peer}
+            actions.append(Notice("peer_lost", f"Ground link to {self.name(peer)} is down."))
+        return actions
 
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
@@ -273,19 +288,24 @@ class StationCore:
         self._wished_until = -inf  # it was about another commander
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # over, whatever became of it: no question of it is open any more
-        if self.role is before:
+        if commander is None and over and self.phase is not Phase.ON_LOAD:
+            text = f"Nobody commands {self._vehicle_name}. 'handover request' takes over when it is in your zone."
+            notice = Notice("no_commander", text)
+        elif self.role is before:
             notice = Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")
         elif self.role is Role.COMMANDER:
-            notice = Notice("authority", f"{self._station.name} is the commander now, epoch {epoch}.", urgent=True)
+            notice = Notice("control_gained", f"{self._station.name} is the commander now, epoch {epoch}.")
         else:
-            notice = Notice("authority", f"{self.name(commander)} commands now, epoch {epoch}.", urgent=True)
+            notice = Notice("control_lost", f"{self.name(commander)} commands now, epoch {epoch}.")
         actions.append(notice)
 
     def _on_authority(self, event: AuthorityHeard, actions: list[Action]) -> None:
         if event.phase is not self.phase:
             self.phase = event.phase
             phase = event.phase.name.replace("_", " ").lower()
-            actions.append(Notice("phase", f"{self._vehicle_name} is {phase}."))
+            if event.phase is not Phase.EMERGENCY:  # what is wrong and what is done is told with the decision
+                actions.append(Notice("phase", f"{self._vehicle_name} is {phase}."))
+        self._on_zone(event, actions)
         self.partner = event.partner
         self._announced = None
         if event.commander is not None and event.partner is not None:
@@ -294,6 +314,22 @@ class StationCore:
             self._supersede(self._announced, actions)
         self._believe(event.commander, event.epoch, actions, over=not event.recovering)
 
+    def _on_zone(self, event: AuthorityHeard, actions: list[Action]) -> None:
+        """Coverage of whoever commands: about to end, or left."""
+        commander, flying = event.commander, event.phase is not Phase.ON_LOAD
+        ending = flying and commander is not None and event.zone == commander and event.zone_ends_s <= self.ENDS_S
+        if ending and not self._zone_ending:
+            text = f"The zone of {self.name(commander)} ends in {event.zone_ends_s:.0f} s."
+            actions.append(Notice("coverage_ends", text))
+        again = event.zone == commander and event.zone_ends_s <= self.AGAIN_S
+        self._zone_ending = ending or (self._zone_ending and again)
+        left = self._zone == commander and commander is not None and event.zone != commander
+        if flying and left and commander == self.commander:
+            there = f"it is in the zone of {self.name(event.zone)}" if event.zone else "it is in nobody's"
+            text = f"{self._vehicle_name} has left the zone of {self.name(commander)}: {there}."
+            actions.append(Notice("zone_left", text))
+        self._zone = event.zone
+
     def _supersede(self, announced: TransferKey, actions: list[Action]) -> None:
         """The vehicle is about another transfer: one before it is over, and its question with it."""
         part = self._part
@@ -301,7 +337,7 @@ class StationCore:
             return
         self._part = None
         if part.consent is Consent.WAITING:
-            actions.append(Notice("aborted", f"Handover {part.key.handover_id} is over.", urgent=True))
+            actions.append(Notice("aborted", f"Handover {part.key.handover_id} is over."))
 
     def _on_result(self, message: HandoverResult, actions: list[Action]) -> None:
         key = message.key
@@ -309,7 +345,7 @@ class StationCore:
             self._part = None
             if message.outcome is Outcome.ABORTED:
                 why = message.reason.name.lower().replace("_", " ")
-                actions.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}.", urgent=True))
+                actions.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}."))
         self.partner = None
         self._believe(message.commander, key.epoch, actions, over=True)
         actions.append(ToVehicle(self._state(0)))
@@ -354,7 +390,8 @@ class StationCore:
         if new:
             what = f"Handover requested{_about(message.reason)}"
             text = f"{what}: {self.name(key.from_station)} -> {self._station.name}."
-            actions.append(Notice("requested", text + self._hint(consent), urgent=True))
+            event = "requested" if consent is Consent.WAITING else "announced"
+            actions.append(Notice(event, text + self._hint(consent)))
         self._say_ready(key, consent, now, actions)
 
     def _question_in_words(self, part: _Part) -> str:
@@ -395,9 +432,10 @@ class StationCore:
     # ---- as commander ---------------------------------------------------------------------------------------------
 
     def _heard_peer(self, peer: int, now: float, actions: list[Action]) -> None:
-        was_alive = self.peer_alive(peer, now)
+        was_up = peer in self._peers_up and self.peer_alive(peer, now)
         self._peers_heard[peer] = now
-        if not was_alive:
+        if not was_up:
+            self._peers_up |= {peer}
             actions.append(Notice("peer", f"Ground link to {self.name(peer)} is up."))
 
     def _on_peer(self, peer: int, message: Message, now: float, actions: list[Action]) -> None:
@@ -428,7 +466,7 @@ class StationCore:
             actions.append(Notice("consent", "Handover Authorized."))
             return
         text = f"{self.name(key.to_station)} is ready to take {self._vehicle_name}{_about(message.reason)}."
-        actions.append(Notice("asked", text + self._hint(consent), urgent=True))
+        actions.append(Notice("asked", text + self._hint(consent)))
 
     def _release(self, key: TransferKey, actions: list[Action]) -> None:
         """The partner has the aircraft: this station lets go of it, if it has consented to that."""
@@ -461,7 +499,7 @@ class StationCore:
             return
         if now < self._read_until:
             text = f"Another question has just taken its place: {self._question_in_words(part)}. Answer that."
-            actions.append(Notice("question", text, urgent=True))
+            actions.append(Notice("question", text))
             return
         self._settle(part, yes, now, actions)
 

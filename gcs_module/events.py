@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
+from gcs_module.alarms import EVENTS, Level
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import Phase, Reason
 
@@ -69,6 +71,10 @@ class AuthorityHeard:
     recovering: bool = False
     #: why the transfer under way was begun
     why: Reason = Reason.NONE
+    #: whose zone holds the aircraft, the commander's first; None: nobody's
+    zone: int | None = None
+    #: how soon the known way leaves the commander's zone (s); inf: no end in sight
+    zone_ends_s: float = inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +121,17 @@ class ToPeer:
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """A line for the operator and the journal. `event` is a fixed lower-case word; `urgent` lines are spoken."""
+    """A line for the operator and the journal. `event` is a fixed lower-case word of `alarms.EVENTS`, which says how
+    grave it is; `level` says so where the word alone does not."""
 
     event: str
     text: str
-    urgent: bool = False
+    level: Level | None = None
+
+    @property
+    def gravity(self) -> Level:
+        """How grave it is."""
+        return EVENTS[self.event] if self.level is None else self.level
 
 
 Action = ToVehicle | ToPeer | Notice

@@ -11,6 +11,8 @@ started with `--dialect=handover`, with neither CRC nor signature checked, so th
 
 from __future__ import annotations
 
+import math
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -18,8 +20,11 @@ from functools import partial
 from typing import Any
 
 from MAVProxy.modules.lib import mp_module, mp_util
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
+from gcs_module.alarms import Level
+from gcs_module.banner import OLD_S, Situation
 from gcs_module.callers import Callers
 from gcs_module.commands import StationCommands
 from gcs_module.core import (
@@ -31,16 +36,18 @@ from gcs_module.core import (
     MissionHeld,
     Notice,
     PeerHeard,
+    Role,
     StationCore,
     ToPeer,
     ToVehicle,
     VehicleHeard,
 )
-from gcs_module.decisions import Decisions
+from gcs_module.decisions import Decisions, Who
 from gcs_module.means import Means
 from gcs_module.narrator import StationNarrator
 from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
+from gcs_module.texts import Texts
 from gcs_module.uplink import UplinkChoice
 from gcs_module.view import View, telemetry_line
 from mavproxy_handover.clocks import Clocks
@@ -93,7 +100,10 @@ class HandoverGcsModule(mp_module.MPModule):
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)
         self.decisions = Decisions()
-        self.view = View(self.core, config.station.name, self.console, self._speak)
+        self.texts = Texts()
+        #: flight mode of the autopilot by its last heartbeat, and when that came
+        self._mode, self._mode_at = "", -math.inf
+        self.view = View(self.situation, config.station.name, self.console, self._speak, self._ring)
         self.narrator = StationNarrator(means.journal, self.core, self.view)
         self._ground = ground = means.ground
         self._own = mavlink.MAVLink(None, srcSystem=config.station.sysid, srcComponent=self.settings.source_component)
@@ -121,7 +131,8 @@ class HandoverGcsModule(mp_module.MPModule):
             self.narrator.replay_state(ground.note)
         self._kept_source_system = self.settings.source_system
         if self.settings.source_system != config.station.sysid:
-            self.view.line(f"source_system is {self.settings.source_system}: set to {config.station.sysid}.")
+            text = f"source_system is {self.settings.source_system}: set to {config.station.sysid}."
+            self.view.line(text, Level.ADVISORY)
             self.settings.source_system = config.station.sysid
         self._see_to_links()
         if means.held is not None:
@@ -189,6 +200,8 @@ class HandoverGcsModule(mp_module.MPModule):
                 self._on_ours(frame)
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:  # of a request for control
                 self.commands.on_message(m, time.monotonic())
+            elif frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
+                self.texts.on_frame(frame, time.monotonic())
         elif frame.compid == PROBE_COMPID:
             self._answer_probe(frame)
         elif frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
@@ -196,7 +209,37 @@ class HandoverGcsModule(mp_module.MPModule):
         elif frame.msgid in (mavlink.MAVLINK_MSG_ID_COMMAND_ACK, mavlink.MAVLINK_MSG_ID_HEARTBEAT):
             if frame.compid == AUTOPILOT_COMPID and frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self.disarmed = not m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+                self._mode, self._mode_at = mavutil.mode_string_v10(m), time.monotonic()
             self.commands.on_message(m, time.monotonic())
+
+    def situation(self) -> Situation:
+        """What is known of the vehicle now."""
+        core, now = self.core, time.monotonic()
+        fresh = now - self._mode_at <= OLD_S and not self.disarmed
+        return Situation(
+            f"vehicle {self.config.vehicle}",
+            core.phase,
+            core.name(core.commander) if core.commander else "",
+            core.role is Role.COMMANDER,
+            core.name(core.partner) if core.partner else "",
+            self._mode if fresh else "",
+            core.vehicle_silent_s(now),
+            self.decisions.action,
+        )
+
+    @property
+    def _who(self) -> Who:
+        if self.core.commander is None:
+            return Who.NOBODY
+        return Who.THIS if self.core.role is Role.COMMANDER else Who.OTHER
+
+    def said(self, beginning: str) -> str:
+        """Words of the companion that begin so and are not shown yet; "" if there are none."""
+        return self.texts.take(beginning)
+
+    def _show_texts(self, now: float) -> None:
+        for level, text in self.texts.due(now, self.decisions.told):
+            self.narrator.text(level, text, now)
 
     def _on_text(self, m: Any) -> None:
         """MAVProxy shows it; what the gate says of this station's sticks is told in full as well."""
@@ -238,12 +281,14 @@ class HandoverGcsModule(mp_module.MPModule):
             recovering = message.lease == LeaseState.RECOVERING
             who = message.commander or None, message.partner or None
             why = Reason(message.transfer_reason) if message.transfer_reason in list(Reason) else Reason.NONE
-            self._handle(AuthorityHeard(phase, *who, message.epoch, message.handover_id, recovering, why))
+            ends_s = message.zone_ends - 1.0 if message.zone_ends else math.inf
+            zone = message.zone or None
+            self._handle(AuthorityHeard(phase, *who, message.epoch, message.handover_id, recovering, why, zone, ends_s))
             self._route_changed(bool(message.route_changed))
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)
         elif kind == "HANDOVER_DECISION":
-            self._notice(self.decisions.on_message(message))
+            self._notice(self.decisions.on_message(message, self._who))
         elif kind == "HANDOVER_OVERRIDE":
             self.commands.on_message(message, time.monotonic())
         else:
@@ -254,10 +299,10 @@ class HandoverGcsModule(mp_module.MPModule):
                 self._hold()
 
     def _on_telemetry(self, message: Any) -> None:
-        self.view.last_telemetry = message
+        now = time.monotonic()
+        self.view.telemetry(message, now)
         zone = self.core.name(message.zone) if message.zone else "none"
         self.narrator.telemetry(message.lat / 1e7, message.lon / 1e7, zone)
-        now = time.monotonic()
         every_s = self.commands.settings.telemetry
         if every_s > 0 and now - self._telemetry_shown_at >= every_s:
             self._telemetry_shown_at = now
@@ -266,7 +311,7 @@ class HandoverGcsModule(mp_module.MPModule):
 
     def _notice(self, notice: Notice | None) -> None:
         if notice is not None:
-            self.narrator.notice(notice)
+            self.narrator.notice(notice, time.monotonic())
 
     def _on_package(self, frame: Frame, message: Any) -> None:
         now = time.monotonic()
@@ -294,7 +339,7 @@ class HandoverGcsModule(mp_module.MPModule):
         self._rerouted = changed
         if changed:
             text = "The commander has changed the mission in flight: no route check here until it has landed."
-            self._notice(Notice("rerouted", text, urgent=False))
+            self._notice(Notice("rerouted", text))
         self._hold()
 
     def _read_ground(self) -> None:
@@ -331,11 +376,13 @@ class HandoverGcsModule(mp_module.MPModule):
         self._guarded("choice of link", lambda: self._choose_link(now))
         self._guarded("command", lambda: self.commands.tick(now))
         self._guarded("mission package", lambda: self._send_package(now))
+        self._guarded("text of the vehicle", lambda: self._show_texts(now))
         if now >= self._each_second_at:
             self._each_second_at = now + 1.0
             self._guarded("links", self._see_to_links)
             self._perform(self.core.tick(now))
             self._beat()
+            self._guarded("alarms", lambda: self.narrator.again(now))
             self.narrator.sum_up(now)
             self.view.status()
 
@@ -394,7 +441,7 @@ class HandoverGcsModule(mp_module.MPModule):
             case ToPeer():
                 self._send(action.peer, action.message, self.core.name(action.peer), via="ground")
             case Notice():
-                self.narrator.notice(action)
+                self.narrator.notice(action, time.monotonic())
             case _:
                 assert_never(action)
 
@@ -414,6 +461,12 @@ class HandoverGcsModule(mp_module.MPModule):
     def _speak(self, text: str) -> None:
         if any(module.name == "speech" for module, _package in self.mpstate.modules):
             self.say(text)
+
+    @staticmethod
+    def _ring(bell: str) -> None:
+        """In the terminal: the console's window has none."""
+        sys.stdout.write(bell)
+        sys.stdout.flush()
 
     def to_vehicle(self, message: Any) -> None:
         """Send a MAVLink message to the vehicle."""

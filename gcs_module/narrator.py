@@ -8,9 +8,11 @@ journal (see `store/sampling.py`).
 
 from __future__ import annotations
 
+from gcs_module.alarms import EVENTS, Alarms, Level
 from gcs_module.core import Notice, StationCore
 from gcs_module.view import View
 from mavproxy_handover.core.messages import Connect, ConnectAck, Message
+from mavproxy_handover.core.model import Phase
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.sampling import Sampler
 from mavproxy_handover.wire import codec
@@ -28,6 +30,8 @@ class StationNarrator:
         self._journal = journal
         self._core = core
         self._view = view
+        #: what stands, and is said again
+        self.alarms = Alarms()
         #: by sender or receiver, and link
         self._samplers: dict[tuple[str, str | None], Sampler] = {}
 
@@ -58,10 +62,34 @@ class StationNarrator:
         """Something broke."""
         self._journal.write("fault", f"{where}: {text}")
 
-    def notice(self, notice: Notice) -> None:
+    def notice(self, notice: Notice, now: float) -> None:
         """What the station's rules have to say."""
         self._journal.write(notice.event, notice.text, role=self._core.role.value, epoch=self._core.epoch)
-        self._view.line(notice.text, urgent=notice.urgent)
+        self.alarms.heard(notice.event, notice.gravity, notice.text, now)
+        self._view.line(notice.text, notice.gravity)
+
+    def again(self, now: float) -> None:
+        """Say again what stands and was not acknowledged; to be called each second."""
+        if self._core.question is None:
+            self.alarms.end("question")
+        if self._core.phase is Phase.ON_LOAD:
+            self.alarms.end("commander")
+        for alarm in self.alarms.due(now):
+            self._view.line(alarm.text, alarm.level)
+
+    def acknowledged(self) -> None:
+        """The operator has noticed what stands."""
+        alarms = self.alarms.acknowledge()
+        for alarm in alarms:
+            self._journal.write("acknowledged", alarm.text, level=alarm.level.name.lower())
+        told = "; ".join(alarm.text for alarm in alarms)
+        self._view.show(f"acknowledged: {told}" if alarms else "no alarm to acknowledge")
+
+    def text(self, level: Level, text: str, now: float) -> None:
+        """What the vehicle's companion says in words."""
+        if self._sampler("texts", None).take(now) is not None:
+            self._journal.write("text", text)
+            self._view.line(text, level)
 
     def sum_up(self, now: float) -> None:
         """Tell what was left out, once a minute; to be called each second."""
@@ -87,7 +115,7 @@ class StationNarrator:
         """What the vehicle's gate says of this station's sticks and setpoints."""
         if self._sampler("sticks", None).take(now) is not None:
             self._journal.write("stream", text)
-            self._view.line(text, urgent=True)
+            self._view.line(text, EVENTS["stream"])
 
     def telemetry(self, lat_deg: float, lon_deg: float, zone: str) -> None:
         """Where the vehicle says that the aircraft is."""
@@ -111,4 +139,4 @@ class StationNarrator:
     def command_ended(self, word: str, outcome: str, text: str) -> None:
         """It was answered, or not."""
         self._journal.write("command", text, what=word, result=outcome)
-        self._view.line(text, urgent=True)
+        self._view.line(text, Level.INFO if outcome in ("accepted", "pending") else Level.ADVISORY)

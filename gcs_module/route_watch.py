@@ -92,7 +92,7 @@ class StationRouteWatch:
         if news is None:
             return None
         text = f"{news.text[:1].upper()}{news.text[1:]}, as this station sees it."
-        return Notice("off_route" if news.off else "on_route", text, urgent=news.off)
+        return Notice("off_route" if news.off else "on_route", text)
 
 
 def _motion(lat: int, lon: int, north_mps: float, east_mps: float, waypoint: int, on_mission: bool) -> Motion:

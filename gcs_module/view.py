@@ -1,18 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the operator sees: lines in the thesis's form, the status line of MAVProxy's console, telemetry."""
+"""What the operator sees and hears of a vehicle: lines in the thesis's form, the status row of MAVProxy's console, bell
+and speech, telemetry. How grave a line is, and so how it looks, is `alarms.py`."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from math import inf, isfinite
+from typing import Any, Final
 
-from gcs_module.core import Role, StationCore
+from gcs_module.alarms import LOOKS, Level
+from gcs_module.banner import Situation, age, banner, tag
 
-__all__ = ["View", "telemetry_line"]
+__all__ = ["View", "telemetry_line", "telemetry_table"]
 
-_COLOURS = {Role.COMMANDER: "green", Role.PARTNER: "orange", Role.OBSERVER: "black"}
+#: words before a line of this level, so that it is grave in a terminal without colours too
+_WORDS: Final = {Level.WARNING: "WARNING: ", Level.EMERGENCY: "EMERGENCY: "}
+_BELL: Final = "\a"
 
 
 def telemetry_line(m: Any, zone_name: str) -> str:
@@ -24,22 +29,57 @@ def telemetry_line(m: Any, zone_name: str) -> str:
     )
 
 
-class View:
-    """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`."""
+def telemetry_table(m: Any, zone_name: str, mode: str) -> list[str]:
+    """All of HANDOVER_TELEMETRY, the telemetry of the thesis, each value with its unit."""
+    known = m.battery_voltage != 0xFFFF
+    utc = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(m.time_usec / 1e6))
+    distance = f"{m.waypoint_distance:.0f} m" if isfinite(m.waypoint_distance) else "not known"
+    rows = (
+        ("time", f"{utc} UTC, {m.time_boot_ms / 1000.0:.1f} s after the autopilot's start"),
+        ("battery", f"{m.battery_voltage / 1000.0:.2f} V" if known else "voltage not known"),
+        ("", f"{m.battery_remaining} % left" if m.battery_remaining >= 0 else "what is left is not known"),
+        ("position", f"{m.lat / 1e7:.7f} {m.lon / 1e7:.7f} deg"),
+        ("altitude", f"{m.alt / 1000.0:.1f} m above the sea, {m.relative_alt / 1000.0:.1f} m above home"),
+        ("rates", f"roll {m.rollspeed:.3f}, pitch {m.pitchspeed:.3f}, yaw {m.yawspeed:.3f} rad/s"),
+        ("velocity", f"north {m.vx:.1f}, east {m.vy:.1f}, down {m.vz:.1f} m/s"),
+        ("heading", f"{m.heading / 100.0:.0f} deg" if m.heading != 0xFFFF else "not known"),
+        ("speed", f"{m.groundspeed:.1f} m/s over ground"),
+        ("waypoint", f"{m.waypoint}, {distance} away"),
+        ("zone", zone_name),
+        ("mode", f"{mode or m.custom_mode}, {'armed' if m.armed else 'disarmed'}"),
+    )
+    return [f"{name:9} {text}" for name, text in rows]
 
-    def __init__(self, core: StationCore, name: str, console: Any, speak: Callable[[str], None]) -> None:
-        self._core = core
+
+class View:
+    """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`. `situation`: what is known now."""
+
+    def __init__(
+        self,
+        situation: Callable[[], Situation],
+        name: str,
+        console: Any,
+        speak: Callable[[str], None],
+        ring: Callable[[str], None],
+    ) -> None:
+        self._situation = situation
         self._name = name
         self._console = console
         self._speak = speak
+        self._ring = ring
+        #: the last HANDOVER_TELEMETRY, and when it came (monotonic s)
         self.last_telemetry: Any | None = None
+        self.telemetry_at = -inf
 
-    def line(self, text: str, *, urgent: bool = False) -> None:
-        """One line; spoken as well if it is urgent and MAVProxy's speech module is loaded."""
-        phase = self._core.phase.name.replace("_", "")
+    def line(self, text: str, level: Level = Level.INFO) -> None:
+        """One line; how it looks and sounds is for its level to say."""
+        look = LOOKS[level]
         stamp = time.strftime("%H:%M:%S")
-        self._console.writeln(f"[{stamp}|{self._name}][{phase}]: {text}")
-        if urgent:
+        words = f"[{stamp}|{self._name}][{tag(self._situation())}]: {_WORDS.get(level, '')}{text}"
+        self._console.writeln(words, fg=look.colour, bg=look.ground)
+        if look.bell:
+            self._ring(_BELL)
+        if look.spoken:
             self._speak(text)
 
     def show(self, text: str) -> None:
@@ -47,7 +87,16 @@ class View:
         self._console.writeln(text)
 
     def status(self) -> None:
-        """The status field of MAVProxy's graphical console."""
-        core = self._core
-        text = f"Auth: {core.name(core.commander)} ({core.role.value})"
-        self._console.set_status("HANDOVER", text, row=6, fg=_COLOURS[core.role])
+        """The status row of MAVProxy's graphical console: what matters most stands first in it."""
+        text, level = banner(self._situation())
+        look = LOOKS[level]
+        self._console.set_status("HANDOVER", text, row=6, fg=look.colour, bg=look.ground)
+
+    def telemetry(self, m: Any, now: float) -> None:
+        """A HANDOVER_TELEMETRY has come."""
+        self.last_telemetry, self.telemetry_at = m, now
+
+    def telemetry_age(self, now: float) -> str:
+        """How old the last one is, " (12 s old)"; "" while it is fresh."""
+        words = age(now - self.telemetry_at)
+        return f" ({words})" if words else ""

@@ -352,9 +352,11 @@ class Companion:
 
     def _send_authority_status(self, now: float) -> None:
         guard = self.arbiter.guard(now)
-        changed = self.autopilot.route_changed
-        zone = self.arbiter.zone()
-        self._voice.to_stations(status.authority_status(self.view, zone, guard, self._reason, route_changed=changed))
+        changed, zone = self.autopilot.route_changed, self.arbiter.zone()
+        told = status.authority_status(
+            self.view, zone, guard, self._reason, route_changed=changed, zone_ends_s=self.arbiter.zone_ends_s
+        )
+        self._voice.to_stations(told)
 
     def _each_second(self, now: float) -> None:
         beat = status.heartbeat(self.view)

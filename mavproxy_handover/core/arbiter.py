@@ -184,6 +184,12 @@ class Arbiter:
         inside = self._candidates.zones.inside(self._authority.owner)
         return inside[0] if inside else 0
 
+    @property
+    def zone_ends_s(self) -> float:
+        """How soon the known way leaves the commander's zone (s); inf: no end in sight, or it is not in it."""
+        owner, zones = self._authority.owner, self._candidates.zones
+        return zones.ends_s(owner) if owner is not None and zones.holds(owner) else inf
+
     def connected(self, station: int, now: float) -> bool:
         """Whether messages to and from the station get through."""
         return station in self._presence and self._presence[station].connected(now)

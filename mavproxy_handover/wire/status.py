@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from math import ceil
+from math import ceil, inf
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -19,6 +19,8 @@ LEASE_INTERVAL_S = 0.2
 _LEASE_TTL_MS = 3000
 #: it travels in 16 bits
 _MOST_S = 0xFFFF
+#: and this in 8
+_MOST_ENDS_S = 0xFF
 
 
 class LeaseSequence:
@@ -49,9 +51,16 @@ def heartbeat(view: AuthorityView) -> Any:
 
 
 def authority_status(
-    view: AuthorityView, zone: int, guard: GuardState, reason: Reason, *, route_changed: bool = False
+    view: AuthorityView,
+    zone: int,
+    guard: GuardState,
+    reason: Reason,
+    *,
+    route_changed: bool = False,
+    zone_ends_s: float = inf,
 ) -> Any:
-    """AUTHORITY_STATUS of this dialect. `route_changed`: the mission that is flown is not the package's any more."""
+    """AUTHORITY_STATUS of this dialect. `route_changed`: the mission that is flown is not the package's any more;
+    `zone_ends_s`: how soon the commander's zone ends on the known way (s), inf: no end in sight."""
     return mavlink.MAVLink_authority_status_message(
         view.phase,
         view.commander or 0,
@@ -64,6 +73,7 @@ def authority_status(
         reason,
         view.why,
         int(route_changed),
+        0 if zone_ends_s >= _MOST_ENDS_S else 1 + int(max(0.0, zone_ends_s)),
     )
 
 

@@ -86,7 +86,7 @@ class Ground:
                 case gcs.ToPeer():
                     self._ties.to_peer(self.sysid, action.peer, action.message, now)
                 case gcs.Notice():
-                    if action.urgent:
+                    if action.gravity:
                         self._log.note(now, f"{self._station.name}: {action.text}")
                 case _:
                     assert_never(action)

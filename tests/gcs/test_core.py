@@ -149,7 +149,8 @@ class TestWhoCommands:
         assert notices(core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 3), NOW)) == []
         assert core.commander == A
         lost = core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 3), NOW)
-        assert notices(lost) == ["nobody commands now, epoch 3."]
+        text = "Nobody commands drone. 'handover request' takes over when it is in your zone."
+        assert lost == [Notice("no_commander", text)]
         # a status from before the loss comes late
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW) == []
         assert core.role is Role.OBSERVER
@@ -205,10 +206,10 @@ class TestWhoCommands:
     def test_the_operator_hears_of_his_own_authority_aloud(self) -> None:
         core = station(B)
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 4), NOW) == [
-            Notice("authority", "GCSB is the commander now, epoch 4.", urgent=True)
+            Notice("control_gained", "GCSB is the commander now, epoch 4.")
         ]
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 5), NOW) == [
-            Notice("authority", "GCSA commands now, epoch 5.", urgent=True)
+            Notice("control_lost", "GCSA commands now, epoch 5.")
         ]
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, C, None, 6), NOW) == [
             Notice("authority", "GCSC commands, epoch 6.")
@@ -579,7 +580,7 @@ class TestCrossing:
     def test_it_is_not_taken(self, yes: bool) -> None:
         core = self.asked_twice()
         text = "Another question has just taken its place: GCSA -> GCSC. Answer that."
-        assert core.handle(Answer(yes), NOW + 10.9) == [Notice("question", text, urgent=True)]
+        assert core.handle(Answer(yes), NOW + 10.9) == [Notice("question", text)]
         assert core.question == self.NEXT
         consent = OkHandover(self.NEXT) if yes else OkHandover(self.NEXT, Consent.DENIED, Reason.OPERATOR)
         assert words(core.handle(Answer(yes), NOW + 11.0)) == [ToVehicle(consent)]
@@ -794,7 +795,7 @@ class TestResult:
         committed = HandoverResult(TransferKey(A, B, 7, 4), B, Outcome.COMMITTED, Reason.ZONE)
         ack = ToVehicle(ConnectAck(B, 1, 0, 4, B, "GCSB", b""))
         assert from_vehicle(core, committed) == [
-            Notice("authority", "GCSB is the commander now, epoch 4.", urgent=True),
+            Notice("control_gained", "GCSB is the commander now, epoch 4."),
             ack,
         ]
         assert from_vehicle(core, committed) == [ack]
@@ -833,7 +834,7 @@ class TestVehicle:
         assert core.handle(VehicleHeard(), 11.0) == []
         assert core.vehicle_alive(15.999)
         assert core.tick(15.999) == []
-        assert core.tick(16.0) == [Notice("lost", "drone is not heard any more.", urgent=True)]
+        assert core.tick(16.0) == [Notice("lost", "drone is not heard any more.")]
         assert core.tick(17.0) == []
         assert core.handle(VehicleHeard(), 20.0) == [Notice("connected", "drone is connected.")]
 

@@ -38,6 +38,8 @@ def test_events_and_actions_are_made_of_the_rules_words_alone() -> None:
     assert names == {
         "__future__",
         "dataclasses",
+        "gcs_module.alarms",
+        "math",
         "mavproxy_handover.core.messages",
         "mavproxy_handover.core.model",
     }
@@ -46,3 +48,16 @@ def test_events_and_actions_are_made_of_the_rules_words_alone() -> None:
 def test_whoever_uses_the_rules_finds_their_words_there() -> None:
     assert set(events.__all__) <= set(core.__all__)
     assert all(getattr(core, name) is getattr(events, name) for name in events.__all__)
+
+
+def test_how_grave_a_line_is_knows_nothing_but_the_rules_words() -> None:
+    names = imported(FOLDER / "alarms.py")
+    assert names == {
+        "__future__",
+        "collections.abc",
+        "dataclasses",
+        "enum",
+        "math",
+        "mavproxy_handover.core.model",
+        "typing",
+    }

@@ -21,9 +21,7 @@ MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 #: home of `delivery`, and its waypoint 2, to the south-east
 HOME, SECOND = (52.679, 5.924), (52.678146, 5.925035)
 AUTO, GUIDED = 3, 4
-OFF = Notice(
-    "off_route", "Off route: 41 m left of the leg to waypoint 2, as this station sees it.", urgent=True
-)  # fmt: skip
+OFF = Notice("off_route", "Off route: 41 m left of the leg to waypoint 2, as this station sees it.")
 
 
 @pytest.fixture(scope="module")

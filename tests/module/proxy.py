@@ -27,12 +27,15 @@ class Console:
     def __init__(self) -> None:
         self.lines: list[str] = []
         self.statuses: dict[str, str] = {}
+        #: the same with its colours: of the words, and behind them
+        self.looks: dict[str, tuple[str, str, str]] = {}
 
     def writeln(self, text: str, fg: str = "black", bg: str = "white") -> None:
         self.lines.append(str(text))
 
     def set_status(self, name: str, text: str = "", row: int = 0, fg: str = "black", bg: str = "white") -> None:
         self.statuses[name] = text
+        self.looks[name] = text, fg, bg
 
     def said(self, part: str) -> bool:
         return any(part in line for line in self.lines)

@@ -48,7 +48,7 @@ def controls(bench: StationBench) -> list[tuple[int, tuple[float, ...]]]:
 
 def answer(bench: StationBench, result: int) -> None:
     bench.hear(mavlink.MAVLink_command_ack_message(CONTROL, result, 0, 0, 251, 190))
-    bench.run(0.1)
+    bench.run(0.6)
 
 
 def asked_as_partner(handover_id: int, epoch: int = 1) -> Any:

@@ -333,16 +333,14 @@ def test_drone_connected_over_the_ground_link_releases_the_vehicle(station: Stat
 # ---- the operator -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("words", ["", " help"])
-def test_no_word_shows_the_usage(station: StationBench, words: str) -> None:
+@pytest.mark.parametrize("typed", ["", " help"])
+def test_no_word_shows_the_usage(station: StationBench, typed: str) -> None:
     station.load()
-    lines = station.mpstate.type(f"handover{words}")
-    assert (
-        lines[0]
-        == "usage: handover <status|share|start|stop|continue|request|release|accept|deny|give|override|take|set>"
-    )
+    lines = station.mpstate.type(f"handover{typed}")
+    words = "status|share|start|stop|continue|request|release|resume|ack|telemetry|accept|deny|give|override|take|set"
+    assert lines[0] == f"usage: handover <{words}>"
     assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
-    assert len(lines) == 14
+    assert len(lines) == 17
 
 
 @pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
@@ -357,7 +355,7 @@ def test_unknown_words_are_named_and_the_usage_shown(station: StationBench, word
 def test_completion_offers_words_and_settings(station: StationBench) -> None:
     station.load()
     assert station.mpstate.completions["handover"] == [
-        "<status|share|start|stop|continue|request|release|accept|deny>",
+        "<status|share|start|stop|continue|request|release|resume|ack|telemetry|accept|deny>",
         "give <GCSB>",
         "override <energy|fence|coverage>",
         "take",
@@ -398,7 +396,7 @@ def test_a_refusal_is_shown_in_words(station: StationBench) -> None:
     station.load()
     station.mpstate.type("handover start")
     station.hear(mavlink.MAVLink_command_ack_message(START, 10, 0, 0, 251, 190), autopilot=True)
-    station.run(0.1)
+    station.run(0.6)
     assert station.mpstate.console.said("START refused: not in control.")
 
 
@@ -409,7 +407,7 @@ def test_the_answer_to_a_request_of_control_is_the_companions(station: StationBe
     (control,) = station.commands()
     assert control == (mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL, 1.0)
     station.hear(mavlink.MAVLink_command_ack_message(control[0], mavlink.MAV_RESULT_DENIED, 0, 0, 251, 190))
-    station.run(0.1)
+    station.run(0.6)
     assert [entry.get("result") for entry in station.journal("command")] == [None, "denied"]
 
 
@@ -703,31 +701,211 @@ def test_what_the_gate_says_of_this_stations_sticks_is_told_in_full(station: Sta
 # ---- what the vehicle decides -------------------------------------------------------------------------------------
 
 
-def decision(number: int, action: int, text: str) -> Any:
-    return mavlink.MAVLink_handover_decision_message(number, action, 5, b"home", b"", text.encode())
+def decision(number: int, action: int, text: str, place: str = "home", figures: str = "") -> Any:
+    return mavlink.MAVLink_handover_decision_message(number, action, 5, place.encode(), figures.encode(), text.encode())
 
 
-def test_a_decision_is_told_once_spoken_if_something_is_done_and_shown_while_it_lasts(station: StationBench) -> None:
+def authority(phase: int = 1, commander: int = 251, epoch: int = 1, zone: int = 251, zone_ends: int = 0) -> Any:
+    return mavlink.MAVLink_authority_status_message(phase, commander, 0, zone, epoch, 0, 0, 0, 0, 0, 0, zone_ends)
+
+
+def statustext(text: str, severity: int = 4, text_id: int = 0, number: int = 0) -> Any:
+    return mavlink.MAVLink_statustext_message(severity, text.encode(), text_id, number)
+
+
+RETURNS = "RETURN to home: GCSA silent 5 s; 0.4 km"
+TOLD = "GCSA silent 5 s. RTL to home. 'handover request' takes over when it is in your zone."
+
+
+def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(station: StationBench) -> None:
     station.load()
-    told = "RETURN to home: GCSA silent 5 s; 0.4 km"
     for _ in range(3):
-        station.hear(decision(1, 4, told))
-    assert sum(told in line for line in station.mpstate.console.lines) == 1
+        station.hear(decision(1, 4, RETURNS, figures="GCSA silent 5 s"))
+        station.hear(statustext(RETURNS, 2))
+        station.run(0.6)
+    assert sum(f"EMERGENCY: {TOLD}" in line for line in station.mpstate.console.lines) == 1
+    assert not station.mpstate.console.said(RETURNS), "it is told already"
     (entry,) = station.journal("decision")
-    assert entry["text"] == told
-    station.mpstate.type("handover status")
-    assert f"decision  {told}" in station.mpstate.console.lines
+    assert entry["text"] == TOLD
+    shown = station.mpstate.type("handover status")
+    assert f"decision  {RETURNS}" in shown
+    assert f"alarm     EMERGENCY: {TOLD}" in shown
     for _ in range(3):
         station.hear(decision(2, 255, "OVER: commander lost"))
     assert sum("OVER" in line for line in station.mpstate.console.lines) == 1
     assert station.module.decisions.text == ""
+    assert not any(line.startswith("alarm") for line in station.mpstate.type("handover status"))
 
 
 def test_after_a_restart_of_the_companion_a_number_that_was_there_is_another_word(station: StationBench) -> None:
     station.load()
-    for text in ("WARN: guard silent 5 s", "RETURN: GCSA silent 5 s"):
-        station.hear(decision(1, 4, text))
-    assert [entry["text"] for entry in station.journal("decision")] == [
-        "WARN: guard silent 5 s",
-        "RETURN: GCSA silent 5 s",
+    station.hear(decision(1, 0, "WARN: guard silent 5 s", figures="guard silent 5 s"))
+    station.hear(decision(1, 4, "RETURN: GCSA silent 5 s", figures="GCSA silent 5 s", place=""))
+    assert [entry["text"].partition(".")[0] for entry in station.journal("decision")] == [
+        "guard silent 5 s",
+        "GCSA silent 5 s",
     ]
+
+
+@pytest.mark.parametrize(
+    ("commander", "words"),
+    [(251, "RTL to home. 'handover resume' goes on once that is over."), (252, "RTL to home.")],
+)
+def test_what_an_operator_may_do_depends_on_who_commands(station: StationBench, commander: int, words: str) -> None:
+    station.load()
+    station.hear(authority(commander=commander))
+    station.hear(decision(1, 4, RETURNS, figures="links weak"))
+    assert station.mpstate.console.lines[-1].endswith(f"EMERGENCY: links weak. {words}")
+
+
+def test_a_decision_of_a_kind_that_is_not_known_here_is_an_emergency_in_its_own_words(station: StationBench) -> None:
+    station.load()
+    station.hear(decision(1, 77, "DITCH: everything is wrong"))
+    assert station.mpstate.console.lines[-1].endswith("EMERGENCY: DITCH: everything is wrong")
+
+
+def test_an_alarm_is_said_again_until_it_is_acknowledged(
+    station: StationBench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    station.load()
+    station.hear(authority())
+    station.hear(decision(1, 4, RETURNS, figures="GCSA silent 5 s"))
+    assert capsys.readouterr().out == "\a"
+    for _ in range(25):
+        station.hear(authority())
+        station.run(1.0)
+    assert sum("GCSA silent 5 s" in line for line in station.mpstate.console.lines) == 3, "after 10 and 20 s again"
+    assert capsys.readouterr().out == "\a\a"
+    assert "acknowledged: GCSA silent 5 s." in station.mpstate.type("handover ack")[0]
+    for _ in range(25):
+        station.hear(authority())
+        station.run(1.0)
+    assert sum("]: EMERGENCY: GCSA silent 5 s" in line for line in station.mpstate.console.lines) == 3
+    assert any("(acknowledged)" in line for line in station.mpstate.type("handover status"))
+    assert station.mpstate.type("handover ack") == ["no alarm to acknowledge"]
+    assert [entry["level"] for entry in station.journal("acknowledged")] == ["emergency"]
+
+
+def test_who_commands_stands_in_the_status_row_and_how_grave_it_is(station: StationBench) -> None:
+    station.load()
+    console = station.mpstate.console
+    station.run(1.1)
+    assert console.looks["HANDOVER"] == ("vehicle 1: NOT HEARD YET", "black", "white")
+    station.hear(authority())
+    station.hear(connect_message())
+    station.run(1.1)
+    assert console.looks["HANDOVER"] == ("CONTROL: GCSA (you)", "black", "white")
+    station.run(4.0)
+    assert console.looks["HANDOVER"] == ("vehicle 1: NOT HEARD FOR 4 s", "black", "orange")
+    station.hear(mavlink.MAVLink_heartbeat_message(2, 3, 128 + 1, 6, 4, 3), autopilot=True)
+    station.hear(authority(phase=3, commander=0))
+    station.hear(connect_message(epoch=1, commander=0))
+    station.run(1.1)
+    assert console.looks["HANDOVER"] == ("NO COMMANDER - RTL", "white", "red")
+
+
+def test_the_brackets_say_the_mode_where_the_mission_is_not_flown_and_how_old_that_is(station: StationBench) -> None:
+    station.load()
+    station.hear(authority())
+    station.hear(connect_message())
+    station.hear(mavlink.MAVLink_heartbeat_message(2, 3, 128 + 1, 6, 4, 3), autopilot=True)
+    station.hear(statustext("Something."))
+    station.run(0.6)
+    assert station.mpstate.console.lines[-1].endswith("|GCSA][ONMISSION RTL]: WARNING: Something.")
+    station.run(6.0)
+    assert station.mpstate.console.lines[-1].endswith(
+        "|GCSA][ONMISSION 5 s old]: WARNING: vehicle 1 is not heard any more."
+    )
+
+
+def test_texts_of_the_companion_are_shown_whole_and_by_their_severity(station: StationBench) -> None:
+    station.load()
+    station.hear(statustext("x" * 49 + " ", 5, 7, 0))
+    station.hear(statustext("and the end", 5, 7, 1))
+    station.hear(statustext("by the way", 6))
+    station.run(0.6)
+    assert station.mpstate.console.lines[-2].endswith("]: " + "x" * 49 + " and the end")
+    assert station.mpstate.console.lines[-1].endswith("]: by the way")
+    assert [entry["text"] for entry in station.journal("text")] == ["x" * 49 + " and the end", "by the way"]
+
+
+def test_the_reason_of_a_refusal_is_told_with_it(station: StationBench) -> None:
+    station.load()
+    station.mpstate.type("handover start")
+    station.hear(mavlink.MAVLink_command_ack_message(START, 1, 0, 0, 251, 190), autopilot=True)
+    station.hear(statustext("START refused: no mission loaded; outside the ".ljust(50), 4, 3, 0))
+    station.hear(statustext("zone of GCSA", 4, 3, 1))
+    station.run(1.0)
+    said = [line for line in station.mpstate.console.lines if "refused" in line]
+    assert len(said) == 1
+    assert said[0].endswith("]: START refused: no mission loaded; outside the zone of GCSA.")
+
+
+def test_after_a_return_continue_says_what_brings_the_mission_back(station: StationBench) -> None:
+    station.load()
+    station.hear(mavlink.MAVLink_heartbeat_message(2, 3, 128 + 1, 6, 4, 3), autopilot=True)
+    station.mpstate.type("handover continue")
+    station.hear(mavlink.MAVLink_command_ack_message(PAUSE, 4, 0, 0, 251, 190), autopilot=True)
+    station.run(0.6)
+    words = "CONTINUE refused: failed. The aircraft is in RTL: 'handover resume' brings it back to its mission."
+    assert station.mpstate.console.lines[-1].endswith(words)
+
+
+def test_resume_asks_for_auto_unless_something_is_wrong(station: StationBench) -> None:
+    station.load()
+    station.mpstate.type("handover resume")
+    station.run(0.1)
+    (sent,) = [m for m in station.sent() if m.get_type() == "COMMAND_LONG"]
+    assert (sent.command, sent.param1, sent.param2) == (mavlink.MAV_CMD_DO_SET_MODE, 1.0, 3.0)
+    station.run(8.0)
+    station.sent()
+    station.hear(decision(1, 4, RETURNS, figures="GCSA silent 5 s"))
+    station.mpstate.type("handover resume")
+    station.run(0.1)
+    assert station.commands() == []
+    assert station.mpstate.console.said(f"RESUME not sent: {RETURNS}")
+
+
+def test_the_end_of_the_zone_and_that_it_was_left_are_told_once(station: StationBench) -> None:
+    station.load()
+    for zone, ends in ((251, 0), (251, 20), (251, 16), (251, 15), (251, 3), (252, 0), (252, 0), (0, 0)):
+        station.hear(authority(zone=zone, zone_ends=ends))
+    said = [line.partition("]: ")[2] for line in station.mpstate.console.lines if "]: " in line and "zone" in line]
+    assert said == [
+        "WARNING: The zone of GCSA ends in 15 s.",
+        "vehicle 1 has left the zone of GCSA: it is in the zone of GCSB.",
+    ]
+
+
+def test_all_of_the_telemetry_with_its_units_and_its_age(station: StationBench) -> None:
+    station.load()
+    assert station.mpstate.type("handover telemetry") == [
+        "telemetry none yet: the vehicle sends it to who commands, and to a partner"
+    ]
+    station.hear(
+        mavlink.MAVLink_handover_telemetry_message(
+            251, 190, 1_700_000_000_000_000, 61500, 15800, 81, 526790000, 59240000, 41000, 40000, 0.01, -0.02, 0.003,
+            3.0, 4.0, -0.5, 9000, 5.0, 4, 123.0, 251, 1, 3,
+        )
+    )  # fmt: skip
+    shown = station.mpstate.type("handover telemetry")
+    assert shown == [
+        "time      2023-11-14 22:13:20 UTC, 61.5 s after the autopilot's start",
+        "battery   15.80 V",
+        "          81 % left",
+        "position  52.6790000 5.9240000 deg",
+        "altitude  41.0 m above the sea, 40.0 m above home",
+        "rates     roll 0.010, pitch -0.020, yaw 0.003 rad/s",
+        "velocity  north 3.0, east 4.0, down -0.5 m/s",
+        "heading   90 deg",
+        "speed     5.0 m/s over ground",
+        "waypoint  4, 123 m away",
+        "zone      GCSA",
+        "mode      3, armed",
+    ]
+    station.run(12.0)
+    assert station.mpstate.type("handover telemetry")[0] == "telemetry (12 s old)"
+    assert any(
+        line.startswith("telemetry ") and line.endswith("(12 s old)")
+        for line in station.mpstate.type("handover status")
+    )

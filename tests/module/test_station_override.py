@@ -49,6 +49,7 @@ def test_it_is_asked_again_with_the_same_number_until_it_is_answered(bench: Stat
     bench.run(1.0)
     assert len(overrides(bench)) == 1, "somebody else's answer"
     answer(bench, asked[0], 0)
+    bench.run(0.6)
     assert bench.mpstate.console.said("OVERRIDE fence refused: denied.")
     bench.mpstate.type("handover override fence")
     (again,) = overrides(bench)

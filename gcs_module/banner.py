@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What stands first in the console's status row: who commands, and what is going on. Pure.
+
+Mode, phase and the age of what is known are looked at together: who has not been heard for a while is not said to fly
+its mission, and an aircraft in RTL is not said to be on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Final
+
+from gcs_module.alarms import Level
+from mavproxy_handover.core.model import FlightAction, Phase
+
+__all__ = ["OLD_S", "Situation", "age", "banner", "tag"]
+
+#: what is older than this (s) is said to be
+OLD_S: Final = 3.0
+#: the modes in which the mission is flown, and the phases in which it should be
+_MISSION_MODES: Final = ("AUTO", "")
+_ON_MISSION: Final = (Phase.ON_MISSION, Phase.ON_HANDOVER)
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a station knows of a vehicle at one moment. Names of stations are "" where there is nobody.
+
+    `heard_s`: how long ago the vehicle was heard, inf: never; `mode`: of the autopilot, "" not known or too old;
+    `action`: what is done about what is wrong; `left_s`: what is left of the time to answer a question, None: there is
+    none here, or it is not known.
+    """
+
+    vehicle: str
+    phase: Phase = Phase.ON_LOAD
+    commander: str = ""
+    own: bool = False
+    partner: str = ""
+    mode: str = ""
+    heard_s: float = inf
+    action: FlightAction | None = None
+    left_s: float | None = None
+
+    @property
+    def old(self) -> bool:
+        """Whether what is shown was so a while ago."""
+        return self.heard_s > OLD_S
+
+
+def age(seconds: float) -> str:
+    """How old something is, for people; "" while it is fresh."""
+    if seconds <= OLD_S:
+        return ""
+    if seconds < 120.0:
+        return f"{seconds:.0f} s old"
+    return f"{seconds / 60.0:.0f} min old" if seconds < inf else "never heard"
+
+
+def banner(now: Situation) -> tuple[str, Level]:
+    """The words of the status row, and how grave they are."""
+    if now.heard_s == inf:
+        return f"{now.vehicle}: NOT HEARD YET", Level.INFO
+    if now.old:
+        return f"{now.vehicle}: NOT HEARD FOR {now.heard_s:.0f} s", Level.WARNING
+    flying = now.phase is not Phase.ON_LOAD
+    mode = f" - {now.mode}" if now.mode else ""
+    if not now.commander:
+        return (f"NO COMMANDER{mode}", Level.EMERGENCY) if flying else ("NO COMMANDER", Level.INFO)
+    control = f"CONTROL: {now.commander}{' (you)' if now.own else ''}"
+    if now.action is not None and now.action >= FlightAction.RETURN:
+        return f"{control}{mode or ' - ' + now.action.name}", Level.EMERGENCY
+    if now.partner:
+        left = "" if now.left_s is None else f" {max(0.0, now.left_s):.0f} s"
+        return f"HANDOVER -> {now.partner}{left}", Level.WARNING
+    if now.action is not None and now.action is not FlightAction.WARN:
+        return f"{control} - {now.action.name}", Level.WARNING
+    return f"{control}{mode if flying and now.mode not in _MISSION_MODES else ''}", Level.INFO
+
+
+def tag(now: Situation) -> str:
+    """The words in brackets before each line, in the form of the thesis: "ONMISSION", "ONMISSION RTL", "ONMISSION 12 s
+    old"."""
+    words = now.phase.name.replace("_", "")
+    if now.phase in _ON_MISSION and now.mode not in _MISSION_MODES:
+        words += f" {now.mode}"
+    return words if now.heard_s == inf or not now.old else f"{words} {age(now.heard_s)}"

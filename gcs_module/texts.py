@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""STATUSTEXT of the companion, whole: MAVProxy shows none of another component than the autopilot.
+
+What is longer than one message comes in pieces with a common id; a piece that never comes must not keep the others from
+the operator. A decision comes as HANDOVER_DECISION too, and is told from that: so a text waits a moment, and is left
+out if it is one. Pure: time is an argument.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from gcs_module.alarms import Level
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
+
+__all__ = ["SEVERITIES", "Texts"]
+
+#: how grave a text is, by its severity
+SEVERITIES: Final = {
+    mavlink.MAV_SEVERITY_EMERGENCY: Level.EMERGENCY,
+    mavlink.MAV_SEVERITY_ALERT: Level.EMERGENCY,
+    mavlink.MAV_SEVERITY_CRITICAL: Level.EMERGENCY,
+    mavlink.MAV_SEVERITY_ERROR: Level.WARNING,
+    mavlink.MAV_SEVERITY_WARNING: Level.WARNING,
+    mavlink.MAV_SEVERITY_NOTICE: Level.ADVISORY,
+}
+#: pieces of one text come together; and so long (s) a whole one waits for the decision that it may be
+_TOGETHER_S, _WAITS_S = 2.0, 0.5
+#: texts in pieces, and whole ones, that wait at a time; and pieces of one
+_MOST, _PIECES = 16, 16
+#: a piece that is not full ends its text
+_FULL: Final = 50
+
+
+@dataclass(slots=True)
+class _Parts:
+    begun: float
+    level: Level
+    pieces: dict[int, bytes] = field(default_factory=dict)
+    #: number of the last piece, None while it has not come
+    last: int | None = None
+
+    @property
+    def whole(self) -> bool:
+        return self.last is not None and all(number in self.pieces for number in range(self.last + 1))
+
+    @property
+    def text(self) -> str:
+        """What has come of it; where a piece is missing, three dots."""
+        last = max(self.pieces) if self.last is None else self.last
+        parts = [self.pieces.get(number) for number in range(last + 1)]
+        raw = b"".join(b"..." if part is None else part for part in parts)
+        return raw.decode("utf-8", "replace") + ("" if self.last is not None else "...")
+
+
+class Texts:
+    """Of one vehicle's companion. Times are monotonic seconds."""
+
+    def __init__(self) -> None:
+        self._parts: dict[int, _Parts] = {}
+        self._whole: deque[tuple[float, Level, str]] = deque(maxlen=_MOST)
+
+    def on_frame(self, frame: Frame, now: float) -> None:
+        """A STATUSTEXT."""
+        raw = field_bytes(frame, "text").split(b"\0", 1)[0]
+        level = SEVERITIES.get(field_int(frame, "severity"), Level.INFO)
+        text_id, number = field_int(frame, "id"), field_int(frame, "chunk_seq")
+        if not text_id:
+            self._add(raw.decode("utf-8", "replace"), level, now)
+            return
+        parts = self._parts.get(text_id)
+        if parts is None or now - parts.begun > _TOGETHER_S:
+            if len(self._parts) >= _MOST:
+                self._give_up(min(self._parts, key=lambda each: self._parts[each].begun), now)
+            parts = self._parts[text_id] = _Parts(now, level)
+        if number >= _PIECES:
+            return
+        parts.pieces[number] = raw
+        if len(raw) < _FULL:
+            parts.last = number
+        if parts.whole:
+            self._give_up(text_id, now)
+
+    def _give_up(self, text_id: int, now: float) -> None:
+        """What has come is all that there will be."""
+        parts = self._parts.pop(text_id)
+        if parts.pieces:
+            self._add(parts.text, parts.level, now)
+
+    def _add(self, text: str, level: Level, now: float) -> None:
+        words = " ".join(text.split())  # a piece is filled with blanks, so that it ends between two words
+        if words:
+            self._whole.append((now + _WAITS_S, level, words))
+
+    def due(self, now: float, told: Callable[[str], bool]) -> list[tuple[Level, str]]:
+        """What is to be shown now. `told`: whether a text is a decision, which is told already."""
+        for text_id in [each for each, parts in self._parts.items() if now - parts.begun > _TOGETHER_S]:
+            self._give_up(text_id, now - _WAITS_S)
+        found = []
+        while self._whole and now >= self._whole[0][0]:
+            _at, level, text = self._whole.popleft()
+            if not told(text):
+                found.append((level, text))
+        return found
+
+    def take(self, beginning: str) -> str:
+        """Take out the first text that waits and begins so, because it is told with something else; "" if none does."""
+        for entry in self._whole:
+            if entry[2].startswith(beginning):
+                self._whole.remove(entry)
+                return entry[2]
+        return ""
