@@ -211,7 +211,7 @@ class StationCommands:
                 del self._talks[word]
                 self._ended(word, talk, now)
         for word, (outcome, until) in list(self._refused.items()):
-            why = self._module.said(f"{word} refused: ")
+            why = self._module.said(f"{word} refused: ") or self._module.said("Control denied: ")
             if why or now >= until:
                 del self._refused[word]
                 text = f"{word} refused: {why.partition(': ')[2] or outcome.replace('_', ' ')}"

@@ -100,7 +100,7 @@ class HandoverGcsModule(mp_module.MPModule):
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)
         self.decisions = Decisions()
-        self.texts = Texts()
+        self.texts = Texts(self._shown)
         #: flight mode of the autopilot by its last heartbeat, and when that came
         self._mode, self._mode_at = "", -math.inf
         self.view = View(self.situation, config.station.name, self.console, self._speak, self._ring)
@@ -238,8 +238,12 @@ class HandoverGcsModule(mp_module.MPModule):
         return self.texts.take(beginning)
 
     def _show_texts(self, now: float) -> None:
-        for level, text in self.texts.due(now, self.decisions.told):
-            self.narrator.text(level, text, now)
+        for text in self.texts.due(now, self.decisions.told):
+            self.narrator.text(text, now)
+
+    def _shown(self, text: str) -> bool:
+        """MAVProxy's own link module has it before this one: it remembers what it wrote last."""
+        return getattr(self.mpstate.status, "last_apm_msg", None) == text
 
     def _on_text(self, m: Any) -> None:
         """MAVProxy shows it; what the gate says of this station's sticks is told in full as well."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from gcs_module.alarms import EVENTS, Alarms, Level
 from gcs_module.core import Notice, StationCore
+from gcs_module.texts import Text
 from gcs_module.view import View
 from mavproxy_handover.core.messages import Connect, ConnectAck, Message
 from mavproxy_handover.core.model import Phase
@@ -85,11 +86,15 @@ class StationNarrator:
         told = "; ".join(alarm.text for alarm in alarms)
         self._view.show(f"acknowledged: {told}" if alarms else "no alarm to acknowledge")
 
-    def text(self, level: Level, text: str, now: float) -> None:
+    def text(self, text: Text, now: float) -> None:
         """What the vehicle's companion says in words."""
-        if self._sampler("texts", None).take(now) is not None:
-            self._journal.write("text", text)
-            self._view.line(text, level)
+        if self._sampler("texts", None).take(now) is None:
+            return
+        self._journal.write("text", text.words)
+        if text.shown:
+            self._view.alert(text.words, text.level)
+        else:
+            self._view.line(text.words, text.level)
 
     def sum_up(self, now: float) -> None:
         """Tell what was left out, once a minute; to be called each second."""

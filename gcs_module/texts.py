@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""STATUSTEXT of the companion, whole: MAVProxy shows none of another component than the autopilot.
+"""STATUSTEXT of the companion, whole.
 
-What is longer than one message comes in pieces with a common id; a piece that never comes must not keep the others from
-the operator. A decision comes as HANDOVER_DECISION too, and is told from that: so a text waits a moment, and is left
-out if it is one. Pure: time is an argument.
+MAVProxy shows most of them itself; those are not shown twice. What is longer than one message comes in pieces with a
+common id; a piece that never comes must not keep the others from the operator. A decision comes as HANDOVER_DECISION
+too, and is told from that: so a text waits a moment, and is left out if it is one. Pure: time is an argument.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.alarms import Level
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int
 
-__all__ = ["SEVERITIES", "Texts"]
+__all__ = ["SEVERITIES", "Text", "Texts"]
 
 #: how grave a text is, by its severity
 SEVERITIES: Final = {
@@ -59,12 +59,23 @@ class _Parts:
         return raw.decode("utf-8", "replace") + ("" if self.last is not None else "...")
 
 
-class Texts:
-    """Of one vehicle's companion. Times are monotonic seconds."""
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A whole one. `shown`: by MAVProxy; `at`: from when on it need not wait any more."""
 
-    def __init__(self) -> None:
+    at: float
+    level: Level
+    words: str
+    shown: bool
+
+
+class Texts:
+    """Of one vehicle's companion. `shown`: whether MAVProxy has just shown these words. Times are monotonic seconds."""
+
+    def __init__(self, shown: Callable[[str], bool]) -> None:
+        self._shown = shown
         self._parts: dict[int, _Parts] = {}
-        self._whole: deque[tuple[float, Level, str]] = deque(maxlen=_MOST)
+        self._whole: deque[Text] = deque(maxlen=_MOST)
 
     def on_frame(self, frame: Frame, now: float) -> None:
         """A STATUSTEXT."""
@@ -96,23 +107,23 @@ class Texts:
     def _add(self, text: str, level: Level, now: float) -> None:
         words = " ".join(text.split())  # a piece is filled with blanks, so that it ends between two words
         if words:
-            self._whole.append((now + _WAITS_S, level, words))
+            self._whole.append(Text(now + _WAITS_S, level, words, self._shown(text)))
 
-    def due(self, now: float, told: Callable[[str], bool]) -> list[tuple[Level, str]]:
-        """What is to be shown now. `told`: whether a text is a decision, which is told already."""
+    def due(self, now: float, told: Callable[[str], bool]) -> list[Text]:
+        """What is to be told now. `told`: whether a text is a decision, which is told already."""
         for text_id in [each for each, parts in self._parts.items() if now - parts.begun > _TOGETHER_S]:
             self._give_up(text_id, now - _WAITS_S)
         found = []
-        while self._whole and now >= self._whole[0][0]:
-            _at, level, text = self._whole.popleft()
-            if not told(text):
-                found.append((level, text))
+        while self._whole and now >= self._whole[0].at:
+            text = self._whole.popleft()
+            if not told(text.words):
+                found.append(text)
         return found
 
     def take(self, beginning: str) -> str:
         """Take out the first text that waits and begins so, because it is told with something else; "" if none does."""
-        for entry in self._whole:
-            if entry[2].startswith(beginning):
-                self._whole.remove(entry)
-                return entry[2]
+        for text in self._whole:
+            if text.words.startswith(beginning):
+                self._whole.remove(text)
+                return text.words
         return ""

@@ -77,6 +77,11 @@ class View:
         stamp = time.strftime("%H:%M:%S")
         words = f"[{stamp}|{self._name}][{tag(self._situation())}]: {_WORDS.get(level, '')}{text}"
         self._console.writeln(words, fg=look.colour, bg=look.ground)
+        self.alert(text, level)
+
+    def alert(self, text: str, level: Level) -> None:
+        """What is shown already is heard as well, if its level says so."""
+        look = LOOKS[level]
         if look.bell:
             self._ring(_BELL)
         if look.spoken:

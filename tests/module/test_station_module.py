@@ -909,3 +909,15 @@ def test_all_of_the_telemetry_with_its_units_and_its_age(station: StationBench) 
         line.startswith("telemetry ") and line.endswith("(12 s old)")
         for line in station.mpstate.type("handover status")
     )
+
+
+def test_a_text_that_mavproxy_has_shown_is_heard_and_not_shown_again(
+    station: StationBench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    station.load()
+    station.mpstate.status.last_apm_msg = "Something is wrong."
+    station.hear(statustext("Something is wrong."))
+    station.run(0.6)
+    assert not station.mpstate.console.said("Something is wrong.")
+    assert capsys.readouterr().out == "\a"
+    assert [entry["text"] for entry in station.journal("text")] == ["Something is wrong."]
