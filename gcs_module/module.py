@@ -65,6 +65,7 @@ from mavproxy_handover.gate.latent import fuller
 from mavproxy_handover.hosting import guarded, why
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.link.timesync import probe_answer
+from mavproxy_handover.must_load import loaded, not_loaded
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -499,6 +500,8 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverGcsModule 
         mpstate.public_modules.pop("handover_gcs", None)
         mpstate.command_map.pop("handover", None)
         mpstate.console.writeln(f"handover_gcs is not loaded: {why(error)}")
+        not_loaded(f"module handover_gcs is not loaded: {why(error)}")
         return None
+    loaded()
     _last_config[:] = [str(settings.path)]
     return module

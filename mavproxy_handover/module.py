@@ -44,11 +44,13 @@ from mavproxy_handover.hosting import guarded, why
 from mavproxy_handover.lifeline import lifeline
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.main_loop import STAY_S, TALKING_S, end, ends, poller, readable, waited_for
+from mavproxy_handover.must_load import loaded, not_loaded
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
 from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.store.lock import VehicleLock, lock_line
 from mavproxy_handover.store.replay import ReplayStore
+from mavproxy_handover.unloading import UnloadQuestion
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.signing import SignedPeer
 
@@ -116,6 +118,10 @@ class HandoverModule(mp_module.MPModule):
             "authority handover of this vehicle ('handover help')",
             self._commands.completions(),
         )
+        self._unload_question = UnloadQuestion(
+            mpstate.command_map, "handover", flies=self._flies, show=self._show, clock=time.monotonic
+        )
+        self._unload_question.take()
         self.companion.narrator.loaded(VERSION, str(config.path))
         self._close_side_doors(tell=False)
         self._supervised()
@@ -192,6 +198,7 @@ class HandoverModule(mp_module.MPModule):
                 mp_util.child_fd_list_remove(descriptor)
         self._links.clear()
         self._by_descriptor = {}
+        self._unload_question.give_back()
         self.remove_command("handover")
         self.mpstate.public_modules.pop("handover", None)
         for name, value in self._kept.items():
@@ -311,6 +318,9 @@ class HandoverModule(mp_module.MPModule):
             self._guarded("output", output.close)
             self._show(f"handover: output {output.address} is closed: stations belong in the configuration")
 
+    def _flies(self) -> bool:
+        return not self.companion.arbiter.grounded(time.monotonic())
+
     def _show(self, text: str) -> None:
         self.console.writeln(text)
 
@@ -373,6 +383,7 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
         mpstate.public_modules.pop("handover", None)
         mpstate.command_map.pop("handover", None)
         return _not_loaded(mpstate, why(error))
+    loaded()
     _last_config[:] = [str(path)]
     return module
 
@@ -392,4 +403,6 @@ def _not_loaded(mpstate: Any, text: str) -> HandoverModule | None:
     if line is not None and not line.lived:
         line.refused = True
         end(mpstate)
+    else:
+        not_loaded(f"module handover is not loaded: {text}")
     return None

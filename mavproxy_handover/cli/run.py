@@ -16,6 +16,7 @@ from pathlib import Path
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.config.files import ConfigError, find_vehicle_config
+from mavproxy_handover.must_load import must_load
 
 __all__ = ["companion", "station"]
 
@@ -48,7 +49,7 @@ def station(argv: Sequence[str]) -> int:
     )
     parser.add_argument("--config", default="station.toml", help="station configuration (default: ./station.toml)")
     parser.add_argument("--master", required=True, help="the link to the vehicle, e.g. udpin:0.0.0.0:14550")
-    return _run(parser, argv, station_argv, lambda named: Path(named or "").expanduser().resolve(), _become)
+    return _run(parser, argv, station_argv, lambda named: Path(named or "").expanduser().resolve(), _station)
 
 
 def _run(
@@ -74,14 +75,19 @@ def _run(
     return 0 if arguments.print else start(command, arguments)
 
 
-def _become(command: list[str], _arguments: argparse.Namespace) -> int:
+def _station(command: list[str], _arguments: argparse.Namespace) -> int:
+    return _become(command, "handover station")
+
+
+def _become(command: list[str], name: str) -> int:
+    must_load(name)
     os.execv(command[0], command)
 
 
 def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
     """Run the command in a child; where that cannot be done safely, become it, and say what is lost."""
     if sys.platform != "linux":
-        return _unsupervised(command, arguments, "only Linux ends a child with its parent")
+        return _unsupervised(command, "only Linux ends a child with its parent")
     # imported here: `handover station` does without all of it
     from mavproxy_handover.supervision.child import Companion
     from mavproxy_handover.supervision.rules import Limits
@@ -91,17 +97,17 @@ def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
     script = Script(Path(command[1]))
     script.prepare()
     if not single_threaded():
-        return _unsupervised(command, arguments, "something that Python imports here starts threads")
+        return _unsupervised(command, "something that Python imports here starts threads")
     supervisor = Supervisor(Companion(script, command[2:]), Limits(window_s=arguments.restarts_within))
     return supervisor.run()
 
 
-def _unsupervised(command: list[str], arguments: argparse.Namespace, why: str) -> int:
+def _unsupervised(command: list[str], why: str) -> int:
     text = (
         f"handover companion: WARNING: not supervised: {why}. It will not be started again, and ends with its terminal"
     )
     print(text, file=sys.stderr, flush=True)
-    return _become(command, arguments)
+    return _become(command, "handover companion")
 
 
 def _seconds(text: str) -> float:

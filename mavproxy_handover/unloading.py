@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`module unload handover` in flight takes authority and gate away, and the aircraft comes home: it has to be typed
+twice.
+
+MAVProxy asks no module whether it may be unloaded. So its command `module` goes through here while ours is loaded.
+"""
+
+from __future__ import annotations
+
+import os.path
+from collections.abc import Callable
+from typing import Any, Final
+
+__all__ = ["AGAIN_S", "UnloadQuestion"]
+
+#: typed again within so many seconds it is meant
+AGAIN_S: Final = 10.0
+_WORDS: Final = ("unload", "reload")
+
+
+class UnloadQuestion:
+    """Stands in MAVProxy's table of commands from `take` to `give_back`. Times are monotonic seconds."""
+
+    def __init__(
+        self,
+        command_map: dict[str, Any],
+        module: str,
+        *,
+        flies: Callable[[], bool],
+        show: Callable[[str], None],
+        clock: Callable[[], float],
+    ) -> None:
+        self._command_map = command_map
+        self._module = module
+        self._flies = flies
+        self._show = show
+        self._clock = clock
+        self._asked_at = -AGAIN_S
+        self._inner: tuple[Callable[[list[str]], None], str] | None = None
+        self._own: tuple[Callable[[list[str]], None], str] | None = None
+
+    def take(self) -> None:
+        """From now on commands go through here."""
+        self._inner = self._command_map.get("module")
+        if self._inner is not None:
+            self._own = self._command_map["module"] = (self._run, self._inner[1])
+
+    def give_back(self) -> None:
+        """Leave the command as it was; another one that has taken our place since stays."""
+        if self._inner is not None and self._command_map.get("module") is self._own:
+            self._command_map["module"] = self._inner
+        self._inner = None
+
+    def _run(self, args: list[str]) -> None:
+        inner = self._inner
+        if inner is None or (self._is_ours(args) and self._must_be_asked()):
+            return
+        inner[0](args)
+
+    def _is_ours(self, args: list[str]) -> bool:
+        named = args[1].partition(":")[0] if len(args) > 1 else ""
+        return args[:1] != [] and args[0] in _WORDS and os.path.basename(named) == self._module
+
+    def _must_be_asked(self) -> bool:
+        now = self._clock()
+        if not self._flies() or now - self._asked_at < AGAIN_S:
+            return False
+        self._asked_at = now
+        self._show(
+            f"{self._module}: the aircraft is in flight. Without this module nobody commands it, and the guard brings "
+            f"it home. Type it again within {AGAIN_S:.0f} s if that is meant."
+        )
+        return True
