@@ -131,6 +131,9 @@ class StationCommands:
             self._named[args[0]][1](args[1])
             return
         show = self._module.view.show
+        if args and args[0] in self._named:
+            show(f"usage: handover {args[0]} {self._named[args[0]][0]}")
+            return
         if args and args[0] != "help":
             show(f"handover: unknown command {' '.join(args)!r}")
         show("usage: handover <" + "|".join([*self._table, *self._named, "set"]) + ">")

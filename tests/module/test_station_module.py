@@ -921,3 +921,10 @@ def test_a_text_that_mavproxy_has_shown_is_heard_and_not_shown_again(
     assert not station.mpstate.console.said("Something is wrong.")
     assert capsys.readouterr().out == "\a"
     assert [entry["text"] for entry in station.journal("text")] == ["Something is wrong."]
+
+
+@pytest.mark.parametrize("line", ["give", "give GCSB now", "override", "take"])
+def test_a_word_that_takes_a_name_says_so_without_one(station: StationBench, line: str) -> None:
+    station.load()
+    (shown,) = station.mpstate.type(f"handover {line}")
+    assert shown.startswith(f"usage: handover {line.split()[0]} ")
