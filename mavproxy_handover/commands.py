@@ -92,7 +92,7 @@ class VehicleCommands:
             self._show(f"lifted    {limit.value}, {left_s:.0f} s yet")
         if not companion.autopilot.aircraft.armed:
             needs = arbiter.start_needs(view.commander or companion.config.parent, now)
-            self._show(f"START     {'ready' if not needs else 'not yet: ' + ', '.join(needs)}")
+            self._show(f"START     {'ready' if not needs else 'not yet: ' + '; '.join(needs)}")
         findings = companion.autopilot.findings
         if findings == ():
             self._show("preflight guard, parameters and firmware fit")

@@ -40,6 +40,7 @@ from mavproxy_handover.gate.judge import Fate, Verdict, uploads
 from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import classify
+from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.restart import Restart
@@ -116,10 +117,11 @@ class Companion:
         self._restart = Restart(None if config.state is None else StateKeeper(config.state, config.name), self.fault)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)
-        self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault, self._station_told)
+        self._voice = Voice(config.sysid, edge.write_autopilot, ports)
+        told = (self._station_told, self._say)
+        self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault, *told)
         self.gate.distrust()
         self.gate.change(self.arbiter.view, edge.clocks.monotonic())
-        self._voice = Voice(config.sysid, edge.write_autopilot, ports)
         self.narrator = Narrator(config.name, self.journal, self.arbiter, edge.show, lambda: self.view.phase)
         self._announcer = Announcer(self._voice)
         self._control = OperatorControl(self._voice, self.narrator, self.handle)
@@ -130,6 +132,7 @@ class Companion:
             self.journal.close()
             raise
         self.gate.targets.judge = self.autopilot.desk.target
+        self.gate.copter = lambda: not self.autopilot.aircraft.foreign
         self._overrides = Overrides(self.autopilot.desk, lambda: self.view.commander, config.sysid)
         jobs = [
             ("send_lease", self._send_lease, status.LEASE_INTERVAL_S),
@@ -228,6 +231,12 @@ class Companion:
     def _station_told(self, news: News, now: float) -> None:
         self.narrator.stream(self.ports[news.station].name, news, now)
 
+    def _say(self, station: int, text: str, now: float) -> None:
+        """Why something is refused, to the station that asked."""
+        port = self.ports[station]
+        self.narrator.told(port.name, text, now)
+        self._voice.say(port, text)
+
     def _consume(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         if verdict.access in (Access.COMMAND, Access.READ):  # of those what starts a flight, or is judged during it
             if self.view.phase is Phase.ON_LOAD:
@@ -257,9 +266,9 @@ class Companion:
             return
         needs = self.arbiter.take_off_needs(port.sysid, now)
         if needs:
-            orders.refuse_take_off(port, frame, needs)
+            orders.refuse_take_off(port, frame, needs, now)
             kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
-            self.narrator.refused(port.name, kind, verdict.what, ", ".join(needs), True, proven, now)
+            self.narrator.refused(port.name, kind, verdict.what, "; ".join(needs), True, proven, now)
             return
         self.handle(events.TakeOffPassed(port.sysid), now)
         self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
@@ -281,6 +290,7 @@ class Companion:
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
         port.spoke(frame.compid)
+        port.tongues.show((frame.sysid, frame.compid), Tongue.OURS, now)
         kind = message.get_type()
         if kind.startswith("MISSION_"):
             self.autopilot.on_package(port, message, now)
@@ -429,9 +439,9 @@ class Companion:
             case events.BeginStart():
                 self.autopilot.orders.start(now)
             case events.StartRefused():
-                self.autopilot.orders.refuse_start(action.needs)
+                self.autopilot.orders.refuse_start(action.needs, now)
             case events.ControlAnswer():
-                self._control.answer(self.ports[action.station], action.result, action.text)
+                self._control.answer(self.ports[action.station], action.result, action.text, now)
             case events.NotifyOwner():
                 name = self.arbiter.name(action.requester)
                 self._control.ask_owner(self.ports[action.station], action, name, self.view.handover_id)
@@ -450,7 +460,8 @@ class Companion:
         port.send(codec.encode(action.message, port.target, self.config.sysid, state), everywhere=True)
 
     def _on_view(self, action: events.ViewChanged, now: float) -> None:
-        former, view = self.view.commander, action.view
+        before, view = self.view, action.view
+        former = before.commander
         self._reason = action.reason
         try:
             self._restart.save(self.arbiter.snapshot())
@@ -465,10 +476,17 @@ class Companion:
             if former is not None:
                 self.autopilot.renew_streams()
             self.autopilot.orders.give_start_up("its commander commands no more", now)
+            self._attempt("word of it", self._tell_commander, before, view)
         self.narrator.view(view, action.reason)
         self._send_lease(now)
         self._send_authority_status(now)
         self._voice.to_stations(status.control_status(view))
+
+    def _tell_commander(self, before: AuthorityView, view: AuthorityView) -> None:
+        """Who commands now, to everybody; the number is that of the transfer that has brought it about, if one has."""
+        transferred = view.commander == before.partner and view.handover_id == before.handover_id
+        name = "" if view.commander is None else self.arbiter.name(view.commander)
+        self._announcer.commander(name, view.handover_id if transferred else None)
 
     def _put_in_force(self, view: AuthorityView, now: float) -> None:
         for station, closing in self.gate.change(view, now):

@@ -260,6 +260,11 @@ class Narrator:
         also = kept_back or None
         self._journal.write("refused", text, station=station, what=what, reason=reason, answered=answered, also=also)
 
+    def told(self, station: str, text: str, now: float) -> None:
+        """A station was told why something is refused."""
+        if self._heard_out(station, now):
+            self._journal.write("told", text, station=station)
+
     def stream(self, station: str, news: News, now: float) -> None:
         """What a station was told of its sticks or setpoints."""
         if self._heard_out(station, now):

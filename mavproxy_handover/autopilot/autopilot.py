@@ -80,7 +80,7 @@ class Autopilot:
         talks = self.conversations = Conversations(ties.voice.to_autopilot, ties.fault)
         self._copter = copter = Copter(config.sysid, lambda: self.aircraft.status_text, lambda: self.aircraft.foreign)
         self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight)
-        self._streams = Streams(copter, ties.voice.to_autopilot)
+        self._streams = Streams(copter, ties.voice.ask_rates)
         self.orders = Orders(copter, talks, ties)
         self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
         self._energy = EnergyWatch(config.energy, ties)

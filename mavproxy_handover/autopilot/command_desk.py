@@ -24,7 +24,7 @@ from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.safety.commands import LIFTED_S, CommandRules, Kind, Limit, Outcome, Ruling
 from mavproxy_handover.gate.intent import Aim, Intent
-from mavproxy_handover.gate.refusals import RefusalLimiter
+from mavproxy_handover.gate.refusals import CAUSE_S, OncePerCause, RefusalLimiter
 from mavproxy_handover.mission.ahead import Ahead, leaves_coverage, leaves_fence, straight
 from mavproxy_handover.mission.energy import Place, pieces_along, released_at
 from mavproxy_handover.mission.geodesy import offset
@@ -36,8 +36,8 @@ __all__ = ["MOST", "PER_S", "CommandDesk"]
 
 MOST: Final = 10
 PER_S: Final = 5.0
-#: words to one station about one kind of command: not oftener, and about a stream not oftener than that
-_WORDS_S, _STREAM_WORDS_S = 1.0, 10.0
+#: entries about one kind of command of a station: not oftener; about a stream as seldom as the station is told
+_ENTRY_S = 1.0
 #: MAV_FRAMEs that are above the sea, and local frames whose origin is where the aircraft is, turned with it or not
 _ABOVE_SEA: Final = (0, 5)
 _OFFSETS: Final = (7, 8, 9)
@@ -87,8 +87,9 @@ class CommandDesk:
         self._places = places
         self._ties = ties
         self._purse = _Purse()
-        self._words = RefusalLimiter(1, _WORDS_S)
-        self._stream_words = RefusalLimiter(1, _STREAM_WORDS_S)
+        self._entries = RefusalLimiter(1, _ENTRY_S)
+        self._stream_entries = RefusalLimiter(1, CAUSE_S)
+        self._words = OncePerCause()
 
     # ---- commands -------------------------------------------------------------------------------------------------
 
@@ -241,17 +242,18 @@ class CommandDesk:
     def _tell(self, port: StationPort, kind: Kind, word: str, ruling: Ruling, now: float) -> None:
         if ruling.outcome is Outcome.PASSES:
             return
-        words = self._stream_words if kind is Kind.TARGET else self._words
-        if not words.allow(port.sysid, (kind, ruling.outcome, ruling.limits), now):
+        entries = self._stream_entries if kind is Kind.TARGET else self._entries
+        if not entries.allow(port.sysid, (kind, ruling.outcome, ruling.limits), now):
             return
         narrator, voice = self._ties.narrator, self._ties.voice
         if ruling.passes:
             narrator.command_passed(port.name, word, ruling)
-            if ruling.outcome is Outcome.WARNED:
-                voice.say(port, f"{word}, warning: {ruling.words}")
+        else:
+            narrator.command_refused(port.name, word, ruling)
+        if ruling.outcome is Outcome.LIFTED or not self._words.allow(port.sysid, (word, ruling.limits, kind), now):
             return
-        narrator.command_refused(port.name, word, ruling)
-        limit = ruling.limits[0].value
-        voice.say(port, f"{word} refused: {ruling.words}")
+        if ruling.passes:
+            voice.say(port, f"{word}, warning: {ruling.words}")
+            return
         again = "" if kind is Kind.TARGET else "send again in 3-15 s, or "
-        voice.say(port, f"{again}handover override {limit}")
+        voice.say(port, f"{word} refused: {ruling.words}; {again}handover override {ruling.limits[0].value}")

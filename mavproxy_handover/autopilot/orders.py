@@ -21,6 +21,9 @@ from mavproxy_handover.autopilot.copter import COPTER_MODES, RTL, Copter
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.start import refused
+from mavproxy_handover.gate.refusals import OncePerCause
+from mavproxy_handover.gate.words import called, subject_of
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.frames import Frame, field_int
@@ -57,6 +60,7 @@ class Orders:
         self._conversations = conversations
         self._ties = ties
         self._asker: _Asker | None = None
+        self._needs = OncePerCause()
         #: is told that a return is about to be ordered; returns what tells whether its place is in the autopilot's list
         self.before_return: Callable[[float], Callable[[], bool]] = lambda _now: lambda: True
         #: the autopilot returns because it was told so here
@@ -98,19 +102,24 @@ class Orders:
         self._ties.narrator.start_begun(asker.port.name)
         self._conversations.begin(_START, self._copter.start(), done, now)
 
-    def refuse_start(self, needs: tuple[str, ...]) -> None:
+    def refuse_start(self, needs: tuple[str, ...], now: float) -> None:
         """START cannot be: what it still needs."""
         if self._asker is not None:
-            text = "START refused: " + ", ".join(needs)
-            self._answer(self._asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED, text)
+            self._answer(self._asker, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+            self._tell_needs(self._asker.port, "START", needs, now)
 
-    def refuse_take_off(self, port: StationPort, frame: Frame, needs: tuple[str, ...]) -> None:
+    def refuse_take_off(self, port: StationPort, frame: Frame, needs: tuple[str, ...], now: float) -> None:
         """A command that arms or takes off cannot be: what START still needs."""
         voice, sender = self._ties.voice, (frame.sysid, frame.compid)
         command = commanded(frame)
         if command is not None:
             voice.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        voice.say(port, "No take-off: " + ", ".join(needs))
+        self._tell_needs(port, called(subject_of(frame)), needs, now)
+
+    def _tell_needs(self, port: StationPort, what: str, needs: tuple[str, ...], now: float) -> None:
+        """All of them in one text. What is behind a colon are figures, which change while the need does not."""
+        if self._needs.allow(port.sysid, (what, *(need.partition(":")[0] for need in needs)), now):
+            self._ties.voice.say(port, refused(what, needs))
 
     def give_start_up(self, why: str, now: float) -> None:
         """End a START that is under way, if one is."""

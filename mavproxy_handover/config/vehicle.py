@@ -28,6 +28,7 @@ from mavproxy_handover.core.safety.energy_prior import (
 )
 from mavproxy_handover.core.safety.route import RouteLimits
 from mavproxy_handover.gate.observers import ObserverLimits
+from mavproxy_handover.gate.tongues import POLICIES as TONGUE_POLICIES
 from mavproxy_handover.link.quality import LinkLimits
 
 __all__ = ["LIMIT_RANGES", "LINK_RANGES", "OBSERVER_RANGES", "StationLinks", "VehicleConfig", "load_vehicle"]
@@ -44,6 +45,8 @@ class StationLinks:
     key: Path | None = None
     #: from when on one of its links is called bad
     limits: LinkLimits = field(default_factory=LinkLimits)
+    #: whether its programs get the result NOT_IN_CONTROL: who has shown to know it ("auto"), all, none
+    not_in_control: str = TONGUE_POLICIES[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +226,7 @@ _VEHICLE_KEYS: Final = (
     "autopilot_key",
     "guard_key",
 )
-_STATION_KEYS: Final = ("name", "sysid", "links", "key", "module", "sysids")
+_STATION_KEYS: Final = ("name", "sysid", "links", "key", "module", "sysids", "not_in_control")
 
 
 def load_vehicle(path: Path) -> VehicleConfig:
@@ -282,7 +285,10 @@ def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationL
     if key is None and not unsigned:
         hint = f"'handover keys make {station.name}' makes one; allow_unsigned = true in [vehicle] does without"
         raise table.error("key", f"is missing: anybody could speak as {station.name}; {hint}")
-    return StationLinks(station, checked, frozenset([station.sysid, *extra]), key, limits)
+    result = table.get("not_in_control", str, TONGUE_POLICIES[0])
+    if result not in TONGUE_POLICIES:
+        raise table.error("not_in_control", f"{result!r} must be one of " + ", ".join(TONGUE_POLICIES))
+    return StationLinks(station, checked, frozenset([station.sysid, *extra]), key, limits, result)
 
 
 def _unique(path: Path, stations: tuple[StationLinks, ...], vehicle: int) -> None:

@@ -18,7 +18,7 @@ from mavproxy_handover.core.model import Phase, Reason
 from mavproxy_handover.core.phases import PhaseCause
 from mavproxy_handover.core.transfer import Cause
 
-__all__ = ["Start", "StartFacts", "start_needs"]
+__all__ = ["Start", "StartFacts", "refused", "start_needs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +71,11 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
     return tuple(needs)
 
 
+def refused(what: str, needs: tuple[str, ...]) -> str:
+    """START, or a command that is a part of it, is refused for all of this: some of it has commas of its own."""
+    return f"{what} refused: {'; '.join(needs)}"
+
+
 class Start:
     """START on its way, from the station's command to the edge's word that the aircraft is armed and in AUTO."""
 
@@ -111,7 +116,7 @@ class Start:
         """A station commands START."""
         needs = self.needs(station, now)
         if needs:
-            actions.append(Record("start_refused", "START refused: " + ", ".join(needs), Reason.NOT_READY, station))
+            actions.append(Record("start_refused", refused("START", needs), Reason.NOT_READY, station))
             actions.append(StartRefused(station, needs))
             return
         self._conductor.move(Cause.PREEMPTED, now, actions)  # another's request: the commander flies, it does not give

@@ -30,7 +30,7 @@ from mavproxy_handover.core.model import AuthorityView
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.observers import ALWAYS, DEFAULTS, ObserverRates
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
-from mavproxy_handover.wire.ids import COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
+from mavproxy_handover.wire.ids import COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL, RATES_COMPID
 
 __all__ = ["ANSWERS", "COMMAND_ANSWERS", "EACH", "FOR_EVERYBODY", "LIMIT_S", "WINDOW_S", "DownlinkPolicy"]
 
@@ -116,6 +116,8 @@ _COMMAND_ACK: Final = mavlink.MAVLINK_MSG_ID_COMMAND_ACK
 _TUNNEL: Final = mavlink.MAVLINK_MSG_ID_TUNNEL
 _REQUEST_MESSAGE: Final = mavlink.MAV_CMD_REQUEST_MESSAGE
 _QUESTIONS: Final = frozenset({*_BY_MESSAGE, _COMMAND_LONG, _COMMAND_INT})
+#: components that the companion asks the autopilot as
+_COMPANION: Final = (COMPANION_COMPID, RATES_COMPID)
 _FLOAT: Final = struct.Struct("<f")
 
 
@@ -131,7 +133,7 @@ def _stays_aboard(frame: Frame, aim: tuple[int, int] | None) -> bool:
     """Rule 1: lease, guard status, and what a component of the vehicle says to the companion."""
     if frame.msgid == _TUNNEL and field_int(frame, "payload_type") in (LEASE_TUNNEL, GUARD_STATUS_TUNNEL):
         return True
-    return aim is not None and aim == (frame.sysid, COMPANION_COMPID)
+    return aim is not None and aim[0] == frame.sysid and aim[1] in _COMPANION
 
 
 def _answers_to(frame: Frame) -> list[tuple[tuple[int, ...], bool]]:

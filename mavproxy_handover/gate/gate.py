@@ -14,8 +14,9 @@ Rules that live here
    is noted behind it. What may come often, a commander's streams and questions, is noted with the next tick (`note`):
    several together cost much less than each by itself. But it is noted before another station's frames and before a
    change, and what opens something that an answer of the autopilot may close is noted at once.
-3. Every refusal is answered in its protocol's own way, but not in a storm (`refusals`). What an observer wants to hear
-   is the companion's to give (`observers`): the autopilot is not asked for more.
+3. Every refusal is answered in its protocol's own way, and a text says why (`words`), but neither in a storm: whether
+   there is one is known before anything is made of it (`refusals`). What an observer wants to hear is the companion's
+   to give (`observers`): the autopilot is not asked for more.
 4. What a former commander left open at the autopilot is closed in its own name (`flush`), before anything else is sent
    for the new one; then the successor's last heartbeat is passed on if it is fresh: the autopilot watches this station
    from now on. At arming, parameter and mission files that are being written are thrown away: nobody may write those
@@ -46,11 +47,14 @@ from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.intent import TARGET_MESSAGES
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
 from mavproxy_handover.gate.latent import LatentStreams, News, State, arms, lines
+from mavproxy_handover.gate.naming import named
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.questions import Questions
-from mavproxy_handover.gate.refusals import RefusalLimiter, line_of_text, refusal
+from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, has_words, line_of_text, refusal
 from mavproxy_handover.gate.targets import TargetStreams
+from mavproxy_handover.gate.tongues import Tongues
+from mavproxy_handover.gate.words import sentence, subject_of
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
@@ -69,8 +73,6 @@ _WARNINGS: Final = (State.REFUSED, State.RAN_BEFORE)
 UNNOTED: Final = 512
 #: a heartbeat this old still says that its station lives
 _HEARTBEAT_FRESH_S: Final = 2.0
-#: programs ask for parameters again and again: so often (s) they are told in words that they get none in flight
-_IN_WORDS_S: Final = 10.0
 #: answers to wishes for rates, of one station
 _RATE_ANSWERS_PER_S: Final = 20
 
@@ -81,6 +83,14 @@ class Port(Protocol):
     @property
     def sysid(self) -> int:
         """The station's system id."""
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+
+    @property
+    def tongues(self) -> Tongues:
+        """What its programs have shown to understand."""
 
     @property
     def identity(self) -> StationIdentity:
@@ -109,9 +119,11 @@ class Gate:
         to_autopilot: Callable[[bytes], None],
         fault: Callable[[str, str], None],
         told: Callable[[News, float], None],
+        say: Callable[[int, str, float], None],
     ) -> None:
         """`vehicle`: its system id; `ports`: every known station by system id; `to_autopilot` takes whole frames;
-        `fault` is told what broke, and where, `told` what a station was told of its sticks and setpoints."""
+        `fault` is told what broke, and where, `told` what a station was told of its sticks and setpoints; `say` tells a
+        station in words why something is refused."""
         self.view = AuthorityView(armed=True)
         #: what became of every station's frames and why
         self.counts: dict[int, Counter[GateReason]] = {station: Counter() for station in ports}
@@ -119,9 +131,13 @@ class Gate:
         self.in_our_name: Counter[tuple[int, int]] = Counter()
         self._vehicle = vehicle
         self._ports = ports
+        self._names = {station: port.name for station, port in ports.items()}
         self._to_autopilot = to_autopilot
         self._fault = fault
         self._told = told
+        self._say = say
+        #: whether the numbers of its modes are ArduCopter's; whoever knows the autopilot sets it
+        self.copter: Callable[[], bool] = lambda: True
         self._flusher = FlushTracker(vehicle)
         self._questions = Questions(self._flusher)
         self._latent = LatentStreams(ports)
@@ -130,7 +146,7 @@ class Gate:
         self._rates = ObserverRates(limits)
         self._downlink = DownlinkPolicy((port.identity for port in ports.values()), self._rates)
         self._refusals = RefusalLimiter()
-        self._in_words = RefusalLimiter(1, _IN_WORDS_S)
+        self._in_words = OncePerCause()
         self._rate_answers = RefusalLimiter(_RATE_ANSWERS_PER_S)
         self._own = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=COMPANION_COMPID)
         self._as_autopilot = mavlink.MAVLink(None, srcSystem=vehicle, srcComponent=AUTOPILOT_COMPID)
@@ -206,7 +222,7 @@ class Gate:
         refused = Verdict(Fate.REFUSE, verdict.access, GateReason.SITUATION, verdict.what)
         self.counts[port.sysid][refused.reason] += 1
         if self._refusals.allow(port.sysid, frame.msgid, now):
-            for answer in refusal(frame, refused, self._own, words=False):
+            for answer in refusal(frame, refused, self._own, knows=False):
                 port.write(answer)
         return refused
 
@@ -249,11 +265,18 @@ class Gate:
             self._told(news, now)
 
     def _refuse(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
-        if self._refusals.allow(port.sysid, frame.msgid, now):
-            in_flight = verdict.reason is GateReason.COMMANDERS_IN_FLIGHT
-            words = not in_flight or self._in_words.allow(port.sysid, frame.msgid, now)
-            for answer in refusal(frame, verdict, self._own, words=words):
-                port.write(answer)
+        if not self._refusals.allow(port.sysid, frame.msgid, now):
+            return
+        tongues, sender = port.tongues, (frame.sysid, frame.compid)
+        for answer in refusal(frame, verdict, self._own, tongues.knows_not_in_control(sender)):
+            port.write(answer)
+        if not has_words(frame, verdict):
+            return
+        subject, commander = subject_of(frame), self.view.commander
+        if self._in_words.allow(port.sysid, (subject, verdict.reason, commander), now):
+            name = "" if commander is None else self._names[commander]
+            words = sentence(subject, verdict.reason, name, tongues.of(sender), copter=self.copter())
+            self._say(port.sysid, words, now)
 
     def _grant_rates(self, port: Port, frame: Frame, now: float) -> None:
         answers = self._rates.asked(frame, port.sysid, now)
@@ -276,7 +299,7 @@ class Gate:
                 return True
             if frame.compid == AUTOPILOT_COMPID:
                 self._flusher.heard(frame)
-        raw = frame.raw
+        raw = named(frame, self._names)
         for station in self._downlink.receivers(frame, self._ports, self.view, now):
             self._ports[station].write(raw)
         return True

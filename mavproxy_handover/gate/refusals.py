@@ -4,15 +4,16 @@
 
 A ground station program shows an operator what it understands: a command that is denied, a mission that is
 rejected, a parameter that may not be set. Silence it takes for a bad link, and sends again. So each refusal is
-answered in the form of its protocol; where there is none, by a line of text. Rules:
+answered in the form of its protocol; and since no protocol has room for the reason, a text says why (`words`). Rules:
 
 1. An answer goes to the sender: its system id, its component.
 2. An answer comes from the component that was addressed, because that is where the asker waits for it; from the
    autopilot (component 1) if everybody was addressed.
-3. No answer to an answer, and none to what programs repeat on their own, of which a line of text each time
-   would only annoy: `SILENT`.
-4. PARAM_ERROR is young, and few programs show it: a line of text goes with it.
-5. `RefusalLimiter` keeps a storm of refused frames from becoming a storm of answers.
+3. No answer to an answer, and none to what programs repeat on their own, which would only annoy: `SILENT`.
+4. NOT_IN_CONTROL goes only to who knows it (`tongues`); to everybody else the same is DENIED.
+5. The text comes from the companion, to the station that asked. Of what was aimed at the companion there is one only
+   where the protocol has no answer, and of questions none: programs ask every component for this and that.
+6. `RefusalLimiter` keeps a storm of refused frames from becoming a storm of answers, `OncePerCause` one of texts.
 
 Sources: MAVLink command, mission, parameter, extended parameter and file-transfer protocols.
 """
@@ -27,10 +28,11 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
+from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_NAK, NOT_IN_CONTROL
 
-__all__ = ["SILENT", "RefusalLimiter", "line_of_text", "refusal"]
+__all__ = ["CAUSE_S", "SILENT", "OncePerCause", "RefusalLimiter", "has_words", "line_of_text", "refusal"]
 
 FTP_ERROR_NO_SESSION: Final = 5
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
@@ -41,7 +43,8 @@ _FTP_REQUEST: Final = struct.Struct("<HBB4x4s")
 #: Sequence number, session, opcode, size (of the error), the opcode that is refused, (burst, padding), offset, error.
 _FTP_ANSWER: Final = struct.Struct("<HBBBB2x4sB")
 
-TEXT_LIMIT: Final = 50  #: characters of a STATUSTEXT
+#: how often (s) the same cause is told
+CAUSE_S: Final = 10.0
 
 _RESULTS: Final = {
     GateReason.NOT_IN_CONTROL: NOT_IN_CONTROL,
@@ -57,13 +60,6 @@ _FTP_ERRORS: Final = {
     GateReason.UNKNOWN_COMMAND: FTP_ERROR_UNKNOWN_COMMAND,
     GateReason.COMPANION_TARGET: FTP_ERROR_UNKNOWN_COMMAND,
     GateReason.FILE_BUSY: FTP_ERROR_NO_SESSION,
-}
-
-_WORDS: Final = {
-    GateReason.NOT_IN_CONTROL: "not in control",
-    GateReason.COMMANDERS_IN_FLIGHT: "not in flight",
-    GateReason.LOCKED_WHILE_ARMED: "locked while armed",
-    GateReason.MAINTENANCE_ONLY: "maintenance only",
 }
 
 #: Refused without a word: programs send these again and again, unasked, or they are answers themselves.
@@ -92,13 +88,15 @@ SILENT: Final = frozenset(
 )
 
 _LIST: Final = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST
+_QUESTIONS: Final = (Access.READ, Access.BULK, Access.RALLY_READ)
 _Builder = Callable[[Frame, Verdict], mavlink.MAVLink_message]
 
 
-def _command_ack(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
+def _command_ack(frame: Frame, verdict: Verdict, knows: bool = False) -> mavlink.MAVLink_message:
+    result = _RESULTS.get(verdict.reason, mavlink.MAV_RESULT_DENIED)
     return mavlink.MAVLink_command_ack_message(
         command=field_int(frame, "command"),
-        result=_RESULTS.get(verdict.reason, mavlink.MAV_RESULT_DENIED),
+        result=result if knows or result != NOT_IN_CONTROL else mavlink.MAV_RESULT_DENIED,
         target_system=frame.sysid,
         target_component=frame.compid,
     )
@@ -149,16 +147,6 @@ def _ftp_nak(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
     )
 
 
-def _text(_frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
-    why = _WORDS.get(verdict.reason, "refused")
-    room = TEXT_LIMIT - len("Handover: : ") - len(why)
-    part = verdict.what.rpartition("/")[2]  # of PARAM_SET/NAME the name: an operator knows what was typed
-    text = f"Handover: {part[:room]}: {why}"
-    return mavlink.MAVLink_statustext_message(
-        severity=mavlink.MAV_SEVERITY_WARNING, text=text.encode("ascii", "replace")
-    )
-
-
 def _builders() -> dict[int, _Builder]:
     by_name: dict[str, _Builder] = {
         "COMMAND_LONG": _command_ack,
@@ -172,7 +160,7 @@ def _builders() -> dict[int, _Builder]:
         "PARAM_EXT_SET": _param_ext_ack,
         "FILE_TRANSFER_PROTOCOL": _ftp_nak,
     }
-    # PARAM_ERROR is young: with a pymavlink that lacks it, a line of text has to do.
+    # PARAM_ERROR is young: with a pymavlink that lacks it, the text has to do.
     if hasattr(mavlink, "MAVLink_param_error_message"):
         by_name["PARAM_SET"] = by_name["PARAM_REQUEST_LIST"] = _param_error
     return {msgid: by_name[cls.msgname] for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in by_name}
@@ -182,26 +170,32 @@ _BUILDERS: Final = _builders()
 _SILENT_IDS: Final = frozenset(msgid for msgid, cls in mavlink.mavlink_map.items() if cls.msgname in SILENT)
 
 
-def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, *, words: bool = True) -> list[bytes]:
-    """The answers to a refused frame, each a frame ready to send to its sender; none if there is none to give.
+def refusal(frame: Frame, verdict: Verdict, own: mavlink.MAVLink, knows: bool) -> list[bytes]:
+    """The answer to a refused frame, ready to send to its sender; none if its protocol has none to give.
 
-    Without `words` none of them is a line of text.
+    `knows`: its sender knows the result NOT_IN_CONTROL.
 
-    `own` packs them: its `srcSystem` is the vehicle's system id; its sequence number goes up by one for each, and
-    its `srcComponent` is the same afterwards as before. Signed if `own` signs.
+    `own` packs it: its `srcSystem` is the vehicle's system id; its sequence number goes up by one, and its
+    `srcComponent` is the same afterwards as before. Signed if `own` signs.
     """
-    if verdict.fate is not Fate.REFUSE or not frame.known or frame.msgid in _SILENT_IDS:
-        return []
     build = _BUILDERS.get(frame.msgid)
-    # Programs ask every component for its parameters or version: no operator wants to read of each.
-    if (build is None or frame.msgid == _LIST) and verdict.reason is GateReason.COMPANION_TARGET:
+    if build is None or verdict.fate is not Fate.REFUSE or not frame.known or frame.msgid in _SILENT_IDS:
         return []
-    messages = [] if build is None else [build(frame, verdict)]
-    if words and (build is None or (build is _param_error and verdict.reason is not GateReason.COMPANION_TARGET)):
-        messages.append(_text(frame, verdict))
+    if frame.msgid == _LIST and verdict.reason is GateReason.COMPANION_TARGET:  # programs ask every component for it
+        return []
+    message = _command_ack(frame, verdict, knows) if build is _command_ack else build(frame, verdict)
     aim = target(frame)
     compid = aim[1] if aim is not None and aim[1] != 0 else AUTOPILOT_COMPID
-    return [_pack(message, own, compid) for message in messages]
+    return [_pack(message, own, compid)]
+
+
+def has_words(frame: Frame, verdict: Verdict) -> bool:
+    """Whether a text says why a frame was refused."""
+    if verdict.fate is not Fate.REFUSE or not frame.known or frame.msgid in _SILENT_IDS:
+        return False
+    if verdict.reason is GateReason.COMPANION_TARGET:
+        return frame.msgid not in _BUILDERS and verdict.access not in _QUESTIONS
+    return True
 
 
 def line_of_text(text: str, severity: int, own: mavlink.MAVLink) -> bytes:
@@ -243,4 +237,34 @@ class RefusalLimiter:
             self.kept_back += 1
             return False
         sent.append(now)
+        return True
+
+
+class OncePerCause:
+    """Each cause is told to a station once in `window_s`, and no more than `most` of them in that time.
+
+    A cause is whatever the caller tells apart, made of what a station sent if need be: memory is bounded all the same,
+    and who sends a new cause each time is told `most` of them. Asking costs two look-ups.
+    """
+
+    def __init__(self, window_s: float = CAUSE_S, most: int = 10) -> None:
+        self._window_s = window_s
+        self._most = most
+        #: by station: cause -> when it was told, the oldest first
+        self._told: dict[int, dict[Hashable, float]] = {}
+
+    def allow(self, station_sysid: int, cause: Hashable, now: float) -> bool:
+        """Whether the cause may be told now (monotonic seconds); if so, it counts as told."""
+        told = self._told.setdefault(station_sysid, {})
+        at = told.get(cause)
+        if at is not None and now - at < self._window_s:
+            return False
+        while told:
+            oldest = next(iter(told))
+            if now - told[oldest] < self._window_s:
+                break
+            del told[oldest]
+        if len(told) >= self._most:
+            return False
+        told[cause] = now
         return True

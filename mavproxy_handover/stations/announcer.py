@@ -4,10 +4,15 @@
 
 STATUSTEXT is said once, as programs show it each time it comes. HANDOVER_DECISION has a number, by which a station
 knows it again, so it is repeated while the decision is in force: a link may lose it, and a station may come later.
+Who commands is a text alone: AUTHORITY_STATUS and CONTROL_STATUS say it all the time.
+
+Programs choose by the severity what they speak and how they colour it (QGroundControl speaks NOTICE and graver).
+`SEVERITIES` is all there is of it; why something is refused is a WARNING to the station that asked (`voice.py`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -17,19 +22,24 @@ from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire import status
 
-__all__ = ["Announcer"]
+__all__ = ["COMMANDER", "SEVERITIES", "Announcer"]
 
 #: every other second, and how often the end of it all is said
 _AGAIN_S: Final = 1.5
 _ENDS: Final = 3
 
-_CRITICAL = (FlightAction.RETURN, FlightAction.LAND)
-
-
-def _severity(told: Announce) -> int:
-    if told.action is None:
-        return int(mavlink.MAV_SEVERITY_NOTICE)
-    return int(mavlink.MAV_SEVERITY_CRITICAL if told.action in _CRITICAL else mavlink.MAV_SEVERITY_WARNING)
+#: somebody else commands, or nobody
+COMMANDER: Final[int] = mavlink.MAV_SEVERITY_NOTICE
+#: what is decided -> how grave it is; None: nothing is wrong any more
+SEVERITIES: Final[Mapping[FlightAction | None, int]] = {
+    None: mavlink.MAV_SEVERITY_NOTICE,
+    FlightAction.WARN: mavlink.MAV_SEVERITY_WARNING,
+    FlightAction.HOLD: mavlink.MAV_SEVERITY_WARNING,
+    FlightAction.TRANSFER: mavlink.MAV_SEVERITY_WARNING,
+    FlightAction.CONTINUE: mavlink.MAV_SEVERITY_WARNING,
+    FlightAction.RETURN: mavlink.MAV_SEVERITY_CRITICAL,
+    FlightAction.LAND: mavlink.MAV_SEVERITY_CRITICAL,
+}
 
 
 class Announcer:
@@ -53,8 +63,14 @@ class Announcer:
         self._number = self._number % 0xFFFF + 1
         self._told, self._left = told, _ENDS
         for port in self._voice.ports.values():
-            self._voice.say(port, told.text, _severity(told))
+            self._voice.say(port, told.text, SEVERITIES[told.action])
         self._send(now)
+
+    def commander(self, name: str, handover_id: int | None) -> None:
+        """Tell everybody who commands now, "" if nobody does; `handover_id`: of the transfer behind it, if one is."""
+        number = "" if handover_id is None else f" (handover {handover_id})"
+        for port in self._voice.ports.values():
+            self._voice.say(port, f"{name or 'nobody'} commands now{number}", COMMANDER)
 
     def _send(self, now: float) -> None:
         assert self._told is not None

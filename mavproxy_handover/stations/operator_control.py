@@ -17,12 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import ControlRequested, Event, NotifyOwner
 from mavproxy_handover.gate.judge import StationIdentity
+from mavproxy_handover.gate.refusals import OncePerCause
+from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
@@ -31,6 +33,9 @@ from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import OPERATOR_CONTROL
 
 __all__ = ["OperatorControl", "notification", "read_request"]
+
+#: the longest time-out of a request
+_LONGEST_S: Final = 60
 
 
 def read_request(message: Any, station: StationIdentity) -> ControlRequested | str:
@@ -54,6 +59,14 @@ def read_request(message: Any, station: StationIdentity) -> ControlRequested | s
     )
 
 
+def _of_today(message: Any, station: StationIdentity) -> bool:
+    """Whether a request that was understood is certainly of the layout of 2026.
+
+    A release of 2024 reads like one of today; but what was a time-out then, 60 s at most, names the sender by now.
+    """
+    return bool(message.param1 == 1 or (message.param4 in station.sysids and message.param4 > _LONGEST_S))
+
+
 def notification(owner: tuple[int, int], requester: int, timeout_s: float) -> Any:
     """The command by which the manager tells the owner that `requester` asks for control."""
     return command_long(owner, OPERATOR_CONTROL, 1, 0, timeout_s, requester)
@@ -66,6 +79,7 @@ class OperatorControl:
         self._voice = voice
         self._narrator = narrator
         self._handle = handle
+        self._denied = OncePerCause()
         #: system, component that asked last, and the component that was asked
         self._asker = (0, 0, 0)
         #: (station, transfer) of the question that the owner was asked last, and of the one that it has acknowledged
@@ -85,15 +99,17 @@ class OperatorControl:
         self._asker = (frame.sysid, frame.compid, message.target_component)
         if isinstance(request, str):
             self._narrator.request_not_understood(port.name, request, now)
-            self.answer(port, mavlink.MAV_RESULT_DENIED, request)
+            self.answer(port, mavlink.MAV_RESULT_DENIED, request, now)
             return
+        if _of_today(message, port.identity):
+            port.tongues.show((frame.sysid, frame.compid), Tongue.STANDARD, now)
         self._handle(request, now)
 
-    def answer(self, port: StationPort, result: int, text: str) -> None:
-        """COMMAND_ACK of the component that was asked; the companion where nobody was named."""
+    def answer(self, port: StationPort, result: int, text: str, now: float) -> None:
+        """COMMAND_ACK of the component that was asked, the companion where nobody was named; and why it is denied."""
         sysid, compid, component = self._asker
         self._voice.acknowledge(port, (sysid, compid), OPERATOR_CONTROL, result, component)
-        if text:
+        if text and self._denied.allow(port.sysid, text, now):
             self._voice.say(port, f"Control denied: {text}")
 
     def ask_owner(self, port: StationPort, action: NotifyOwner, name: str, handover_id: int) -> None:

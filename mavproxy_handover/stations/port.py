@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.gate.judge import StationIdentity
+from mavproxy_handover.gate.tongues import ANEW_S, Tongues
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_device
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
@@ -46,6 +47,8 @@ class StationPort:
         self.sysid = config.station.sysid
         self.name = config.station.name
         self.identity = StationIdentity(config.station.sysid, config.sysids)
+        #: what its programs have shown to understand
+        self.tongues = Tongues(config.not_in_control)
         self.links = links
         #: component that the station's own messages come from
         self.component = 0
@@ -75,6 +78,8 @@ class StationPort:
     def heard(self, heartbeat: Frame, now: float) -> None:
         """A heartbeat of the station itself."""
         self.spoke(heartbeat.compid)
+        if now - self.heartbeat_at >= ANEW_S:
+            self.tongues.silence_ends(now)
         self.heartbeat, self.heartbeat_at = heartbeat.raw, now
 
     def read(self, link: Device, now: float, once: bool = False) -> list[Frame]:

@@ -15,11 +15,10 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire import codec
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, RATES_COMPID
+from mavproxy_handover.wire.texts import status_texts
 
 __all__ = ["Voice"]
-
-_TEXT_BYTES = 50
 
 
 class Voice:
@@ -28,8 +27,9 @@ class Voice:
     def __init__(self, sysid: int, write_autopilot: Callable[[bytes], None], ports: Mapping[int, StationPort]) -> None:
         self._own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=COMPANION_COMPID)
         self._as_autopilot = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT_COMPID)
+        self._rates = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=RATES_COMPID)
         self._write_autopilot = write_autopilot
-        #: of the last text that came in pieces
+        #: of the last text
         self._text_id = 0
         #: every station by system id
         self.ports = ports
@@ -37,6 +37,10 @@ class Voice:
     def to_autopilot(self, message: Any) -> None:
         """Send a message to the autopilot."""
         self._write_autopilot(codec.pack(message, self._own))
+
+    def ask_rates(self, message: Any) -> None:
+        """Send the autopilot a wish for a rate, whose answer nobody waits for."""
+        self._write_autopilot(codec.pack(message, self._rates))
 
     def to_stations(self, message: Any) -> None:
         """Send a message to every station, on its best link."""
@@ -59,13 +63,7 @@ class Voice:
 
     def say(self, port: StationPort, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
         """A text for the station's operator, a warning unless `severity` says otherwise; what is longer than STATUSTEXT
-        comes in pieces that belong together."""
-        raw = text.encode("utf-8")
-        pieces = [raw[start : start + _TEXT_BYTES] for start in range(0, len(raw), _TEXT_BYTES)]
-        if len(pieces) > 1:
-            self._text_id = self._text_id % 0xFFFF + 1
-            if len(raw) % _TEXT_BYTES == 0:  # a piece that is not full ends the text
-                pieces.append(b"")
-        text_id = self._text_id if len(pieces) > 1 else 0
-        for number, piece in enumerate(pieces):
-            port.send(mavlink.MAVLink_statustext_message(severity, piece, text_id, number))
+        comes in pieces that belong together (`wire/texts.py`)."""
+        self._text_id = self._text_id % 0xFFFF + 1
+        for message in status_texts(text, severity, self._text_id):
+            port.send(message)

@@ -34,6 +34,7 @@ __all__ = [
     "OPERATOR_CONTROL",
     "OUR_MESSAGES",
     "PROBE_COMPID",
+    "RATES_COMPID",
     "STATION_COMPID",
     "TUNNEL_BYTES",
 ]
@@ -47,6 +48,9 @@ AUTOPILOT_COMPID: Final[int] = mavlink.MAV_COMP_ID_AUTOPILOT1
 COMPANION_COMPID: Final[int] = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 #: what link probes come from (see `link/timesync.py`)
 PROBE_COMPID: Final[int] = mavlink.MAV_COMP_ID_UDP_BRIDGE
+#: what the companion asks the autopilot for rates as: MAVProxy prints every COMMAND_ACK that it receives, whoever
+#: asked, but for those to this component. What an operator types aboard is component 191's, and is printed as before
+RATES_COMPID: Final[int] = mavlink.MAV_COMP_ID_MAVCAN
 #: what ground station programs use
 STATION_COMPID: Final[int] = mavlink.MAV_COMP_ID_MISSIONPLANNER
 

@@ -23,6 +23,7 @@ from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.safety.commands import CommandRules, Outcome, Ruling
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.start import refused
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 from sitl.campaign.aircraft import Aircraft, Mode
@@ -234,7 +235,7 @@ class Companion:
             case events.BeginStart():
                 ties.take_off(now)
             case events.StartRefused():
-                self._log.note(now, "START refused: " + ", ".join(action.needs))
+                self._log.note(now, refused("START", action.needs))
             case events.ControlAnswer() | events.NotifyOwner():  # of stations of the standard: none here
                 pass
             case events.Announce():

@@ -17,10 +17,14 @@ from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.judge import StationIdentity, Verdict
 from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.observers import ObserverLimits
+from mavproxy_handover.gate.tongues import Tongues
 from mavproxy_handover.wire.frames import Frame
-from tests.gate.ledger import VEHICLE, A, B, C
+from tests.gate.ledger import GCSA, GCSB, GCSC, VEHICLE, A, B, C
 
 __all__ = ["Came", "Door", "Port"]
+
+
+_NAMES = {GCSA: "GCSA", GCSB: "GCSB", GCSC: "GCSC"}
 
 
 class Port:
@@ -29,6 +33,8 @@ class Port:
     def __init__(self, identity: StationIdentity) -> None:
         self.identity = identity
         self.sysid = identity.sysid
+        self.name = _NAMES.get(identity.sysid, f"station {identity.sysid}")
+        self.tongues = Tongues()
         self.heartbeat = b""
         self.heartbeat_at = -inf
         self.heard: list[bytes] = []
@@ -60,6 +66,8 @@ class Door:
         self.faults: list[str] = []
         #: what stations were told of their sticks and setpoints
         self.told: list[News] = []
+        #: why something was refused: whom that was told, and what
+        self.said: list[tuple[int, str]] = []
         self.now = 1000.0
         self._step_s = step_s
         pass_on = to_autopilot or self.passed.append
@@ -70,6 +78,7 @@ class Door:
             pass_on,
             lambda where, text: self.faults.append(f"{where}: {text}"),
             lambda news, _now: self.told.append(news),
+            lambda station, text, _now: self.said.append((station, text)),
         )
 
     def up(self, station: StationIdentity, frame: Frame) -> Came:

@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate import refusals
 from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, judge
-from mavproxy_handover.gate.refusals import SILENT, RefusalLimiter, refusal
+from mavproxy_handover.gate.refusals import SILENT, OncePerCause, RefusalLimiter, has_words, refusal
 from mavproxy_handover.wire.frames import Frame, parse_one
 from tests.gate.frames import ftp_request
 
@@ -32,12 +32,21 @@ def own() -> mavlink.MAVLink:
 
 
 def answers_to(
-    frame: Frame, own: mavlink.MAVLink, station: StationIdentity = OBSERVER, view: AuthorityView = VIEW
+    frame: Frame,
+    own: mavlink.MAVLink,
+    station: StationIdentity = OBSERVER,
+    view: AuthorityView = VIEW,
+    knows: bool = True,
 ) -> list[Any]:
     """What the station reads when the gate has refused `frame`."""
     verdict = judge(frame, station, view, VEHICLE)
     assert verdict.fate is Fate.REFUSE
-    return [mavlink.MAVLink(None).decode(bytearray(packed)) for packed in refusal(frame, verdict, own)]
+    return [mavlink.MAVLink(None).decode(bytearray(packed)) for packed in refusal(frame, verdict, own, knows)]
+
+
+def is_told(frame: Frame, station: StationIdentity = OBSERVER, view: AuthorityView = VIEW) -> bool:
+    """Whether a text says why."""
+    return has_words(frame, judge(frame, station, view, VEHICLE))
 
 
 def answer(frame: Frame, own: mavlink.MAVLink, station: StationIdentity = OBSERVER) -> Any:
@@ -111,17 +120,24 @@ def test_setting_a_parameter_is_denied_by_its_name(make: Make, own: mavlink.MAVL
     assert (message.param_id, message.param_index, message.error) == (param_id.decode(), -1, 3)
 
 
-@pytest.mark.skipif(not HAS_PARAM_ERROR, reason="this pymavlink has no PARAM_ERROR")
-def test_few_programs_show_param_error_so_a_line_of_text_goes_with_it(make: Make, own: mavlink.MAVLink) -> None:
-    def read(name: bytes, station: StationIdentity, component: int = 1) -> list[str]:
-        frame = make("PARAM_SET", sysid=station.sysid, param_id=name, target_component=component)
-        messages = answers_to(frame, own, station, ARMED)
-        return [getattr(message, "text", message.get_type()) for message in messages]
+def test_who_does_not_know_the_result_of_the_standard_is_denied(make: Make, own: mavlink.MAVLink) -> None:
+    def results(command: int, station: StationIdentity, view: AuthorityView) -> list[int]:
+        frame = make("COMMAND_LONG", sysid=station.sysid, command=command)
+        return [answers_to(frame, own, station, view, knows)[0].result for knows in (True, False)]
 
-    assert read(b"RTL_ALT", OBSERVER) == ["PARAM_ERROR", "Handover: RTL_ALT: not in control"]
-    assert read(b"FS_GCS_ENABLE", COMMANDER) == ["PARAM_ERROR", "Handover: FS_GCS_ENABLE: locked while armed"]
-    assert read(b"BATT_FS_VOLTSRCX", COMMANDER) == ["PARAM_ERROR", "Handover: BATT_FS_VOLTSRCX: locked while armed"]
-    assert read(b"WPNAV_SPEED", COMMANDER, 191) == ["PARAM_ERROR"]
+    denied = 2
+    assert results(400, OBSERVER, VIEW) == [10, denied]
+    assert results(42428, OBSERVER, ARMED) == [10, denied], "the commander's alone in flight"
+    assert results(245, COMMANDER, ARMED) == [denied, denied]
+    assert results(40001, COMMANDER, ARMED) == [3, 3]
+
+
+def test_of_what_was_aimed_at_the_companion_a_text_stands_in_only_for_a_protocol_without_an_answer(make: Make) -> None:
+    def told(name: str) -> bool:
+        return is_told(make(name, sysid=251, target_component=191), COMMANDER)
+
+    assert [told(name) for name in ("PARAM_REQUEST_LIST", "AUTOPILOT_VERSION_REQUEST", "PARAM_SET")] == [False] * 3
+    assert told("LOG_ERASE")
 
 
 def test_what_is_locked_while_armed_is_denied(make: Make, own: mavlink.MAVLink) -> None:
@@ -137,13 +153,14 @@ def test_a_mission_type_that_does_not_exist_is_unsupported(make: Make, own: mavl
     assert (message.get_type(), message.type, message.mission_type) == ("MISSION_ACK", 3, 77)
 
 
-def test_setting_a_parameter_is_denied_in_words_where_there_is_no_param_error(
+def test_setting_a_parameter_is_refused_in_words_where_there_is_no_param_error(
     make: Make, own: mavlink.MAVLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(mavlink, "MAVLink_param_error_message", raising=False)
     monkeypatch.setattr(refusals, "_BUILDERS", refusals._builders())
-    (message,) = answers_to(make("PARAM_SET", sysid=252, param_id=b"RTL_ALT"), own)
-    assert message.text == "Handover: RTL_ALT: not in control"
+    frame = make("PARAM_SET", sysid=252, param_id=b"RTL_ALT")
+    assert answers_to(frame, own) == []
+    assert is_told(frame)
 
 
 def test_setting_an_extended_parameter_fails_by_its_name(make: Make, own: mavlink.MAVLink) -> None:
@@ -182,26 +199,14 @@ def test_an_unknown_file_transfer_opcode_gets_the_nak_for_unknown_commands(make:
     assert message.payload[12] == 7
 
 
-def test_where_a_protocol_has_no_answer_a_line_of_text_is_sent(make: Make, own: mavlink.MAVLink) -> None:
-    message = answer(make("SET_MODE", sysid=252), own)
-    assert message.get_type() == "STATUSTEXT"
-    assert origin(message) == (VEHICLE, 1)
-    assert (message.severity, message.text) == (4, "Handover: SET_MODE: not in control")
-    message = answer(make("SETUP_SIGNING"), own, COMMANDER)
-    assert message.text == "Handover: SETUP_SIGNING: maintenance only"
-
-
-def test_the_line_of_text_fits_and_ends_with_the_reason(make: Make, own: mavlink.MAVLink) -> None:
-    message = answer(make("UAVIONIX_ADSB_OUT_CFG_REGISTRATION", sysid=252), own)
-    assert message.text == "Handover: UAVIONIX_ADSB_OUT_CFG_RE: not in control"
-    assert len(message.text) == 50
-
-
 def test_what_programs_repeat_on_their_own_is_refused_in_silence(make: Make, own: mavlink.MAVLink) -> None:
     assert answer(make("REQUEST_DATA_STREAM", target_component=191), own, COMMANDER) is None
     assert answer(make("TUNNEL", sysid=252, payload_type=1), own) is None
     assert answer(make("HIL_SENSOR", sysid=252), own) is None
     assert answer(make("PARAM_REQUEST_LIST", sysid=252, target_component=191), own) is None
+    assert not is_told(make("REQUEST_DATA_STREAM", target_component=191), COMMANDER)
+    assert not is_told(make("TUNNEL", sysid=252, payload_type=1))
+    assert not is_told(make("HIL_SENSOR", sysid=252))
 
 
 def test_silent_names_are_names_of_the_dialect() -> None:
@@ -213,22 +218,24 @@ def test_every_refusal_of_the_dialect_has_an_answer_or_is_silent_on_purpose(make
     for cls in mavlink.mavlink_map.values():
         frame = make(cls.msgname, sysid=252)
         verdict = judge(frame, OBSERVER, VIEW, VEHICLE)
-        packed = refusal(frame, verdict, own)
+        packed = refusal(frame, verdict, own, knows=False)
         silent = verdict.fate is not Fate.REFUSE or cls.msgname in SILENT
-        assert (packed == []) == silent, cls.msgname
+        assert has_words(frame, verdict) != silent, cls.msgname
+        assert not packed or not silent, cls.msgname
         for raw in packed:
             parsed = parse_one(raw)
             assert parsed is not None
             answered.add(mavlink.mavlink_map[parsed.msgid].msgname)
     young = {"PARAM_ERROR"} if HAS_PARAM_ERROR else set()
-    assert answered == {"COMMAND_ACK", "MISSION_ACK", "PARAM_EXT_ACK", "STATUSTEXT"} | young
+    assert answered == {"COMMAND_ACK", "MISSION_ACK", "PARAM_EXT_ACK"} | young
 
 
 def test_only_refusals_are_answered(make: Make, own: mavlink.MAVLink) -> None:
     frame = make("COMMAND_LONG", command=400)
     verdict = judge(frame, COMMANDER, VIEW, VEHICLE)
     assert verdict.reason is GateReason.ALLOWED
-    assert refusal(frame, verdict, own) == []
+    assert refusal(frame, verdict, own, knows=True) == []
+    assert not has_words(frame, verdict)
 
 
 def test_the_packer_is_left_as_it_was_but_for_its_sequence_number(make: Make, own: mavlink.MAVLink) -> None:
@@ -259,3 +266,25 @@ def test_stations_and_kinds_are_limited_apart() -> None:
     assert not limiter.allow(252, 76, 5.0)
     with pytest.raises(ValueError, match="most = 0"):
         RefusalLimiter(0)
+
+
+# ---- how often a text says why --------------------------------------------------------------------------------------
+
+
+def test_a_cause_is_told_once_in_ten_seconds_and_others_beside_it() -> None:
+    causes = OncePerCause()
+    assert causes.allow(252, "arm", 0.0)
+    assert not causes.allow(252, "arm", 9.5)
+    assert causes.allow(252, "LAND", 9.5)
+    assert causes.allow(253, "arm", 9.5), "another station"
+    assert causes.allow(252, "arm", 10.0)
+    assert not causes.allow(252, "LAND", 19.25)
+    assert causes.allow(252, "LAND", 19.5)
+
+
+def test_who_sends_another_cause_each_time_is_told_ten_in_ten_seconds_and_remembered_no_more() -> None:
+    causes = OncePerCause()
+    told = [n for n in range(5000) if causes.allow(252, n, n / 128)]
+    assert told == [*range(10), *range(1280, 1290), *range(2560, 2570), *range(3840, 3850)]
+    assert len(causes._told[252]) == 10
+    assert causes.allow(253, 0, 50.0), "nobody else is kept out"

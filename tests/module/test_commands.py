@@ -67,8 +67,8 @@ def test_status_before_anything_is_heard_says_what_start_lacks(bench: Bench) -> 
         "mission   none",
         "zone      none",
         "energy    unknown: no [energy] numbers",
-        "START     not yet: GCSA does not command, no mission loaded, no autopilot, the guard does not answer the "
-        "lease, no position",
+        "START     not yet: GCSA does not command; no mission loaded; no autopilot; the guard does not answer the "
+        "lease; no position",
     ]
 
 

@@ -76,7 +76,7 @@ def test_what_arms_by_hand_needs_the_energy_as_well(bench: Bench, delivery: Miss
     get_ready(bench, delivery, 0.6)
     bench.a.command(ARM, 1.0)
     bench.run(0.5)
-    assert bench.a.texts() == f"No take-off: {TOO_LITTLE}"
+    assert bench.a.texts() == f"arm refused: {TOO_LITTLE}"
     assert ARM not in bench.autopilot.commands()
 
 

@@ -73,7 +73,8 @@ def test_parameters_are_locked_when_the_vehicle_arms_and_an_open_file_of_them_is
     assert len(flight.autopilot.got("PARAM_SET", 251)) == 1
     assert flight.a.got("FILE_TRANSFER_PROTOCOL")[-1].payload[3] == 129
     assert flight.a.got("PARAM_ERROR")[-1].error == 3
-    assert flight.a.got("STATUSTEXT")[-1].text == "Handover: FS_GCS_ENABLE: locked while armed"
+    told = [text for _severity, text in flight.a.told() if text.endswith("locked while armed")]
+    assert told == [f"{what} refused: locked while armed" for what in ("file upload", "parameter FS_GCS_ENABLE")]
     assert {entry["reason"] for entry in flight.journal("refused")} == {"locked while armed"}
 
 

@@ -39,7 +39,7 @@ from tests.module.vehicle import AUTO, RTL
 
 START, LAND = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_LAND
 CONTROL = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
-NOT_IN_CONTROL = 10
+DENIED, NOT_IN_CONTROL = 2, 10
 HELD, TRANSFER, LOST, RECOVERING = LeaseState.HELD, LeaseState.TRANSFER, LeaseState.LOST, LeaseState.RECOVERING
 
 
@@ -168,8 +168,8 @@ class TestInFlight:
             station.send(mavlink.MAVLink_command_long_message(1, 1, LAND, 0, 0, 0, 0, 0, 0, 0, 0))
         flight.run(0.3)
         assert flight.autopilot.commands() == []
-        assert flight.a.acks(LAND) == [NOT_IN_CONTROL]
-        assert flight.b.acks(LAND) == [NOT_IN_CONTROL]
+        assert flight.a.acks(LAND) == [DENIED], "they have not shown this run that they know the other result"
+        assert flight.b.acks(LAND) == [DENIED]
 
     def test_nobody_else_gains_by_asking_first(self, flight: Bench) -> None:
         kill(flight)

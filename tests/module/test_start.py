@@ -47,7 +47,7 @@ def test_start_without_a_mission_says_what_is_missing_and_touches_nothing(bench:
     bench.a.command(START)
     bench.run(0.5)
     assert bench.a.acks(START) == [REJECTED]
-    assert bench.a.texts() == "START refused: no mission loaded, outside the zone of GCSA"
+    assert bench.a.texts() == "START refused: no mission loaded; outside the zone of GCSA"
     assert bench.autopilot.commands() == []
 
 
@@ -263,37 +263,37 @@ class TestByHand:
     """Whatever else arms or takes off on the ground needs what START needs, whoever commands."""
 
     @pytest.mark.parametrize(
-        ("command", "first", "second"),
+        ("command", "first", "second", "word"),
         [
-            (ARM, 1.0, 0.0),
-            (ARM, 1.0, 21196.0),
-            (TAKE_OFF, 0.0, 0.0),
-            (AUX, 153.0, 2.0),
-            (AUX, 153.0 + 65536.0, 2.0),
-            (FLY, 0.0, 0.0),
-            (MODE, 1.0, 28.0),
-            (MODE, 1.0, 28.0 + 256.0),
+            (ARM, 1.0, 0.0, "arm"),
+            (ARM, 1.0, 21196.0, "arm"),
+            (TAKE_OFF, 0.0, 0.0, "take-off"),
+            (AUX, 153.0, 2.0, "auxiliary switch"),
+            (AUX, 153.0 + 65536.0, 2.0, "auxiliary switch"),
+            (FLY, 0.0, 0.0, "solo btn fly hold"),
+            (MODE, 1.0, 28.0, "mode TURTLE"),
+            (MODE, 1.0, 28.0 + 256.0, "mode TURTLE"),
         ],
         ids=["arm", "by force", "take off", "switch", "its number + 2^16", "button", "turtle", "its number + 2^8"],
     )
     def test_without_a_mission_it_is_refused_and_the_operator_reads_why(
-        self, bench: Bench, command: int, first: float, second: float
+        self, bench: Bench, command: int, first: float, second: float, word: str
     ) -> None:
         bench.connect()
         bench.a.command(command, first, second)
         bench.run(0.5)
         assert bench.a.acks(command) == [REJECTED]
-        assert bench.a.texts() == "No take-off: no mission loaded, outside the zone of GCSA"
+        assert bench.a.texts() == f"{word} refused: no mission loaded; outside the zone of GCSA"
         assert command not in bench.autopilot.commands()
         (entry,) = [entry for entry in bench.journal() if entry["event"] == "refused"]
-        assert entry["reason"] == "no mission loaded, outside the zone of GCSA"
+        assert entry["reason"] == "no mission loaded; outside the zone of GCSA"
 
     def test_a_mode_that_arms_is_refused_in_whatever_message_it_comes(self, bench: Bench) -> None:
         bench.connect()
         bench.a.send(mavlink.MAVLink_set_mode_message(1, 1, 28))
         bench.a.send(mavlink.MAVLink_set_mode_message(1, 1, 4))
         bench.run(0.5)
-        assert bench.a.texts() == "No take-off: no mission loaded, outside the zone of GCSA"
+        assert bench.a.texts() == "mode TURTLE refused: no mission loaded; outside the zone of GCSA"
         assert [m.custom_mode for m in bench.autopilot.received if m.get_type() == "SET_MODE"] == [4]
 
     @pytest.mark.parametrize("command", [ARM, TAKE_OFF, AUX])

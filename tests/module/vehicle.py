@@ -262,8 +262,17 @@ class Station:
         """Results of a command, in the order in which they came."""
         return [m.result for m in self.got("COMMAND_ACK") if m.command == command]
 
+    def told(self) -> list[tuple[int, str]]:
+        """Severity and text of what a ground station program shows: pieces put together, blanks for one."""
+        found: list[tuple[int, str]] = []
+        for m in self.got("STATUSTEXT"):
+            text = m.text if m.chunk_seq == 0 else found.pop()[1] + m.text
+            found.append((m.severity, text))
+        return [(severity, " ".join(text.split())) for severity, text in found]
+
     def texts(self) -> str:
-        return "".join(m.text for m in self.got("STATUSTEXT"))
+        """All of them, but for who commands."""
+        return "".join(text for _severity, text in self.told() if "commands now" not in text)
 
     def close(self) -> None:
         self._socket.close()

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A refusal in words that a pilot understands: what was refused, and why. Names, never numbers.
+
+`subject_of` is cheap, and made of every refused frame that might be told of: two frames with the same subject are one
+matter. Only of what is told `sentence` makes words. Rules:
+
+1. What people type or press has a word here; every other command and message has its MAVLink name in small letters,
+   without what all of them begin with.
+2. Modes have ArduCopter's names, because no other autopilot is flown here; of one that is another all the same a mode
+   is just a mode.
+3. Of what arrived in a frame only a parameter's name is told, made printable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Final, TypeAlias
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.gate.intent import GUIDED_ITEM
+from mavproxy_handover.gate.judge import GateReason
+from mavproxy_handover.gate.policy.commands import MODE_BITS
+from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
+from mavproxy_handover.gate.tongues import Tongue
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
+from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME, FTP_RESET, FTP_TERMINATE, FTP_WRITE
+
+__all__ = ["COMMANDS", "MESSAGES", "SWITCHES", "Subject", "called", "sentence", "subject_of"]
+
+#: What a frame is about: its word, or the number of a mode, or the name of a parameter as it came.
+Subject: TypeAlias = "str | int | bytes"
+
+#: What people call a command. Names without their MAV_CMD_.
+COMMANDS: Final = {
+    "MISSION_START": "START",
+    "NAV_RETURN_TO_LAUNCH": "RTL",
+    "NAV_LAND": "LAND",
+    "NAV_LAND_LOCAL": "LAND",
+    "NAV_VTOL_LAND": "LAND",
+    "NAV_LOITER_UNLIM": "LOITER",
+    "NAV_TAKEOFF": "take-off",
+    "NAV_TAKEOFF_LOCAL": "take-off",
+    "NAV_VTOL_TAKEOFF": "take-off",
+    "NAV_WAYPOINT": "target",
+    "NAV_SPLINE_WAYPOINT": "target",
+    "DO_REPOSITION": "target",
+    "OVERRIDE_GOTO": "target",
+    "DO_ORBIT": "orbit",
+    "DO_CHANGE_SPEED": "speed",
+    "GUIDED_CHANGE_SPEED": "speed",
+    "DO_CHANGE_ALTITUDE": "altitude",
+    "GUIDED_CHANGE_ALTITUDE": "altitude",
+    "GUIDED_CHANGE_HEADING": "heading",
+    "CONDITION_YAW": "heading",
+    "DO_SET_MISSION_CURRENT": "another mission item",
+    "DO_SET_STANDARD_MODE": "mode",
+    "DO_SET_HOME": "home position",
+    "DO_SET_ROI": "region of interest",
+    "DO_SET_ROI_LOCATION": "region of interest",
+    "DO_SET_ROI_NONE": "region of interest",
+    "DO_AUX_FUNCTION": "auxiliary switch",
+    "DO_FLIGHTTERMINATION": "flight termination",
+    "DO_MOTOR_TEST": "motor test",
+    "DO_SET_RELAY": "relay",
+    "DO_SET_SERVO": "servo",
+    "DO_SET_PARAMETER": "parameter",
+    "DO_SET_SAFETY_SWITCH_STATE": "safety switch",
+    "DO_SEND_BANNER": "banner",
+    "DO_GIMBAL_MANAGER_PITCHYAW": "gimbal",
+    "DO_GIMBAL_MANAGER_CONFIGURE": "gimbal",
+    "DO_MOUNT_CONTROL": "gimbal",
+    "DO_MOUNT_CONFIGURE": "gimbal",
+    "PREFLIGHT_CALIBRATION": "calibration",
+    "PREFLIGHT_REBOOT_SHUTDOWN": "reboot",
+    "PREFLIGHT_STORAGE": "parameter storage",
+    "RUN_PREARM_CHECKS": "pre-arm checks",
+    "BATTERY_RESET": "battery reset",
+    "UAVCAN_GET_NODE_INFO": "list of CAN nodes",
+}
+#: Commands that do one thing or its opposite: the parameter that says which, the word where it is 0, and any other.
+SWITCHES: Final = {
+    "COMPONENT_ARM_DISARM": (1, "disarm", "arm"),
+    "DO_PAUSE_CONTINUE": (1, "STOP", "CONTINUE"),
+    "DO_FENCE_ENABLE": (1, "fence off", "fence on"),
+    "DO_GRIPPER": (2, "gripper release", "gripper grab"),
+}
+#: What people call a message that is no command.
+MESSAGES: Final = {
+    "MISSION_SET_CURRENT": "another mission item",
+    "MISSION_REQUEST_PARTIAL_LIST": "mission list",
+    "PARAM_REQUEST_LIST": "parameter list",
+    "PARAM_EXT_REQUEST_LIST": "parameter list",
+    "TERRAIN_CHECK": "terrain height",
+    "REQUEST_EVENT": "list of events",
+    "COMMAND_CANCEL": "cancelling",
+    "SET_HOME_POSITION": "home position",
+    "SET_GPS_GLOBAL_ORIGIN": "origin",
+    "SET_VELOCITY_LIMITS": "speed limits",
+    "FENCE_POINT": "fence upload",
+    "SAFETY_SET_ALLOWED_AREA": "fence upload",
+    "RALLY_POINT": "rally point upload",
+    "RALLY_FETCH_POINT": "rally point list",
+    "LOG_ERASE": "erasing the logs",
+    "SETUP_SIGNING": "signing key",
+    "CHANGE_OPERATOR_CONTROL": "the old request of control",
+}
+#: MAV_MISSION_TYPE -> to write that list, to clear it
+_UPLOADS: Final = {0: "mission upload", 1: "fence upload", 2: "rally point upload", 255: "upload of everything"}
+_REMOVALS: Final = {0: "mission removal", 1: "fence removal", 2: "rally point removal", 255: "removal of everything"}
+#: file-transfer opcode -> what it does; any other reads
+_FILES: Final = {
+    **dict.fromkeys((FTP_CREATE, FTP_WRITE, FTP_OPEN_WRITE, 12), "file upload"),
+    **dict.fromkeys((8, 10), "removing a file"),
+    9: "making a folder",
+    FTP_RENAME: "renaming a file",
+    **dict.fromkeys((FTP_TERMINATE, FTP_RESET), "ending a file transfer"),
+}
+_OPCODE: Final = 3
+_BEGINNINGS: Final = ("NAV_", "DO_")
+
+_COPTER_MODES: Final[dict[int, str]] = {
+    number: entry.name.removeprefix("COPTER_MODE_")
+    for number, entry in mavlink.enums["COPTER_MODE"].items()
+    if not entry.name.endswith("_ENUM_END")
+}
+_COMMAND_NAMES: Final[dict[int, str]] = {
+    number: entry.name.removeprefix("MAV_CMD_") for number, entry in mavlink.enums["MAV_CMD"].items()
+}
+_MESSAGE_NAMES: Final[dict[int, str]] = {msgid: cls.msgname for msgid, cls in mavlink.mavlink_map.items()}
+
+
+def _ids(*wanted: str) -> frozenset[int]:
+    return frozenset(msgid for msgid, name in _MESSAGE_NAMES.items() if name in wanted)
+
+
+def _plain(name: str) -> str:
+    for beginning in _BEGINNINGS:
+        name = name.removeprefix(beginning)
+    return name.lower().replace("_", " ")
+
+
+#: every command has one, and every message; numbers -> words
+_COMMAND_WORDS: Final[Mapping[int, str]] = {
+    number: COMMANDS.get(name) or _plain(name) for number, name in _COMMAND_NAMES.items()
+}
+_MESSAGE_WORDS: Final[Mapping[int, str]] = {
+    msgid: MESSAGES.get(name) or _plain(name) for msgid, name in _MESSAGE_NAMES.items()
+}
+_SWITCHED: Final = {number: SWITCHES[name] for number, name in _COMMAND_NAMES.items() if name in SWITCHES}
+_COMMAND_IDS: Final = _ids("COMMAND_LONG", "COMMAND_INT")
+_SET_MODE: Final = mavlink.MAVLINK_MSG_ID_SET_MODE
+_ITEM_IDS: Final = _ids("MISSION_ITEM", "MISSION_ITEM_INT")
+_UPLOAD_IDS: Final = _ids(*MISSION_TYPE_MESSAGES)
+_CLEAR_ALL: Final = mavlink.MAVLINK_MSG_ID_MISSION_CLEAR_ALL
+_PARAMETER_IDS: Final = _ids("PARAM_SET", "PARAM_EXT_SET", "PARAM_MAP_RC")
+_FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
+_DO_SET_MODE: Final = mavlink.MAV_CMD_DO_SET_MODE
+_MODE_MASK: Final = (1 << MODE_BITS) - 1
+_NO_MODE: Final = -1
+
+
+def subject_of(frame: Frame) -> Subject:
+    """What a frame is about. Total for frames that the dialect knows, whatever they hold."""
+    msgid = frame.msgid
+    if msgid in _COMMAND_IDS:
+        return _of_command(frame)
+    if msgid == _SET_MODE:
+        return field_int(frame, "custom_mode") & _MODE_MASK
+    if msgid in _ITEM_IDS and field_int(frame, "current") == GUIDED_ITEM:
+        return COMMANDS["DO_REPOSITION"]
+    if msgid in _UPLOAD_IDS:
+        words = _REMOVALS if msgid == _CLEAR_ALL else _UPLOADS
+        return words.get(field_int(frame, "mission_type"), "unknown list")
+    if msgid in _PARAMETER_IDS:
+        return field_bytes(frame, "param_id")
+    if msgid == _FTP:
+        return _FILES.get(field_bytes(frame, "payload")[_OPCODE], "reading files")
+    return _MESSAGE_WORDS[msgid]
+
+
+def _of_command(frame: Frame) -> Subject:
+    command = field_int(frame, "command")
+    if command == _DO_SET_MODE:
+        mode = field_float(frame, "param2")
+        return int(mode) & _MODE_MASK if isfinite(mode) else _NO_MODE
+    switch = _SWITCHED.get(command)
+    if switch is None:
+        return _COMMAND_WORDS.get(command, "unknown command")
+    parameter, zero, other = switch
+    return zero if field_float(frame, f"param{parameter}") == 0.0 else other
+
+
+def called(subject: Subject, *, copter: bool = True) -> str:
+    """What people call it. `copter`: the numbers of its modes are ArduCopter's."""
+    if isinstance(subject, str):
+        return subject
+    if isinstance(subject, int):
+        return f"mode {_COPTER_MODES.get(subject, '') if copter else ''}".rstrip()
+    return f"parameter {_printable(subject)}"
+
+
+def _printable(raw: bytes) -> str:
+    text = raw.partition(b"\0")[0].decode("ascii", "replace")
+    return "".join(letter if letter.isprintable() and letter.isascii() else "?" for letter in text)
+
+
+_REASONS: Final[Mapping[GateReason, str]] = {
+    GateReason.LOCKED_WHILE_ARMED: "locked while armed",
+    GateReason.MAINTENANCE_ONLY: "maintenance only, over no radio link",
+    GateReason.UNKNOWN_COMMAND: "not known to this vehicle",
+    GateReason.COMPANION_TARGET: "the companion takes none, ask the autopilot",
+}
+
+
+def sentence(subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, copter: bool = True) -> str:
+    """What is said of a refusal. `commander`: its name, "" if nobody commands; `tongue`: what the sender speaks."""
+    return f"{called(subject, copter=copter)} refused: {_why(reason, commander, tongue)}"
+
+
+def _why(reason: GateReason, commander: str, tongue: Tongue) -> str:
+    if reason is GateReason.NOT_IN_CONTROL:
+        hint = f" ({tongue.value})" if tongue.value else ""
+        return f"{commander or 'nobody'} commands{hint}"
+    if reason is GateReason.COMMANDERS_IN_FLIGHT:
+        return f"in flight {commander} alone may ask" if commander else "not in flight"
+    if reason is GateReason.FILE_BUSY:
+        return f"{commander or 'somebody'} is using file transfer"
+    return _REASONS.get(reason, "") or str(reason.value)

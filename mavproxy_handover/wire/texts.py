@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A text as STATUSTEXT: what is longer than one message comes in pieces that belong together.
+
+Programs differ. Some put the pieces together by id and number; some show each one as it comes, a line each. So it is
+cut between words. A piece that is not full ends the text for those that put it together (MAVLink: "any null character
+in the text field is taken to mean this was the last chunk"), so every piece but the last is filled up with blanks: the
+whole is the text again, with more than one blank where it was cut. A character is never cut in half, and a word only if
+it is longer than a piece.
+
+Source: mavlink.io, STATUSTEXT; MAVProxy's module link and QGroundControl put pieces together as described.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+__all__ = ["TEXT_BYTES", "pieces", "status_texts"]
+
+TEXT_BYTES: Final = 50
+#: their number is a byte
+_MOST: Final = 256
+
+
+def pieces(text: str) -> list[bytes]:
+    """The text in pieces of `TEXT_BYTES`, UTF-8; the last is shorter, if need be empty. What fits into one is alone."""
+    rest = text.encode("utf-8", "replace")
+    if len(rest) <= TEXT_BYTES:
+        return [rest]
+    found = []
+    while len(rest) >= TEXT_BYTES:
+        end = rest.rfind(b" ", 1, TEXT_BYTES) + 1 or _whole_characters(rest)
+        found.append(rest[:end].ljust(TEXT_BYTES))
+        rest = rest[end:]
+    return [*found, rest][:_MOST]
+
+
+def _whole_characters(rest: bytes) -> int:
+    """How many bytes of a piece hold no half character."""
+    end = TEXT_BYTES
+    while rest[end : end + 1] and rest[end] & 0xC0 == 0x80:
+        end -= 1
+    return end
+
+
+def status_texts(text: str, severity: int, text_id: int) -> list[Any]:
+    """The messages that say it. `text_id`, 1 to 65535: of those in pieces; one that is alone has none."""
+    parts = pieces(text)
+    together = text_id if len(parts) > 1 else 0
+    return [mavlink.MAVLink_statustext_message(severity, part, together, n) for n, part in enumerate(parts)]

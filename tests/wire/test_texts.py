@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A text in pieces, as those read it who put them together, and those who do not."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.wire.texts import pieces, status_texts
+
+REFUSAL = "mode RTL refused: GCSA commands ('handover request')"
+
+
+def put_together(parts: list[bytes]) -> str:
+    """As a ground station program does: by number, up to the first piece that is not full."""
+    text = b""
+    for part in parts:
+        text += part
+        if len(part) < 50:
+            return text.decode()
+    raise AssertionError("the end never comes")
+
+
+def test_a_text_that_fits_is_one_message_without_an_id() -> None:
+    text = "x" * 50
+    (message,) = status_texts(text, 4, 7)
+    assert (message.text, message.id, message.chunk_seq, message.severity) == (text, 0, 0, 4)
+    assert pieces("") == [b""]
+
+
+def test_a_longer_one_is_cut_between_words_and_each_piece_but_the_last_is_full() -> None:
+    assert pieces(REFUSAL) == [
+        b"mode RTL refused: GCSA commands ('handover        ",
+        b"request')",
+    ]
+    first, second = status_texts(REFUSAL, 4, 7)
+    assert [(m.id, m.chunk_seq, m.severity) for m in (first, second)] == [(7, 0, 4), (7, 1, 4)]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        REFUSAL,
+        "START refused: no mission loaded; outside the zone of GCSA; the guard does not answer the lease",
+        "one " * 60 + "end",
+        "a" * 49 + " b",
+        "a" * 50 + " b",
+        "a" * 48 + " " + "b" * 48 + " c",
+        "ab " * 16 + "cd" + " ef" * 3,
+    ],
+)
+def test_who_puts_them_together_reads_the_text_and_who_does_not_reads_whole_words(text: str) -> None:
+    parts = pieces(text)
+    assert put_together(parts).split() == text.split()
+    assert [word for part in parts for word in part.decode().split()] == text.split()
+    assert all(len(part) == 50 for part in parts[:-1])
+
+
+def test_a_text_that_ends_with_a_full_piece_is_ended_by_an_empty_one() -> None:
+    assert pieces("a" * 49 + " " + "b" * 50) == [b"a" * 49 + b" ", b"b" * 50, b""]
+
+
+def test_a_word_longer_than_a_piece_is_cut_and_no_character_in_half() -> None:
+    parts = pieces("ä" * 60)  # two bytes each
+    assert "".join(part.decode() for part in parts) == "ä" * 60
+    odd = pieces("x" + "ä" * 60)
+    assert [part.decode().rstrip() for part in odd] == ["x" + "ä" * 24, "ä" * 24 + "ä", "ä" * 11]
+    assert "".join(part.decode() for part in odd).replace(" ", "") == "x" + "ä" * 60
+
+
+def test_nothing_that_can_be_said_breaks_it() -> None:
+    for text in ("\ud800" * 80, " " * 200, "\0" * 120, "€" * 5000):
+        messages = status_texts(text, 4, 65535)
+        assert 1 <= len(messages) <= 256
+        for message in messages:
+            assert message.pack(mavlink.MAVLink(None, 1, 191))
