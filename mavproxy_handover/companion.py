@@ -484,9 +484,11 @@ class Companion:
 
     def _tell_commander(self, before: AuthorityView, view: AuthorityView) -> None:
         """Who commands now, to everybody; the number is that of the transfer that has brought it about, if one has."""
+        if view.commander is None:
+            self._announcer.commander("", None)
+            return
         transferred = view.commander == before.partner and view.handover_id == before.handover_id
-        name = "" if view.commander is None else self.arbiter.name(view.commander)
-        self._announcer.commander(name, view.handover_id if transferred else None)
+        self._announcer.commander(self.arbiter.name(view.commander), view.handover_id if transferred else None)
 
     def _put_in_force(self, view: AuthorityView, now: float) -> None:
         for station, closing in self.gate.change(view, now):

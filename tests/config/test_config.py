@@ -195,6 +195,12 @@ def test_the_numbers_of_energy_are_read_and_may_be_left_out(file: Path) -> None:
     assert load_vehicle(file).energy == EnergySettings()
 
 
+@pytest.mark.parametrize("word", ["auto", "always", "never"])
+def test_who_gets_the_result_of_the_standard_is_said_station_by_station(file: Path, word: str) -> None:
+    file.write_text(VEHICLE.replace("sysids = [241, 242]", f'not_in_control = "{word}"'))
+    assert [station.not_in_control for station in load_vehicle(file).stations] == [word, "auto"]
+
+
 @pytest.mark.parametrize("key", ENERGY_RANGES)
 def test_a_number_of_energy_may_be_at_either_end_of_its_range(file: Path, key: str) -> None:
     beside = "mass_kg = 1000\n" if key == "payload_kg" else ""
@@ -358,6 +364,16 @@ VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
     "port a word": (":14552", ":mavlink", "[station 2] links: 'udpout:127.0.0.1:mavlink': port must be 1 to 65535"),
     "port of thousands of digits": (":14552", ":" + "1" * 5000, ": port must be 1 to 65535"),
     "link a number": ('"udpout:127.0.0.1:14552"', "14552", "[station 2] links: 14552 must be one of udpin:"),
+    "no such word about a result": (
+        "sysids = [241, 242]",
+        'not_in_control = "sometimes"',
+        "[station 1] not_in_control: 'sometimes' must be one of auto, always, never",
+    ),
+    "a result that is no word": (
+        "sysids = [241, 242]",
+        "not_in_control = true",
+        "[station 1] not_in_control: True must be a text",
+    ),
     "extra sysid 0": ("[241, 242]", "[241, 0]", "[station 1] sysids: 0 must be a MAVLink system id, 1 to 255"),
     "extra sysid true": ("[241, 242]", "[true]", "[station 1] sysids: True must be a MAVLink system id, 1 to 255"),
     "limit below its range": ("dwell_s = 7.5", "dwell_s = -1", "[limits] dwell_s: -1 must be 0 to 600"),
@@ -506,7 +522,7 @@ def test_a_misspelt_key_is_named_and_not_only_missed(file: Path, misspelt: str) 
 def test_a_key_of_another_name_altogether_is_named_first_too(file: Path, foreign: str) -> None:
     text = with_change(VEHICLE, "allow_unsigned = true\n", "")
     text = with_change(text, 'name = "GCSA"\n', f'name = "GCSA"\n{foreign} = "x"\n')
-    allowed = "name, sysid, links, key, module, sysids"
+    allowed = "name, sysid, links, key, module, sysids, not_in_control"
     assert the_line(file, text, load_vehicle) == f"[station 1] {foreign}: unknown key; allowed are: {allowed}"
 
 

@@ -105,6 +105,17 @@ def test_authority_moves_where_the_zones_overlap(flight: Bench) -> None:
     assert flight.autopilot.leases()[-1][6] == 2
 
 
+def test_who_commands_is_told_to_everybody_once_with_the_number_of_the_handover(flight: Bench) -> None:
+    hand_over(flight)
+    flight.run(3.0)
+    (committed,) = flight.journal("transfer_committed")
+    assert committed["handover_id"] > 0
+    told = f"GCSB commands now (handover {committed['handover_id']})"
+    for station in (flight.a, flight.b):
+        notices = [text for severity, text in station.told() if severity == mavlink.MAV_SEVERITY_NOTICE]
+        assert notices == ["GCSA commands now", told]
+
+
 def test_commands_of_the_new_commander_pass_and_those_of_the_old_one_do_not(flight: Bench) -> None:
     flight.b.command(LAND)
     flight.run(0.2)
