@@ -4,12 +4,14 @@
 
 It stands for any ground station program that knows the operator-control protocol of 2026. It sends heartbeats,
 commands, and requests of control; it believes CONTROL_STATUS of the system manager alone about who is in control; it
-acknowledges the manager's question at once and leaves the answer to its operator, who types, a line each:
+acknowledges the manager's question at once and leaves the answer to its operator; whoever never asks for control there
+is a program that knows nothing of it. What the vehicle says in words is in its journal. The operator types:
 
-    start pause continue land rtl    commands, repeated until acknowledged
-    request  release                control for this station, or for nobody
-    allow                           the answer to the question: takeover allowed
-    measure COUNT INTERVAL_S        COUNT times CONTINUE, each once, and how long the acknowledgements take
+    start pause continue land rtl arm mode    commands, repeated until acknowledged; mode: RTL
+    upload param                              a mission of one item, a value for FS_OPTIONS, each once
+    request  release                          control for this station, or for nobody
+    allow                                     the answer to the question: takeover allowed
+    measure COUNT INTERVAL_S                  COUNT times CONTINUE, each once, and how long the acknowledgements take
 
 It ends when its input does. No code of the vehicle's or the station's module is in it.
 """
@@ -52,7 +54,11 @@ _WORDS: dict[str, tuple[int, tuple[float, ...]]] = {
     "continue": (_PAUSE, (1.0,)),
     "land": (mavlink.MAV_CMD_NAV_LAND, ()),
     "rtl": (mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH, ()),
+    "arm": (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,)),
+    "mode": (mavlink.MAV_CMD_DO_SET_MODE, (1.0, 6.0)),
 }
+#: a piece of a text that is shorter ends it
+_PIECE = 50
 
 
 @dataclass(slots=True)
@@ -103,6 +109,8 @@ class StandardGcs:
         self._manager = 0
         self._asked: list[_Asked] = []
         self._measurement: _Measurement | None = None
+        #: what has come of texts in pieces, by component and id
+        self._pieces: dict[tuple[int, int], str] = {}
         self.note("loaded", "a station of the MAVLink standard")
 
     def note(self, event: str, text: str = "", **values: object) -> None:
@@ -133,6 +141,20 @@ class StandardGcs:
             self._on_ack(message, now)
         elif kind == "COMMAND_LONG" and message.command == _COMMAND and message.target_system == self._sysid:
             self._on_question(message)
+        elif kind == "MISSION_ACK" and message.target_system == self._sysid:
+            self.note("upload", f"mission answered by {message.type}", result=message.type)
+        elif kind == "PARAM_ERROR" and message.target_system == self._sysid:
+            self.note("parameter", f"{message.param_id} answered by {message.error}", result=message.error)
+        elif kind == "STATUSTEXT":
+            self._on_text(message)
+
+    def _on_text(self, message: Any) -> None:
+        key = message.get_srcComponent(), message.id
+        text = self._pieces.pop(key, "") + message.text
+        if message.id and len(message.text) == _PIECE:
+            self._pieces[key] = text
+            return
+        self.note("said", " ".join(text.split()), severity=message.severity, component=key[0])
 
     def _on_status(self, message: Any) -> None:
         if not message.flags & mavlink.GCS_CONTROL_STATUS_FLAGS_SYSTEM_MANAGER:
@@ -181,6 +203,12 @@ class StandardGcs:
             self._ask(word, _COMMAND, (1.0, takeover, 30.0, float(self._sysid)), now)
         elif word == "release" and not rest:
             self._ask(word, _COMMAND, (0.0, 0.0, 0.0, float(self._sysid)), now)
+        elif word == "upload" and not rest:
+            kind = mavlink.MAV_MISSION_TYPE_MISSION
+            self._send(mavlink.MAVLink_mission_count_message(self.vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1, 1, kind))
+        elif word == "param" and not rest:
+            target = self.vehicle, mavlink.MAV_COMP_ID_AUTOPILOT1
+            self._send(mavlink.MAVLink_param_set_message(*target, b"FS_OPTIONS", 0.0, mavlink.MAV_PARAM_TYPE_REAL32))
         elif word == "measure" and len(rest) == 2 and rest[0].isdecimal():
             self._measurement = _Measurement(int(rest[0]), float(rest[1]), now, deque(), [])
         else:

@@ -49,6 +49,11 @@ COMPANION, COMPANION_NAME = "companion", "drone-1"
 #: names of the processes that stand in links
 IMPAIRMENT, ROGUE, LINES = "impairment", "rogue", "lines"
 SYSID = 1
+#: lies in the folder of each of our stations: a mission that MAVProxy can load, and nobody flies
+_OTHER_MISSION = """QGC WPL 110
+0\t1\t0\t16\t0\t0\t0\t0\t52.679\t5.924\t0\t1
+1\t0\t3\t22\t0\t0\t0\t0\t52.679\t5.924\t30\t1
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,6 +235,7 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         if not standard:
             tables = _station(station, package, mission, scenario, keys, ground, between)
             config = _write(config, tables)
+            (home / "other.waypoints").write_text(_OTHER_MISSION, encoding="ascii")
         stations.append(
             StationWires(
                 station.name,
