@@ -239,8 +239,12 @@ class HandoverGcsModule(mp_module.MPModule):
         return self.texts.take(beginning)
 
     def _show_texts(self, now: float) -> None:
-        for text in self.texts.due(now, self.decisions.told):
+        for text in self.texts.due(now, self._told):
             self.narrator.text(text, now)
+
+    def _told(self, text: str) -> bool:
+        """Decisions, and who commands: they come in messages of ours too, and are told from those."""
+        return self.decisions.told(text) or " commands now" in text
 
     def _shown(self, text: str) -> bool:
         """MAVProxy's own link module has it before this one: it remembers what it wrote last."""

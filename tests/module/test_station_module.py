@@ -829,6 +829,15 @@ def test_texts_of_the_companion_are_shown_whole_and_by_their_severity(station: S
     assert [entry["text"] for entry in station.journal("text")] == ["x" * 49 + " and the end", "by the way"]
 
 
+def test_who_commands_is_told_from_our_own_message(station: StationBench) -> None:
+    station.load()
+    station.hear(connect_message())
+    station.hear(connect_message(epoch=2, commander=252))
+    station.hear(statustext("GCSB commands now (handover 3)", 5))
+    station.run(0.6)
+    assert sum("commands now" in line for line in station.mpstate.console.lines) == 1
+
+
 def test_the_reason_of_a_refusal_is_told_with_it(station: StationBench) -> None:
     station.load()
     station.mpstate.type("handover start")
@@ -927,4 +936,4 @@ def test_a_text_that_mavproxy_has_shown_is_heard_and_not_shown_again(
 def test_a_word_that_takes_a_name_says_so_without_one(station: StationBench, line: str) -> None:
     station.load()
     (shown,) = station.mpstate.type(f"handover {line}")
-    assert shown.startswith(f"usage: handover {line.split()[0]} ")
+    assert shown.startswith(f"usage: handover {line.split(maxsplit=1)[0]} ")
