@@ -13,9 +13,9 @@ Three speeds:
   something due. Nothing that they ask of a position changes within that second.
   The route is looked at each second, whatever the speed (in the air it is five times).
 * Quiet: nothing but routine has happened for longer than any time-out or pause of the rules lasts, every link lets
-  everything through or nothing, and the aircraft flies straight on with no border ahead. Then each second is like the
-  one before, and the rules are none the wiser if there are fewer of them: time is left out, up to the next thing that
-  is planned, the end of the piece that is flown, or the next border.
+  everything through or nothing, and the aircraft flies straight on with no border ahead, and in no declared gap. Then
+  each second is like the one before, and the rules are none the wiser if there are fewer of them: time is left out,
+  up to the next thing that is planned, the end of the piece that is flown, or the next border.
 
 A border counts as near by its geometry: the places where the piece that is flown now crosses the circle, a little
 before and behind. Where the way ahead turns first, the turn comes first, and is looked at again from there.
@@ -28,6 +28,7 @@ from math import hypot
 from typing import Final
 
 from sitl.campaign.aircraft import Aircraft, Mode
+from sitl.campaign.gaps import gap_at
 from sitl.campaign.links import EDGE_M, FADES_M, Link
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Circle
@@ -131,6 +132,10 @@ class Pace:
         x, y, _z = self._aircraft.at(now)
         return any(-_BAND_M - _BIT_M < zone.margin_m(x, y) < _NEAR_M for zone in self._zones.values())
 
+    @property
+    def _fastest_mps(self) -> float:
+        return max(self._speed_mps, self._aircraft.speed_mps)
+
     def _outside(self, now: int, commander: int | None) -> bool:
         """Whether the zone of who commands does not hold the aircraft, or hardly."""
         if commander is None:
@@ -170,7 +175,7 @@ class Pace:
             self._hold_window(border[1], *_ahead(x, y, vx, vy, border[1]), sysid)
         for gap in self._gaps:  # where the rules are told of one, and of another part of it
             if aircraft.mode is Mode.AUTO and gap.waypoint == aircraft.waypoint:
-                for at_s in gap.changes_s(x, y, vx, vy, max(self._speed_mps, aircraft.speed_mps)):
+                for at_s in gap.changes_s(x, y, vx, vy, self._fastest_mps):
                     self._window(at_s - 0.5, at_s + 0.5)
         if aircraft.ends < NEVER and aircraft.mode is Mode.AUTO:
             self._know_turn(x, y, vx, vy, (aircraft.ends - aircraft.begun) / SECOND)
@@ -231,6 +236,8 @@ class Pace:
             return False
         if aircraft.mode in (Mode.PAUSE, Mode.PILOT) or aircraft.drift != (0.0, 0.0) or aircraft.lifted:
             return False
+        if aircraft.mode is Mode.AUTO and gap_at(self._gaps, aircraft.waypoint, x, y, self._fastest_mps) is not None:
+            return False  # how long it has been alone there is counted
         return not self._outside(now, commander) and not self._near(now, commander)
 
     def nothing_until(self, now: int, bound: int, commander: int | None) -> int:
