@@ -49,11 +49,14 @@ COMPANION, COMPANION_NAME = "companion", "drone-1"
 #: names of the processes that stand in links
 IMPAIRMENT, ROGUE, LINES = "impairment", "rogue", "lines"
 SYSID = 1
-#: lies in the folder of each of our stations: a mission that MAVProxy can load, and nobody flies
-_OTHER_MISSION = """QGC WPL 110
+#: lies in the folder of each of our stations: what MAVProxy can be told to load, a mission that nobody flies among it
+_TO_LOAD = {
+    "other.waypoints": """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t52.679\t5.924\t0\t1
 1\t0\t3\t22\t0\t0\t0\t0\t52.679\t5.924\t30\t1
-"""
+""",
+    "other.parm": "FS_OPTIONS 0\n",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +238,8 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         if not standard:
             tables = _station(station, package, mission, scenario, keys, ground, between)
             config = _write(config, tables)
-            (home / "other.waypoints").write_text(_OTHER_MISSION, encoding="ascii")
+            for name, text in _TO_LOAD.items():
+                (home / name).write_text(text, encoding="ascii")
         stations.append(
             StationWires(
                 station.name,
