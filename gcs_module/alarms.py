@@ -79,6 +79,7 @@ EVENTS: Final[Mapping[str, Level]] = {
     "released": _INFO,
     "aborted": _ADVISORY,
     "question": _ADVISORY,
+    "countdown": _WARNING,
     "peer": _INFO,
     "peer_lost": _ADVISORY,
     "zone_left": _ADVISORY,

@@ -29,8 +29,7 @@ class Situation:
     """What a station knows of a vehicle at one moment. Names of stations are "" where there is nobody.
 
     `heard_s`: how long ago the vehicle was heard, inf: never; `mode`: of the autopilot, "" not known or too old;
-    `action`: what is done about what is wrong; `left_s`: what is left of the time to answer a question, None: there is
-    none here, or it is not known.
+    `action`: what is done about what is wrong; `left_s`: what is left for an operator who is asked, inf: nobody is.
     """
 
     vehicle: str
@@ -41,7 +40,7 @@ class Situation:
     mode: str = ""
     heard_s: float = inf
     action: FlightAction | None = None
-    left_s: float | None = None
+    left_s: float = inf
 
     @property
     def old(self) -> bool:
@@ -72,7 +71,7 @@ def banner(now: Situation) -> tuple[str, Level]:
     if now.action is not None and now.action >= FlightAction.RETURN:
         return f"{control}{mode or ' - ' + now.action.name}", Level.EMERGENCY
     if now.partner:
-        left = "" if now.left_s is None else f" {max(0.0, now.left_s):.0f} s"
+        left = "" if now.left_s == inf else f" {max(0.0, now.left_s):.0f} s"
         return f"HANDOVER -> {now.partner}{left}", Level.WARNING
     if now.action is not None and now.action is not FlightAction.WARN:
         return f"{control} - {now.action.name}", Level.WARNING

@@ -108,6 +108,8 @@ class _Part:
     consent: Consent
     #: DRONE_CONNECTED was said (partner) or heard (commander)
     connected: bool = False
+    #: the operator was told last that so much time is left (s)
+    told_left_s: float = inf
 
 
 def _about(why: Reason) -> str:
@@ -122,6 +124,8 @@ class StationCore:
     VEHICLE_LOST_S = 5.0
     #: how long what the operator asked for stands
     WISH_S = 60.0
+    #: at so many seconds the operator who has not answered is told what is left
+    LEFT_S = (10.0, 5.0)
     #: so long before its end the operator is told that the commander's zone ends; and not again before it was so long
     ENDS_S, AGAIN_S = 15.0, 18.0
 
@@ -141,6 +145,8 @@ class StationCore:
         #: whose zone holds the aircraft, the commander's first; and the commander's is about to end
         self._zone: int | None = None
         self._zone_ending = False
+        #: until when an operator who is asked may answer
+        self._answer_until = inf
         self._part: _Part | None = None
         #: when a question was last over unanswered, and until when an answer may be meant for that one
         self._unanswered_at = -inf
@@ -174,6 +180,10 @@ class StationCore:
         """The transfer that waits for this station's operator."""
         part = self._part
         return part.key if part is not None and part.consent is Consent.WAITING else None
+
+    def answer_left_s(self, now: float) -> float:
+        """What is left (s) for an operator who is asked, here or elsewhere; inf: nobody is, as far as is known."""
+        return self._answer_until - now
 
     def name(self, sysid: int | None) -> str:
         """A station's name, for people."""
@@ -221,7 +231,7 @@ class StationCore:
             case PeerHeard():
                 self._heard_peer(event.peer, now, actions)
             case AuthorityHeard():
-                self._on_authority(event, actions)
+                self._on_authority(event, now, actions)
             case MissionHeld():
                 self.digest = event.digest
             case Wish():
@@ -240,7 +250,21 @@ class StationCore:
         for peer in [peer for peer in self._peers_up if not self.peer_alive(peer, now)]:
             self._peers_up -= {peer}
             actions.append(Notice("peer_lost", f"Ground link to {self.name(peer)} is down."))
+        self._count_down(now, actions)
         return actions
+
+    def _count_down(self, now: float, actions: list[Action]) -> None:
+        """Tell an operator who has not answered what is left, and what comes of it if he does not."""
+        part = self._part
+        if part is None or part.consent is not Consent.WAITING:
+            return
+        left_s = self.answer_left_s(now)
+        due = [at for at in self.LEFT_S if left_s <= at < part.told_left_s]
+        if due:
+            part.told_left_s = min(due)
+            keeps = "nobody commands it" if self.commander is None else f"{self.name(self.commander)} keeps it"
+            words = f"{max(0.0, left_s):.0f} s left to answer: {self._question_in_words(part)}."
+            actions.append(Notice("countdown", f"{words} Without an answer {keeps}.{self._hint(part.consent)}"))
 
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
@@ -299,7 +323,8 @@ class StationCore:
             notice = Notice("control_lost", f"{self.name(commander)} commands now, epoch {epoch}.")
         actions.append(notice)
 
-    def _on_authority(self, event: AuthorityHeard, actions: list[Action]) -> None:
+    def _on_authority(self, event: AuthorityHeard, now: float, actions: list[Action]) -> None:
+        self._answer_until = now + event.answer_left_s
         if event.phase is not self.phase:
             self.phase = event.phase
             phase = event.phase.name.replace("_", " ").lower()

@@ -226,6 +226,7 @@ class HandoverGcsModule(mp_module.MPModule):
             self._mode if fresh else "",
             core.vehicle_silent_s(now),
             self.decisions.action,
+            core.answer_left_s(now),
         )
 
     @property
@@ -292,7 +293,9 @@ class HandoverGcsModule(mp_module.MPModule):
             why = Reason(message.transfer_reason) if message.transfer_reason in list(Reason) else Reason.NONE
             ends_s = message.zone_ends - 1.0 if message.zone_ends else math.inf
             zone = message.zone or None
-            self._handle(AuthorityHeard(phase, *who, message.epoch, message.handover_id, recovering, why, zone, ends_s))
+            left_s = message.answer_left - 1.0 if message.answer_left else math.inf
+            transfer = *who, message.epoch, message.handover_id
+            self._handle(AuthorityHeard(phase, *transfer, recovering, why, zone, ends_s, left_s))
             self._route_changed(bool(message.route_changed))
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)

@@ -364,7 +364,13 @@ class Companion:
         guard = self.arbiter.guard(now)
         changed, zone = self.autopilot.route_changed, self.arbiter.zone()
         told = status.authority_status(
-            self.view, zone, guard, self._reason, route_changed=changed, zone_ends_s=self.arbiter.zone_ends_s
+            self.view,
+            zone,
+            guard,
+            self._reason,
+            route_changed=changed,
+            zone_ends_s=self.arbiter.zone_ends_s,
+            answer_left_s=self.arbiter.answer_left_s(now),
         )
         self._voice.to_stations(told)
 

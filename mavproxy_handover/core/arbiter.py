@@ -190,6 +190,11 @@ class Arbiter:
         owner, zones = self._authority.owner, self._candidates.zones
         return zones.ends_s(owner) if owner is not None and zones.holds(owner) else inf
 
+    def answer_left_s(self, now: float) -> float:
+        """What is left (s) for an operator who is asked in the transfer under way; inf: nobody is."""
+        transfer = self._authority.transfer
+        return transfer.timeout_at - now if transfer is not None and transfer.operator_asked else inf
+
     def connected(self, station: int, now: float) -> bool:
         """Whether messages to and from the station get through."""
         return station in self._presence and self._presence[station].connected(now)

@@ -20,7 +20,7 @@ _LEASE_TTL_MS = 3000
 #: it travels in 16 bits
 _MOST_S = 0xFFFF
 #: and this in 8
-_MOST_ENDS_S = 0xFF
+_MOST_LEFT_S = 0xFF
 
 
 class LeaseSequence:
@@ -58,9 +58,11 @@ def authority_status(
     *,
     route_changed: bool = False,
     zone_ends_s: float = inf,
+    answer_left_s: float = inf,
 ) -> Any:
     """AUTHORITY_STATUS of this dialect. `route_changed`: the mission that is flown is not the package's any more;
-    `zone_ends_s`: how soon the commander's zone ends on the known way (s), inf: no end in sight."""
+    `zone_ends_s`: how soon the commander's zone ends on the known way (s), inf: no end in sight; `answer_left_s`: what
+    is left for an operator who is asked, inf: nobody is."""
     return mavlink.MAVLink_authority_status_message(
         view.phase,
         view.commander or 0,
@@ -73,7 +75,8 @@ def authority_status(
         reason,
         view.why,
         int(route_changed),
-        0 if zone_ends_s >= _MOST_ENDS_S else 1 + int(max(0.0, zone_ends_s)),
+        _seconds(zone_ends_s),
+        _seconds(answer_left_s),
     )
 
 
@@ -83,6 +86,11 @@ def control_status(view: AuthorityView) -> Any:
     if view.takeover_allowed:
         flags |= mavlink.GCS_CONTROL_STATUS_FLAGS_TAKEOVER_ALLOWED
     return mavlink.MAVLink_control_status_message(flags, view.commander or 0, [0] * 10)
+
+
+def _seconds(left_s: float) -> int:
+    """One more than that, in a byte; 0: none, or more than can be said."""
+    return 0 if left_s >= _MOST_LEFT_S else 1 + int(max(0.0, left_s))
 
 
 #: the texts of HANDOVER_DECISION hold so many bytes

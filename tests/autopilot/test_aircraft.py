@@ -113,6 +113,14 @@ def test_nobody_and_none_are_0() -> None:
     assert (m.phase, m.commander, m.partner, m.zone, m.lease, m.guard) == (0, 0, 0, 0, 3, 255)
 
 
+@pytest.mark.parametrize(("left_s", "said"), [(math.inf, 0), (255.0, 0), (254.9, 255), (9.4, 10), (0.0, 1), (-3.0, 1)])
+def test_what_is_left_is_one_more_than_its_seconds_and_0_is_none(left_s: float, said: int) -> None:
+    m = status.authority_status(VIEW, 252, GuardState.LIVE, Reason.ZONE, zone_ends_s=left_s)
+    assert (m.zone_ends, m.answer_left) == (said, 0)
+    m = status.authority_status(VIEW, 252, GuardState.LIVE, Reason.ZONE, answer_left_s=left_s)
+    assert (m.zone_ends, m.answer_left) == (0, said)
+
+
 def test_control_status_speaks_for_the_system_and_names_the_commander_alone() -> None:
     m = status.control_status(VIEW)
     assert (m.flags, m.gcs_main, list(m.gcs_secondary)) == (1, 251, [0] * 10)

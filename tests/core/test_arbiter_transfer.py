@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf
 
 import pytest
 
@@ -455,12 +456,23 @@ class TestOperators:
     )
     def test_a_waiting_operator_has_thirty_seconds(self, step: str, station: int, word: Message) -> None:
         bench = Bench().up_to(step)
-        for _ in range(5):  # and not more for being told so again
+        assert bench.arbiter.answer_left_s(bench.now) == inf
+        for round_ in range(5):  # and not more for being told so again
             bench.say(station, word)
+            assert bench.arbiter.answer_left_s(bench.now) == pytest.approx(30.0 - 5.9 * round_, abs=0.01)
             bench.run(5.9)
         assert bench.arbiter.view == UNDER_WAY
         bench.run(1.0)
         assert bench.arbiter.view == STAYS
+        assert bench.arbiter.answer_left_s(bench.now) == inf
+
+    def test_how_soon_the_commanders_zone_ends(self) -> None:
+        bench = Bench().on_mission()
+        assert bench.arbiter.zone_ends_s == inf
+        bench.position(replace(inside(A), ends_s=7.5), outside(B))
+        assert bench.arbiter.zone_ends_s == 7.5
+        bench.position(outside(A), inside(B))
+        assert bench.arbiter.zone_ends_s == inf
 
     def test_a_late_yes_is_a_yes(self) -> None:
         bench = Bench().up_to("CONSENT")

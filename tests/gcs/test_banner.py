@@ -26,7 +26,7 @@ FLIES = Situation("drone-1", Phase.ON_MISSION, "GCSB", True, "", "AUTO", 0.5)
         ({"mode": ""}, "CONTROL: GCSB (you)", Level.INFO),
         ({"partner": "GCSC", "left_s": 9.4}, "HANDOVER -> GCSC 9 s", Level.WARNING),
         ({"partner": "GCSC", "left_s": -1.0}, "HANDOVER -> GCSC 0 s", Level.WARNING),
-        ({"partner": "GCSC"}, "HANDOVER -> GCSC", Level.WARNING),
+        ({"partner": "GCSC", "left_s": inf}, "HANDOVER -> GCSC", Level.WARNING),
         ({"action": FlightAction.WARN}, "CONTROL: GCSB (you)", Level.INFO),
         ({"action": FlightAction.HOLD}, "CONTROL: GCSB (you) - HOLD", Level.WARNING),
         ({"action": FlightAction.RETURN, "mode": "RTL"}, "CONTROL: GCSB (you) - RTL", Level.EMERGENCY),

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from itertools import permutations
+from math import inf
 
 import pytest
 
@@ -503,6 +504,36 @@ class TestOperator:
             "Handover requested (zone): GCSA -> GCSB. Type 'handover accept' or 'handover deny'.",
         ]
         assert core.question == KEY
+
+    def test_who_has_not_answered_is_told_at_ten_and_at_five_seconds_what_is_left(self) -> None:
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
+        told = []
+        for second in range(30):
+            now = NOW + second
+            left_s = 29.0 - second
+            status = AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7, why=Reason.ZONE, zone=A, answer_left_s=left_s)
+            core.handle(status, now)
+            assert core.answer_left_s(now + 0.5) == left_s - 0.5
+            core.handle(VehicleHeard(), now)
+            told += [(second, each) for each in notices(core.tick(now)) if "left to answer" in each]
+        words = "s left to answer: GCSA -> GCSB. Without an answer GCSA keeps it."
+        hint = "Type 'handover accept' or 'handover deny'."
+        assert told == [(19, f"10 {words} {hint}"), (24, f"5 {words} {hint}")]
+
+    def test_whoever_has_answered_or_was_not_asked_is_told_nothing(self) -> None:
+        for core in (partner(asks=True), partner()):
+            from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
+            if core.question is not None:
+                core.handle(Answer(True), NOW)
+            core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7, why=Reason.ZONE, answer_left_s=4.0), NOW)
+            assert notices(core.tick(NOW)) == []
+
+    def test_what_is_left_is_not_known_before_the_vehicle_says_so(self) -> None:
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
+        assert core.answer_left_s(NOW) == inf
+        assert notices(core.tick(NOW)) == []
 
     def test_partner_says_yes(self) -> None:
         core = partner(asks=True)

@@ -583,7 +583,7 @@ class Packer:
             _interrupted=plain,
             dropped=_Fixed(Counter),
         )
-        part = _Class(_Part, key=value, as_partner=plain, consent=plain, connected=plain)
+        part = _Class(_Part, key=value, as_partner=plain, consent=plain, connected=plain, told_left_s=plain)
         self._station = _Class(
             StationCore,
             _station=plain,
@@ -596,6 +596,7 @@ class Packer:
             _peers_up=plain,
             _zone=plain,
             _zone_ending=plain,
+            _answer_until=plain,
             _read_until=_Ago(0.0),
             _vehicle_lost=plain,
             _part=_Object(part),
