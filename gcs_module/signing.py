@@ -11,7 +11,8 @@ MAVProxy signs and checks; this tells it with what, and does what it leaves out.
 3. pymavlink's own check notes a frame's stamp before it has verified the hash, so one forged frame from the far future
    would silence the vehicle for this station. The check is replaced by that of `wire.signing`, one for all links: a
    frame that was heard by one cannot be played again on another. The copies that a vehicle sends on several links are
-   let in, one by each, while they are no more than OVERTAKEN_S apart: MAVProxy judges its links by them.
+   let in, one by each, while they are no more than OVERTAKEN_S apart: MAVProxy judges its links by them. They are
+   numbered for each link apart, so it is their stamp that they are known by: a vehicle gives each frame another one.
 4. Of messages that it takes for unknown, ours among them, MAVProxy checks no signature: `check` does.
 5. A telemetry radio speaks unsigned (RADIO, RADIO_STATUS); nothing else does.
 6. What MAVProxy's own `signing` had set up before is there again after `release`.
@@ -28,14 +29,16 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.clocks import Clocks
-from mavproxy_handover.wire.frames import Frame, parse_one
+from mavproxy_handover.wire.frames import SIGNATURE_BYTES, Frame, parse_one
 from mavproxy_handover.wire.signing import OVERTAKEN_S, SignatureVerdict, SigningClock, Verifier, fingerprint
 
 __all__ = ["LinkSigning"]
 
 _RADIO: Final = (mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STATUS)
 _MAX_LINK_ID: Final = 255
-#: signatures of our messages that are known again when they come by another link
+#: the end of a signature
+_HASH_BYTES: Final = 6
+#: our messages that are known again when they come by another link
 _COPIES: Final = 64
 #: frames that may still come by another link: two seconds of 250 a second
 _REMEMBERED: Final = 512
@@ -87,6 +90,7 @@ class LinkSigning:
         self._proven: Callable[[Any], None] = lambda _master: None
         #: of the frames that MAVProxy asks about, and of those that it does not
         self._theirs, self._ours = self._verifier(), self._verifier()
+        #: of those that came, by `_frame_id`
         self._heard: OrderedDict[bytes, _Heard] = OrderedDict()
         self._seen: deque[bytes] = deque(maxlen=_COPIES)
 
@@ -118,8 +122,8 @@ class LinkSigning:
         """The verdict on a frame that MAVProxy has not checked. None: a copy of one that came by another link."""
         verdict = self._ours.check(frame, self._clocks.utc(), self._clocks.monotonic())
         if verdict is SignatureVerdict.OK:
-            self._seen.append(frame.raw)
-        elif verdict is SignatureVerdict.REPLAYED and frame.raw in self._seen:
+            self._seen.append(_frame_id(frame))
+        elif verdict is SignatureVerdict.REPLAYED and _frame_id(frame) in self._seen:
             return None
         return verdict
 
@@ -170,13 +174,13 @@ class LinkSigning:
 
     def _remember_frame(self, link: _Link, frame: Frame, now_s: float) -> None:
         if len(self._links) > 1:
-            self._heard[frame.raw] = _Heard(now_s, {link.link_id})
+            self._heard[_frame_id(frame)] = _Heard(now_s, {link.link_id})
             if len(self._heard) > _REMEMBERED:
                 self._heard.popitem(last=False)
 
     def _is_copy(self, link: _Link, frame: Frame, now_s: float) -> bool:
         """Whether a frame that was heard before comes by this link for the first time, and soon after."""
-        heard = self._heard.get(frame.raw)
+        heard = self._heard.get(_frame_id(frame))
         if heard is None or link.link_id in heard.links or now_s - heard.at > OVERTAKEN_S:
             return False
         heard.links.add(link.link_id)
@@ -195,6 +199,11 @@ class LinkSigning:
         if link.mav.signing.secret_key == self._key:
             self._stamps.follow(link.mav.signing.timestamp, self._clocks.monotonic())
             self._outlives.sent = max(self._outlives.sent, link.mav.signing.timestamp)
+
+
+def _frame_id(frame: Frame) -> bytes:
+    """What the copies of a signed frame have in common: its sender, the sender's link id and the stamp."""
+    return bytes((frame.sysid, frame.compid)) + frame.raw[-SIGNATURE_BYTES:-_HASH_BYTES]
 
 
 def _radio_only(_mav: Any, msgid: int) -> bool:

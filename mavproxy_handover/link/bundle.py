@@ -43,6 +43,7 @@ from typing import Final, Protocol
 
 from mavproxy_handover.link.base import LinkCounters
 from mavproxy_handover.link.monitor import LinkMonitor
+from mavproxy_handover.link.outlet import Outlet, Seal
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkLimits, LinkQuality
 from mavproxy_handover.link.timesync import TIMESYNC, answered_stamp
 from mavproxy_handover.wire.frames import MAGIC_V2, Frame
@@ -94,10 +95,11 @@ class _Remembered:
 
 
 class _Link:
-    """A device with its monitor."""
+    """A device with its way out and its monitor."""
 
-    def __init__(self, device: LinkDevice, monitor: LinkMonitor) -> None:
+    def __init__(self, device: LinkDevice, outlet: Outlet, monitor: LinkMonitor) -> None:
         self.device = device
+        self.outlet = outlet
         self.monitor = monitor
         self.remembered: OrderedDict[bytes, _Remembered] = OrderedDict()  #: frames that came first by this link
         self.uncounted: list[tuple[Frame, float]] = []  #: genuine frames, with the time they came at
@@ -136,23 +138,27 @@ class _Link:
 class LinkBundle:
     """The links of one station.
 
-    `probe` makes the probe with the given stamp for the link of the given number, packed and signed for that station.
-    `draw` gives random bits. For a frame out of `read` the caller calls `accept` if identity and signature hold.
+    `probe` makes the probe with the given stamp, a whole frame. `draw` gives random bits. `seal` signs what goes out;
+    None: nothing is signed. For a frame out of `read` the caller calls `accept` if identity and signature hold.
     """
 
     def __init__(
         self,
         devices: Sequence[LinkDevice],
-        probe: Callable[[int, int], bytes],
+        probe: Callable[[int], bytes],
         draw: Callable[[int], int],
         limits: LinkLimits | None = None,
+        seal: Seal | None = None,
     ) -> None:
         if not devices:
             raise ValueError("a bundle needs at least one link")
         interval_s = _PROBE_SINGLE_S if len(devices) == 1 else _PROBE_SEVERAL_S
+        limits = limits or LinkLimits()
         self._probe = probe
+        self._seal = seal
         self._links = [
-            _Link(device, LinkMonitor(device.device, interval_s, draw, limits or LinkLimits())) for device in devices
+            _Link(device, Outlet(device.write, seal), LinkMonitor(device.device, interval_s, draw, limits))
+            for device in devices
         ]
         self._single = self._links[0] if len(devices) == 1 else None
         self._index = {id(device): number for number, device in enumerate(devices)}
@@ -245,18 +251,22 @@ class LinkBundle:
 
     def write(self, data: bytes) -> bool:
         """Send a frame the best way there is; False if no link took it."""
+        stamp = 0 if self._seal is None else self._seal.stamp()
         if self._single is not None:
-            return self._single.device.write(data)
+            return self._single.outlet.send(data, stamp)
         if not self._working or _is_heartbeat(data):
-            return self.write_all(data)
-        if self._links[self._best].device.write(data):
+            return self._send_all(data, stamp)
+        if self._links[self._best].outlet.send(data, stamp):
             return True
         # its buffer is full, or it was lost just now
-        return any(self._links[number].device.write(data) for number in self._working if number != self._best)
+        return any(self._links[number].outlet.send(data, stamp) for number in self._working if number != self._best)
 
     def write_all(self, data: bytes) -> bool:
         """Send a frame on every link that is open; False if none took it."""
-        return sum([link.device.write(data) for link in self._links if link.device.open]) > 0
+        return self._send_all(data, 0 if self._seal is None else self._seal.stamp())
+
+    def _send_all(self, data: bytes, stamp: int) -> bool:
+        return sum([link.outlet.send(data, stamp) for link in self._links if link.device.open]) > 0
 
     # ---- time -----------------------------------------------------------------------------------------------------
 
@@ -265,11 +275,11 @@ class LinkBundle:
 
         To be called 20 times a second where there are several links, twice where there is one.
         """
-        for number, link in enumerate(self._links):
+        for link in self._links:
             link.count_frames()
-            stamp = link.monitor.probe(now) if link.device.open else None
-            if stamp is not None:
-                link.device.write(self._probe(number, stamp))
+            drawn = link.monitor.probe(now) if link.device.open else None
+            if drawn is not None:
+                link.outlet.send(self._probe(drawn), 0 if self._seal is None else self._seal.stamp())
         events: list[LinkEvent] = []
         left = self._leave_silent(now)
         if left is not None:

@@ -12,9 +12,8 @@ it with `probe_answer`.
 The stamp is the time of sending in nanoseconds with its low bits drawn at random, about a millisecond's worth: who does
 not hear the downlink cannot answer in advance.
 
-Probes come from a component of their own, PROBE_COMPID, numbered for each link apart. Under the companion's id they
-would tear holes into its sequence numbers on every other link, and stations that count lost frames by them, as MAVProxy
-does, would show links as lossy that are not. So numbered they show the loss there is.
+Probes come from a component of their own, PROBE_COMPID: a station's program that lists what it hears shows what they
+are, and its module knows them by that.
 """
 
 from __future__ import annotations

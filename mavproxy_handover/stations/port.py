@@ -17,6 +17,7 @@ from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.tongues import ANEW_S, Tongues
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.devices import Device, LinkError, open_device
+from mavproxy_handover.link.outlet import NO_STAMP
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
 from mavproxy_handover.link.timesync import probe_message
 from mavproxy_handover.store.keys import StationKeys, check_distinct, load_station_keys
@@ -29,6 +30,21 @@ __all__ = ["StationPort", "open_ports"]
 
 #: rejected frames that wait to be journalled; under a flood the newest are enough
 _REJECTED = 32
+
+
+class _Key:
+    """A station's key, for what goes out to it. One link id for all its links: pymavlink takes over the other end's."""
+
+    def __init__(self, peer: SignedPeer, clocks: Clocks) -> None:
+        self._peer = peer
+        self._clocks = clocks
+
+    def stamp(self) -> int:
+        stamp = self._peer.clock.next(self._clocks.utc(), self._clocks.monotonic())
+        return NO_STAMP if stamp is None else stamp
+
+    def sealed(self, data: bytes, stamp: int) -> bytes | None:
+        return self._peer.seal(data, 0, stamp)
 
 
 class StationPort:
@@ -63,8 +79,9 @@ class StationPort:
         self.rejected: deque[tuple[Frame, SignatureVerdict]] = deque(maxlen=_REJECTED)
         self._over: dict[str, set[Measure]] = {}
         self._encoder = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=COMPANION_COMPID)
-        self._probers = [mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID) for _ in links]
-        self._bundle = LinkBundle(links, self._probe, secrets.randbits, config.limits)
+        self._prober = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID)
+        seal = None if self.peer is None else _Key(self.peer, clocks)
+        self._bundle = LinkBundle(links, self._probe, secrets.randbits, config.limits, seal)
 
     @property
     def target(self) -> tuple[int, int]:
@@ -114,12 +131,6 @@ class StationPort:
         self.bad_signatures[verdict] += 1
         self.rejected.append((frame, verdict))
 
-    def _sealed(self, data: bytes) -> bytes | None:
-        """As the station gets it: signed with its key. None: it cannot be signed (MAVLink 1)."""
-        if self.peer is None:
-            return data
-        return self.peer.sign(data, 0, self._clocks.utc(), self._clocks.monotonic())
-
     def send(self, message: Any, *, everywhere: bool = False) -> None:
         """Send a message of the companion's own: on the best link, or on every one."""
         data = codec.pack(message, self._encoder)
@@ -129,16 +140,12 @@ class StationPort:
             self.write(data)
 
     def write(self, data: bytes) -> None:
-        """Send a frame on the best link."""
-        sealed = self._sealed(data)
-        if sealed is not None:
-            self._bundle.write(sealed)
+        """Send a frame on the best link, numbered and signed for it (what is signed must be MAVLink 2)."""
+        self._bundle.write(data)
 
     def write_all(self, data: bytes) -> None:
         """Send a frame on every link: transfer messages must get through."""
-        sealed = self._sealed(data)
-        if sealed is not None:
-            self._bundle.write_all(sealed)
+        self._bundle.write_all(data)
 
     def tick(self, now: float) -> list[LinkEvent]:
         """Probe the links and look at what was measured; to be called often. What changed."""
@@ -171,9 +178,8 @@ class StationPort:
         """Close all links."""
         self._bundle.close()
 
-    def _probe(self, number: int, stamp: int) -> bytes:
-        data = codec.pack(probe_message(stamp), self._probers[number])
-        return self._sealed(data) or data
+    def _probe(self, stamp: int) -> bytes:
+        return codec.pack(probe_message(stamp), self._prober)
 
 
 def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int, clocks: Clocks) -> dict[int, StationPort]:

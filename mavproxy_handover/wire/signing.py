@@ -449,7 +449,11 @@ class SignedPeer:
     def sign(self, raw: bytes, link_id: int, now_utc_s: float, now_s: float) -> bytes | None:
         """`raw` as this peer gets it on link `link_id`: our signature replaces any other. None: see `sign`."""
         stamp = self.clock.next(now_utc_s, now_s)
-        return None if stamp is None else resign(raw, self._keys[self._in_use], link_id, stamp)
+        return None if stamp is None else self.seal(raw, link_id, stamp)
+
+    def seal(self, raw: bytes, link_id: int, stamp: int) -> bytes | None:
+        """The same with a stamp of `clock` that was drawn before, for a frame that goes out on several links."""
+        return resign(raw, self._keys[self._in_use], link_id, stamp)
 
     def state(self) -> dict[str, int]:
         """See `Verifier.state`; one entry for each key, and one for what we sent, if that is kept."""

@@ -85,9 +85,12 @@ def holds(raw: bytes, key: bytes) -> bool:
     return bool(raw[2] & 1)
 
 
-def of_vehicle(key: bytes | None, at: int, message: Any = None, *, link: int = 0, compid: int = 191) -> bytes:
+def of_vehicle(
+    key: bytes | None, at: int, message: Any = None, *, link: int = 0, compid: int = 191, seq: int = 0
+) -> bytes:
     """A frame of the vehicle, signed with `key` at stamp `at`."""
     source = mavlink.MAVLink(None, srcSystem=1, srcComponent=compid)
+    source.seq = seq
     raw = bytes((message or mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)).pack(source))
     if key is None:
         return raw
@@ -276,6 +279,17 @@ class TestIn:
                 assert taken(wifi, frames[number]), number
             if number >= 8:
                 assert taken(lte, frames[number - 8]), number
+
+    def test_copies_that_are_numbered_for_each_link_are_copies_all_the_same(self, signing: LinkSigning) -> None:
+        """The vehicle numbers what it sends for each link apart; the stamp is the frame's own."""
+        masters = [Master(), Master()]
+        signing.sign(masters)
+        first, second = of_vehicle(KEY, STAMP, seq=7), of_vehicle(KEY, STAMP, seq=200)
+        assert first != second
+        assert [taken(masters[0], first), taken(masters[1], second)] == [True, True]
+        assert not any(taken(master, raw) for master in masters for raw in (first, second))
+        ours = [station_signing.parse_one(of_vehicle(KEY, STAMP, connect_message(), seq=n)) for n in (5, 90)]
+        assert [signing.check(frame) for frame in ours if frame is not None] == [SignatureVerdict.OK, None]
 
     def test_our_own_messages_come_by_two_links_in_any_order(self, signing: LinkSigning) -> None:
         frames = [station_signing.parse_one(of_vehicle(KEY, STAMP + n, connect_message(n))) for n in range(4)]

@@ -5,19 +5,20 @@
 from __future__ import annotations
 
 import pytest
+from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.link.bundle import LinkBundle
 from mavproxy_handover.link.quality import LinkEventKind
 from mavproxy_handover.link.timesync import answered_stamp
 from mavproxy_handover.wire.frames import Frame, parse_one
-from tests.link.frames import Draw, FakeDevice, answer, command, heartbeat
+from tests.link.frames import Draw, FakeDevice, answer, command, frame_of, heartbeat
 
-TELEMETRY = command(77).raw
+TELEMETRY = b"telemetry"
 
 
-def probe(number: int, stamp: int) -> bytes:
+def probe(stamp: int) -> bytes:
     """A probe that a test can read the stamp of."""
-    return b"probe%d" % number + stamp.to_bytes(8, "little")
+    return b"probe" + stamp.to_bytes(8, "little")
 
 
 class Bench:
@@ -37,7 +38,7 @@ class Bench:
 
     def probes(self, device: FakeDevice) -> list[int]:
         """Stamps of the probes that went out on a device; they are taken away."""
-        stamps = [int.from_bytes(data[6:], "little") for data in device.sent if data.startswith(b"probe")]
+        stamps = [int.from_bytes(data[5:], "little") for data in device.sent if data.startswith(b"probe")]
         device.sent = [data for data in device.sent if not data.startswith(b"probe")]
         return stamps
 
@@ -219,7 +220,8 @@ def test_several_links_are_probed_ten_times_a_second_and_a_single_one_once() -> 
 def test_each_link_has_probes_of_its_own(bench: Bench) -> None:
     wifi, lte = bench.devices
     bench.bundle.tick(bench.now)
-    assert [data[:6] for data in wifi.sent + lte.sent] == [b"probe0", b"probe1"]
+    (first,), (second,) = bench.probes(wifi), bench.probes(lte)
+    assert first != second
 
 
 def test_a_link_that_is_not_open_is_not_probed(bench: Bench) -> None:
@@ -333,6 +335,41 @@ def test_a_frame_that_no_link_takes_is_told(bench: Bench) -> None:
         device.full = True
     assert not bench.bundle.write(TELEMETRY)
     assert not bench.bundle.write_all(TELEMETRY)
+
+
+def numbers(device: FakeDevice, compid: int) -> list[int]:
+    """The numbers of one sender's frames that went out on a device."""
+    found = [frame for frame in map(parse_one, device.sent) if frame is not None]
+    return [frame.seq for frame in found if frame.compid == compid]
+
+
+def test_each_link_counts_what_goes_out_on_it_whichever_is_the_best(bench: Bench) -> None:
+    """A receiver takes every hole for a frame that its link has lost."""
+    wifi, lte = bench.devices
+    for wifi_s, lte_s in ((0.02, 0.2), (None, 0.2), (0.02, 0.2)):
+        bench.run(5.0, {"wifi": wifi_s, "lte": lte_s})
+        for number in range(7):
+            bench.bundle.write(
+                frame_of(mavlink.MAVLink_attitude_message(number, 0, 0, 0, 0, 0, 0), 3 * number, 1, 1).raw
+            )
+            bench.bundle.write(heartbeat(number, sysid=1, compid=1).raw)
+            bench.bundle.write_all(command(200).raw)
+    assert len(wifi.sent) != len(lte.sent)
+    for device in (wifi, lte):
+        count = len(numbers(device, 1))
+        assert count > 7
+        assert numbers(device, 1) == list(range(count))
+        assert numbers(device, 190) == list(range(21))
+
+
+def test_what_a_full_link_left_to_the_next_has_a_number_on_that_one_only(bench: Bench) -> None:
+    bench.run(5.0, {"wifi": 0.025, "lte": 0.1})
+    wifi, lte = bench.devices
+    beat = command(9).raw
+    for full in (False, True, True, False):
+        wifi.full = full
+        assert bench.bundle.write(beat)
+    assert (numbers(wifi, 190), numbers(lte, 190)) == ([0, 1], [0, 1])
 
 
 def test_limits_that_are_passed_are_told_with_the_name_of_the_link(bench: Bench) -> None:

@@ -42,7 +42,7 @@ class Air:
         self._telemetry_at = self.now
         self._sent = 0
 
-    def _probe(self, _number: int, stamp: int) -> bytes:
+    def _probe(self, stamp: int) -> bytes:
         return frame_of(probe_message(stamp), sysid=1, compid=240).raw
 
     def _sender(self, name: str) -> Callable[[bytes], None]:

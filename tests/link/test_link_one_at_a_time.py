@@ -71,7 +71,7 @@ class TestCountingLater:
     @staticmethod
     def bundle(*names: str) -> tuple[LinkBundle, list[FakeDevice]]:
         devices = [FakeDevice(name) for name in names]
-        return LinkBundle(devices, lambda number, stamp: b"probe", Draw()), devices
+        return LinkBundle(devices, lambda _stamp: b"probe", Draw()), devices
 
     @staticmethod
     def arrive(bundle: LinkBundle, device: FakeDevice, now: float, *seqs: int) -> None:
@@ -86,8 +86,8 @@ class TestCountingLater:
         self.arrive(bundle, lte, 100.05, 0)
         bundle.tick(100.05)
         wifi.sent.clear(), lte.sent.clear()
-        bundle.write(command(1).raw)
-        assert (wifi.sent, lte.sent) == ([], [command(1).raw])
+        bundle.write(command(0).raw)
+        assert (wifi.sent, lte.sent) == ([], [command(0).raw])
 
     def test_frames_count_from_when_they_came(self) -> None:
         bundle, (link,) = self.bundle("wifi")

@@ -214,7 +214,29 @@ def test_frames_of_the_companion_are_numbered_in_order(flight: Bench) -> None:
     flight.a.received.clear()
     flight.run(2.0)
     numbers = [m.get_seq() for m in flight.a.received if m.get_srcComponent() == 191]
-    assert len(set(numbers)) > 5
+    assert len(numbers) > 5
+    assert numbers == [(numbers[0] + n) & 0xFF for n in range(len(numbers))]
+
+
+def test_what_is_left_out_and_put_in_is_no_loss_to_a_station(flight: Bench) -> None:
+    """An observer gets a part of the stream, and answers in the autopilot's name between it; the commander gets all."""
+    interval = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+    heard = {flight.a: 0, flight.b: 0}
+    for _ in range(8):
+        flight.b.command(RTL)
+        flight.b.send(mavlink.MAVLink_command_long_message(1, 1, interval, 0, 33, 5e5, 0, 0, 0, 0, 0))
+        flight.run(1.0)
+    for station in heard:
+        numbers: dict[tuple[int, int], list[int]] = {}
+        for message in station.received:
+            sender = message.get_srcSystem(), message.get_srcComponent()
+            numbers.setdefault(sender, []).append(message.get_seq())
+        assert (1, 1) in numbers
+        for sender, found in numbers.items():
+            assert found == [(found[0] + n) & 0xFF for n in range(len(found))], (station.name, sender)
+        heard[station] = len(numbers[1, 1])
+    assert flight.b.got("COMMAND_ACK")
+    assert 10 < heard[flight.b] < heard[flight.a] - 10
 
 
 def test_a_strangers_frame_does_not_draw_the_vehicles_messages_away(bench: Bench) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import random
 
 import pytest
+from pymavlink.dialects.v10 import ardupilotmega as v10
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.clocks import Clocks
@@ -47,6 +48,34 @@ class Routed:
         link = self.links[number]
         link.inbox += frames
         return self.port.read(link, self.now)
+
+
+def test_a_frame_on_two_links_has_each_links_number_and_one_stamp(routed: Routed) -> None:
+    """By the stamp the station knows that both are one frame; by the numbers it judges its links."""
+    own = mavlink.MAVLink(None, 1, 1)
+    attitude = bytes(mavlink.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0).pack(own))
+    routed.links[1].open = False
+    routed.port.write_all(attitude)
+    routed.links[1].open = True
+    routed.port.write_all(attitude)
+    routed.port.write_all(bytes(mavlink.MAVLink_heartbeat_message(2, 3, 81, 0, 3, 3).pack(own)))
+    frames = [[frame for frame in map(parse_one, link.sent) if frame is not None] for link in routed.links]
+    assert [[frame.seq for frame in sent] for sent in frames] == [[0, 1, 2], [0, 1]]
+    stamps = [[int.from_bytes(frame.raw[-12:-6], "little") for frame in sent] for sent in frames]
+    assert stamps[0][1:] == stamps[1]
+    assert stamps[0] == sorted(set(stamps[0]))
+    for sent in frames:
+        station = SignedPeer(KEY)
+        verdicts = {station.check(frame, UTC_S + routed.now, routed.now) for frame in sent}
+        assert verdicts == {SignatureVerdict.OK}
+
+
+def test_nothing_goes_out_unsigned_to_a_station_with_a_key(routed: Routed) -> None:
+    old = v10.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0).pack(v10.MAVLink(None, 1, 1))
+    for data in (bytes(old), b"no frame", b""):
+        routed.port.write(data)
+        routed.port.write_all(data)
+    assert [link.sent for link in routed.links] == [[], []]
 
 
 @pytest.fixture
