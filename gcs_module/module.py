@@ -17,7 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 from MAVProxy.modules.lib import mp_module, mp_util
 from pymavlink import mavutil
@@ -69,12 +69,15 @@ from mavproxy_handover.must_load import loaded, not_loaded
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict
 
 __all__ = ["HandoverGcsModule", "init"]
 
 _last_config: list[str] = []
+
+#: components of the vehicle that the messages of `handover.xml` are taken from
+_SPEAKERS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID))
 
 
 class HandoverGcsModule(mp_module.MPModule):
@@ -194,11 +197,12 @@ class HandoverGcsModule(mp_module.MPModule):
             return
         if frame.compid == AUTOPILOT_COMPID:
             self._guarded("route check", lambda: self._notice(self.route.on_autopilot(m, time.monotonic())))
-        if frame.compid == COMPANION_COMPID:
+        if frame.msgid in OUR_MESSAGES:
+            if frame.compid in _SPEAKERS and self._proven(frame):
+                self._on_ours(frame)
+        elif frame.compid == COMPANION_COMPID:
             if frame.msgid == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
                 self._handle(VehicleHeard())
-            elif frame.msgid in OUR_MESSAGES and self._proven(frame):
-                self._on_ours(frame)
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_COMMAND_ACK:  # of a request for control
                 self.commands.on_message(m, time.monotonic())
             elif frame.msgid == mavlink.MAVLINK_MSG_ID_STATUSTEXT:

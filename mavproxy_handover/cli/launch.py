@@ -73,6 +73,7 @@ def station_argv(config: Path, master: str, logfile: Path) -> list[str]:
         f"--source-system={station.station.sysid}",
         f"--source-component={STATION_COMPID}",
         f"--target-system={station.vehicle}",
+        "--dialect=handover",  # what it does not know it takes for lost
         "--streamrate=-1",
         "--nowait",
         f"--default-modules={_STATION_MODULES}",

@@ -25,9 +25,10 @@ Rules that live here
 6. Sticks and setpoints that a station already sent before it had control are refused until they have ended once, and
    the station is told (`latent`).
 7. In flight a guided target is judged by the situation before it passes, whatever rate it comes at (`targets`).
-8. The stations hear one companion: what comes from the vehicle's side in its name (its component, that of its link
-   probes) or in its language (the messages of `handover.xml`, whoever says them) stays aboard and is counted. It would
-   be sealed with the stations' keys, and they would believe it. The companion's own words do not come this way.
+8. The stations hear one companion: what comes from the vehicle's side in its name (its component, those of its language
+   and of its link probes) or in its language (the messages of `handover.xml`, whoever says them) stays aboard and is
+   counted. It would be sealed with the stations' keys, and they would believe it. The companion's own words do not come
+   this way.
 
 What breaks in the noting of a frame costs that frame's note and is told; whatever else raises is the caller's.
 """
@@ -57,14 +58,14 @@ from mavproxy_handover.gate.tongues import Tongues
 from mavproxy_handover.gate.words import sentence, subject_of
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
-from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, OUR_MESSAGES, PROBE_COMPID
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
 
 __all__ = ["UNNOTED", "Gate", "Port"]
 
 _HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _CONTROL_STATUS: Final[int] = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
 #: components of the vehicle that only the companion speaks as (rule 8)
-_OURS: Final = frozenset((COMPANION_COMPID, PROBE_COMPID))
+_OURS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID, PROBE_COMPID))
 #: of the commander's frames, what may come often (rule 2)
 _FREQUENT: Final = frozenset((Access.READ, Access.BULK, Access.STREAM))
 _STREAM: Final = Access.STREAM

@@ -23,7 +23,7 @@ from mavproxy_handover.link.timesync import probe_message
 from mavproxy_handover.store.keys import StationKeys, check_distinct, load_station_keys
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
-from mavproxy_handover.wire.ids import COMPANION_COMPID, PROBE_COMPID
+from mavproxy_handover.wire.ids import COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
 __all__ = ["StationPort", "open_ports"]
@@ -79,6 +79,7 @@ class StationPort:
         self.rejected: deque[tuple[Frame, SignatureVerdict]] = deque(maxlen=_REJECTED)
         self._over: dict[str, set[Measure]] = {}
         self._encoder = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=COMPANION_COMPID)
+        self._language = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=LANGUAGE_COMPID)
         self._prober = mavlink.MAVLink(None, srcSystem=vehicle_sysid, srcComponent=PROBE_COMPID)
         seal = None if self.peer is None else _Key(self.peer, clocks)
         self._bundle = LinkBundle(links, self._probe, secrets.randbits, config.limits, seal)
@@ -133,7 +134,7 @@ class StationPort:
 
     def send(self, message: Any, *, everywhere: bool = False) -> None:
         """Send a message of the companion's own: on the best link, or on every one."""
-        data = codec.pack(message, self._encoder)
+        data = codec.pack(message, self._language if message.get_msgId() in OUR_MESSAGES else self._encoder)
         if everywhere:
             self.write_all(data)
         else:

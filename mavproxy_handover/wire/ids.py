@@ -27,6 +27,7 @@ __all__ = [
     "FTP_TERMINATE",
     "FTP_WRITE",
     "GUARD_STATUS_TUNNEL",
+    "LANGUAGE_COMPID",
     "LEASE_TUNNEL",
     "LIMITS",
     "MISSION_START",
@@ -46,6 +47,9 @@ EVERYBODY: Final = 0
 AUTOPILOT_COMPID: Final[int] = mavlink.MAV_COMP_ID_AUTOPILOT1
 #: the companion computer within the vehicle's system
 COMPANION_COMPID: Final[int] = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+#: what the messages of `handover.xml` come from: a program that does not know them passes over them without counting
+#: them, and would see holes in the companion's numbers where they were
+LANGUAGE_COMPID: Final[int] = mavlink.MAV_COMP_ID_PAIRING_MANAGER
 #: what link probes come from (see `link/timesync.py`)
 PROBE_COMPID: Final[int] = mavlink.MAV_COMP_ID_UDP_BRIDGE
 #: what the companion asks the autopilot for rates as: MAVProxy prints every COMMAND_ACK that it receives, whoever

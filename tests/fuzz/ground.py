@@ -405,7 +405,7 @@ def _carry_out(reader: Reader, station: Station) -> None:
             number = reader.byte()
             station.peer(_chunk(number & 0x1F, PEERS[number >> 7]))
         elif what == VEHICLE_SAYS:
-            station.vehicle_says(_frame(reader, (VEHICLE,), (191, 1, 240)))
+            station.vehicle_says(_frame(reader, (VEHICLE,), (198, 191, 1, 240)))
         else:
             station.pause(reader.byte() / 20)
 

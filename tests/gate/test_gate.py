@@ -379,7 +379,7 @@ OURS = sorted(cls.msgname for msgid, cls in mavlink.mavlink_map.items() if 47100
 
 
 @pytest.mark.parametrize("name", [*BELIEVED, *OURS])
-@pytest.mark.parametrize("component", [191, 240])
+@pytest.mark.parametrize("component", [191, 198, 240])
 def test_what_comes_from_the_vehicles_side_in_the_companions_name_stays_aboard(
     door: Door, make: Make, component: int, name: str
 ) -> None:
@@ -409,7 +409,7 @@ def test_that_goes_for_every_id_that_is_ours_whether_it_has_a_message_or_not(
     assert bool(door.ports[GCSA].heard) is not bool(door.gate.in_our_name), "the commander hears the rest"
 
 
-@pytest.mark.parametrize("sender", [(VEHICLE, 1), (VEHICLE, 154), (VEHICLE, 192), (9, 191), (9, 240)])
+@pytest.mark.parametrize("sender", [(VEHICLE, 1), (VEHICLE, 154), (VEHICLE, 192), (9, 191), (9, 198), (9, 240)])
 def test_other_components_and_other_vehicles_are_heard_as_before(
     door: Door, make: Make, sender: tuple[int, int]
 ) -> None:

@@ -167,7 +167,9 @@ def test_the_command_line_of_a_station_works(
     start: Callable[..., MavProxy], autopilot: Autopilot, tmp_path: Path
 ) -> None:
     file = station_file(tmp_path / "station.toml")
-    console = start(command=station_argv(file, autopilot.master, tmp_path / "station.tlog"))
+    command = station_argv(file, autopilot.master, tmp_path / "station.tlog")
+    assert "--dialect=handover" in command, "what it does not know would be lost frames to it"
+    console = start(command=command)
     console.shows("Loaded module handover_gcs")
     console.answer("handover status", "this station is observer")
     wait_for(

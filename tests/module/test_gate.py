@@ -212,10 +212,23 @@ def test_authority_status_comes_twice_a_second_and_leases_five_times(flight: Ben
 def test_frames_of_the_companion_are_numbered_in_order(flight: Bench) -> None:
     """A gap counts as loss in every ground station program, and signing needs it no less."""
     flight.a.received.clear()
-    flight.run(2.0)
+    flight.run(4.0)
     numbers = [m.get_seq() for m in flight.a.received if m.get_srcComponent() == 191]
     assert len(numbers) > 5
     assert numbers == [(numbers[0] + n) & 0xFF for n in range(len(numbers))]
+
+
+def test_our_own_language_has_a_component_of_its_own(flight: Bench) -> None:
+    """A program that does not know a message does not count it: among others of its sender it would look lost."""
+    flight.run(3.0)
+    speakers: dict[int, set[str]] = {}
+    for message in flight.a.received + flight.b.received:
+        speakers.setdefault(message.get_srcComponent(), set()).add(message.get_type())
+    ours = {cls.msgname for msgid, cls in mavlink.mavlink_map.items() if 47100 <= msgid <= 47131}
+    assert speakers[198] <= ours
+    assert {"AUTHORITY_STATUS", "HANDOVER_TELEMETRY"} <= speakers[198]
+    assert all(not said & ours for component, said in speakers.items() if component != 198)
+    assert {"HEARTBEAT", "CONTROL_STATUS"} <= speakers[191]
 
 
 def test_what_is_left_out_and_put_in_is_no_loss_to_a_station(flight: Bench) -> None:

@@ -31,7 +31,7 @@ def ground(bench: Bench) -> Bench:
     return bench
 
 
-@pytest.mark.parametrize("component", [1, 42, 191, 240])
+@pytest.mark.parametrize("component", [1, 42, 191, 198, 240])
 def test_a_forged_epoch_reaches_no_station(ground: Bench, component: int) -> None:
     say(ground, "AUTHORITY_STATUS", component, epoch=FORGED_EPOCH)
     ground.run(1.5)
@@ -41,7 +41,7 @@ def test_a_forged_epoch_reaches_no_station(ground: Bench, component: int) -> Non
     assert ground.companion.faults == {}
 
 
-@pytest.mark.parametrize("component", [191, 240])
+@pytest.mark.parametrize("component", [191, 198, 240])
 def test_nor_does_anything_else_in_the_companions_name(ground: Bench, component: int) -> None:
     say(ground, "STATUSTEXT", component, text=b"all is well")
     say(ground, "COMMAND_ACK", component, command=32100, target_system=251, target_component=190)
@@ -49,7 +49,7 @@ def test_nor_does_anything_else_in_the_companions_name(ground: Bench, component:
     for station in (ground.a, ground.b):
         assert "all is well" not in station.texts()
         assert station.got("COMMAND_ACK") == []
-        heard = {m.get_type() for m in station.received if m.get_srcComponent() == 191}
+        heard = {m.get_type() for m in station.received if m.get_srcComponent() in (191, 198)}
         assert {"HEARTBEAT", "AUTHORITY_STATUS", "CONTROL_STATUS"} <= heard, "the companion's own are heard as ever"
 
 
