@@ -14,6 +14,7 @@ from math import inf
 
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.report.journal_reader import Entry
+from sitl.report.loss import Heard
 from sitl.report.matching import matches
 from sitl.report.watch import VEHICLE, Clock, Sample, samples_of
 
@@ -46,6 +47,8 @@ class RunNotes:
     kills: dict[str, float] = field(default_factory=dict)
     #: end of the timeline
     ended_t: float | None = None
+    #: station -> what its log says was lost on the way to it, or why that is not known; measured where it is expected
+    losses: dict[str, Heard | str] = field(default_factory=dict)
 
 
 class Evidence:

@@ -28,6 +28,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import KeysError
 from sitl.report.evidence import Evidence, RunNotes
 from sitl.report.journal_reader import Entry, JournalReader
+from sitl.report.loss import measure
 from sitl.report.record import RUN_FILE, Verdict
 from sitl.report.watch import Watch
 from sitl.run.memory import memory_of_a_run
@@ -37,7 +38,7 @@ from sitl.run.proxy import give_orders
 from sitl.run.story import Story
 from sitl.run.transmitter import Transmitter
 from sitl.run.wiring import COMPANION, IMPAIRMENT, LINES, SYSID, Program, Wiring, lay_out
-from sitl.script.expect import ALWAYS
+from sitl.script.expect import ALWAYS, Loss
 from sitl.script.places import SetupError, guard_files
 from sitl.script.scenario import Scenario, Step
 from sitl.script.steps import Running, Steady, StepFailed
@@ -372,6 +373,9 @@ class _Flight:
 
     def judge(self) -> Result:
         """Judge what was seen."""
+        if any(isinstance(expectation, Loss) for expectation in self.order.scenario.expectations):
+            names = {station.name for station in self.order.package.stations} - set(self.order.scenario.standard)
+            self.notes.losses = {name: measure(self.order.folder / name / f"{name}.tlog") for name in names}
         evidence = Evidence(self.reader.entries, self.order.package, self.notes)
         verdicts = list(self.step_verdicts)
         verdicts += [expectation.judge(evidence) for expectation in (*self.order.scenario.expectations, *ALWAYS)]

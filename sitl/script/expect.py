@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The words of a scenario's expectations, judged after the run on its journals alone.
+"""The words of a scenario's expectations, judged after the run on its journals, and on its stations' logs.
 
 Each judgement says what was wanted and what was seen, whether it held or not. `ALWAYS` are expectations of every run:
 no program died unbidden, none noted a fault, and authority never was in two hands, which the epoch proves: each
@@ -18,11 +18,12 @@ from math import inf
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH
 from sitl.report.evidence import NOBODY, Evidence
+from sitl.report.loss import Heard
 from sitl.report.matching import Match, describe, last_line, matches
 from sitl.report.record import Verdict
 from sitl.report.watch import VEHICLE
 
-__all__ = ["ALWAYS", "EXPECTATIONS", "Expectation"]
+__all__ = ["ALWAYS", "EXPECTATIONS", "Expectation", "Loss"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,6 +296,22 @@ class Said(Expectation):
 
 
 @dataclass(frozen=True, slots=True)
+class Loss(Expectation):
+    """In every station's log so much is missing at most (%), by the count of pymavlink: its program shows no more."""
+
+    below_percent: float
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        wanted = f"every station's log has lost less than {self.below_percent:g} %"
+        found = evidence.notes.losses
+        held = bool(found) and all(
+            isinstance(one, Heard) and one.heard > 0 and one.percent < self.below_percent for one in found.values()
+        )
+        seen = "; ".join(one if isinstance(one, str) else f"{name} {one}" for name, one in sorted(found.items()))
+        return Verdict(held, wanted, seen or "no log of any station")
+
+
+@dataclass(frozen=True, slots=True)
 class NobodyDied(Expectation):
     """No program ended before the end of the run, save those that the scenario killed."""
 
@@ -362,4 +379,5 @@ EXPECTATIONS: Mapping[str, type[Expectation]] = {
     "items_reached": ItemsReached,
     "emergencies": Emergencies,
     "said": Said,
+    "loss": Loss,
 }

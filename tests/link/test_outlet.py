@@ -16,7 +16,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.link.outlet import NO_STAMP, Outlet
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import sign
-from sitl.report.loss import Sender, losses
+from sitl.report.loss import Heard, losses
 
 KEY = bytes(range(32))
 
@@ -77,7 +77,7 @@ def test_pymavlink_sees_no_loss_where_frames_were_left_out_and_put_in(line: Line
         log.write(struct.pack(">Q", 1_800_000_000_000_000 + number) + raw)
     path = tmp_path / "a.tlog"
     path.write_bytes(log.getvalue())
-    assert losses(path) == {(1, 1): Sender(heard=360, lost=0)}
+    assert losses(path) == {(1, 1): Heard(heard=360, lost=0)}
 
 
 def test_every_sender_is_counted_for_itself_and_the_count_goes_round(line: Line) -> None:

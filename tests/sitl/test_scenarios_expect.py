@@ -10,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 from sitl.report.journal_reader import Entry
+from sitl.report.loss import Heard
 from sitl.report.matching import Match
 from sitl.script.expect import (
     ALWAYS,
@@ -21,6 +22,7 @@ from sitl.script.expect import (
     Handovers,
     ItemsReached,
     Landed,
+    Loss,
     Memory,
     Modes,
     ModeWithin,
@@ -265,6 +267,17 @@ def test_what_the_autopilot_said_is_found_by_its_words() -> None:
     entries = with_entry(wall(90), "vehicle", "said", "HNDO: lease lost, RTL", severity=2)
     assert Said("*lease lost*").judge(evidence(entries)).held
     assert not Said("*lease lost*").judge(evidence()).held
+
+
+def test_the_loss_that_stations_see_is_below_its_limit_at_each_of_them() -> None:
+    expectation = Loss(0.05)
+    whole, holes = Heard(12_000, 0), Heard(12_000, 7)
+    assert expectation.judge(evidence(losses={"GCSA": whole, "GCSB": Heard(8_000, 3)})).held
+    verdict = expectation.judge(evidence(losses={"GCSB": holes, "GCSA": whole}))
+    assert (verdict.held, verdict.seen) == (False, "GCSA 0.0 % (0 of 12000); GCSB 0.1 % (7 of 12007)")
+    assert not expectation.judge(evidence(losses={"GCSA": whole, "GCSB": Heard(0, 0)})).held, "nothing was heard"
+    assert not expectation.judge(evidence(losses={"GCSA": whole, "GCSB": "GCSB.tlog cannot be read: no"})).held
+    assert not expectation.judge(evidence()).held, "nothing was measured"
 
 
 def test_a_dead_program_fails_every_run() -> None:
