@@ -83,7 +83,7 @@ EVENTS: Final[Mapping[str, Level]] = {
     "peer": _INFO,
     "peer_lost": _ADVISORY,
     "zone_left": _ADVISORY,
-    "coverage_ends": _WARNING,
+    "zone_ends": _ADVISORY,
     "rerouted": _ADVISORY,
     "off_route": _WARNING,
     "on_route": _INFO,

@@ -345,7 +345,7 @@ class StationCore:
         ending = flying and commander is not None and event.zone == commander and event.zone_ends_s <= self.ENDS_S
         if ending and not self._zone_ending:
             text = f"The zone of {self.name(commander)} ends in {event.zone_ends_s:.0f} s."
-            actions.append(Notice("coverage_ends", text))
+            actions.append(Notice("zone_ends", text))
         again = event.zone == commander and event.zone_ends_s <= self.AGAIN_S
         self._zone_ending = ending or (self._zone_ending and again)
         left = self._zone == commander and commander is not None and event.zone != commander

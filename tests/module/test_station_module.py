@@ -881,7 +881,7 @@ def test_the_end_of_the_zone_and_that_it_was_left_are_told_once(station: Station
         station.hear(authority(zone=zone, zone_ends=ends))
     said = [line.partition("]: ")[2] for line in station.mpstate.console.lines if "]: " in line and "zone" in line]
     assert said == [
-        "WARNING: The zone of GCSA ends in 15 s.",
+        "The zone of GCSA ends in 15 s.",
         "vehicle 1 has left the zone of GCSA: it is in the zone of GCSB.",
     ]
 
