@@ -17,6 +17,8 @@ Rules that live here
   this from the partner itself, while it commands, and only of a transfer that the vehicle has announced
   (AUTHORITY_STATUS, or what it passed on): a peer's word speeds up what the vehicle does, and opens or replaces no
   question.
+* Whoever gets authority says so in the words of a positive exchange of control, "I have drone-1", and who has given it
+  away "GCSB has drone-1", when the vehicle says that it is so. The vehicle's name is what it calls itself.
 * Consent is automatic for the reasons that the configuration names (`automatic`), and the operator's for all others:
   then the answer is "waiting" until there is one. It is the vehicle that says why it asks; what it has not said is no
   reason. The same question for a reason that needs no operator is answered by that.
@@ -134,7 +136,8 @@ class StationCore:
     ) -> None:
         """`automatic`: what needs no operator here, in the words of `model.QUESTIONS`."""
         self._station = station
-        self._vehicle_name = vehicle_name
+        #: as it calls itself; until then as the configuration has it
+        self.vehicle_name = vehicle_name
         self._automatic = frozenset(automatic)
         self._names = {peer.sysid: peer.name for peer in peers} | {station.sysid: station.name}
         self._peers_heard = {peer.sysid: -inf for peer in peers}
@@ -246,7 +249,7 @@ class StationCore:
         actions: list[Action] = []
         if not self._vehicle_lost and not self.vehicle_alive(now):
             self._vehicle_lost = True
-            actions.append(Notice("lost", f"{self._vehicle_name} is not heard any more."))
+            actions.append(Notice("lost", f"{self.vehicle_name} is not heard any more."))
         for peer in [peer for peer in self._peers_up if not self.peer_alive(peer, now)]:
             self._peers_up -= {peer}
             actions.append(Notice("peer_lost", f"Ground link to {self.name(peer)} is down."))
@@ -272,11 +275,13 @@ class StationCore:
         self._vehicle_heard = now
         if self._vehicle_lost:
             self._vehicle_lost = False
-            actions.append(Notice("connected", f"{self._vehicle_name} is connected."))
+            actions.append(Notice("connected", f"{self.vehicle_name} is connected."))
 
     def _on_vehicle(self, message: Message, now: float, actions: list[Action]) -> None:
         match message:
             case Connect():
+                if message.name.isprintable() and message.name.strip():
+                    self.vehicle_name = message.name.strip()
                 self.vehicle_digest = message.mission_digest
                 # of nobody it does not say whether that is before or after somebody: AUTHORITY_STATUS does
                 self._believe(message.commander, message.epoch, actions, over=False)
@@ -313,14 +318,18 @@ class StationCore:
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # over, whatever became of it: no question of it is open any more
         if commander is None and over and self.phase is not Phase.ON_LOAD:
-            text = f"Nobody commands {self._vehicle_name}. 'handover request' takes over when it is in your zone."
+            text = f"Nobody commands {self.vehicle_name}. 'handover request' takes over when it is in your zone."
             notice = Notice("no_commander", text)
         elif self.role is before:
             notice = Notice("authority", f"{self.name(commander)} commands, epoch {epoch}.")
         elif self.role is Role.COMMANDER:
-            notice = Notice("control_gained", f"{self._station.name} is the commander now, epoch {epoch}.")
+            text = f"I have {self.vehicle_name}: {self._station.name} is the commander now, epoch {epoch}."
+            notice = Notice("control_gained", text)
+        elif commander is not None:
+            has = f"{self.name(commander)} has {self.vehicle_name}"
+            notice = Notice("control_lost", f"{has}: {self.name(commander)} commands now, epoch {epoch}.")
         else:
-            notice = Notice("control_lost", f"{self.name(commander)} commands now, epoch {epoch}.")
+            notice = Notice("control_lost", f"nobody commands now, epoch {epoch}.")
         actions.append(notice)
 
     def _on_authority(self, event: AuthorityHeard, now: float, actions: list[Action]) -> None:
@@ -329,7 +338,7 @@ class StationCore:
             self.phase = event.phase
             phase = event.phase.name.replace("_", " ").lower()
             if event.phase is not Phase.EMERGENCY:  # what is wrong and what is done is told with the decision
-                actions.append(Notice("phase", f"{self._vehicle_name} is {phase}."))
+                actions.append(Notice("phase", f"{self.vehicle_name} is {phase}."))
         self._on_zone(event, actions)
         self.partner = event.partner
         self._announced = None
@@ -351,7 +360,7 @@ class StationCore:
         left = self._zone == commander and commander is not None and event.zone != commander
         if flying and left and commander == self.commander:
             there = f"it is in the zone of {self.name(event.zone)}" if event.zone else "it is in nobody's"
-            text = f"{self._vehicle_name} has left the zone of {self.name(commander)}: {there}."
+            text = f"{self.vehicle_name} has left the zone of {self.name(commander)}: {there}."
             actions.append(Notice("zone_left", text))
         self._zone = event.zone
 
@@ -490,7 +499,7 @@ class StationCore:
         if consent is Consent.GRANTED:
             actions.append(Notice("consent", "Handover Authorized."))
             return
-        text = f"{self.name(key.to_station)} is ready to take {self._vehicle_name}{_about(message.reason)}."
+        text = f"{self.name(key.to_station)} is ready to take {self.vehicle_name}{_about(message.reason)}."
         actions.append(Notice("asked", text + self._hint(consent)))
 
     def _release(self, key: TransferKey, actions: list[Action]) -> None:

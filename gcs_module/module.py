@@ -222,7 +222,7 @@ class HandoverGcsModule(mp_module.MPModule):
         core, now = self.core, time.monotonic()
         fresh = now - self._mode_at <= OLD_S and not self.disarmed
         return Situation(
-            f"vehicle {self.config.vehicle}",
+            core.vehicle_name,
             core.phase,
             core.name(core.commander) if core.commander else "",
             core.role is Role.COMMANDER,

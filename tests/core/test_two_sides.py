@@ -51,13 +51,13 @@ class TestNominal:
         assert network.notices[A] == [
             "drone is connected.",
             "Ground link to GCSB is up.",
-            "GCSA is the commander now, epoch 1.",
+            "I have drone: GCSA is the commander now, epoch 1.",
             "drone is on mission.",
             "drone is on handover.",
             "Handover Authorized.",
             "GCSB has the drone: Disconnect.",
             "drone is on mission.",
-            "GCSB commands now, epoch 2.",
+            "GCSB has drone: GCSB commands now, epoch 2.",
         ]
         assert network.notices[B] == [
             "Ground link to GCSA is up.",
@@ -68,7 +68,7 @@ class TestNominal:
             "Handover requested (zone): GCSA -> GCSB.",
             "Set up as commander: Drone Connected.",
             "drone is on mission.",
-            "GCSB is the commander now, epoch 2.",
+            "I have drone: GCSB is the commander now, epoch 2.",
         ]
 
     def test_three_zones_in_a_row(self) -> None:

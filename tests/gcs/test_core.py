@@ -132,7 +132,7 @@ class TestWhoCommands:
         }
         actions = core.handle(events[how], NOW)
         assert (core.commander, core.epoch, core.role) == (B, 4, Role.OBSERVER)
-        assert notices(actions) == ["GCSB commands now, epoch 4."]
+        assert notices(actions) == ["GCSB has drone: GCSB commands now, epoch 4."]
 
     @pytest.mark.parametrize("epoch", [0, 1, 2])
     def test_an_older_epoch_is_stale(self, epoch: int) -> None:
@@ -156,7 +156,7 @@ class TestWhoCommands:
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW) == []
         assert core.role is Role.OBSERVER
         back = core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW)
-        assert notices(back) == ["GCSA is the commander now, epoch 4."]
+        assert notices(back) == ["I have drone: GCSA is the commander now, epoch 4."]
 
     def test_after_a_restart_the_same_commander_in_one_epoch(self) -> None:
         core = station(A)
@@ -164,7 +164,7 @@ class TestWhoCommands:
         back = AuthorityHeard(Phase.ON_MISSION, A, None, 4)
         assert notices(core.handle(waiting, NOW)) == ["nobody commands now, epoch 4."]
         assert core.role is Role.OBSERVER
-        assert notices(core.handle(back, NOW)) == ["GCSA is the commander now, epoch 4."]
+        assert notices(core.handle(back, NOW)) == ["I have drone: GCSA is the commander now, epoch 4."]
         # a status of before comes late, over the slower of two links
         assert core.handle(waiting, NOW) == []
         assert core.role is Role.COMMANDER
@@ -177,7 +177,7 @@ class TestWhoCommands:
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW) == []
         assert core.commander is None
         assert notices(core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 5), NOW)) == [
-            "GCSA is the commander now, epoch 5."
+            "I have drone: GCSA is the commander now, epoch 5."
         ]
 
     @pytest.mark.parametrize("order", list(permutations(range(4))))
@@ -207,10 +207,10 @@ class TestWhoCommands:
     def test_the_operator_hears_of_his_own_authority_aloud(self) -> None:
         core = station(B)
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 4), NOW) == [
-            Notice("control_gained", "GCSB is the commander now, epoch 4.")
+            Notice("control_gained", "I have drone: GCSB is the commander now, epoch 4.")
         ]
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 5), NOW) == [
-            Notice("control_lost", "GCSA commands now, epoch 5.")
+            Notice("control_lost", "GCSA has drone: GCSA commands now, epoch 5.")
         ]
         assert core.handle(AuthorityHeard(Phase.ON_MISSION, C, None, 6), NOW) == [
             Notice("authority", "GCSC commands, epoch 6.")
@@ -490,6 +490,16 @@ class TestLate:
         core = partner()
         from_vehicle(core, HandoverRequest(TransferKey(A, B, 65535, 3)))
         assert from_vehicle(core, HandoverRequest(TransferKey(A, B, 5, 4))) != []
+
+
+class TestVehicleName:
+    @pytest.mark.parametrize(
+        ("said", "name"), [("drone-7", "drone-7"), (" x ", "x"), ("", "drone"), ("  ", "drone"), ("a\x07b", "drone")]
+    )
+    def test_it_is_what_the_vehicle_calls_itself(self, said: str, name: str) -> None:
+        core = station(A)
+        from_vehicle(core, Connect(A, 1, 7, 3, A, said, DIGEST))
+        assert core.vehicle_name == name
 
 
 class TestOperator:
@@ -826,7 +836,7 @@ class TestResult:
         committed = HandoverResult(TransferKey(A, B, 7, 4), B, Outcome.COMMITTED, Reason.ZONE)
         ack = ToVehicle(ConnectAck(B, 1, 0, 4, B, "GCSB", b""))
         assert from_vehicle(core, committed) == [
-            Notice("control_gained", "GCSB is the commander now, epoch 4."),
+            Notice("control_gained", "I have drone: GCSB is the commander now, epoch 4."),
             ack,
         ]
         assert from_vehicle(core, committed) == [ack]

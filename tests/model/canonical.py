@@ -587,7 +587,7 @@ class Packer:
         self._station = _Class(
             StationCore,
             _station=plain,
-            _vehicle_name=plain,
+            vehicle_name=plain,
             _automatic=plain,
             _names=names_fixed,
             _peers_heard=_Times(StationCore.PEER_LOST_S, forget=False),

@@ -289,14 +289,14 @@ def test_urgent_lines_are_spoken_only_where_mavproxy_can_speak(station: StationB
     station.mpstate.modules.append((MPModule(station.mpstate, "speech"), gcs_module))
     station.hear(connect_message(epoch=2, commander=252))
     station.mpstate.modules.pop()
-    assert station.mpstate.spoken == ["GCSB commands now, epoch 2."]
+    assert station.mpstate.spoken == ["GCSB has drone-1: GCSB commands now, epoch 2."]
 
 
 def test_the_vehicle_falling_silent_is_told(station: StationBench) -> None:
     station.load()
     station.hear(connect_message())
     station.run(7.0)
-    assert station.mpstate.console.said("vehicle 1 is not heard any more.")
+    assert station.mpstate.console.said("drone-1 is not heard any more.")
 
 
 # ---- the ground link ----------------------------------------------------------------------------------------------
@@ -796,7 +796,7 @@ def test_who_commands_stands_in_the_status_row_and_how_grave_it_is(station: Stat
     station.run(1.1)
     assert console.looks["HANDOVER"] == ("CONTROL: GCSA (you)", "black", "white")
     station.run(4.0)
-    assert console.looks["HANDOVER"] == ("vehicle 1: NOT HEARD FOR 4 s", "black", "orange")
+    assert console.looks["HANDOVER"] == ("drone-1: NOT HEARD FOR 4 s", "black", "orange")
     station.hear(mavlink.MAVLink_heartbeat_message(2, 3, 128 + 1, 6, 4, 3), autopilot=True)
     station.hear(authority(phase=3, commander=0))
     station.hear(connect_message(epoch=1, commander=0))
@@ -814,7 +814,7 @@ def test_the_brackets_say_the_mode_where_the_mission_is_not_flown_and_how_old_th
     assert station.mpstate.console.lines[-1].endswith("|GCSA][ONMISSION RTL]: WARNING: Something.")
     station.run(6.0)
     assert station.mpstate.console.lines[-1].endswith(
-        "|GCSA][ONMISSION 5 s old]: WARNING: vehicle 1 is not heard any more."
+        "|GCSA][ONMISSION 5 s old]: WARNING: drone-1 is not heard any more."
     )
 
 
