@@ -120,3 +120,13 @@ def test_what_is_only_to_be_known_is_said_once() -> None:
     alarms.heard("decision", ADVISORY, "guard silent", NOW)
     assert [alarm.text for alarm in alarms.standing] == ["guard silent"]
     assert alarms.due(NOW + 1e9) == ()
+
+
+def test_the_readme_says_the_same() -> None:
+    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    for level in Level:
+        look = LOOKS[level]
+        again = "never" if look.again_s == inf else f"every {look.again_s:.0f} s"
+        heard = " | ".join("yes" if each else "no" for each in (look.bell, look.spoken))
+        (row,) = [line for line in text.splitlines() if line.startswith(f"| {level.name.lower()} |")]
+        assert row.endswith(f"| {heard} | {again} |")
