@@ -18,6 +18,7 @@ from itertools import pairwise
 from math import ceil, isclose, isfinite
 from pathlib import Path
 
+from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_of, released_at
@@ -34,6 +35,8 @@ __all__ = ["CheckReport", "Finding", "Severity", "check", "main", "report_text"]
 
 #: what a transfer needs over a link that loses every fifth message each way, 99 times of 100
 TRANSFER_S = 3.0
+#: what an operator who is asked may take to answer, if nothing else is configured
+OPERATOR_S = Limits().operator_timeout_s
 #: a rally point farther than this from every place of the route is no help
 REACH_M = 5000.0
 #: a way that climbs is compared to the ground in pieces of this length (m)
@@ -81,12 +84,18 @@ class CheckReport:
 
 
 def check(
-    package: MissionPackage, *, transfer_s: float = TRANSFER_S, reach_m: float = REACH_M, wind: Wind | None = None
+    package: MissionPackage,
+    *,
+    transfer_s: float = TRANSFER_S,
+    operator_s: float = OPERATOR_S,
+    reach_m: float = REACH_M,
+    wind: Wind | None = None,
 ) -> CheckReport:
     """Walk the mission and judge it.
 
-    `transfer_s`: time that a transfer needs. `reach_m`: how far off the route a rally point may lie. `wind`: that the
-    energy is counted with; None: what [energy] has for a wind that is not known.
+    `transfer_s`: time that a transfer needs; `operator_s`: that an operator who is asked may take to answer. `reach_m`:
+    how far off the route a rally point may lie. `wind`: that the energy is counted with; None: what [energy] has for a
+    wind that is not known.
     """
     walk = package.walk()
     model = package.energy.model(wind)
@@ -97,6 +106,7 @@ def check(
         *_gaps(package, walk),
         *_declared(package, crossed),
         *_handovers(package, walk, crossed, transfer_s),
+        *_operators(walk, transfer_s, operator_s),
         *_lonely_zones(package, crossed),
         *_rally(package, walk, reach_m),
         *_fence(package, walk),
@@ -167,6 +177,23 @@ def _handovers(package: MissionPackage, walk: Walk, crossed: Sequence[Stretch], 
     for station in package.stations:
         if station.sysid not in flown:
             yield Finding(Severity.WARNING, f"station {station.name} never commands on this route")
+
+
+def _operators(walk: Walk, transfer_s: float, operator_s: float) -> Iterator[Finding]:
+    """Regions that are no error, and over before an operator has to have answered."""
+    short = [
+        (number, handover.overlap_s)
+        for number, handover in enumerate(walk.handovers, 1)
+        if transfer_s <= handover.overlap_s < operator_s + transfer_s
+    ]
+    if short:
+        which = ", ".join(str(number) for number, _overlap_s in short)
+        least_s = min(overlap_s for _number, overlap_s in short)
+        text = (
+            f"an operator who is asked may take {operator_s:g} s to answer; inside both zones there is less at "
+            f"handover {which}: {least_s:.1f} s at the least"
+        )
+        yield Finding(Severity.INFO, text)
 
 
 def _lonely_zones(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterator[Finding]:
@@ -440,6 +467,13 @@ def main(args: Sequence[str]) -> int:
         "--transfer", type=_positive, default=TRANSFER_S, metavar="S", help="seconds a transfer needs (%(default)g)"
     )
     parser.add_argument(
+        "--operator",
+        type=_positive,
+        default=OPERATOR_S,
+        metavar="S",
+        help="seconds an operator may take to answer (%(default)g)",
+    )
+    parser.add_argument(
         "--reach", type=_positive, default=REACH_M, metavar="M", help="metres off the route for rally (%(default)g)"
     )
     parser.add_argument(
@@ -455,7 +489,13 @@ def main(args: Sequence[str]) -> int:
     folder = Path(options.mission)
     try:
         package = load(folder.parent if folder.name == MISSION_FILE else folder)
-        report = check(package, transfer_s=options.transfer, reach_m=options.reach, wind=options.wind)
+        report = check(
+            package,
+            transfer_s=options.transfer,
+            operator_s=options.operator,
+            reach_m=options.reach,
+            wind=options.wind,
+        )
         print(report_text(report))
         if options.map:
             from mavproxy_handover.mission.picture import draw

@@ -83,6 +83,21 @@ def test_time_for_one_try_only_is_a_warning(small):
     assert warnings(small) == ["handover 1 A -> B: 4.7 s inside both zones leave no time for a second try"]
 
 
+def infos(small, **options):
+    return [f.text for f in check(load(small.write()), **options).findings if f.severity is Severity.INFO][:-1]
+
+
+def test_a_region_that_is_over_before_an_operator_has_to_answer_is_worth_knowing(small):
+    move_zones(small, (10.0, 10.00221), (10.002, 10.006))
+    assert infos(small) == [
+        "an operator who is asked may take 30 s to answer; inside both zones there is less at handover 1: "
+        "4.7 s at the least"
+    ]
+    assert infos(small, operator_s=1.5) == []
+    assert infos(small, operator_s=1.8) != [], "the transfer needs its time too"
+    assert infos(small, transfer_s=5.0) == [], "there it is an error"
+
+
 def test_another_number_of_handovers_than_stated_is_an_error(small):
     small.toml = small.toml.replace("expected_handovers = 1", "expected_handovers = 3")
     assert errors(small) == ["the route makes 1 handovers, mission.toml expects 3"]
