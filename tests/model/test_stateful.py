@@ -543,8 +543,8 @@ def a_restart_that_forgets_the_numbers(patch: pytest.MonkeyPatch) -> None:
 def a_station_that_takes_waiting_for_lost(patch: pytest.MonkeyPatch) -> None:
     on_authority = gcs.StationCore._on_authority
 
-    def hasty(self: gcs.StationCore, event: gcs.AuthorityHeard, actions: list[gcs.Action]) -> None:
-        on_authority(self, replace(event, recovering=False), actions)
+    def hasty(self: gcs.StationCore, event: gcs.AuthorityHeard, now: float, actions: list[gcs.Action]) -> None:
+        on_authority(self, replace(event, recovering=False), now, actions)
 
     patch.setattr(gcs.StationCore, "_on_authority", hasty)
 
