@@ -29,7 +29,8 @@ class Situation:
     """What a station knows of a vehicle at one moment. Names of stations are "" where there is nobody.
 
     `heard_s`: how long ago the vehicle was heard, inf: never; `mode`: of the autopilot, "" not known or too old;
-    `action`: what is done about what is wrong; `left_s`: what is left for an operator who is asked, inf: nobody is.
+    `action`: what is done about what is wrong; `left_s`: what is left for an operator who is asked, inf: nobody is;
+    `alone`: nobody commands because the mission declares a gap there.
     """
 
     vehicle: str
@@ -41,6 +42,7 @@ class Situation:
     heard_s: float = inf
     action: FlightAction | None = None
     left_s: float = inf
+    alone: bool = False
 
     @property
     def old(self) -> bool:
@@ -65,6 +67,8 @@ def banner(now: Situation) -> tuple[str, Level]:
         return f"{now.vehicle}: NOT HEARD FOR {now.heard_s:.0f} s", Level.WARNING
     flying = now.phase is not Phase.ON_LOAD
     mode = f" - {now.mode}" if now.mode else ""
+    if not now.commander and now.alone:
+        return f"ALONE IN A DECLARED GAP{mode}", Level.ADVISORY
     if not now.commander:
         return (f"NO COMMANDER{mode}", Level.EMERGENCY) if flying else ("NO COMMANDER", Level.INFO)
     control = f"CONTROL: {now.commander}{' (you)' if now.own else ''}"

@@ -91,7 +91,7 @@ class StationCommands:
             "request": ("ask for control of the aircraft", self._request),
             "release": ("give control up; in flight only to a station that can take it", self._release),
             "resume": (
-                "AUTO again after a return, a landing or a hold: on with the mission where it was left",
+                "AUTO again after a return or a landing: on with the mission where it was left",
                 self._resume,
             ),
             "ack": ("silence the alarms that stand", module.narrator.acknowledged),

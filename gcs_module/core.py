@@ -148,6 +148,8 @@ class StationCore:
         #: whose zone holds the aircraft, the commander's first; and the commander's is about to end
         self._zone: int | None = None
         self._zone_ending = False
+        #: nobody commands because the mission declares a gap there
+        self.alone = False
         #: until when an operator who is asked may answer
         self._answer_until = inf
         self._part: _Part | None = None
@@ -317,7 +319,10 @@ class StationCore:
         self._wished_until = -inf  # it was about another commander
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # over, whatever became of it: no question of it is open any more
-        if commander is None and over and self.phase is not Phase.ON_LOAD:
+        if commander is None and self.alone:
+            text = f"Nobody commands {self.vehicle_name}: it crosses a gap that its mission declares."
+            notice = Notice("authority", text)
+        elif commander is None and over and self.phase is not Phase.ON_LOAD:
             text = f"Nobody commands {self.vehicle_name}. 'handover request' takes over when it is in your zone."
             notice = Notice("no_commander", text)
         elif self.role is before:
@@ -334,6 +339,7 @@ class StationCore:
 
     def _on_authority(self, event: AuthorityHeard, now: float, actions: list[Action]) -> None:
         self._answer_until = now + event.answer_left_s
+        self.alone = event.alone
         if event.phase is not self.phase:
             self.phase = event.phase
             phase = event.phase.name.replace("_", " ").lower()

@@ -75,6 +75,8 @@ class AuthorityHeard:
     zone: int | None = None
     #: how soon the known way leaves the commander's zone (s); inf: no end in sight
     zone_ends_s: float = inf
+    #: nobody commands because the mission declares a gap there
+    alone: bool = False
     #: what is left for an operator who is asked (s); inf: nobody is
     answer_left_s: float = inf
 

@@ -231,6 +231,7 @@ class HandoverGcsModule(mp_module.MPModule):
             core.vehicle_silent_s(now),
             self.decisions.action,
             core.answer_left_s(now),
+            core.alone,
         )
 
     @property
@@ -299,7 +300,8 @@ class HandoverGcsModule(mp_module.MPModule):
             zone = message.zone or None
             left_s = message.answer_left - 1.0 if message.answer_left else math.inf
             transfer = *who, message.epoch, message.handover_id
-            self._handle(AuthorityHeard(phase, *transfer, recovering, why, zone, ends_s, left_s))
+            alone = message.lease == LeaseState.ALONE
+            self._handle(AuthorityHeard(phase, *transfer, recovering, why, zone, ends_s, alone, left_s))
             self._route_changed(bool(message.route_changed))
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)

@@ -10,6 +10,7 @@ from math import inf
 from typing import Generic, TypeVar
 
 from sitl.campaign.plane import Spot
+from sitl.campaign.times import SECOND
 
 __all__ = ["FlightLog", "Flown", "Series"]
 
@@ -35,12 +36,12 @@ class Flown:
 
     def at(self, now: int) -> tuple[float, float, float]:
         """Where it was."""
-        s = (now - self.begun) / 64
+        s = (now - self.begun) / SECOND
         return self.x_m + self.vx * s, self.y_m + self.vy * s, self.z_m + self.vz * s
 
     def left_at(self, now: int) -> float:
         """What was left then (Wh)."""
-        return self.left_wh - self.watts * (now - self.begun) / 64 / 3600.0
+        return self.left_wh - self.watts * (now - self.begun) / SECOND / 3600.0
 
 
 class Series(Generic[_Value]):

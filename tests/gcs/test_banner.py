@@ -38,6 +38,7 @@ FLIES = Situation("drone-1", Phase.ON_MISSION, "GCSB", True, "", "AUTO", 0.5)
         ),
         ({"commander": "", "own": False, "mode": "RTL"}, "NO COMMANDER - RTL", Level.EMERGENCY),
         ({"commander": "", "own": False, "mode": ""}, "NO COMMANDER", Level.EMERGENCY),
+        ({"commander": "", "own": False, "alone": True}, "ALONE IN A DECLARED GAP - AUTO", Level.ADVISORY),
         ({"commander": "", "own": False, "phase": Phase.ON_LOAD}, "NO COMMANDER", Level.INFO),
         ({"commander": "", "heard_s": 3.1}, "drone-1: NOT HEARD FOR 3 s", Level.WARNING),
         ({"heard_s": 3.0}, "CONTROL: GCSB (you)", Level.INFO),

@@ -492,6 +492,13 @@ class TestLate:
         assert from_vehicle(core, HandoverRequest(TransferKey(A, B, 5, 4))) != []
 
 
+def test_who_crosses_a_declared_gap_alone_is_no_emergency() -> None:
+    core = station(A)
+    text = "Nobody commands drone: it crosses a gap that its mission declares."
+    alone = AuthorityHeard(Phase.ON_MISSION, None, None, 3, alone=True)
+    assert core.handle(alone, NOW) == [Notice("authority", text)]
+
+
 class TestVehicleName:
     @pytest.mark.parametrize(
         ("said", "name"), [("drone-7", "drone-7"), (" x ", "x"), ("", "drone"), ("  ", "drone"), ("a\x07b", "drone")]

@@ -597,6 +597,7 @@ class Packer:
             _zone=plain,
             _zone_ending=plain,
             _answer_until=plain,
+            alone=plain,
             _read_until=_Ago(0.0),
             _vehicle_lost=plain,
             _part=_Object(part),
