@@ -16,12 +16,13 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.border_watch import BorderWatch
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
 from mavproxy_handover.autopilot.gaps import GapWatch
-from mavproxy_handover.autopilot.loading import MissionLoader, MissionWriter, Way, way_of
+from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.autopilot.places import PlaceWatch
@@ -38,7 +39,6 @@ from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.energy import released_at
-from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import speed_at
@@ -56,6 +56,8 @@ __all__ = ["Autopilot"]
 _ZONE_CHECK_S: Final = 0.03
 #: name of a conversation
 _HELD: Final = "held"
+#: a restart in flight is over by then (s): what takes the processor a while has waited for that
+_WALK_S: Final = 10.0
 #: what an older heartbeat has said of arming and of the mode does not count
 _HEARTBEAT_S: Final = 2.5
 #: a position that has waited for longer, because the main loop stood still, does not count: another is on its way
@@ -88,6 +90,7 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
+        self._borders = BorderWatch(config.limits.operator_timeout_s, self.aircraft, ties)
         self._execution = ExecutionWatch(self.aircraft, ties, lambda: self._preflight.radio_watched)
         #: where a return goes
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
@@ -114,6 +117,9 @@ class Autopilot:
         #: what the arbiter was told last of what looks wrong
         self._signs = SignsSeen()
         self._second_manager_told = False
+        #: after a restart: walks the route once more, beside the main loop, and when
+        self._walk: Callable[[], None] = lambda: None
+        self._walk_at = math.inf
         self._zones_at = 0.0
 
     # ---- what others may look at ----------------------------------------------------------------------------------
@@ -235,15 +241,17 @@ class Autopilot:
         """The autopilot holds this mission since the run before; who commands along its route is known from there.
 
         Unless its commander has sent another one in flight: it is read back, and where it differs nobody knows it.
+        What lies along its route is found anew: gaps at once, the borders of zones when the restart is over.
         """
         self._loader.adopt(package, package.zone_finder(), way_of(package), now)
-        self._flies_by(package, (), now)
+        self._flies_by(package, Along(), now)
 
-        def found(stretches: tuple[Stretch, ...]) -> None:
+        def found(along: Along) -> None:
             if self._flown is package.route:
-                self._declares(stretches)
+                self._lies_along(along)
 
-        self._missions.find_gaps(package, found)
+        self._walk = lambda: self._missions.walk_along(package, found)
+        self._walk_at = now if package.gaps else now + _WALK_S
 
         def done(talk: Conversation, now: float) -> None:
             if talk.result:
@@ -254,16 +262,16 @@ class Autopilot:
 
     def overwritten(self, now: float) -> None:
         """Somebody else begins to write a mission: what the autopilot holds is not known here any more."""
-        self._flies_by(None, (), now)
+        self._flies_by(None, Along(), now)
 
-    def _flies_by(self, package: MissionPackage | None, stretches: tuple[Stretch, ...], now: float) -> None:
+    def _flies_by(self, package: MissionPackage | None, along: Along, now: float) -> None:
         route = None if package is None else package.route
         self._changed_aloft = False
         self._flies(route)
         self.desk.ahead = (
             None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
         )
-        self._declares(stretches)
+        self._lies_along(along)
         self._gaps.judge(self._preflight.parameters, now)
         self.places.adopt(package, now)
         self._preflight.planned(None if route is None else plan_facts(route), self._gaps.longest_s)
@@ -273,15 +281,17 @@ class Autopilot:
         self.route.adopt(route)
         self._energy.released_at = None if route is None else released_at(route)
 
-    def _declares(self, stretches: tuple[Stretch, ...]) -> None:
-        self._gaps.adopt(stretches)
+    def _lies_along(self, along: Along) -> None:
+        self._gaps.adopt(along.stretches)
+        self._borders.adopt(along.way)
         if self.desk.ahead is not None:
-            self.desk.ahead.gaps = stretches
+            self.desk.ahead.gaps = along.stretches
 
     def _rerouted(self, rerouted: Rerouted | None, now: float) -> None:
         """The autopilot holds the mission that its commander has sent in flight; None: nobody knows what it holds."""
         self._changed_aloft = True
         self._gaps.adopt(())  # what is declared is a gap of the package
+        self._borders.adopt(None if rerouted is None else rerouted.way)
         self._flies(None if rerouted is None else rerouted.ahead.route)
         self.desk.ahead = None if rerouted is None else rerouted.ahead
         if rerouted is None:
@@ -317,13 +327,17 @@ class Autopilot:
         self._streams.each_second(aircraft, now)
         if self._changed_aloft and grounded:
             self._ties.handle(MissionLoaded(b"", ()), now)
-            self._flies_by(None, (), now)
+            self._flies_by(None, Along(), now)
         if self._on_board is not None and grounded and aircraft.position is not None:
             self._missions.load_on_board(self._on_board, now)
         firmware = None if self.guard_status is None else self.guard_status.firmware
         self._preflight.each_second(aircraft, grounded, arbiter.guard(now), firmware, now)
         self._energy.each_second(aircraft, grounded, now)
         self._gaps.judge(self._preflight.parameters, now)
+        if now >= self._walk_at:
+            self._walk_at = math.inf
+            self._walk()
+        self._borders.each_second(now)
         self.places.each_second(now)
         self._execution.each_second(now)
         self._look_for_signs(now)

@@ -185,6 +185,18 @@ class CommandDesk:
         way = pieces_along(legs, places, fact.model, released_at(ahead.route))
         return fact.shortfall(fact.model.need_wh(way))
 
+    def way_on_wh(self) -> float | None:
+        """What the rest of the mission needs from here, to the place that costs least from its end, with the reserve
+        (Wh); None: not known, or no mission is flown."""
+        fact, places, ahead, here = self._energy.fact, self._places(), self.ahead, self._aircraft.where
+        if fact.model is None or places is None or ahead is None or here is None:
+            return None
+        if self._aircraft.custom_mode != COPTER_AUTO:
+            return None
+        legs = ahead.way(self.item_in(ahead), here)
+        way = pieces_along(legs, places, fact.model, released_at(ahead.route))
+        return fact.model.budget_wh(fact.model.need_wh(way))
+
     def _usable(self, now: float) -> frozenset[int]:
         """The commander, and whoever could take the aircraft from it now."""
         commands, unfit = self._ties.commands, self._ties.arbiter.unfit

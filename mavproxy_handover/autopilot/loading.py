@@ -20,6 +20,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.events import MissionLoaded
 from mavproxy_handover.core.safety.energy import Piece
+from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.energy import PreparedWay
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.gaps import Stretch
@@ -33,7 +34,7 @@ from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.package_transfer import PackageReceiver
 from mavproxy_handover.worker import Worker
 
-__all__ = ["MissionLoader", "MissionWriter", "Prepared", "Way", "prepare", "way_of"]
+__all__ = ["Along", "MissionLoader", "MissionWriter", "Prepared", "Way", "prepare", "way_of"]
 
 #: so many legs ahead are looked at
 _NEXT = 6
@@ -52,6 +53,15 @@ Way = Callable[[float], Sequence[Piece]]
 
 
 @dataclass(frozen=True, slots=True)
+class Along:
+    """What lies along the way of a mission: gaps in coverage that it means to cross, and the borders of zones; None
+    where that is not known."""
+
+    stretches: tuple[Stretch, ...] = ()
+    way: WayAhead | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Prepared:
     """A package that was read, and what takes time to find out about it."""
 
@@ -62,14 +72,14 @@ class Prepared:
     commanders: tuple[int, ...]
     #: its route for the energy
     way: Way
-    #: gaps in coverage that it means to cross
-    stretches: tuple[Stretch, ...] = ()
+    along: Along = Along()
 
 
 def prepare(package: MissionPackage) -> Prepared:
     """Walk the route through the zones. Takes as long as the package makes it: not for the main loop."""
     walk = package.walk()
-    return Prepared(package, package.zone_finder(), walk.commanders, way_of(package), package.stretches(walk))
+    along = Along(package.stretches(walk), WayAhead(walk))
+    return Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
 
 
 def way_of(package: MissionPackage) -> Way:
@@ -159,7 +169,7 @@ class MissionLoader:
 class MissionWriter:
     """Takes packages from the stations and from on board to the autopilot. What takes time is the `worker`'s.
 
-    `flies_by` is told which package the autopilot holds from now on, None while it holds none, and the gaps of it.
+    `flies_by` is told which package the autopilot holds from now on, None while it holds none, and what is along it.
     `first_point`: what its rally list is to hold with the plan, and that alone; the rally points of the package are
     candidates (`places.py`).
     """
@@ -170,7 +180,7 @@ class MissionWriter:
         copter: Copter,
         conversations: Conversations,
         ties: Ties,
-        flies_by: Callable[[MissionPackage | None, tuple[Stretch, ...], float], None],
+        flies_by: Callable[[MissionPackage | None, Along, float], None],
         first_point: Callable[[MissionPackage], RallyPoint],
     ) -> None:
         self._loader = loader
@@ -219,16 +229,14 @@ class MissionWriter:
 
         self._worker.submit(lambda: prepare(package), prepared)
 
-    def find_gaps(self, package: MissionPackage, found: Callable[[tuple[Stretch, ...]], None]) -> None:
-        """Beside the main loop: where the gaps are that a package declares which the autopilot holds already."""
-        if not package.gaps:
-            return
+    def walk_along(self, package: MissionPackage, found: Callable[[Along], None]) -> None:
+        """Beside the main loop: what lies along the way of a package that the autopilot holds already."""
 
         def prepared(result: Prepared | Exception, _now: float) -> None:
             if isinstance(result, Prepared):
-                found(result.stretches)
+                found(result.along)
             else:
-                self._ties.fault("gaps", f"{type(result).__name__}: {result}")
+                self._ties.fault("way of the mission", f"{type(result).__name__}: {result}")
 
         self._worker.submit(lambda: prepare(package), prepared)
 
@@ -250,7 +258,7 @@ class MissionWriter:
         ties, loader, package = self._ties, self._loader, prepared.package
         if ties.arbiter.mission_digest:  # from the first item on, the autopilot no longer holds what it held
             ties.handle(MissionLoaded(b"", ()), now)
-        self._flies_by(None, (), now)
+        self._flies_by(None, Along(), now)
         source = _ON_BOARD if port is None else port.name
 
         def done(talk: Conversation, now: float) -> None:
@@ -264,7 +272,7 @@ class MissionWriter:
                 port.send(loader.loaded(prepared, port.target))
             ties.narrator.mission_written(package, talk.result.fence, talk.result.cruise_mps)
             ties.keep(package)
-            self._flies_by(package, prepared.stretches, now)
+            self._flies_by(package, prepared.along, now)
             ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
         asking = self._copter.load(_plan(package, self._first_point(package)))

@@ -29,7 +29,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.copter import RTL
+from mavproxy_handover.autopilot.copter import AUTO, RTL
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.preflight import reading
@@ -47,6 +47,7 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.places import FenceLimits, PlaceFinder, flown_s
+from mavproxy_handover.mission.returns import before_return
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 
 __all__ = ["PlaceWatch"]
@@ -60,6 +61,8 @@ _SETTLE_S: Final = 5.0
 _AGAIN_S: Final = 10.0
 #: an autopilot that was silent for so long may have begun anew
 _REBOOT_S: Final = 3.0
+#: so long (s) before the mission ends with a return its place is the best one of that moment: it is in the list by then
+_LAST_S: Final = 12.0
 #: what was said of a breach of the fence counts so long
 _BREACH_S: Final = 3.0
 _GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
@@ -115,6 +118,8 @@ class PlaceWatch:
         self._replaced_at: float | None = None  # and not gathered yet
         self._places: tuple[Place, ...] = ()
         self._facts: dict[str, PlaceFact] = {}
+        #: the item behind which the mission returns, and where that is; None: it does not
+        self._last: tuple[int, tuple[float, float]] | None = None
         self._turn = 0
         #: what is asked for when
         self._home_at = self._parameters_at = self._fence_at = math.inf
@@ -131,6 +136,13 @@ class PlaceWatch:
         self._bounces_to: str | None = None
         orders.before_return = self.before_return
 
+    @property
+    def where(self) -> tuple[str, float, float] | None:
+        """Name, latitude and longitude (degrees) of the place where a return goes now; None: none is chosen yet."""
+        name = None if self.choice is None else self.choice.place.name
+        chosen = next((place for place in self._places if place.name == name), None)
+        return None if chosen is None else (chosen.name, chosen.lat_deg, chosen.lon_deg)
+
     # ---- what there is to choose from -----------------------------------------------------------------------------
 
     def adopt(self, package: MissionPackage | None, now: float) -> None:
@@ -140,6 +152,7 @@ class PlaceWatch:
         self._package = package
         self._finder = PlaceFinder(package.zones, Fence(package.route.fence), package.relief(self._home))
         self._rally, self._found = package.route.rally, None
+        self._last = before_return(package.route)
         self._keeper.forget()
         self._home_at = self._parameters_at = now
         self._fence_at = math.inf if package.route.fence else now
@@ -312,7 +325,8 @@ class PlaceWatch:
         before = self.choice
         facts = [self._facts[place.name] for place in self._places if place.name in self._facts]
         usable = self._ties.arbiter.usable(now)
-        self.choice = self._chooser.choose(facts, usable, now, returning=returning, fixed=fixed)
+        ends = not returning and self._mission_returns()
+        self.choice = self._chooser.choose(facts, usable, now, returning=returning, fixed=fixed, ends=ends)
         if self.choice is None:
             return
         name = self.choice.place.name
@@ -325,6 +339,14 @@ class PlaceWatch:
         if judged != self._judged:
             self._judged = judged
             self._ties.handle(judged, now)
+
+    def _mission_returns(self) -> bool:
+        """The mission flies to where it ends with a return, and is nearly there."""
+        aircraft = self._aircraft
+        if self._last is None or aircraft.custom_mode != AUTO or aircraft.where is None:
+            return False
+        seq, place = self._last
+        return aircraft.waypoint == seq and distance_m(*aircraft.where[:2], *place) < _LAST_S * aircraft.track[1]
 
     def _take_up(self, now: float) -> None:
         """The list has been read for the first time: what it holds is where a return goes."""

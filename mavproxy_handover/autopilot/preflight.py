@@ -347,6 +347,8 @@ class Preflight:
         self.findings: tuple[Finding, ...] | None = None
         #: what was read last, None before that
         self.parameters: Mapping[str, float] | None = None
+        #: what it has told since it was asked for all of them
+        self._told: dict[str, float] = {}
         #: losing the radio would be noticed, as far as is known
         self.radio_watched = True
         self._heard_at = -math.inf
@@ -366,7 +368,10 @@ class Preflight:
 
     def told(self, name: str, value: float) -> None:
         """A PARAM_VALUE of the autopilot: it tells everybody of each that is set."""
-        if self.parameters is not None and name in NAMES and math.isfinite(value):
+        if name not in NAMES or not math.isfinite(value):
+            return
+        self._told[name] = float(value)
+        if self.parameters is not None:
             self.parameters = {**self.parameters, name: float(value)}
 
     def text(self, text: str) -> None:
@@ -391,9 +396,10 @@ class Preflight:
         if now < self._due_at or not grounded or now - heartbeat_at > _REBOOT_S or "preflight" in self._conversations:
             return
         self._due_at, self._unread = math.inf, False
+        self._told.clear()
 
         def done(talk: Conversation, now: float) -> None:
-            self.parameters = talk.result or {}
+            self.parameters = {**(talk.result or {}), **self._told}  # what was set meanwhile may have been read before
             self.radio_watched = self.parameters.get("FS_THR_ENABLE", 1) != 0
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s
             found = Found(self.parameters, guard, firmware, *told)

@@ -37,6 +37,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.gate.mission_items import Flaw, flaw
 from mavproxy_handover.gate.mission_server import MissionServer, Turn, Upload
 from mavproxy_handover.mission.ahead import Ahead
+from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.items import COMMANDS, MissionItem
 from mavproxy_handover.mission.package import MissionPackage
@@ -67,6 +68,8 @@ class Rerouted:
 
     ahead: Ahead
     commanders: tuple[int, ...]
+    #: with its borders; None: it leads nowhere
+    way: WayAhead | None = None
 
 
 def _mission_flaw(item: MissionItem) -> Flaw | None:
@@ -220,5 +223,7 @@ def _read_route(
     route: Route = with_return(with_items(package.route, items), package.zones, package.terrain)
     ahead = Ahead(route, package.zone_finder(), package.cruise_speed_mps)
     legs = ahead.way(1, here)
-    commanders = walk_legs(legs, package.zone_finder(), commander).commanders if legs else (commander,)
-    return Rerouted(ahead, commanders)
+    if not legs:
+        return Rerouted(ahead, (commander,))
+    walk = walk_legs(legs, package.zone_finder(), commander)
+    return Rerouted(ahead, walk.commanders, WayAhead(walk))

@@ -43,6 +43,5 @@ class Ties:
         """What a program hears of its upload of `what`, in the autopilot's name, and people of what is not taken."""
         for answer in turn.answers:
             self.voice.as_autopilot(port, answer)
-        if turn.words:
-            self.narrator.upload_refused(port.name, what, turn.words)
+        if turn.words and self.narrator.upload_refused(port.name, what, turn.words, self.clocks.monotonic()):
             self.voice.say(port, f"{what} not taken: {turn.words}")

@@ -35,6 +35,7 @@ from mavproxy_handover.core.contacts import Contacts
 from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
+    BordersSeen,
     Cancel,
     ControlRequested,
     EnergyJudged,
@@ -59,7 +60,7 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.messages import Connect, ConnectAck
+from mavproxy_handover.core.messages import Connect, ConnectAck, CrossingKey, HandoverAhead, OkAhead
 from mavproxy_handover.core.model import (
     AuthorityView,
     FlightAction,
@@ -78,7 +79,7 @@ from mavproxy_handover.core.safety.causes import Cause as Wrong
 from mavproxy_handover.core.safety.emergency import Emergency, News
 from mavproxy_handover.core.safety.execution import Execution
 from mavproxy_handover.core.safety.lookout import Lookout
-from mavproxy_handover.core.safety.strategy import Fact
+from mavproxy_handover.core.safety.strategy import Fact, Situation
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import Start
 from mavproxy_handover.core.transfer import Cause
@@ -195,6 +196,15 @@ class Arbiter:
         transfer = self._authority.transfer
         return transfer.timeout_at - now if transfer is not None and transfer.operator_asked else inf
 
+    @property
+    def ahead(self) -> CrossingKey | None:
+        """The border ahead of which both stations are told; None: none is foreseen."""
+        return self._conductor.foresight.key
+
+    def ahead_s(self, now: float) -> float:
+        """How soon it is reached (s); inf: none is foreseen."""
+        return self._conductor.foresight.left_s(now)
+
     def connected(self, station: int, now: float) -> bool:
         """Whether messages to and from the station get through."""
         return station in self._presence and self._presence[station].connected(now)
@@ -249,6 +259,8 @@ class Arbiter:
                 self._on_message(event, now, actions)
             case PositionSeen():
                 self._on_position(event, now, actions)
+            case BordersSeen():
+                self._conductor.foresight.seen(event, now, actions)
             case AutopilotState():
                 self._on_autopilot(event, now, actions)
             case ModeSeen():
@@ -256,13 +268,14 @@ class Arbiter:
             case HandSeen():
                 self._execution.hand_seen(event, now, actions)
             case MotionSeen():
-                self._lookout.supervision.moved(event)
+                self._lookout.supervision.moved(event, now)
             case GuardSeen():
                 self._on_guard(event, now, actions)
             case SignsSeen():
                 self._lookout.told = event
             case PlaceJudged():
                 self._lookout.place = event
+                self._execution.place_seen(now, actions)
             case EnergyJudged():
                 self._flight.energy_short = event.shortfall
             case GapsJudged():
@@ -301,6 +314,7 @@ class Arbiter:
             None if authority.recover_until == inf else authority.recover_until,
             self._flight.stale_at(),
             self._emergency.due_at(),
+            self._execution.tells_at(),
             self._lookout.due_at(),
         )
         return min([*times, *(time for time in others if time is not None)], default=None)
@@ -332,6 +346,10 @@ class Arbiter:
                 return
             case ConnectAck():
                 dropped = self._on_connect_ack(station, message, now, actions)
+            case OkAhead():
+                dropped = self._conductor.foresight.heard(station, message, actions)
+            case HandoverAhead():
+                dropped = "not the sender's to say"
             case _:
                 dropped = self._conductor.on_message(station, message, now, actions)
         if dropped is not None:
@@ -377,6 +395,8 @@ class Arbiter:
         for station in self._asked():
             if station in change.left:
                 self._conductor.move(Cause.LEFT_REGION, now, actions, station=station)
+        if event.gap is None or event.gap.ahead:  # whatever is told from here on is told of an aircraft in no gap
+            self._authority.fly_alone(False)
         self._conductor.seek(now, actions)
         self._lookout.look_around(event.gap, now)
 
@@ -449,19 +469,25 @@ class Arbiter:
         if self._flight.position_lost(now):
             actions.append(Record("position_stale", "no fresh position: no handover by zone", Reason.POSITION_STALE))
         self._execution.settle(now, actions)
-        self._judge(now, actions)
-        if self._execution.look(now, actions):  # the autopilot does not follow: the table has something graver
+        untold = self._execution.tells_at()
+        facts = self._judge(now, actions)
+        if untold is not None and untold == self._execution.tells_at():
+            self._execution.tell_return(now, actions)
+        if self._execution.look(facts, now, actions):  # the autopilot does not follow: the table has something graver
             self._judge(now, actions)
 
-    def _judge(self, now: float, actions: list[Action]) -> None:
+    def _judge(self, now: float, actions: list[Action]) -> Situation:
+        """Decide; returns what holds behind that."""
         signs, facts = self._lookout.signs(now), self._lookout.facts(now)
         news = self._emergency.judge(signs, facts, now, certain=not self._authority.recovering)
         self._authority.fly_alone(Fact.GAP in facts and not self._emergency.brings_down)
         if news is not None:
             self._lookout.held_at = now if news.holds else -inf
             self._on_news(news, now, actions)
-        elif self._authority.lost:
+            return self._lookout.facts(now)
+        if self._authority.lost:
             self._authority.refresh(Reason.COMMANDER_LOST, actions)
+        return facts
 
     def _on_news(self, news: News, now: float, actions: list[Action]) -> None:
         authority, decision = self._authority, news.decision

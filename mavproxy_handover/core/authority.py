@@ -302,7 +302,9 @@ class Authority:
         """Make the view of what holds now, and announce it if it differs."""
         commander = None if self.lost else self.owner
         if commander is None:
-            alone = LeaseState.ALONE if self.alone and self.lost else LeaseState.LOST
+            # what is brought home crosses no gap, not even while the order for that has to wait
+            crosses = self.alone and self.lost and self.phase is not Phase.EMERGENCY
+            alone = LeaseState.ALONE if crosses else LeaseState.LOST
             lease = LeaseState.RECOVERING if self.recovering else alone
         elif self.transfer is not None:
             lease = LeaseState.TRANSFER
@@ -318,6 +320,7 @@ class Authority:
             handover_id=self.handover_id,
             takeover_allowed=self.takeover_allowed,
             why=Reason.NONE if self.transfer is None else self.transfer.reason,
+            crossing=0 if self.transfer is None else self.transfer.crossing,
         )
         if view != self.view:
             self.view = view

@@ -19,6 +19,7 @@ from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.control import Echo, waiting_s
 from mavproxy_handover.core.events import Action, NotifyOwner, Record, Send
 from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.foresight import Foresight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import (
     DroneConnected,
@@ -42,7 +43,17 @@ READ_S = 2.0
 class Conductor:
     """Conducts the transfer under way, `Authority.transfer`. Times are monotonic seconds."""
 
-    __slots__ = ("_aborted_at", "_authority", "_candidates", "_flight", "_limits", "_presence", "echo", "results")
+    __slots__ = (
+        "_aborted_at",
+        "_authority",
+        "_candidates",
+        "_flight",
+        "_limits",
+        "_presence",
+        "echo",
+        "foresight",
+        "results",
+    )
 
     def __init__(
         self,
@@ -60,6 +71,7 @@ class Conductor:
         #: when a transfer last came to nothing, but by the commander's word
         self._aborted_at = -inf
         self.results = Results(limits)
+        self.foresight = Foresight(authority, flight, presence, candidates, limits)
         self.echo = Echo()
 
     def position_known(self, now: float) -> bool:
@@ -95,6 +107,7 @@ class Conductor:
     def _raise(self, transfer: Transfer, reason: Reason, now: float, actions: list[Action]) -> None:
         """The transfer under way is wanted for a graver reason now."""
         transfer.raise_to(reason, now)
+        transfer.crossing = transfer.crossing or self.foresight.number_for(transfer.key.to_station, reason, now)
         if self._hurries(transfer, now, actions):
             transfer.hurry(now)
         text = f"handover {transfer.key.handover_id} is now for {in_words(reason)}"
@@ -145,6 +158,7 @@ class Conductor:
             consented=consented,
             forced_until=self._forced_until(now) if forced else None,
             operator_timeout_s=operator_timeout_s,
+            crossing=0 if forced else self.foresight.number_for(partner, reason, now),
         )
         if now - self._aborted_at < READ_S:
             transfer.read_until = now + READ_S
@@ -302,11 +316,12 @@ class Conductor:
     # ---- what is said ---------------------------------------------------------------------------------------------
 
     def speak(self, now: float, actions: list[Action]) -> None:
-        """The messages that are due: of the transfer under way, and of the one that is over."""
+        """The messages that are due: of the transfer under way, of the one that is over, and of the one ahead."""
         transfer = self._authority.transfer
         if transfer is not None:
             actions += [self._put(station, message, transfer, now) for station, message in transfer.due(now)]
         self.results.repeat(now, self._authority.names, actions)
+        self.foresight.speak(now, actions)
 
     def _put(self, station: int, message: Message, transfer: Transfer, now: float) -> Action:
         """To a station of the standard alone the question of consent is its command; nothing else is ever due to it."""
@@ -319,7 +334,7 @@ class Conductor:
 
     def deadlines(self) -> list[float]:
         """When there is something to do."""
-        times = self.results.deadlines()
+        times = [*self.results.deadlines(), *self.foresight.deadlines()]
         transfer = self._authority.transfer
         if transfer is not None:
             times += [transfer.retry_at, transfer.timeout_at]

@@ -14,6 +14,7 @@ from enum import IntEnum
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import (
     AuthorityView,
+    BorderFact,
     FlightAction,
     Flown,
     GapFact,
@@ -28,6 +29,7 @@ __all__ = [
     "Announce",
     "AutopilotState",
     "BeginStart",
+    "BordersSeen",
     "Cancel",
     "ControlAnswer",
     "ControlRequested",
@@ -88,6 +90,15 @@ class PositionSeen:
 
     zones: tuple[ZoneFact, ...]
     gap: GapFact | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class BordersSeen:
+    """The borders of zones on the mission's way ahead, the nearest first; none where that way is not flown, or not
+    known. `route`: counts the missions that the autopilot has held."""
+
+    borders: tuple[BorderFact, ...]
+    route: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,6 +274,7 @@ Event = (
     | StationHeard
     | StationMessage
     | PositionSeen
+    | BordersSeen
     | AutopilotState
     | ModeSeen
     | HandSeen

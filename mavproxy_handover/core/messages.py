@@ -16,11 +16,14 @@ __all__ = [
     "Connect",
     "ConnectAck",
     "ConnectHandover",
+    "CrossingKey",
     "DisconnectHandover",
     "DroneConnected",
+    "HandoverAhead",
     "HandoverRequest",
     "HandoverResult",
     "Message",
+    "OkAhead",
     "OkHandover",
     "OnHandover",
     "TransferKey",
@@ -72,22 +75,56 @@ class TransferKey:
 
 
 @dataclass(frozen=True, slots=True)
+class CrossingKey:
+    """What names a border ahead where authority will be asked to move: its number counts within the epoch."""
+
+    from_station: int
+    to_station: int
+    crossing: int
+    epoch: int
+
+
+@dataclass(frozen=True, slots=True)
+class HandoverAhead:
+    """Before step 1, vehicle to partner and commander: in `in_s` seconds you will be asked; you may answer now.
+
+    `commander`, `partner`: what they have answered so far, None: nothing. Nothing moves by it.
+    """
+
+    key: CrossingKey
+    in_s: float
+    commander: Consent | None = None
+    partner: Consent | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class OkAhead:
+    """Partner or commander to vehicle: what it will answer there, as things are."""
+
+    key: CrossingKey
+    consent: Consent = Consent.GRANTED
+
+
+@dataclass(frozen=True, slots=True)
 class HandoverRequest:
-    """Step 1, vehicle to partner: will you take the aircraft?"""
+    """Step 1, vehicle to partner: will you take the aircraft? `crossing`: at which border; 0: at none foreseen."""
 
     key: TransferKey
     reason: Reason = Reason.NONE
+    crossing: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class OnHandover:
-    """Step 2, partner to commander with a copy to the vehicle. `relay`: the sender has no ground link."""
+    """Step 2, partner to commander with a copy to the vehicle. `relay`: the sender has no ground link; `crossing`: as
+    in `HandoverRequest`, where it is passed on by the vehicle."""
 
     key: TransferKey
     consent: Consent = Consent.GRANTED
     reason: Reason = Reason.NONE
     relay: bool = False
     relayed: bool = False
+    crossing: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,4 +173,4 @@ class HandoverResult:
 TransferMessage = (
     HandoverRequest | OnHandover | OkHandover | ConnectHandover | DroneConnected | DisconnectHandover | HandoverResult
 )
-Message = Connect | ConnectAck | TransferMessage
+Message = Connect | ConnectAck | HandoverAhead | OkAhead | TransferMessage

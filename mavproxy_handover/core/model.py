@@ -19,6 +19,7 @@ __all__ = [
     "QUESTIONS",
     "RANKS",
     "AuthorityView",
+    "BorderFact",
     "Consent",
     "FlightAction",
     "Flown",
@@ -229,6 +230,8 @@ class AuthorityView:
     takeover_allowed: bool = False
     #: why the transfer under way was begun; NONE without one
     why: Reason = Reason.NONE
+    #: and for which border, if that was foreseen (`core/foresight.py`), else 0
+    crossing: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,6 +253,19 @@ class ZoneFact:
     ends_s: float | None = None
     #: system ids of the stations whose zones hold the place where it leaves then
     beyond: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class BorderFact:
+    """A place ahead on the mission's way where zones begin or end: a fact, not geometry (`mission/borders_ahead.py`).
+
+    `number`: which one on that way; `in_s`: how soon it is reached; `holding`: the stations whose zones hold the way
+    behind it.
+    """
+
+    number: int
+    in_s: float
+    holding: frozenset[int]
 
 
 @dataclass(frozen=True, slots=True)

@@ -195,6 +195,7 @@ class Transfer:
         "asking",
         "attempt",
         "consented",
+        "crossing",
         "fallen",
         "forced",
         "forced_until",
@@ -221,9 +222,10 @@ class Transfer:
         consented: bool = False,
         forced_until: float | None = None,
         operator_timeout_s: float | None = None,
+        crossing: int = 0,
     ) -> None:
         """`consented`: the commander has agreed beforehand. `forced_until`: there is no commander to ask, and until
-        then it may take."""
+        then it may take. `crossing`: the border for which it is, if that was foreseen (`foresight.py`), else 0."""
         forced = forced_until is not None
         self._limits = limits
         self._operator_timeout_s = limits.operator_timeout_s if operator_timeout_s is None else operator_timeout_s
@@ -244,6 +246,7 @@ class Transfer:
         self.read_until = -inf
         self.key = key
         self.reason = reason
+        self.crossing = crossing
         self.started_at = now
         #: when it was first wanted for this reason
         self.asked_at = now
@@ -345,7 +348,7 @@ class Transfer:
             return False
         if cause is Cause.COMMANDER_LOST:
             self.forced = self.consented = True
-            self.reason = Reason.COMMANDER_LOST
+            self.reason, self.crossing = Reason.COMMANDER_LOST, 0
             self.forced_until = now + self._limits.forced_timeout_s
             self._limit(now)
             if self.step is Step.REQUEST:  # the question is another one now
@@ -453,9 +456,9 @@ class Transfer:
     def _of_step(self) -> tuple[int, Message]:
         commander, partner = self.key.from_station, self.key.to_station
         if self.step is Step.REQUEST:
-            return partner, HandoverRequest(self.key, self.reason)
+            return partner, HandoverRequest(self.key, self.reason, self.crossing)
         if self.step is Step.CONSENT:
-            return commander, OnHandover(self.key, reason=self.reason, relayed=True)
+            return commander, OnHandover(self.key, reason=self.reason, relayed=True, crossing=self.crossing)
         if self.step is Step.RELEASE:
             return commander, DroneConnected(self.key, relayed=True)
         return partner, ConnectHandover(self.key)

@@ -8,7 +8,8 @@ Rules
   not flicker.
 * Authority moves to a station when its zone is entered while another commands (the thesis's rule), or when the
   commander's zone has ended or is about to end along the track while another zone still holds the aircraft longer.
-* A zone alone is no reason to move from good links to weak ones: the links would call authority back at once.
+* A zone alone is no reason to move from good links to weak ones: the links would call authority back at once. Nor are
+  good links one to go where the zone ends within `link_steady_s`: that would call it back.
 * After a change of authority only a zone entered since then counts as entered, and nothing moves during the dwell
   time unless the commander's zone has ended: no ping-pong inside one handover region.
 * Where several stations would do: the next one on the route, then the one that keeps the aircraft longest.
@@ -141,8 +142,8 @@ class ZoneTracker:
             own_s = self.time_left_s(station)
             if ends and own_s > left_s:
                 found[station] = Reason.ZONE_ENDS
-            # a better link is no reason to go where the zone is about to end: authority would come back at once
-            elif station in better and own_s > self._limits.exit_soon_s:
+            # a better link is no reason to go where the zone ends before it was worth it: authority would come back
+            elif station in better and own_s > self._limits.link_steady_s:
                 found[station] = Reason.LINK_QUALITY
             elif station in self._fresh and station not in worse:
                 found[station] = Reason.ZONE

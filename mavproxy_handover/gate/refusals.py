@@ -29,6 +29,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.words import by_itself
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_NAK, NOT_IN_CONTROL
 
@@ -195,7 +196,7 @@ def has_words(frame: Frame, verdict: Verdict) -> bool:
         return False
     if verdict.reason is GateReason.COMPANION_TARGET:
         return frame.msgid not in _BUILDERS and verdict.access not in _QUESTIONS
-    return True
+    return not by_itself(frame)
 
 
 def line_of_text(text: str, severity: int, own: mavlink.MAVLink) -> bytes:

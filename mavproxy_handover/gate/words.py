@@ -28,7 +28,7 @@ from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME, FTP_RESET, FTP_TERMINATE, FTP_WRITE
 
-__all__ = ["COMMANDS", "MESSAGES", "SWITCHES", "Subject", "called", "sentence", "subject_of"]
+__all__ = ["COMMANDS", "MESSAGES", "SWITCHES", "Subject", "by_itself", "called", "sentence", "subject_of"]
 
 #: What a frame is about: its word, or the number of a mode, or the name of a parameter as it came.
 Subject: TypeAlias = "str | int | bytes"
@@ -119,6 +119,8 @@ _FILES: Final = {
     **dict.fromkeys((FTP_TERMINATE, FTP_RESET), "ending a file transfer"),
 }
 _OPCODE: Final = 3
+#: of these what changes something: programs read files, and end what they have left open, by themselves when they begin
+_CHANGES_FILES: Final = frozenset(_FILES) - {FTP_TERMINATE, FTP_RESET}
 _BEGINNINGS: Final = ("NAV_", "DO_")
 
 _COPTER_MODES: Final[dict[int, str]] = {
@@ -179,6 +181,11 @@ def subject_of(frame: Frame) -> Subject:
     if msgid == _FTP:
         return _FILES.get(field_bytes(frame, "payload")[_OPCODE], "reading files")
     return _MESSAGE_WORDS[msgid]
+
+
+def by_itself(frame: Frame) -> bool:
+    """Whether programs send such a frame without anybody having asked for it: file transfer that changes nothing."""
+    return frame.msgid == _FTP and field_bytes(frame, "payload")[_OPCODE] not in _CHANGES_FILES
 
 
 def _of_command(frame: Frame) -> Subject:

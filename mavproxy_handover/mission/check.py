@@ -180,18 +180,21 @@ def _handovers(package: MissionPackage, walk: Walk, crossed: Sequence[Stretch], 
 
 
 def _operators(walk: Walk, transfer_s: float, operator_s: float) -> Iterator[Finding]:
-    """Regions that are no error, and over before an operator has to have answered."""
-    short = [
-        (number, handover.overlap_s)
-        for number, handover in enumerate(walk.handovers, 1)
-        if transfer_s <= handover.overlap_s < operator_s + transfer_s
-    ]
+    """Regions that are no error, and over before an operator has to have answered; he is asked `operator_s` before they
+    begin, and not before the handover before."""
+    short, asked_at = [], 0.0
+    for number, handover in enumerate(walk.handovers, 1):
+        begins_s = min(operator_s, handover.time_s - asked_at)
+        left_s = begins_s + handover.overlap_s
+        if handover.overlap_s >= transfer_s and left_s < operator_s + transfer_s:
+            short.append((number, left_s))
+        asked_at = handover.time_s
     if short:
-        which = ", ".join(str(number) for number, _overlap_s in short)
-        least_s = min(overlap_s for _number, overlap_s in short)
+        which = ", ".join(str(number) for number, _left_s in short)
+        least_s = min(left_s for _number, left_s in short)
         text = (
-            f"an operator who is asked may take {operator_s:g} s to answer; inside both zones there is less at "
-            f"handover {which}: {least_s:.1f} s at the least"
+            f"an operator who is asked may take {operator_s:g} s to answer; he has less at handover {which}, though he "
+            f"is asked beforehand: {least_s:.1f} s at the least"
         )
         yield Finding(Severity.INFO, text)
 

@@ -16,26 +16,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import shapely
-from shapely.ops import polylabel
 
+from mavproxy_handover.mission.colours import station_colour
 from mavproxy_handover.mission.drawing import INK, Points, columns, degrees, halo, note, patch, round_down, ticks
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.flat import parts, quiet_place
 from mavproxy_handover.mission.gaps import undeclared
-from mavproxy_handover.mission.geodesy import LocalPlane, degree_lengths_m
+from mavproxy_handover.mission.geodesy import LocalPlane
 from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH, TAKEOFF
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
-from mavproxy_handover.mission.walk import Gap, Sample, Walk
-from mavproxy_handover.mission.zones import Circle, Zone, beside, overlap
+from mavproxy_handover.mission.walk import Gap, Sample, Walk, by_commander
+from mavproxy_handover.mission.zones import Circle, Zone, overlap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from shapely.geometry import MultiPolygon, Polygon
 
-__all__ = ["STATION_COLOURS", "MapSheet", "draw"]
+__all__ = ["MapSheet", "draw"]
 
-#: Okabe and Ito's palette: told apart with every kind of colour vision; stations take them in order
-STATION_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _SOFT, _DELIVERY = "#8a8a8a", "#F0E442"
 
 
@@ -68,10 +67,7 @@ class MapSheet:
         walk = self._walk
         home = package.route.home
         self._plane = LocalPlane(home.lat_deg, home.lon_deg)
-        self._colour = {
-            station.sysid: STATION_COLOURS[number % len(STATION_COLOURS)]
-            for number, station in enumerate(package.stations)
-        }
+        self._colour = {station.sysid: station_colour(number) for number, station in enumerate(package.stations)}
         self._marks = list({sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in walk.samples}.values())
         self._marks += self._rally_points()
         self._marks += [self.place(handover.lat_deg, handover.lon_deg) for handover in walk.handovers]
@@ -145,16 +141,10 @@ class MapSheet:
         """The middle of the largest circle in the zone that is free of other zones, route, marks and their notes."""
         area = shapely.union_all(self._parts(zone.outline()))
         line = shapely.LineString([self.place(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples])
-        room = area
-        for busy in (line.buffer(1.0), shapely.MultiPoint(self._marks).buffer(math.sqrt(area.area) / 8.0)):
-            rest = room.difference(busy)
-            room = room if rest.is_empty else rest
-        for other in self._package.zones:
-            rest = room.difference(shapely.union_all(self._parts(other.outline())))
-            room = room if other is zone or rest.is_empty else rest
-        largest = max(shapely.get_parts(room), key=lambda part: float(part.area))
-        place = polylabel(largest, tolerance=max(0.1, math.sqrt(largest.area) / 50.0))
-        return place.x, place.y
+        marks = shapely.MultiPoint(self._marks).buffer(math.sqrt(area.area) / 8.0)
+        others = [other for other in self._package.zones if other is not zone]
+        outlines = (shapely.union_all(self._parts(other.outline())) for other in others)
+        return quiet_place(area, (line.buffer(1.0), marks, *outlines))
 
     def _rally_points(self) -> Points:
         return [self.place(point.lat_deg, point.lon_deg) for point in self._package.route.rally]
@@ -188,7 +178,7 @@ class MapSheet:
     def _route(self, axes: Axes) -> None:
         named: set[int] = set()
         names = {station.sysid: station.name for station in self._package.stations}
-        for commander, stretch in _stretches(self._walk.samples):
+        for commander, stretch in by_commander(self._walk.samples):
             points = [self.place(sample.lat_deg, sample.lon_deg) for sample in stretch]
             label = f"route, {names[commander]} commands" if commander not in named else None
             named.add(commander)
@@ -381,18 +371,4 @@ class MapSheet:
         return west - room, south - 2.2 * room, east + room, north + room
 
     def _parts(self, area: Polygon | MultiPolygon) -> list[Polygon]:
-        per_lat, per_lon = degree_lengths_m(self._plane.lat_deg)
-        origin, scale = [self._plane.lon_deg, self._plane.lat_deg], [per_lon, per_lat]
-        flat = shapely.transform(beside(area, self._plane.lon_deg), lambda corners: (corners - origin) * scale)
-        return [part for part in shapely.get_parts(flat) if not part.is_empty]
-
-
-def _stretches(samples: tuple[Sample, ...]) -> Iterator[tuple[int, list[Sample]]]:
-    """The samples cut where the commander changes; each stretch ends where the next begins."""
-    stretch = [samples[0]]
-    for sample in samples[1:]:
-        if sample.commander != stretch[0].commander:
-            yield stretch[0].commander, [*stretch, sample]
-            stretch = []
-        stretch.append(sample)
-    yield stretch[0].commander, stretch
+        return parts(self._plane, area)

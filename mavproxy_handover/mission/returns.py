@@ -26,10 +26,17 @@ from mavproxy_handover.mission.terrain import Terrain, relief_of
 from mavproxy_handover.mission.walk import legs_of
 from mavproxy_handover.mission.zones import Zone
 
-__all__ = ["with_return"]
+__all__ = ["before_return", "with_return"]
 
 #: of more places than that, which are more than an autopilot holds, the nearest are looked at
 _MOST: Final = 64
+
+
+def before_return(route: Route) -> tuple[int, tuple[float, float]] | None:
+    """The last item that is flown before the route returns, and where it ends (degrees); None: it does not return."""
+    number = next((n for n, item in enumerate(route.items) if item.command == RETURN_TO_LAUNCH), None)
+    legs = () if number is None else legs_of(replace(route, items=route.items[:number]))
+    return (legs[-1].seq, legs[-1].end[:2]) if legs else None
 
 
 def with_return(route: Route, zones: Sequence[Zone], terrain: Terrain | None) -> Route:

@@ -42,6 +42,7 @@ __all__ = [
     "Leg",
     "Sample",
     "Walk",
+    "by_commander",
     "commanders_along",
     "legs_from",
     "legs_of",
@@ -166,6 +167,17 @@ class Walk:
     def duration_s(self) -> float:
         """Flight time, at the least."""
         return self.samples[-1].time_s
+
+
+def by_commander(samples: tuple[Sample, ...]) -> Iterator[tuple[int, list[Sample]]]:
+    """The samples cut where the commander changes; each stretch ends where the next begins."""
+    stretch = [samples[0]]
+    for sample in samples[1:]:
+        if sample.commander != stretch[0].commander:
+            yield stretch[0].commander, [*stretch, sample]
+            stretch = []
+        stretch.append(sample)
+    yield stretch[0].commander, stretch
 
 
 # --- from route to path ---

@@ -27,7 +27,7 @@ from typing import Any, Final
 
 from mavproxy_handover.store.behind import CLOSE_S, Behind
 
-__all__ = ["Journal"]
+__all__ = ["Journal", "strangers_path"]
 
 _MAX_BYTES = 64 * 1024 * 1024
 #: so many entries are not left waiting for `flush`
@@ -39,6 +39,14 @@ _MOST_BEHIND: Final = 4096
 _Entry = tuple[float, float, str, str, dict[str, Any]]
 #: made once: to make an encoder takes as long as to use it
 _encode = json.JSONEncoder(ensure_ascii=False, default=str).encode
+
+
+def strangers_path(path: Path) -> Path:
+    """Beside a journal: what those make us write who have not proven to be anybody.
+
+    It has a size of its own, so nothing that they do can push an entry of the flight out of the journal.
+    """
+    return path.with_name(f"{path.stem}-strangers{path.suffix}")
 
 
 class Journal:

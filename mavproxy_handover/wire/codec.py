@@ -16,11 +16,14 @@ from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
+    CrossingKey,
     DisconnectHandover,
     DroneConnected,
+    HandoverAhead,
     HandoverRequest,
     HandoverResult,
     Message,
+    OkAhead,
     OkHandover,
     OnHandover,
     TransferKey,
@@ -36,6 +39,7 @@ _RELAYED = mavlink.HANDOVER_FLAGS_RELAYED
 _ACCEPTED = mavlink.HANDOVER_CONNECT_RESULT_ACCEPTED
 _VERSION_DIFFERS = mavlink.HANDOVER_CONNECT_RESULT_VERSION_DIFFERS
 _NO_DIGEST = bytes(32)
+_MOST_S = 0xFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,8 @@ def values_of(message: TransferMessage) -> dict[str, Any]:
 _NAMES: dict[type, str] = {
     Connect: "CONNECT",
     ConnectAck: "CONNECT_ACK",
+    HandoverAhead: "HANDOVER_AHEAD",
+    OkAhead: "OK_AHEAD",
     HandoverRequest: "HANDOVER_REQUEST",
     OnHandover: "ON_HANDOVER",
     OkHandover: "OK_HANDOVER",
@@ -91,10 +97,20 @@ def encode(
         case ConnectAck():
             result = _ACCEPTED if message.accepted else _VERSION_DIFFERS
             return mavlink.MAVLink_connect_ack_message(*target, vehicle, *_state(message), result)
+        case HandoverAhead():
+            said = (0 if each is None else 1 + each for each in (message.commander, message.partner))
+            in_s = min(_MOST_S, max(0, round(message.in_s)))
+            return mavlink.MAVLink_handover_ahead_message(*target, vehicle, *_crossing(message.key), in_s, *said)
+        case OkAhead():
+            return mavlink.MAVLink_ok_ahead_message(*target, vehicle, *_crossing(message.key), message.consent)
         case _:
             key = message.key
             head = (*target, vehicle, key.from_station, key.to_station, key.handover_id, key.epoch)
             return _encode_step(message, head, aircraft or AircraftState())
+
+
+def _crossing(key: CrossingKey) -> tuple[int, ...]:
+    return key.from_station, key.to_station, key.crossing, key.epoch
 
 
 def _state(message: Connect | ConnectAck) -> tuple[Any, ...]:
@@ -123,9 +139,11 @@ def _encode_step(message: TransferMessage, head: tuple[int, ...], aircraft: Airc
                 aircraft.battery_remaining,
                 aircraft.waypoint,
                 aircraft.custom_mode,
+                message.crossing,
             )
         case OnHandover():
-            return mavlink.MAVLink_on_handover_message(*head, message.consent, message.reason, _flags(message))
+            said = message.consent, message.reason, _flags(message), message.crossing
+            return mavlink.MAVLink_on_handover_message(*head, *said)
         case OkHandover():
             return mavlink.MAVLink_ok_handover_message(*head, message.consent, message.reason)
         case ConnectHandover():
@@ -169,16 +187,21 @@ def _decode(m: Any) -> Message | None:
         if kind == mavlink.MAVLINK_MSG_ID_CONNECT:
             return Connect(*common)
         return ConnectAck(*common, accepted=m.result == _ACCEPTED)
+    if kind in (mavlink.MAVLINK_MSG_ID_HANDOVER_AHEAD, mavlink.MAVLINK_MSG_ID_OK_AHEAD):
+        border = CrossingKey(m.from_station, m.to_station, m.crossing, m.epoch)
+        if kind == mavlink.MAVLINK_MSG_ID_OK_AHEAD:
+            return OkAhead(border, Consent(m.consent))
+        commander, partner = (Consent(each - 1) if each else None for each in (m.commander, m.partner))
+        return HandoverAhead(border, float(m.in_s), commander, partner)
     if not mavlink.MAVLINK_MSG_ID_HANDOVER_REQUEST <= kind <= mavlink.MAVLINK_MSG_ID_HANDOVER_RESULT:
         return None
     key = TransferKey(m.from_station, m.to_station, m.handover_id, m.epoch)
     if kind == mavlink.MAVLINK_MSG_ID_HANDOVER_REQUEST:
-        return HandoverRequest(key, Reason(m.reason))
+        return HandoverRequest(key, Reason(m.reason), m.crossing)
     if kind == mavlink.MAVLINK_MSG_ID_ON_HANDOVER:
         flags = m.flags
-        return OnHandover(
-            key, Consent(m.consent), Reason(m.reason), relay=bool(flags & _RELAY), relayed=bool(flags & _RELAYED)
-        )
+        passed_on = {"relay": bool(flags & _RELAY), "relayed": bool(flags & _RELAYED)}
+        return OnHandover(key, Consent(m.consent), Reason(m.reason), **passed_on, crossing=m.crossing)
     if kind == mavlink.MAVLINK_MSG_ID_OK_HANDOVER:
         return OkHandover(key, Consent(m.consent), Reason(m.reason))
     if kind == mavlink.MAVLINK_MSG_ID_CONNECT_HANDOVER:

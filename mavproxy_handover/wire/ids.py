@@ -16,6 +16,7 @@ __all__ = [
     "AUTOPILOT_COMPID",
     "COMPANION_COMPID",
     "COPTER_AUTO",
+    "DOCTOR_COMPID",
     "EVERYBODY",
     "FTP_ACK",
     "FTP_CREATE",
@@ -55,6 +56,8 @@ PROBE_COMPID: Final[int] = mavlink.MAV_COMP_ID_UDP_BRIDGE
 #: what the companion asks the autopilot for rates as: MAVProxy prints every COMMAND_ACK that it receives, whoever
 #: asked, but for those to this component. What an operator types aboard is component 191's, and is printed as before
 RATES_COMPID: Final[int] = mavlink.MAV_COMP_ID_MAVCAN
+#: what `handover doctor` asks as, of the vehicle's system or a station's
+DOCTOR_COMPID: Final[int] = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER4
 #: what ground station programs use
 STATION_COMPID: Final[int] = mavlink.MAV_COMP_ID_MISSIONPLANNER
 

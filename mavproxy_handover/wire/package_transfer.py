@@ -34,6 +34,17 @@ def package_id(digest: bytes) -> int:
     return int.from_bytes(digest[:4], "little")
 
 
+def refusal(digest: bytes, text: str, target: tuple[int, int]) -> Any:
+    """The message that turns an offer away."""
+    return _ack(target, digest, 0, _REFUSED, text)
+
+
+def _ack(target: tuple[int, int], digest: bytes, offset: int, result: int, text: str = "") -> Any:
+    return mavlink.MAVLink_mission_package_ack_message(
+        *target, package_id(digest), offset, result, text.encode("utf-8")[:50]
+    )
+
+
 class PackageSender:
     """Sends one package to one receiver. Times are monotonic seconds."""
 
@@ -137,10 +148,10 @@ class PackageReceiver:
             return [known]
         if not 0 < offer.size <= MAX_PACKAGE_BYTES:
             text = f"package of {offer.size} bytes, allowed are {MAX_PACKAGE_BYTES}"
-            return [self._ack(target, digest, 0, _REFUSED, text)]
+            return [_ack(target, digest, 0, _REFUSED, text)]
         whole = self._whole
         if whole is not None and whole.digest == digest and whole.size == offer.size:
-            return [self._ack(target, digest, whole.size, _RECEIVING)]
+            return [_ack(target, digest, whole.size, _RECEIVING)]
         incoming = self._incoming
         if incoming is None or incoming.digest != digest or incoming.size != offer.size:
             incoming = self._incoming = _Incoming(digest, offer.name, offer.size, bytearray(), 0)
@@ -150,7 +161,7 @@ class PackageReceiver:
         """What was said of this package when it was whole, to be said again; None if it must be sent (again)."""
         if self._done is None or self._done[0] != digest or self._done[1] == _REFUSED:
             return None
-        return self._ack(target, *_said(self._done))
+        return _ack(target, *_said(self._done))
 
     def on_chunk(self, chunk: Any, target: tuple[int, int]) -> tuple[list[Any], tuple[bytes, bytes] | None]:
         """Take in MISSION_CHUNK; returns answers, and (digest, data) once the package is whole."""
@@ -158,7 +169,7 @@ class PackageReceiver:
         if incoming is None or chunk.package_id != package_id(incoming.digest):
             done = self._done
             if done is not None and chunk.package_id == package_id(done[0]):  # our last word was lost
-                return [self._ack(target, *_said(done))], None
+                return [_ack(target, *_said(done))], None
             return [], None
         have = len(incoming.data)
         piece = bytes(chunk.data)[: min(chunk.length, CHUNK_BYTES)]
@@ -166,7 +177,7 @@ class PackageReceiver:
             if have >= incoming.answer_at:
                 return [], None
             incoming.answer_at = have
-            return [self._ack(target, incoming.digest, have, _RECEIVING)], None
+            return [_ack(target, incoming.digest, have, _RECEIVING)], None
         if chunk.offset + len(piece) <= have:
             return [], None
         incoming.data += piece[have - chunk.offset :]
@@ -179,20 +190,14 @@ class PackageReceiver:
 
     def refuse(self, digest: bytes, text: str, target: tuple[int, int]) -> Any:
         """The message that turns an offer away; nothing is remembered, so it may come again."""
-        return self._ack(target, digest, 0, _REFUSED, text)
+        return refusal(digest, text, target)
 
     def conclude(self, digest: bytes, result: int, text: str, target: tuple[int, int]) -> Any:
         """Remember what became of a whole package, and return the message that says so."""
         self._whole = None
         self._done = (digest, result, text)
-        return self._ack(target, digest, 0, result, text)
+        return _ack(target, digest, 0, result, text)
 
     def _next(self, incoming: _Incoming, target: tuple[int, int]) -> Any:
         incoming.answer_at = len(incoming.data) + _WINDOW * CHUNK_BYTES
-        return self._ack(target, incoming.digest, len(incoming.data), _RECEIVING)
-
-    @staticmethod
-    def _ack(target: tuple[int, int], digest: bytes, offset: int, result: int, text: str = "") -> Any:
-        return mavlink.MAVLink_mission_package_ack_message(
-            *target, package_id(digest), offset, result, text.encode("utf-8")[:50]
-        )
+        return _ack(target, incoming.digest, len(incoming.data), _RECEIVING)

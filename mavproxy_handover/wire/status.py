@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import ceil, inf
 from typing import Any
 
@@ -21,6 +22,9 @@ _LEASE_TTL_MS = 3000
 _MOST_S = 0xFFFF
 #: and this in 8
 _MOST_LEFT_S = 0xFF
+#: texts hold so many bytes: the name of a place, here and in HANDOVER_DECISION, the others of that, HANDOVER_BRIEFING's
+_PLACE_BYTES, _FIGURES_BYTES, _TEXT_BYTES, _LINE_BYTES = 20, 60, 160, 120
+_NO_ACTION = mavlink.HANDOVER_ACTION_NONE
 
 
 class LeaseSequence:
@@ -59,10 +63,13 @@ def authority_status(
     route_changed: bool = False,
     zone_ends_s: float = inf,
     answer_left_s: float = inf,
+    place: tuple[str, float, float] | None = None,
 ) -> Any:
     """AUTHORITY_STATUS of this dialect. `route_changed`: the mission that is flown is not the package's any more;
     `zone_ends_s`: how soon the commander's zone ends on the known way (s), inf: no end in sight; `answer_left_s`: what
-    is left for an operator who is asked, inf: nobody is."""
+    is left for an operator who is asked, inf: nobody is; `place`: name, latitude and longitude (degrees) of where a
+    return goes now, None: nowhere yet."""
+    name, lat_deg, lon_deg = place or ("", 0.0, 0.0)
     return mavlink.MAVLink_authority_status_message(
         view.phase,
         view.commander or 0,
@@ -77,6 +84,10 @@ def authority_status(
         int(route_changed),
         _seconds(zone_ends_s),
         _seconds(answer_left_s),
+        view.crossing,
+        round(lat_deg * 1e7),
+        round(lon_deg * 1e7),
+        _cut(name, _PLACE_BYTES),
     )
 
 
@@ -93,9 +104,12 @@ def _seconds(left_s: float) -> int:
     return 0 if left_s >= _MOST_LEFT_S else 1 + int(max(0.0, left_s))
 
 
-#: the texts of HANDOVER_DECISION hold so many bytes
-_PLACE_BYTES, _FIGURES_BYTES, _TEXT_BYTES = 20, 60, 160
-_NO_ACTION = mavlink.HANDOVER_ACTION_NONE
+def briefing(target: tuple[int, int], number: int, lines: Sequence[str]) -> list[Any]:
+    """HANDOVER_BRIEFING of this dialect, a message for each line; `number` tells one briefing from the next."""
+    return [
+        mavlink.MAVLink_handover_briefing_message(*target, number, line, len(lines), _cut(text, _LINE_BYTES))
+        for line, text in enumerate(lines, 1)
+    ]
 
 
 def decision(told: Announce, number: int) -> Any:

@@ -121,6 +121,13 @@ def test_what_is_left_is_one_more_than_its_seconds_and_0_is_none(left_s: float, 
     assert (m.zone_ends, m.answer_left) == (0, said)
 
 
+def test_authority_status_says_where_a_return_goes() -> None:
+    m = status.authority_status(VIEW, 252, GuardState.LIVE, Reason.ZONE, place=("rally 2", 52.67918, -5.931984))
+    assert (m.place, m.place_lat, m.place_lon) == ("rally 2", 526791800, -59319840)
+    m = status.authority_status(VIEW, 252, GuardState.LIVE, Reason.ZONE)
+    assert (m.place, m.place_lat, m.place_lon) == ("", 0, 0)
+
+
 def test_control_status_speaks_for_the_system_and_names_the_commander_alone() -> None:
     m = status.control_status(VIEW)
     assert (m.flags, m.gcs_main, list(m.gcs_secondary)) == (1, 251, [0] * 10)

@@ -21,6 +21,7 @@ from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
+    BordersSeen,
     Event,
     Fly,
     GuardSeen,
@@ -37,6 +38,7 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import DisconnectHandover, DroneConnected, Message, OkHandover, OnHandover
 from mavproxy_handover.core.model import (
     AUTOMATIC,
+    BorderFact,
     Consent,
     GuardState,
     Station,
@@ -101,6 +103,13 @@ class Network:
     dies: Mapping[int, float] = field(default_factory=dict)
     #: from when on the ground link is dead
     ground_dies: float = inf
+    #: the way ahead is known; and how long after it is asked beforehand an operator answers (`operators` says what)
+    foresees: bool = False
+    early: Mapping[int, float] = field(default_factory=dict)
+    #: by the way ahead each border is so much sooner than by the zones
+    sooner_s: float = 0.0
+    #: from when on the autopilot holds another mission
+    rerouted: float = inf
 
     def __post_init__(self) -> None:
         self.now = 0.0
@@ -132,6 +141,8 @@ class Network:
         self._every(0.5, lambda: self.give(GuardSeen(GuardState.LIVE, ours=True)))
         self._every(1.0, lambda: self.give(AutopilotState(self.flying, self.flying)))
         self._every(POSITION_S, lambda: self.give(PositionSeen(self._facts())))
+        if self.foresees:
+            self._every(1.0, lambda: self.give(BordersSeen(self._borders(), int(self.now >= self.rerouted))), first=0.5)
         self._at(2.0, lambda: self.give(MissionLoaded(DIGEST, self.route)))
 
     # ---- time -----------------------------------------------------------------------------------------------------
@@ -189,7 +200,15 @@ class Network:
     def _status(self) -> None:
         view = self.arbiter.view
         self._to_all(
-            gcs.AuthorityHeard(view.phase, view.commander, view.partner, view.epoch, view.handover_id, why=view.why)
+            gcs.AuthorityHeard(
+                view.phase,
+                view.commander,
+                view.partner,
+                view.epoch,
+                view.handover_id,
+                why=view.why,
+                crossing=view.crossing,
+            )
         )
 
     def _facts(self) -> tuple[ZoneFact, ...]:
@@ -199,6 +218,17 @@ class Network:
             left_s = None if left is None else left - self.now
             facts.append(ZoneFact(station, -50.0 if left is None else 50.0, left_s, left_s))
         return tuple(facts)
+
+    def _borders(self) -> tuple[BorderFact, ...]:
+        if not self.flying:
+            return ()
+        times = sorted({time for visits in self.visits.values() for visit in visits for time in visit})
+        found = []
+        for number, at in enumerate(times):
+            if self.now < at - self.sooner_s <= self.now + 45.0:
+                holding = {s for s, visits in self.visits.items() if any(begin <= at < end for begin, end in visits)}
+                found.append(BorderFact(number, at - self.sooner_s - self.now, frozenset(holding)))
+        return tuple(found)
 
     # ---- the stations ---------------------------------------------------------------------------------------------
 
@@ -228,10 +258,16 @@ class Network:
             if answer is not None:
                 yes, after_s = answer
                 self._at(self.now + after_s, lambda: self._answer(sysid, question, yes))
+        asked, answer = core.asked_ahead, self.operators.get(sysid)
+        if asked is not None and asked not in self._questions[sysid] and sysid in self.early and answer is not None:
+            self._questions[sysid].add(asked)
+            yes = answer[0]
+            self._at(self.now + self.early[sysid], lambda: self._answer(sysid, asked, yes))
         self._check_beliefs()
 
     def _answer(self, sysid: int, question: object, yes: bool) -> None:
-        if self.cores[sysid].question == question:
+        core = self.cores[sysid]
+        if question in (core.question, core.asked_ahead):
             self._station(sysid, gcs.Answer(yes))
 
     def _perform(self, sysid: int, actions: list[gcs.Action]) -> None:

@@ -24,8 +24,12 @@ from mavproxy_handover.core.events import (
     Cancel,
     ControlRequested,
     Event,
+    Fly,
+    HandSeen,
     LinkJudged,
     MissionLoaded,
+    ModeSeen,
+    MotionSeen,
     PositionSeen,
     Record,
     Send,
@@ -34,7 +38,7 @@ from mavproxy_handover.core.events import (
     Tick,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Phase
 from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.bench import (
@@ -119,6 +123,8 @@ def told(
             give(Tick(), now)
             if now >= fine:
                 fine = now + (every_s or inf)
+            if arbiter.next_deadline() == now:  # a return is told with the event behind it
+                give(Tick(), now)
             after = arbiter.next_deadline()
             assert after is not None
             # a deadline that stays where it is would be a loop without an end
@@ -164,6 +170,18 @@ events = st.one_of(
         st.sampled_from(Consent),
     ),
 )
+#: what the autopilot makes of orders
+deeds = st.one_of(
+    events,
+    st.sampled_from([ModeSeen(flown, flown.name) for flown in (Flown.MISSION, Flown.RETURN, Flown.LAND, Flown.HANDS)]),
+    st.builds(
+        MotionSeen,
+        st.sampled_from([0.0, 7.3]),
+        st.sampled_from([-1.1, 0.0, 2.0]),
+        st.sampled_from([None, 3.0, 400.0, 420.0, 900.0]),
+    ),
+    st.builds(HandSeen, st.sampled_from([Hand.PILOT, Hand.COMMANDER, Hand.FAILSAFE])),
+)
 waits = st.sampled_from([0.0, 0.0, 0.01, 0.13, 0.37, 0.71, 1.09, 2.03])
 stories = st.lists(st.tuples(waits, events), max_size=25)
 
@@ -188,6 +206,16 @@ TO_RELEASE: list[tuple[float, Event | Word]] = [
 ]
 
 
+#: in flight, with a mode, and the commander falls silent: it is brought home by the table
+COMES_HOME: list[tuple[float, Event | Word]] = [
+    *IN_TRANSFER[:-3],
+    (0.0, ModeSeen(Flown.MISSION, "AUTO")),
+    (0.0, MotionSeen(7.3, 0.0, 400.0)),
+    (1.8, AutopilotState(True, True)),
+]
+SUPERVISED = replace(LIMITS, policies={}, obey_s=2.3, stuck_s=3.7, hold_s=4.1, autopilot_lost_s=20.0)
+
+
 def test_the_stories_begin_where_they_say() -> None:
     def words(story: list[tuple[float, Event | Word]]) -> list[str]:
         return [a.event for _at, a in told(story, LIMITS, None) if isinstance(a, Record) and a.event != "connected"]
@@ -208,6 +236,37 @@ def test_the_stories_begin_where_they_say() -> None:
 @example([*IN_TRANSFER, (0.1, PositionSeen((outside(A), outside(B))))], 0.05)  # out, then lost, policies differ
 def test_ticks_between_the_deadlines_change_nothing(story: list[tuple[float, Event | Word]], every_s: float) -> None:
     assert told(story, LIMITS, every_s) == told(story, LIMITS, None)
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.lists(st.tuples(waits, deeds), max_size=25), st.sampled_from([0.05, 0.0937]))
+@example([(0.0, AutopilotState(True, True))], 0.05)  # it does not follow, is told again, and is given up
+@example([(0.1, ModeSeen(Flown.RETURN, "RTL"))], 0.05)  # it follows, and gets nowhere
+@example([(0.1, ModeSeen(Flown.RETURN, "RTL")), (1.0, MotionSeen(0.0, 2.0, 400.0))], 0.05)
+@example([(0.0, ModeSeen(Flown.LAND, "LAND")), (0.01, ModeSeen(Flown.RETURN, "RTL"))], 0.05)
+@example([(0.0, ModeSeen(Flown.HANDS, "LOITER")), (0.0, AutopilotState(True, False))], 0.05)  # lands in doubt
+def test_the_same_while_an_order_is_watched(story: list[tuple[float, Event | Word]], every_s: float) -> None:
+    told_before = COMES_HOME + story
+    assert told(told_before, SUPERVISED, every_s) == told(told_before, SUPERVISED, None)
+
+
+def test_an_order_that_is_not_followed_is_given_up_by_the_deadlines_alone() -> None:
+    def orders(*story: tuple[float, Event | Word]) -> list[tuple[float, FlightAction]]:
+        log = told([*COMES_HOME, *story], SUPERVISED, None)
+        return [(at, action.action) for at, action in log if isinstance(action, Fly)]
+
+    lost_at = 0.1 + 1.7
+    assert orders() == [
+        (pytest.approx(lost_at), FlightAction.RETURN),
+        (pytest.approx(lost_at + 2.3), FlightAction.RETURN),
+        (pytest.approx(lost_at + 4.6), FlightAction.LAND),
+        (pytest.approx(lost_at + 6.9), FlightAction.LAND),
+        (pytest.approx(lost_at + 9.2), FlightAction.LAND),
+        (pytest.approx(lost_at + 11.5), FlightAction.LAND),
+    ]
+    stuck = orders((0.1, ModeSeen(Flown.RETURN, "RTL")))
+    seen_at = 0.1 + 1.8 + 0.1
+    assert stuck[1] == (pytest.approx(seen_at + 3.7), FlightAction.LAND)
 
 
 @settings(max_examples=40, deadline=None)

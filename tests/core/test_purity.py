@@ -15,7 +15,7 @@ import mavproxy_handover.core
 
 CORE = "mavproxy_handover.core"
 #: what the station's rules have beside them, and is looked at as well
-STATION = ("gcs_module.events", "gcs_module.alarms")
+STATION = ("gcs_module.events", "gcs_module.ahead", "gcs_module.alarms")
 
 FORBIDDEN = {
     "asyncio",
@@ -48,7 +48,7 @@ FORBIDDEN_CALLS = {"__import__", "compile", "eval", "exec", "input", "open", "pr
 def sources() -> list[Path]:
     core = sorted(Path(mavproxy_handover.core.__file__).parent.rglob("*.py"))
     station = Path(gcs_module.__file__).parent
-    return [*core, station / "core.py", station / "events.py", station / "alarms.py"]
+    return [*core, station / "core.py", station / "ahead.py", station / "events.py", station / "alarms.py"]
 
 
 def offences(source: str) -> list[str]:

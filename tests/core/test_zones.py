@@ -266,8 +266,10 @@ class TestNextCommander:
         assert changes == [(1, B)]
 
 
-@pytest.mark.parametrize(("left_s", "called"), [(1.0, None), (8.0, None), (8.001, B), (None, B)])
-def test_a_better_link_calls_no_station_whose_zone_is_about_to_end(left_s: float | None, called: int | None) -> None:
+@pytest.mark.parametrize(("left_s", "called"), [(1.0, None), (8.001, None), (30.0, None), (30.001, B), (None, B)])
+def test_a_better_link_calls_no_station_whose_zone_ends_before_it_was_worth_it(
+    left_s: float | None, called: int | None
+) -> None:
     zones = tracker()
     zones.update((fact(A, 50.0), fact(B, 50.0, left_s)), 0.0)
     zones.moved(0.0)

@@ -88,14 +88,18 @@ def infos(small, **options):
 
 
 def test_a_region_that_is_over_before_an_operator_has_to_answer_is_worth_knowing(small):
+    """He is asked beforehand: as long before it as he may take, and not before take-off."""
     move_zones(small, (10.0, 10.00221), (10.002, 10.006))
-    assert infos(small) == [
-        "an operator who is asked may take 30 s to answer; inside both zones there is less at handover 1: "
-        "4.7 s at the least"
-    ]
-    assert infos(small, operator_s=1.5) == []
-    assert infos(small, operator_s=1.8) != [], "the transfer needs its time too"
-    assert infos(small, transfer_s=5.0) == [], "there it is an error"
+    handover = load(small.write()).walk().handovers[0]
+    begins_s, overlap_s = handover.time_s, handover.overlap_s
+    assert infos(small, operator_s=begins_s) == [], "there is time enough"
+    assert infos(small, operator_s=1.5 + begins_s) == []
+    (text,) = infos(small, operator_s=1.8 + begins_s)  # the transfer needs its time too
+    assert text.startswith("an operator who is asked may take ")
+    assert text.endswith(
+        f"less at handover 1, though he is asked beforehand: {begins_s + overlap_s:.1f} s at the least"
+    )
+    assert infos(small, transfer_s=5.0, operator_s=60.0) == [], "there it is an error"
 
 
 def test_another_number_of_handovers_than_stated_is_an_error(small):

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from mavproxy_handover.mission.items import RETURN_TO_LAUNCH
 from mavproxy_handover.mission.package import load
 from mavproxy_handover.mission.plan import with_items
-from mavproxy_handover.mission.returns import with_return
+from mavproxy_handover.mission.returns import before_return, with_return
 from mavproxy_handover.mission.walk import legs_of
 
 HOME, RALLY = (0.0, 10.001), (0.0, 10.0035)
@@ -85,3 +86,15 @@ def test_of_thousands_of_rally_points_the_nearest_are_looked_at(back: Any) -> No
     crowd = [replace(package.route.rally[0], lat_deg=0.0015, lon_deg=10.005 + n * 1e-7) for n in range(70)]
     route = with_return(replace(package.route, rally=(*crowd, *package.route.rally)), package.zones, package.terrain)
     assert route.return_to == (0.0015, 10.005), "of places that no zone covers the nearest"
+
+
+def test_behind_which_item_a_mission_returns(back: Any) -> None:
+    route = load(back.write()).route
+    seq, place = before_return(route) or (0, (0.0, 0.0))
+    last = next(item for item in route.items if item.seq == seq)
+    assert place == (last.lat_deg, last.lon_deg)
+    assert route.items[route.items.index(last) + 1].command == RETURN_TO_LAUNCH
+
+
+def test_behind_none_where_it_lands(small: Any) -> None:
+    assert before_return(load(small.write()).route) is None

@@ -25,6 +25,7 @@ from math import inf
 from operator import attrgetter
 from typing import Any
 
+from gcs_module.ahead import Beforehand
 from gcs_module.core import StationCore, _Part
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.authority import Authority
@@ -33,6 +34,7 @@ from mavproxy_handover.core.conductor import READ_S, Conductor
 from mavproxy_handover.core.contacts import Contacts
 from mavproxy_handover.core.control import Echo
 from mavproxy_handover.core.flight import Flight
+from mavproxy_handover.core.foresight import Foresight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.presence import Presence
@@ -240,6 +242,14 @@ class _Fixed(_Kind):
         return self._make()
 
 
+class _Never(_Fixed):
+    """What the exploration never sets off: nobody is told of borders ahead (tests/core/test_foresight.py)."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        if value != self._make():
+            raise TypeError(f"an exploration in which borders are foreseen says here what {value!r} is")
+
+
 class _Shared(_Kind):
     """Left out: a reference to what is packed elsewhere, made again by `_share`."""
 
@@ -345,6 +355,9 @@ def _share(arbiter: Arbiter) -> None:
     for part in (conductor, arbiter._requests):
         part._authority, part._presence, part._candidates = authority, presence, candidates
     conductor._flight = flight
+    foresight = conductor.foresight
+    foresight._authority, foresight._flight, foresight._presence = authority, flight, presence
+    foresight._candidates = candidates
     arbiter._requests._conductor = conductor
     arbiter._start._authority, arbiter._start._flight, arbiter._start._candidates = authority, flight, candidates
     arbiter._start._conductor = conductor
@@ -391,6 +404,7 @@ class Packer:
             attempt=_Fixed(lambda: 1),
             read_until=_Ago(0.0),
             consented=plain,
+            crossing=plain,
             forced=plain,
             forced_until=time,
             key=value,
@@ -480,6 +494,18 @@ class Packer:
             links=_Object(links),
             mission=plain,
         )
+        foresight = _Class(
+            Foresight,
+            _ahead=_Never(lambda: None),
+            _authority=_Shared(),
+            _candidates=_Shared(),
+            _flight=_Shared(),
+            _limits=the_limits,
+            _number=plain,
+            _presence=_Shared(),
+            _said=_Never(dict),
+            _say_at=_Fixed(lambda: inf),
+        )
         conductor = _Class(
             Conductor,
             _authority=_Shared(),
@@ -490,6 +516,7 @@ class Packer:
             results=_Object(results),
             _aborted_at=_Ago(READ_S),
             echo=_Echo(Echo, _request=plain, _until=_Ago(0.0)),
+            foresight=_Object(foresight),
         )
         requests = _Class(
             Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _conductor=_Shared()
@@ -526,6 +553,7 @@ class Packer:
             Supervision,
             _awaits_pilot=plain,
             _deaf=plain,
+            _excused=plain,
             _first_speed=plain,
             _last_m=plain,
             _limits=the_limits,
@@ -534,6 +562,7 @@ class Packer:
             _shown=plain,
             _since=_Time(max(limits.obey_s, limits.stuck_s)),
             _tries=plain,
+            due_at=_Time(0.0),
             order=plain,
             unable=plain,
         )
@@ -541,6 +570,8 @@ class Packer:
         execution = _Class(
             Execution,
             _again_at=_Fixed(lambda: -inf),
+            _tells_at=_Time(0.0),
+            _told_place=plain,
             _authority=_Shared(),
             _emergency=_Shared(),
             _figures=_Object(figures),
@@ -583,7 +614,10 @@ class Packer:
             _interrupted=plain,
             dropped=_Fixed(Counter),
         )
-        part = _Class(_Part, key=value, as_partner=plain, consent=plain, connected=plain, told_left_s=plain)
+        part = _Class(
+            _Part, key=value, as_partner=plain, consent=plain, crossing=plain, connected=plain, told_left_s=plain
+        )
+        beforehand = _Class(Beforehand, _own=plain, ahead=_Never(lambda: None))
         self._station = _Class(
             StationCore,
             _station=plain,
@@ -593,6 +627,7 @@ class Packer:
             _peers_heard=_Times(StationCore.PEER_LOST_S, forget=False),
             _vehicle_heard=_Ago(StationCore.VEHICLE_LOST_S),
             _unanswered_at=_Ago(READ_S),
+            asked_at=_Fixed(lambda: -inf),
             _peers_up=plain,
             _zone=plain,
             _zone_ending=plain,
@@ -601,10 +636,15 @@ class Packer:
             _read_until=_Ago(0.0),
             _vehicle_lost=plain,
             _part=_Object(part),
+            _beforehand=_Object(beforehand),
             _wished_until=_Ago(0.0),
             _latest=value,
             _announced=value,
+            _over=value,
+            _too_soon=value,
+            _too_soon_until=_Ago(0.0),
             _why=plain,
+            _crossing=plain,
             digest=plain,
             vehicle_digest=plain,
             _stage=plain,

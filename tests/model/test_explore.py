@@ -189,8 +189,10 @@ def station_answers_old_questions(patch: pytest.MonkeyPatch) -> None:
 def station_consents_for_its_operator(patch: pytest.MonkeyPatch) -> None:
     original = gcs.StationCore._consent
 
-    def eager(self: gcs.StationCore, key: Any, why: Any, now: float, *, as_partner: bool) -> Any:
-        return Consent.GRANTED, original(self, key, why, now, as_partner=as_partner)[1]
+    def eager(self: gcs.StationCore, *asked: Any, as_partner: bool) -> Any:
+        part, new = original(self, *asked, as_partner=as_partner)
+        part.consent = Consent.GRANTED
+        return part, new
 
     patch.setattr(gcs.StationCore, "_consent", eager)
 
@@ -201,8 +203,13 @@ def a_gap_that_never_ends(patch: pytest.MonkeyPatch) -> None:
 
 
 def alone_in_no_gap(patch: pytest.MonkeyPatch) -> None:
-    original = Authority.fly_alone
-    patch.setattr(Authority, "fly_alone", lambda self, _allowed: original(self, True))
+    """Who has been in one is in it for good."""
+    original = Crossing.seen
+
+    def kept(self: Crossing, gap: Any, now: float, *, covered: bool, exposed: bool) -> None:
+        original(self, gap or self.gap, now, covered=covered, exposed=exposed)
+
+    patch.setattr(Crossing, "seen", kept)
 
 
 def new_time_with_each_loss(patch: pytest.MonkeyPatch) -> None:
@@ -233,7 +240,7 @@ PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
     station_believes_anything: (MESSAGE_LOST, "a station's epoch fell"),
     station_answers_old_questions: (MESSAGE_LOST, "about an old epoch"),
     a_gap_that_never_ends: (GAP, "ALONE for longer than the gap's limit"),
-    alone_in_no_gap: (GAP, "for a lost commander, but it is not lost"),
+    alone_in_no_gap: (GAP, "ALONE, and in no gap"),
     new_time_with_each_loss: (GAP_TWICE, "ALONE for longer than the gap's limit"),
     station_consents_for_its_operator: (OPERATOR, "OkHandover without the operator's word"),
 }

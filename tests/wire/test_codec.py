@@ -15,11 +15,14 @@ from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
+    CrossingKey,
     DisconnectHandover,
     DroneConnected,
+    HandoverAhead,
     HandoverRequest,
     HandoverResult,
     Message,
+    OkAhead,
     OkHandover,
     OnHandover,
     TransferKey,
@@ -30,18 +33,21 @@ from mavproxy_handover.wire.codec import AircraftState
 from mavproxy_handover.wire.frames import parse_one
 
 KEY = TransferKey(251, 252, 513, 67305985)
+BORDER = CrossingKey(251, 252, 258, 67305985)
 DIGEST = bytes(range(1, 33))
 
 #: name on the wire -> id, and the message. Ids written out (docs/architecture.md, "A transfer").
 MESSAGES: dict[str, tuple[int, Message]] = {
     "CONNECT": (47100, Connect(251, 1, 0xDEADBEEF, 7, 252, "drone-1", DIGEST)),
     "CONNECT_ACK": (47101, ConnectAck(252, 1, 1, 7, None, "GCSB", b"", accepted=False)),
-    "HANDOVER_REQUEST": (47106, HandoverRequest(KEY, Reason.ZONE)),
-    "ON_HANDOVER": (47107, OnHandover(KEY, Consent.DENIED, Reason.OPERATOR, relay=True, relayed=False)),
+    "HANDOVER_REQUEST": (47106, HandoverRequest(KEY, Reason.ZONE, 515)),
+    "ON_HANDOVER": (47107, OnHandover(KEY, Consent.DENIED, Reason.OPERATOR, relay=True, relayed=False, crossing=770)),
     "OK_HANDOVER": (47108, OkHandover(KEY, Consent.WAITING, Reason.NONE)),
     "CONNECT_HANDOVER": (47109, ConnectHandover(KEY)),
     "DRONE_CONNECTED": (47110, DroneConnected(KEY, relay=False, relayed=True)),
     "DISCONNECT_HANDOVER": (47111, DisconnectHandover(KEY)),
+    "HANDOVER_AHEAD": (47114, HandoverAhead(BORDER, 600.0, None, Consent.DENIED)),
+    "OK_AHEAD": (47115, OkAhead(BORDER, Consent.WAITING)),
     "HANDOVER_RESULT": (47112, HandoverResult(KEY, 252, Outcome.COMMITTED, Reason.RELEASE_TIMEOUT)),
 }
 

@@ -5,6 +5,9 @@
 `helm.py` knows who flies, `supervision.py` whether the autopilot follows; here both meet the decision in force. Every
 decision is told in one sentence, and so is what becomes of it: another hand on the aircraft, a command that has to be
 repeated, one that the autopilot does not follow.
+
+A return is told a moment after it is ordered, and told anew where it goes elsewhere: its place is looked at once more
+when it is ordered, and what has made it necessary, a station that is lost, may just have made another place the best.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from mavproxy_handover.core.safety.emergency import Emergency, News
 from mavproxy_handover.core.safety.helm import Change, Helm
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.safety.sentence import Figures, over, sentence
-from mavproxy_handover.core.safety.strategy import Decision
+from mavproxy_handover.core.safety.strategy import Decision, Situation
 from mavproxy_handover.core.safety.supervision import Seen, Supervision
 
 __all__ = ["Execution"]
@@ -38,7 +41,16 @@ _AGAIN_TOLD_S: Final = 10.0
 class Execution:
     """Of one vehicle. Times are monotonic seconds; not safe for threads."""
 
-    __slots__ = ("_again_at", "_authority", "_emergency", "_figures", "_flight", "_lookout")
+    __slots__ = (
+        "_again_at",
+        "_authority",
+        "_emergency",
+        "_figures",
+        "_flight",
+        "_lookout",
+        "_tells_at",
+        "_told_place",
+    )
 
     def __init__(
         self,
@@ -55,6 +67,9 @@ class Execution:
         self._figures = Figures(authority, flight, candidates)
         #: when it was told last that something is commanded again
         self._again_at = -inf
+        #: since when a return is to be told, with the next event; None: none is. And where the last one was told to go
+        self._tells_at: float | None = None
+        self._told_place = ""
 
     @property
     def _helm(self) -> Helm:
@@ -101,14 +116,13 @@ class Execution:
 
     def carry_out(self, news: News, now: float, actions: list[Action]) -> None:
         """A decision is news: it is told, commanded where it is not flown already, and watched from now on."""
-        decision, place = news.decision, self._lookout.place
+        decision = news.decision
+        returns = decision is not None and decision.action is FlightAction.RETURN
+        self._tells_at = now if returns else None
         if decision is None:
             actions.append(over(news.before))
-        else:
-            figures = self._figures.of(decision.cause, self._lookout.told, now)
-            if news.continues:
-                figures += f"; {self._lookout.crossing.words(now)}"
-            actions.append(sentence(decision, figures, place))
+        elif not returns:
+            self._tell_decision(decision, now, actions, crosses=news.continues)
         if news.resumes:
             self._supervision.over()
             actions.append(Fly(FlightAction.CONTINUE, news.reason))
@@ -119,6 +133,33 @@ class Execution:
         elif decision is None or decision.withheld is None:  # what another hand holds back may have to be done yet
             self._supervision.over()
 
+    def _tell_decision(self, decision: Decision, now: float, actions: list[Action], *, crosses: bool = False) -> None:
+        figures, place = self._figures.of(decision.cause, self._lookout.told, now), self._lookout.place
+        if crosses:
+            figures += f"; {self._lookout.crossing.words(now)}"
+        self._told_place = "" if place is None else place.name
+        actions.append(sentence(decision, figures, place))
+
+    def place_seen(self, now: float, actions: list[Action]) -> None:
+        """Where a return goes has been judged: who was told another place is told that."""
+        told, place = self._emergency.told, self._lookout.place
+        returns = told is not None and told.action is FlightAction.RETURN and self._tells_at is None
+        if returns and told is not None and place is not None and place.name != self._told_place:
+            self._tell_decision(told, now, actions)
+
+    def tell_return(self, now: float, actions: list[Action]) -> None:
+        """Whatever came behind the order of a return: it is told now, unless it is none any more."""
+        tells_at, told = self._tells_at, self._emergency.told
+        if tells_at is None:
+            return
+        self._tells_at = None
+        if told is not None and told.action is FlightAction.RETURN:
+            self._tell_decision(told, now, actions)
+
+    def tells_at(self) -> float | None:
+        """When there is a return to be told; None: there is none."""
+        return self._tells_at
+
     def _flown_already(self, action: FlightAction) -> bool:
         """Whoever has chosen it, guard, failsafe or a run before this one: to command it again would change nothing."""
         return self._helm.flown in _SAME.get(action, ())
@@ -128,11 +169,11 @@ class Execution:
             self._helm.heard(HandSeen(Hand.COMPANION), now)
         actions.append(Fly(action, reason))
 
-    def look(self, now: float, actions: list[Action]) -> bool:
+    def look(self, facts: Situation, now: float, actions: list[Action]) -> bool:
         """Compare what the autopilot does to what it was commanded; whether it is to be decided anew."""
         supervision, decision = self._supervision, self._emergency.told
         order, breached = supervision.order, self._lookout.told.fence
-        seen = supervision.look(self._helm, self._lookout.facts(now), breached, now)
+        seen = supervision.look(self._helm, facts, breached, now)
         if seen is None:
             return False
         order = order or supervision.order

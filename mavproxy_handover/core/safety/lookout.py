@@ -223,11 +223,10 @@ class Lookout:
         """When something begins to look wrong without anything being said; None if nothing does."""
         flight = self._flight
         if not flight.flying:
-            return None
+            return self.helm.due_at()
         times = [] if self.held_at == -inf or self._held_long else [self.held_at + self._limits.hold_s]
-        doubt_ends_at, gap_ends_at = self.helm.due_at(), self.crossing.ends_at()
-        if doubt_ends_at is not None:
-            times.append(doubt_ends_at)
+        gap_ends_at = self.crossing.ends_at()
+        times += [at for at in (self.helm.due_at(), self.supervision.due_at) if at is not None]
         if self._in_gap and gap_ends_at is not None:
             times.append(gap_ends_at)
         if Cause.AUTOPILOT_LOST not in self.seen:

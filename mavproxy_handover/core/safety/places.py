@@ -247,12 +247,20 @@ class PlaceChooser:
         self._name = name
 
     def choose(
-        self, places: Sequence[PlaceFact], usable: Set[int], now: float, *, returning: bool = False, fixed: bool = False
+        self,
+        places: Sequence[PlaceFact],
+        usable: Set[int],
+        now: float,
+        *,
+        returning: bool = False,
+        fixed: bool = False,
+        ends: bool = False,
     ) -> Choice | None:
         """The choice by the facts of this moment; None without a place.
 
         `usable`: stations that could take the aircraft. `returning`: it is on its way to the place chosen already.
-        `fixed`: nothing may change.
+        `fixed`: nothing may change. `ends`: the mission is about to end with a return; of places that are as good it
+        goes to the soonest, as was reckoned before the flight (`mission/returns.py`), whichever was chosen before.
         """
         others = self._count(usable, now)
         passed_s = min(_MOST_S, max(0.0, now - self._looked_at))
@@ -273,7 +281,7 @@ class PlaceChooser:
             return None
         top = max(certain.values(), key=lambda entry: (entry[1], -entry[0].time_s))
         held = None if self._name is None else found.get(self._name)
-        if held is None or (not fixed and _goes_over(held, top, returning=returning)):
+        if held is None or (not fixed and _goes_over(held, top, returning=returning, ends=ends)):
             held = found[top[0].name]
         place, counts = held
         self._name = place.name
@@ -313,11 +321,15 @@ def _worse(one: Standing, other: Standing) -> Standing:
     )
 
 
-def _goes_over(held: tuple[PlaceFact, Standing], other: tuple[PlaceFact, Standing], *, returning: bool) -> bool:
+def _goes_over(
+    held: tuple[PlaceFact, Standing], other: tuple[PlaceFact, Standing], *, returning: bool, ends: bool
+) -> bool:
     """Whether a return goes to the other place from now on."""
     (place, counts), (candidate, better) = held, other
     if returning and place.distance_m < NEAR_M:
         return False
     if better != counts:
         return better > counts
+    if ends:
+        return candidate.time_s < place.time_s
     return not returning and candidate.time_s < SOONER_PART * place.time_s - SOONER_S

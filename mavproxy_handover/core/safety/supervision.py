@@ -14,6 +14,10 @@ how long each may take (the limits have the seconds):
   it waits, or comes down.
 * LAND shows by the mode, then by coming down.
 
+What keeps a return or a landing from showing that it gets on, a climb, a breached fence, a place that nobody knows,
+keeps its time from running: that begins with the first look behind it. So nothing here depends on how often it is
+looked at, and `due_at` says when it has to be, if nothing is said until then.
+
 What does not show in time is commanded again, TRIES times; then the action is one that the autopilot does not follow
 (`unable`). The strategy learns that as a fact: it cannot hold, no place can be reached. So it is the table of
 `strategy.py` that goes on to the next graver action, and nothing here. Under LAND there is nothing: it is repeated.
@@ -90,6 +94,7 @@ class Supervision:
     __slots__ = (
         "_awaits_pilot",
         "_deaf",
+        "_excused",
         "_first_speed",
         "_last_m",
         "_limits",
@@ -98,6 +103,7 @@ class Supervision:
         "_shown",
         "_since",
         "_tries",
+        "due_at",
         "order",
         "unable",
     )
@@ -117,17 +123,25 @@ class Supervision:
         self._awaits_pilot: FlightAction | None = None
         #: the autopilot is not heard
         self._deaf = False
-        #: the least distance to the place (m) since the order showed
+        #: at the last look there was a reason why it gets no nearer
+        self._excused = False
+        #: the least distance to the place (m) since the order showed, and the last one
         self._nearest_m = self._last_m = inf
         #: speed (m/s) when the order was given
         self._first_speed = 0.0
         self._motion: MotionSeen | None = None
+        #: when the next look is due that nothing else calls for; None: none is
+        self.due_at: float | None = None
 
     # ---- what happens ---------------------------------------------------------------------------------------------
 
-    def moved(self, motion: MotionSeen) -> None:
+    def moved(self, motion: MotionSeen, now: float) -> None:
         """How the aircraft moves."""
         self._motion = motion
+        if self.order is FlightAction.RETURN and self._shown and motion.left_m is not None:
+            if motion.left_m <= self._nearest_m - NEARER_M or motion.left_m > self._last_m + OTHER_PLACE_M:
+                self._nearest_m, self._since = motion.left_m, now
+            self._last_m = motion.left_m
 
     def ordered(self, action: FlightAction, now: float) -> None:
         """The autopilot is commanded this from now on."""
@@ -139,8 +153,7 @@ class Supervision:
         self._begin(now)
 
     def _begin(self, now: float) -> None:
-        self._since, self._shown = now, False
-        self._nearest_m = self._last_m = inf
+        self._since, self._shown, self._excused = now, False, False
         self._first_speed = 0.0 if self._motion is None else self._motion.speed_mps
 
     def over(self) -> None:
@@ -163,6 +176,7 @@ class Supervision:
 
         `breached`: the aircraft is outside the fence. AGAIN asks for the same command once more.
         """
+        self.due_at = None
         if Fact.FLYING not in facts or helm.flown is None:
             return None
         if Fact.AUTOPILOT not in facts:
@@ -175,6 +189,8 @@ class Supervision:
         was_deaf, self._deaf = self._deaf, False
         if self.order is None:
             return None
+        if was_deaf:
+            self._since = now
         if not self._follows(helm):
             return self._astray(was_deaf, breached and bool(facts & _COMING_HOME), now)
         return self._moves(self.order, helm, facts, breached, now)
@@ -183,6 +199,7 @@ class Supervision:
         tries = self._tries
         self.ordered(action, now)
         self._tries = tries + 1
+        self.due_at = now + self._limits.obey_s
         return Seen.AGAIN
 
     def _follows(self, helm: Helm) -> bool:
@@ -199,7 +216,7 @@ class Supervision:
         if self._shown or was_deaf:  # it was left, or nothing arrived
             self._tries = 0
             return self._again(order, now)
-        if now < self._since + self._limits.obey_s:
+        if self._has_time(self._limits.obey_s, now):
             return None
         return self._again(order, now) if self._tries < TRIES or order is FlightAction.LAND else self._give_up(order)
 
@@ -207,16 +224,18 @@ class Supervision:
         """The mode is right: what of the motion?"""
         if order is FlightAction.HOLD:
             return self._rests(now)
-        first, motion = not self._shown, self._motion
+        motion, was_excused = self._motion, self._excused
+        self._excused = motion is None or breached or self._needs_no_progress(order, motion, facts)
+        first = not self._shown
         if first:
-            self._shown, self._since = True, now
-            return Seen.OBEYED
-        if motion is None or self._on_its_way(order, motion, facts) or breached:
+            self._shown = True
+            self._nearest_m = self._last_m = inf if motion is None or motion.left_m is None else motion.left_m
+        if first or (was_excused and not self._excused):
             self._since = now
-            return None
-        if now < self._since + self._limits.stuck_s:
-            return None
-        return self._give_up(order)
+        has_time = self._excused or self._has_time(self._limits.stuck_s, now)
+        if first:
+            return Seen.OBEYED
+        return None if has_time else self._give_up(order)
 
     def _rests(self, now: float) -> Seen | None:
         if self._shown or self._motion is None:
@@ -224,22 +243,23 @@ class Supervision:
         if self._motion.speed_mps < RESTS_MPS:
             self._shown = True
             return Seen.OBEYED
-        if now < self._since + ARRIVES_S + self._first_speed / BRAKES_MPS2:
-            return None
-        return self._give_up(FlightAction.HOLD)
+        stops_s = ARRIVES_S + self._first_speed / BRAKES_MPS2
+        return None if self._has_time(stops_s, now) else self._give_up(FlightAction.HOLD)
 
-    def _on_its_way(self, order: FlightAction, motion: MotionSeen, facts: Set[Fact]) -> bool:
+    def _has_time(self, limit_s: float, now: float) -> bool:
+        """What is awaited may still come; until then."""
+        ends_at = self._since + limit_s
+        if now >= ends_at:
+            return False
+        self.due_at = ends_at
+        return True
+
+    def _needs_no_progress(self, order: FlightAction, motion: MotionSeen, facts: Set[Fact]) -> bool:
+        """Whether it does what was commanded without getting nearer to the place."""
         if Fact.LANDING in facts:  # a gust may hold it up: that it lands is enough for a return
             return order is FlightAction.RETURN or motion.climb_mps < -CLIMBS_MPS
-        if motion.climb_mps > CLIMBS_MPS:
-            return True
-        if motion.left_m is None:  # it is not known where to
-            return True
-        last_m, self._last_m = self._last_m, motion.left_m
-        if motion.left_m <= self._nearest_m - NEARER_M or motion.left_m > last_m + OTHER_PLACE_M:
-            self._nearest_m = motion.left_m
-            return True
-        return motion.left_m <= AT_PLACE_M
+        # it climbs, or it is not known where to, or it is there
+        return motion.climb_mps > CLIMBS_MPS or motion.left_m is None or motion.left_m <= AT_PLACE_M
 
     def _give_up(self, order: FlightAction) -> Seen | None:
         if order in self.unable:

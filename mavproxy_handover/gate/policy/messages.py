@@ -190,7 +190,7 @@ MESSAGE_RULES: Final = (
         "ours, from stations: the companion's own business",
         names("""
             CONNECT CONNECT_ACK MISSION_PACKAGE MISSION_CHUNK MISSION_PACKAGE_ACK ON_HANDOVER OK_HANDOVER
-            DRONE_CONNECTED DISCONNECT_HANDOVER HANDOVER_OVERRIDE
+            DRONE_CONNECTED DISCONNECT_HANDOVER HANDOVER_OVERRIDE OK_AHEAD
         """),
     ),
     Rule(
@@ -231,7 +231,7 @@ MESSAGE_RULES: Final = (
         "ours, from the vehicle to stations: whoever sends it here pretends to be the vehicle",
         names("""
             AUTHORITY_STATUS CONTROL_STATUS HANDOVER_TELEMETRY HANDOVER_REQUEST CONNECT_HANDOVER
-            HANDOVER_RESULT HANDOVER_DECISION
+            HANDOVER_RESULT HANDOVER_DECISION HANDOVER_AHEAD HANDOVER_BRIEFING
         """),
     ),
     Rule(

@@ -67,6 +67,13 @@ def test_wind_blows_against_a_flight_to_the_north(wind: Wind, ahead: float, acro
 
 
 @pytest.mark.parametrize(
+    ("bearing", "ahead", "across"), [(EAST, 5.0, 0.0), (WEST, 0.0, 0.0), (NORTH, 0.0, 5.0), (30.0, 2.5, 4.330127)]
+)
+def test_wind_from_the_east_blows_against_a_flight_to_the_east(bearing: float, ahead: float, across: float) -> None:
+    assert Wind(5.0, EAST).against(bearing) == pytest.approx((ahead, across), abs=1e-6)
+
+
+@pytest.mark.parametrize(
     ("wind", "told", "speed", "watts"),
     [
         (Wind(0.0, 0.0), None, 10.0, 440.0),
@@ -124,6 +131,31 @@ def test_a_wind_that_nobody_knows_blows_from_ahead_wherever_it_flies() -> None:
 )
 def test_the_need_of_a_piece(piece: Piece, wind: Wind, joules: float) -> None:
     assert replace(MODEL, wind=wind).piece_wh(piece) * 3600.0 == pytest.approx(joules, abs=0.1)
+
+
+#: a quarter of the mass is payload, which the aircraft still has
+LOADED = replace(MODEL, unloaded_part=0.75)
+
+
+def test_without_its_payload_it_hovers_climbs_and_descends_on_what_is_left_of_the_mass() -> None:
+    light = replace(MODEL, hover_w=270.0, cruise_w=350.0, climb_w=324.0, descent_w=243.0, airspeed_mps=8.660254)
+    for field in ("hover_w", "cruise_w", "climb_w", "descent_w", "airspeed_mps", "unloaded_part"):
+        assert getattr(LOADED.unloaded, field) == pytest.approx(getattr(light, field))
+    assert replace(LOADED, cruise_w=300.0).unloaded.cruise_w == 270.0, "no airspeed takes less than hovering"
+
+
+def test_without_a_payload_nothing_gets_lighter() -> None:
+    assert MODEL.unloaded is MODEL
+    assert LOADED.unloaded.unloaded is not LOADED
+    assert LOADED.unloaded.unloaded == LOADED.unloaded
+
+
+def test_a_piece_is_flown_without_the_payload_where_that_is_dropped_before_it() -> None:
+    heavy, light = Piece(hold_s=100.0), Piece(hold_s=100.0, unloaded=True)
+    assert LOADED.piece_wh(heavy) == pytest.approx(10.0)
+    assert LOADED.piece_wh(light) == pytest.approx(7.5)
+    assert LOADED.need_wh([heavy, light, light]) == pytest.approx(25.0)
+    assert MODEL.need_wh([light]) == pytest.approx(10.0), "there is none"
 
 
 def test_the_way_home_climbs_flies_waits_and_lands() -> None:

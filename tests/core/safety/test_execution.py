@@ -4,11 +4,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 
-from mavproxy_handover.core.events import Announce, Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, SignsSeen
+from mavproxy_handover.core.events import (
+    Action,
+    Announce,
+    Event,
+    Fly,
+    HandSeen,
+    LinkJudged,
+    ModeSeen,
+    MotionSeen,
+    PlaceJudged,
+    SignsSeen,
+)
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Reason
 from mavproxy_handover.core.safety.causes import Cause
@@ -76,6 +88,57 @@ def times(bench: Bench) -> list[tuple[float, FlightAction]]:
     """The commands, and how long after the first each came."""
     found = [(at, action.action) for at, action in bench.log if isinstance(action, Fly)]
     return [(round(at - found[0][0], 1), action) for at, action in found]
+
+
+def looked_at(bench: Bench, place: PlaceJudged) -> Bench:
+    """The edge looks at the place of a return once more when that is ordered, and finds this."""
+    give = bench.give
+
+    def handed(event: Event) -> list[Action]:
+        actions = give(event)
+        if any(isinstance(action, Fly) and action.action is FlightAction.RETURN for action in actions):
+            give(place)
+        return actions
+
+    bench.give = handed  # type: ignore[method-assign]
+    return bench
+
+
+class TestItsPlace:
+    """The place of a return is another one where its station was just lost."""
+
+    NEAR, HOME = PlaceJudged("rally 2", True, "210 m, covered by GCSB"), PlaceJudged("home", True, "400 m")
+
+    def test_a_return_is_told_with_the_place_that_it_goes_to(self) -> None:
+        bench = aloft()
+        bench.give(self.NEAR)
+        lost(looked_at(bench, self.HOME))
+        bench.run(1.0)
+        assert [text for text in said(bench) if "RETURN" in text] == ["RETURN to home: GCSA silent 5 s; 400 m"]
+
+    def test_where_nothing_new_is_seen_it_is_told_at_once_all_the_same(self) -> None:
+        bench = aloft()
+        bench.give(self.NEAR)
+        bench = lost(bench)
+        (ordered,) = [at for at, action in bench.log if isinstance(action, Fly)]
+        bench.run(0.0)
+        (told,) = [at for at, action in bench.log if isinstance(action, Announce) and "RETURN" in action.text]
+        assert told == ordered
+
+    def test_whoever_was_told_another_place_is_told_that_it_goes_elsewhere(self) -> None:
+        bench = lost(aloft())
+        bench.run(0.1)
+        for place in (self.HOME, self.NEAR, replace(self.NEAR, words="200 m")):
+            bench.give(place)
+        texts = [text for text in said(bench) if text.startswith("RETURN to ")]
+        assert [text.split(":")[0] for text in texts] == ["RETURN to home", "RETURN to rally 2"]
+
+    def test_what_lands_after_all_is_not_told_to_return(self) -> None:
+        bench = aloft()
+        bench.give(self.NEAR)
+        lost(looked_at(bench, PlaceJudged("home", False)))
+        bench.run(1.0)
+        assert [text.split(":")[0] for text in said(bench)][:1] == ["LAND"]
 
 
 class TestReturn:

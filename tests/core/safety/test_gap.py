@@ -12,13 +12,14 @@ from mavproxy_handover.core.events import (
     Fly,
     GapsJudged,
     LinkJudged,
+    ModeSeen,
     SignsSeen,
     StartRefused,
     StartRequested,
     ViewChanged,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, GapFact, LeaseState, Reason
+from mavproxy_handover.core.model import FlightAction, Flown, GapFact, LeaseState, Reason
 from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.snapshot import Snapshot
@@ -112,6 +113,31 @@ class TestIntoIt:
         bench.alive.clear()
         bench.run(8.0)
         assert {change.view.lease for change in bench.views()} == {LeaseState.LOST}
+
+    def test_nor_where_it_is_brought_home_and_another_hand_holds_that_back(self) -> None:
+        """A return that has to wait for who flies is one all the same. Found by a campaign."""
+        bench = crossing()
+        bench.give(ModeSeen(Flown.MISSION, "AUTO", radio=True))
+        bench.give(SignsSeen(energy=True))
+        bench.run(3.0)
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        bench.alive.clear()
+        bench.run(6.0)
+        bench.give(ModeSeen(Flown.HANDS, "LOITER", radio=True))
+        bench.run(1.0)
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        assert LeaseState.ALONE not in {change.view.lease for change in bench.views()}
+        assert bench.arbiter.alone_s(bench.now) == 0.0
+
+    def test_nor_where_the_gap_ends_with_the_zone_whose_station_is_asked(self) -> None:
+        """One position says that the gap is over and that a zone begins. Found by a campaign."""
+        bench = lost_in_the_gap(None, B)
+        assert bench.arbiter.view.lease is LeaseState.ALONE
+        bench.gap = None
+        mark = len(bench.views())
+        bench.position(*far(A), inside(B), *far(C, D))
+        assert bench.arbiter.view.partner == B
+        assert {change.view.lease for change in bench.views()[mark:]} == {LeaseState.LOST}
 
     def test_out_of_coverage_in_it_is_no_emergency_and_the_journal_says_so(self) -> None:
         bench = crossing()

@@ -449,3 +449,20 @@ def test_noise_on_every_input_makes_no_choice_flap(kind: str, seed: int) -> None
         flight.look(*(noisy(replace(place, time_s=90.0)) for place in (HOME, NEAR, FAR)))
     # what is one way from the beginning may turn out to be the other; then it stays
     assert flight.changes <= 3, flight.names
+
+
+def test_where_the_mission_is_about_to_return_the_soonest_of_equals_is_enough() -> None:
+    """As it was reckoned before the flight; what stands lower is not gone over to for that, nor is a return sent on."""
+    chooser, there = PlaceChooser(), replace(NEAR, time_s=30.0)
+    for sooner, name in ((29.0, "home"), (31.0, "rally 1")):
+        chooser.adopt("rally 1")
+        here = replace(HOME, time_s=sooner)
+        for second in range(40):
+            choice = chooser.choose((here, there), frozenset(ALL), second, ends=second == 39)
+            assert choice is not None
+            assert choice.place.name == (name if second == 39 else "rally 1")
+    chooser.adopt("rally 1")
+    lower = replace(HOME, time_s=5.0, there=frozenset())
+    choice = chooser.choose((lower, there), frozenset(ALL), 100.0, ends=True)
+    assert choice is not None
+    assert choice.place.name == "rally 1"

@@ -37,7 +37,7 @@ class Watched:
         self.helm.flown, self.helm.landing = flown, landing
 
     def moves(self, speed_mps: float, climb_mps: float = 0.0, left_m: float | None = FAR_M) -> None:
-        self.supervision.moved(MotionSeen(speed_mps, climb_mps, left_m))
+        self.supervision.moved(MotionSeen(speed_mps, climb_mps, left_m), self.now)
 
     def order(self, action: FlightAction) -> Watched:
         self.supervision.ordered(action, self.now)
@@ -197,13 +197,14 @@ def stuck(watched: Watched, *motions: tuple[float, float | None]) -> list[Seen |
     """Climb (m/s) and distance (m) each 15 s later."""
     seen = []
     for climb_mps, left_m in motions:
+        watched.now += 15.0
         watched.moves(2.0, climb_mps, left_m)
-        seen.append(watched.look(15.0))
+        seen.append(watched.look())
     return seen
 
 
 def test_nearer_is_five_metres_at_least() -> None:
-    assert stuck(returning(), (0.0, FAR_M), (0.0, FAR_M - 4.9), (0.0, FAR_M - 4.9)) == [None, None, UNABLE]
+    assert stuck(returning(), (0.0, FAR_M), (0.0, FAR_M - 4.9)) == [None, UNABLE]
     assert stuck(returning(), (0.0, FAR_M), (0.0, FAR_M - 5.0), (0.0, FAR_M - 5.0)) == [None, None, None]
 
 
@@ -218,13 +219,13 @@ def test_another_place_is_one_that_is_suddenly_far_away() -> None:
 
 
 def test_a_climb_is_more_than_30_centimetres_a_second() -> None:
-    assert stuck(returning(), (0.0, FAR_M), (0.3, FAR_M), (0.3, FAR_M)) == [None, None, UNABLE]
+    assert stuck(returning(), (0.3, FAR_M), (0.3, FAR_M)) == [None, UNABLE]
     assert stuck(returning(), (0.0, FAR_M), (0.31, FAR_M), (0.0, FAR_M)) == [None, None, None]
 
 
 def test_at_the_place_nothing_more_is_expected_from_15_m_on() -> None:
     assert stuck(returning(16.0), *[(0.0, 15.0)] * 6) == [None] * 6
-    assert stuck(returning(15.1), *[(0.0, 15.1)] * 3) == [None, None, UNABLE]
+    assert stuck(returning(15.1), *[(0.0, 15.1)] * 2) == [None, UNABLE]
 
 
 def test_where_the_place_is_not_known_nothing_is_concluded() -> None:
@@ -234,9 +235,111 @@ def test_where_the_place_is_not_known_nothing_is_concluded() -> None:
 def test_stuck_is_so_for_thirty_seconds() -> None:
     watched = returning()
     watched.moves(2.0)
-    assert watched.look(1.0) is None, "the first distance of all is the nearest"
     assert [watched.look(s) for s in (29.9, 0.1)] == [None, UNABLE]
     assert watched.supervision.unable == {RETURN}
+
+
+def test_how_often_it_is_looked_at_makes_no_difference() -> None:
+    for pauses in ((30.0,), (10.0, 20.0), (0.05,) * 599 + (0.05 + 1e-9,)):
+        watched = returning()
+        watched.moves(8.0, left_m=FAR_M - 200.0)
+        assert [watched.look(s) for s in pauses] == [None] * (len(pauses) - 1) + [UNABLE]
+
+
+def test_nearer_counts_from_its_report() -> None:
+    watched = returning()
+    watched.now += 20.0
+    watched.moves(8.0, left_m=FAR_M - 100.0)
+    assert [watched.look(s) for s in (10.0, 19.9, 0.1)] == [None, None, UNABLE]
+
+
+def test_a_climb_keeps_its_time_from_running() -> None:
+    watched = returning(climb_mps=2.0)
+    assert watched.look(60.0) is None
+    watched.moves(0.0)
+    assert [watched.look(s) for s in (1.0, 29.9, 0.1)] == [None, None, UNABLE]
+
+
+def test_nothing_gets_nearer_before_the_order_shows() -> None:
+    watched = Watched().order(RETURN)
+    watched.look(5.0)
+    watched.moves(8.0, left_m=FAR_M - 100.0)
+    assert watched.look(1.0) is AGAIN
+
+
+def test_a_landing_that_is_carried_nearer_does_not_come_down() -> None:
+    watched = Watched(Flown.LAND).order(LAND)
+    watched.facts = ALOFT | {Fact.LANDING}
+    assert watched.look() is OBEYED
+    assert stuck(watched, (0.0, 900.0), (0.0, 800.0)) == [None, UNABLE]
+
+
+def test_while_the_autopilot_is_not_heard_nothing_is_counted() -> None:
+    """The first look behind a silence of its line rests on what it said before."""
+    for order, flown in ((RETURN, Flown.RETURN), (LAND, Flown.LAND), (HOLD, Flown.MISSION)):
+        watched = Watched(flown).order(order)
+        watched.look()
+        watched.facts = ALOFT - {Fact.AUTOPILOT}
+        assert watched.look(60.0) is None
+        watched.facts = ALOFT
+        assert watched.look(0.1) is None, order
+        assert watched.look(30.0) is UNABLE, order
+
+
+# ---- when it is due -----------------------------------------------------------------------------------------------
+
+
+def due_s(watched: Watched) -> float | None:
+    """How soon a look is due."""
+    at = watched.supervision.due_at
+    return None if at is None else at - watched.now
+
+
+def test_a_look_is_due_when_a_time_is_over() -> None:
+    watched = Watched().order(RETURN)
+    assert due_s(watched) is None, "whoever orders looks behind it"
+    watched.look()
+    assert due_s(watched) == 6.0
+    watched.look(2.0)
+    assert due_s(watched) == 4.0
+    assert watched.look(4.0) is AGAIN
+    assert due_s(watched) == 6.0
+    watched.flies(Flown.RETURN)
+    assert watched.look(1.0) is OBEYED
+    assert due_s(watched) == 30.0
+    watched.look(10.0)
+    assert due_s(watched) == 20.0
+    assert watched.look(20.0) is UNABLE
+    assert due_s(watched) is None
+
+
+def test_a_look_is_due_when_a_stop_has_had_its_time() -> None:
+    watched = Watched(speed_mps=10.0).order(HOLD)
+    watched.look(1.0)
+    assert due_s(watched) == 9.0
+    assert watched.look(9.0) is UNABLE
+    assert due_s(watched) is None
+    watched = Watched(speed_mps=10.0).order(HOLD)
+    watched.moves(0.0)
+    assert watched.look(1.0) is OBEYED
+    assert due_s(watched) is None
+
+
+def test_no_look_is_due_where_nothing_is_counted() -> None:
+    for facts in (ALOFT - {Fact.FLYING}, ALOFT | {Fact.PILOT}, ALOFT - {Fact.AUTOPILOT}):
+        watched = Watched().order(RETURN)
+        watched.look()
+        watched.facts = facts
+        watched.look(60.0)
+        assert due_s(watched) is None, facts
+    watched = returning(climb_mps=2.0)
+    watched.look(1.0)
+    assert due_s(watched) is None
+    watched = Watched(Flown.LAND).order(LAND)
+    watched.facts = ALOFT | {Fact.LANDING}
+    watched.look()
+    assert stuck(watched, (0.0, 3.0), (0.0, 3.0), (0.0, 3.0)) == [None, UNABLE, None]
+    assert due_s(watched) is None, "told once, and under it there is nothing"
 
 
 def test_outside_the_fence_nothing_is_given_up() -> None:
@@ -246,7 +349,7 @@ def test_outside_the_fence_nothing_is_given_up() -> None:
     watched.breached = True
     assert watched.look(60.0) is None
     watched.breached = False
-    assert [watched.look(s) for s in (29.9, 0.1)] == [None, UNABLE], "its time begins anew"
+    assert [watched.look(s) for s in (0.1, 29.9, 0.1)] == [None, None, UNABLE], "its time begins anew"
 
 
 def test_that_it_lands_is_enough_for_a_return_and_a_landing_has_to_come_down() -> None:
@@ -269,10 +372,10 @@ def test_without_a_motion_nothing_is_concluded_of_a_return() -> None:
 
 def test_the_second_order_knows_nothing_of_the_nearest_of_the_first() -> None:
     watched = returning()
-    stuck(watched, (0.0, 900.0))
+    stuck(watched, (0.0, 900.0), (0.0, 940.0))
     watched.order(RETURN)
     assert watched.look() is OBEYED
-    assert stuck(watched, (0.0, 940.0), (0.0, 930.0), (0.0, 920.0)) == [None] * 3
+    assert stuck(watched, (0.0, 930.0), (0.0, 920.0), (0.0, 910.0)) == [None] * 3
 
 
 def test_what_cannot_be_done_is_told_once() -> None:

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Where zones begin and end on the way of a mission, and how soon the aircraft is there.
+
+The way is walked once, when the mission is loaded (`walk.py`): that finds every border. In flight nothing is left but
+to measure how far it is to the end of the leg, so a look costs little, however many zones there are. Times are those of
+the walk: at the speed that the mission flies, without wind, and without what corners cost.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from itertools import pairwise
+
+from mavproxy_handover.core.model import BorderFact
+from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.walk import Sample, Walk
+
+__all__ = ["WayAhead"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Border:
+    """How far along the way (m), when by the walk (s), and the stations whose zones hold what is behind it."""
+
+    along_m: float
+    time_s: float
+    holding: frozenset[int]
+
+
+class WayAhead:
+    """The way of one mission, with the borders on it."""
+
+    def __init__(self, walk: Walk) -> None:
+        self._alongs = [sample.distance_along_m for sample in walk.samples]
+        self._times = [sample.time_s for sample in walk.samples]
+        #: the end of the way to each item
+        self._ends: dict[int, Sample] = {sample.seq: sample for sample in walk.samples}
+        self._borders = tuple(
+            _Border(after.distance_along_m, after.time_s, after.holding)
+            for before, after in pairwise(walk.samples)
+            if before.holding != after.holding
+        )
+
+    def borders(self, waypoint: int, lat_deg: float, lon_deg: float, within_s: float) -> tuple[BorderFact, ...]:
+        """The borders that are reached within so many seconds, the nearest first, for an aircraft at this place on its
+        way to the item `waypoint`; none if the way has no such item."""
+        end = self._ends.get(waypoint)
+        if end is None:
+            return ()
+        here_m = max(0.0, end.distance_along_m - distance_m(lat_deg, lon_deg, end.lat_deg, end.lon_deg))
+        here_s = self._time_at(here_m)
+        return tuple(
+            BorderFact(number, border.time_s - here_s, border.holding)
+            for number, border in enumerate(self._borders)
+            if border.along_m > here_m and border.time_s - here_s <= within_s
+        )
+
+    def _time_at(self, along_m: float) -> float:
+        """When the walk was so far along; where it stood, or climbed, there: when it went on."""
+        at = bisect_right(self._alongs, along_m) - 1
+        if at + 1 >= len(self._alongs):
+            return self._times[-1]
+        begun_m, ended_m = self._alongs[at], self._alongs[at + 1]
+        part = (along_m - begun_m) / (ended_m - begun_m)
+        return self._times[at] + part * (self._times[at + 1] - self._times[at])

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The borders on a mission's way, and how soon they are reached."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.mission import load
+from mavproxy_handover.mission.crossings import WayAhead
+from mavproxy_handover.mission.geodesy import distance_m
+
+MISSIONS = Path(__file__).parents[2] / "missions"
+FOREVER = 1e9
+
+
+@pytest.fixture(scope="module", params=["delivery", "linear", "corridor", "ridge"])
+def walked(request):
+    package = load(MISSIONS / request.param)
+    walk = package.walk()
+    return package, walk, WayAhead(walk)
+
+
+def changes(walk):
+    """Places of the walk right behind a border."""
+    return [
+        after for before, after in zip(walk.samples, walk.samples[1:], strict=False) if before.holding != after.holding
+    ]
+
+
+def test_from_take_off_all_of_them_are_ahead_in_order(walked):
+    _package, walk, way = walked
+    first = walk.samples[0]
+    seq = next(sample.seq for sample in walk.samples if sample.distance_along_m > 0.0)
+    found = way.borders(seq, first.lat_deg, first.lon_deg, FOREVER)
+    assert [border.holding for border in found] == [sample.holding for sample in changes(walk)]
+    assert [border.number for border in found] == list(range(len(found)))
+    assert [border.in_s for border in found] == sorted(border.in_s for border in found)
+
+
+def test_along_the_way_each_is_as_far_ahead_as_the_walk_has_it_and_gone_behind_it(walked):
+    """Where the aircraft stands or climbs at a place, no more can be said than when it goes on."""
+    _package, walk, way = walked
+    moving = [
+        here
+        for here, after in zip(walk.samples, walk.samples[1:], strict=False)
+        if after.seq == here.seq and after.distance_along_m > here.distance_along_m
+    ]
+    assert len(moving) > 50
+    for here in moving:
+        ahead = [border for border in changes(walk) if border.distance_along_m > here.distance_along_m + 0.5]
+        found = way.borders(here.seq, here.lat_deg, here.lon_deg, FOREVER)
+        near = [border for border in changes(walk) if abs(border.distance_along_m - here.distance_along_m) <= 0.5]
+        assert len(ahead) <= len(found) <= len(ahead) + len(near)
+        for border, expected in zip(reversed(found), reversed(ahead), strict=False):
+            assert border.holding == expected.holding
+            assert border.in_s == pytest.approx(expected.time_s - here.time_s, abs=1.0)
+
+
+def test_beside_the_way_it_is_the_distance_to_the_end_of_the_leg_that_counts(walked):
+    _package, walk, way = walked
+    border = changes(walk)[0]
+    (found, *_) = way.borders(border.seq, border.lat_deg, border.lon_deg - 0.0005, FOREVER)
+    away = distance_m(border.lat_deg, border.lon_deg, border.lat_deg, border.lon_deg - 0.0005)
+    assert 0.0 < found.in_s <= away / 5.0 or found.number > 0
+
+
+def test_what_is_farther_than_asked_for_is_left_out(walked):
+    _package, walk, way = walked
+    first = walk.samples[0]
+    seq = next(sample.seq for sample in walk.samples if sample.distance_along_m > 0.0)
+    every = way.borders(seq, first.lat_deg, first.lon_deg, FOREVER)
+    assert way.borders(seq, first.lat_deg, first.lon_deg, every[0].in_s + 0.1) == every[:1]
+    assert way.borders(seq, first.lat_deg, first.lon_deg, every[0].in_s - 0.1) == ()
+
+
+def test_of_an_item_that_the_way_does_not_have_nothing_is_known(walked):
+    _package, walk, way = walked
+    assert way.borders(999, walk.samples[0].lat_deg, walk.samples[0].lon_deg, FOREVER) == ()
