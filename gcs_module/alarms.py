@@ -74,12 +74,14 @@ EVENTS: Final[Mapping[str, Level]] = {
     "requested": _WARNING,
     "announced": _ADVISORY,
     "asked": _WARNING,
+    "ahead": _INFO,
     "consent": _INFO,
     "set_up": _INFO,
     "released": _INFO,
     "aborted": _ADVISORY,
     "question": _ADVISORY,
     "countdown": _WARNING,
+    "named": _ADVISORY,
     "peer": _INFO,
     "peer_lost": _ADVISORY,
     "zone_left": _ADVISORY,
@@ -133,7 +135,7 @@ class Alarm:
     level: Level
     text: str
     again_at: float
-    acknowledged: bool = False
+    acknowledged: bool
 
 
 class Alarms:

@@ -15,7 +15,7 @@ from typing import Final
 from gcs_module.alarms import Level
 from mavproxy_handover.core.model import FlightAction, Phase
 
-__all__ = ["OLD_S", "Situation", "age", "banner", "tag"]
+__all__ = ["OLD_S", "Situation", "age", "banner", "named", "tag"]
 
 #: what is older than this (s) is said to be
 OLD_S: Final = 3.0
@@ -30,7 +30,9 @@ class Situation:
 
     `heard_s`: how long ago the vehicle was heard, inf: never; `mode`: of the autopilot, "" not known or too old;
     `action`: what is done about what is wrong; `left_s`: what is left for an operator who is asked, inf: nobody is;
-    `alone`: nobody commands because the mission declares a gap there.
+    `alone`: nobody commands because the mission declares a gap there; `ahead`: who is to take the aircraft at a border
+    ahead, `ahead_s`: how soon, `asked`: this station's operator is asked beforehand; `of`: what the station calls the
+    vehicle, "" where there is no other one.
     """
 
     vehicle: str
@@ -43,6 +45,10 @@ class Situation:
     action: FlightAction | None = None
     left_s: float = inf
     alone: bool = False
+    ahead: str = ""
+    ahead_s: float = inf
+    asked: bool = False
+    of: str = ""
 
     @property
     def old(self) -> bool:
@@ -61,6 +67,16 @@ def age(seconds: float) -> str:
 
 def banner(now: Situation) -> tuple[str, Level]:
     """The words of the status row, and how grave they are."""
+    words, level = _banner(now)
+    return named(now.of, words), level
+
+
+def named(name: str, text: str) -> str:
+    """A text with the vehicle's name before it, unless it is in it already; "" always is."""
+    return text if name in text else f"{name}: {text}"
+
+
+def _banner(now: Situation) -> tuple[str, Level]:
     if now.heard_s == inf:
         return f"{now.vehicle}: NOT HEARD YET", Level.INFO
     if now.old:
@@ -79,13 +95,16 @@ def banner(now: Situation) -> tuple[str, Level]:
         return f"HANDOVER -> {now.partner}{left}", Level.WARNING
     if now.action is not None and now.action is not FlightAction.WARN:
         return f"{control} - {now.action.name}", Level.WARNING
+    if now.ahead:
+        words = f"{control} - {now.ahead} IN {max(0.0, now.ahead_s):.0f} s"
+        return (f"{words}: ACCEPT?", Level.WARNING) if now.asked else (words, Level.INFO)
     return f"{control}{mode if flying and now.mode not in _MISSION_MODES else ''}", Level.INFO
 
 
 def tag(now: Situation) -> str:
     """The words in brackets before each line, in the form of the thesis: "ONMISSION", "ONMISSION RTL", "ONMISSION 12 s
-    old"."""
-    words = now.phase.name.replace("_", "")
+    old"; where there are several vehicles "drone-2 ONMISSION"."""
+    words = f"{now.of} {now.phase.name.replace('_', '')}".lstrip()
     if now.phase in _ON_MISSION and now.mode not in _MISSION_MODES:
         words += f" {now.mode}"
     return words if now.heard_s == inf or not now.old else f"{words} {age(now.heard_s)}"

@@ -7,20 +7,21 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
-from MAVProxy.modules.lib import mp_settings
 from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module.alarms import Level
-from gcs_module.banner import Situation
+from gcs_module.banner import Situation, age
+from gcs_module.briefing import BriefingBook
 from gcs_module.core import Answer, Event, StationCore, Wish
 from gcs_module.decisions import Decisions
-from gcs_module.narrator import StationNarrator
+from gcs_module.narrator import FlightNarrator
 from gcs_module.package_desk import PackageDesk
 from gcs_module.route_watch import StationRouteWatch
 from gcs_module.view import View, telemetry_line, telemetry_table
 from mavproxy_handover.config.station import StationConfig
+from mavproxy_handover.core.model import Consent
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, command_long
 from mavproxy_handover.wire.ids import (
     AUTOPILOT_COMPID,
@@ -38,16 +39,23 @@ _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 _WHY_S = 0.4
 
 
+#: what the companion calls a command that it refuses, where that is not the operator's word for it
+_SAID: Final = {"RESUME": ("AUTO", "mode AUTO")}
+
+
 class Host(Protocol):
-    """The module, as far as the operator's commands need it."""
+    """One vehicle's part of the module, as far as the operator's commands need it."""
 
     config: StationConfig
+    sysid: int
+    of: str
     core: StationCore
     desk: PackageDesk
     route: StationRouteWatch
     decisions: Decisions
+    briefing: BriefingBook
     view: View
-    narrator: StationNarrator
+    narrator: FlightNarrator
     faults: Counter[str]
     disarmed: bool
 
@@ -65,20 +73,12 @@ class Host(Protocol):
 
 
 class StationCommands:
-    """The operator's commands. A command to the aircraft is asked again until it is acknowledged."""
+    """The operator's commands to one aircraft. One that goes to it is asked again until it is acknowledged."""
 
-    def __init__(self, module: Host) -> None:
+    def __init__(self, module: Host, settings: Any) -> None:
+        """`settings`: those of `fleet.our_settings`."""
         self._module = module
-        self.settings = mp_settings.MPSettings(
-            [
-                mp_settings.MPSetting(
-                    "telemetry", float, 10.0, "seconds between telemetry lines, 0 = none", range=(0, 3600)
-                ),
-                mp_settings.MPSetting(
-                    "request_timeout", float, 30.0, "seconds the commander has to answer a request", range=(3, 60)
-                ),
-            ]
-        )
+        self.settings = settings
         self._talks: dict[str, Conversation] = {}
         #: refused, and until when words that say why may still come
         self._refused: dict[str, tuple[str, float]] = {}
@@ -96,6 +96,7 @@ class StationCommands:
             ),
             "ack": ("silence the alarms that stand", module.narrator.acknowledged),
             "telemetry": ("all that the vehicle says of the aircraft", self._telemetry),
+            "briefing": ("the aircraft as it was told with the last question", self._briefing),
             "accept": ("answer the question of a handover: yes", lambda: module.operator(Answer(True))),
             "deny": ("answer the question of a handover: no", lambda: module.operator(Answer(False))),
         }
@@ -106,6 +107,10 @@ class StationCommands:
             "override": ("energy|fence|coverage: let commands leave this limit for a minute", self._override),
             "take": ("MISSION: make a mission that another station has offered this station's own", self._take),
         }
+
+    def takes(self, args: list[str]) -> bool:
+        """Whether these words are a command to the aircraft, or about it."""
+        return args[:1] != [] and (args[0] in self._table or args[0] in self._named)
 
     def completions(self) -> list[str]:
         """For MAVProxy's tab completion."""
@@ -155,7 +160,7 @@ class StationCommands:
 
     def _asking(self, command: int, parameters: tuple[float, ...]) -> Asking:
         component = COMPANION_COMPID if command == OPERATOR_CONTROL else AUTOPILOT_COMPID
-        message = command_long((self._module.config.vehicle, component), command, *parameters)
+        message = command_long((self._module.sysid, component), command, *parameters)
         result = yield Ask("the command", (message,), _ack(command), timeout_s=1.5, tries=3)
         if result == mavlink.MAV_RESULT_IN_PROGRESS:
             result = yield Ask("the end of the command", (), _ack(command, final=True), timeout_s=60.0, tries=1)
@@ -197,7 +202,7 @@ class StationCommands:
         now = time.monotonic()
         word = f"OVERRIDE {limit}"
         nonce = int(now * 1e6) & 0xFFFFFFFF  # another one each time it is typed
-        asking = _override_asking(self._module.config.vehicle, number, nonce)
+        asking = _override_asking(self._module.sysid, number, nonce)
         self._talks[word] = Conversation(asking, self._module.to_vehicle, now)
         self._module.narrator.command_sent(word)
 
@@ -214,7 +219,8 @@ class StationCommands:
                 del self._talks[word]
                 self._ended(word, talk, now)
         for word, (outcome, until) in list(self._refused.items()):
-            why = self._module.said(f"{word} refused: ") or self._module.said("Control denied: ")
+            beginnings = [*(f"{said} refused: " for said in _SAID.get(word, (word,))), "Control denied: "]
+            why = next((text for text in map(self._module.said, beginnings) if text), "")
             if why or now >= until:
                 del self._refused[word]
                 text = f"{word} refused: {why.partition(': ')[2] or outcome.replace('_', ' ')}"
@@ -243,10 +249,11 @@ class StationCommands:
     def _share(self) -> None:
         module = self._module
         if module.desk.held is None:
-            module.view.line("There is no mission to share: set mission in [station].")
+            where = "its [[vehicle]]" if module.of else "[station]"
+            module.view.line(f"There is no mission to share: set mission in {where}.")
             return
         now = time.monotonic()
-        module.desk.offer(module.config.vehicle, COMPANION_COMPID, now, until_loaded=True)
+        module.desk.offer(module.sysid, COMPANION_COMPID, now, until_loaded=True)
         for peer in module.config.peers:
             module.desk.offer(peer.station.sysid, 0, now)
         module.view.line(f"Sharing mission {module.desk.held.name!r}.")
@@ -259,9 +266,23 @@ class StationCommands:
         old = module.view.telemetry_age(time.monotonic())
         if old:
             module.view.show(f"telemetry{old}")
+        if module.of:
+            module.view.show(f"vehicle   {module.of}")
         zone = module.core.name(telemetry.zone) if telemetry.zone else "none"
         for row in telemetry_table(telemetry, zone, module.situation().mode):
             module.view.show(row)
+
+    def _briefing(self) -> None:
+        """The last one, however old."""
+        module, book = self._module, self._module.briefing
+        if not book.lines:
+            module.view.show(
+                "briefing  none yet: it comes with the question whether this station will take the aircraft"
+            )
+            return
+        old = age(time.monotonic() - book.at)
+        for line in (*((f"briefing  {old}",) if old else ()), *book.lines):
+            module.view.show(line)
 
     def _take(self, name: str) -> None:
         self._module.view.line(self._module.desk.inbox.take(name, self._module.disarmed))
@@ -269,7 +290,8 @@ class StationCommands:
     def _status(self) -> None:
         module, core, now = self._module, self._module.core, time.monotonic()
         show = module.view.show
-        show(f"vehicle   {'connected' if core.vehicle_alive(now) else 'not heard'}, {core.phase.name}")
+        name = f"{module.of}: " if module.of else ""
+        show(f"vehicle   {name}{'connected' if core.vehicle_alive(now) else 'not heard'}, {core.phase.name}")
         show(f"commander {core.name(core.commander)}, epoch {core.epoch}; this station is {core.role.value}")
         if module.decisions.text:
             show(f"decision  {module.decisions.text}")
@@ -277,6 +299,11 @@ class StationCommands:
             show(f"alarm     {alarm.level.name}: {alarm.text}{' (acknowledged)' if alarm.acknowledged else ''}")
         if core.question is not None:
             show(f"question  handover {core.question.handover_id}: 'handover accept' or 'handover deny'")
+        ahead = core.ahead
+        if ahead is not None:
+            said = {Consent.GRANTED: "accepted", Consent.DENIED: "denied", Consent.WAITING: "to be answered"}
+            pair = f"{core.name(ahead.key.from_station)} -> {core.name(ahead.key.to_station)}"
+            show(f"ahead     {pair} in {max(0.0, ahead.at - now):.0f} s, {said[ahead.consent]}")
         held = module.desk.held
         same = (
             "the vehicle has the same" if core.digest and core.digest == core.vehicle_digest else "the vehicle has not"

@@ -8,7 +8,8 @@ Rules that live here
   there is one order of news: nobody commands yet (the vehicle has restarted and waits for its commander), somebody
   commands, nobody commands any more.
 * A station only answers. It never retransmits: the vehicle asks again, and the same question gets the same answer.
-  What comes late from a transfer before the vehicle's latest is no question any more.
+  What comes late from a transfer before the vehicle's latest, or from one that it has aborted, is no question any
+  more.
 * As partner it answers HANDOVER_REQUEST with ON_HANDOVER, to the commander over the ground link and to the vehicle;
   CONNECT_HANDOVER with DRONE_CONNECTED, likewise. With no ground link to the commander it asks the vehicle to pass
   its word on.
@@ -16,9 +17,11 @@ Rules that live here
   for a transfer it has consented to. What the vehicle passes on it takes at its word. Over the ground link it hears
   this from the partner itself, while it commands, and only of a transfer that the vehicle has announced
   (AUTHORITY_STATUS, or what it passed on): a peer's word speeds up what the vehicle does, and opens or replaces no
-  question.
+  question. One that comes a moment before the vehicle's waits for it.
 * Whoever gets authority says so in the words of a positive exchange of control, "I have drone-1", and who has given it
   away "GCSB has drone-1", when the vehicle says that it is so. The vehicle's name is what it calls itself.
+* Where the vehicle foresees the border at which it will ask, the operator may answer beforehand (`ahead.py`): there his
+  answer stands, until he takes it back, an emergency, or another border.
 * Consent is automatic for the reasons that the configuration names (`automatic`), and the operator's for all others:
   then the answer is "waiting" until there is one. It is the vehicle that says why it asks; what it has not said is no
   reason. The same question for a reason that needs no operator is answered by that.
@@ -32,8 +35,10 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
-from math import inf
+from math import ceil, inf
 
+from gcs_module.ahead import Ahead, Beforehand
+from gcs_module.alarms import Level
 from gcs_module.events import (
     Action,
     Answer,
@@ -54,11 +59,14 @@ from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
     ConnectHandover,
+    CrossingKey,
     DisconnectHandover,
     DroneConnected,
+    HandoverAhead,
     HandoverRequest,
     HandoverResult,
     Message,
+    OkAhead,
     OkHandover,
     OnHandover,
     TransferKey,
@@ -108,6 +116,8 @@ class _Part:
     key: TransferKey
     as_partner: bool
     consent: Consent
+    #: the border for which it is, if that was foreseen; else 0
+    crossing: int
     #: DRONE_CONNECTED was said (partner) or heard (commander)
     connected: bool = False
     #: the operator was told last that so much time is left (s)
@@ -126,6 +136,8 @@ class StationCore:
     VEHICLE_LOST_S = 5.0
     #: how long what the operator asked for stands
     WISH_S = 60.0
+    #: how long a peer's word waits for the vehicle's
+    TOO_SOON_S = 0.125
     #: at so many seconds the operator who has not answered is told what is left
     LEFT_S = (10.0, 5.0)
     #: so long before its end the operator is told that the commander's zone ends; and not again before it was so long
@@ -145,14 +157,17 @@ class StationCore:
         self._peers_up: frozenset[int] = frozenset()
         self._vehicle_heard = -inf
         self._vehicle_lost = True
-        #: whose zone holds the aircraft, the commander's first; and the commander's is about to end
+        #: whose zone holds the aircraft, the commander's first; and the commander whose zone is about to end
         self._zone: int | None = None
-        self._zone_ending = False
+        self._zone_ending: int | None = None
         #: nobody commands because the mission declares a gap there
         self.alone = False
         #: until when an operator who is asked may answer
         self._answer_until = inf
         self._part: _Part | None = None
+        self._beforehand = Beforehand(station.sysid)
+        #: since when the operator is asked what he is asked now
+        self.asked_at = -inf
         #: when a question was last over unanswered, and until when an answer may be meant for that one
         self._unanswered_at = -inf
         self._read_until = -inf
@@ -161,8 +176,13 @@ class StationCore:
         #: the newest transfer that the vehicle has spoken of itself, and the one that it says is under way
         self._latest: TransferKey | None = None
         self._announced: TransferKey | None = None
-        #: why that was begun
-        self._why = Reason.NONE
+        #: the last one that the vehicle has aborted
+        self._over: TransferKey | None = None
+        #: a peer's word of a transfer that the vehicle has not spoken of yet, and until when it counts
+        self._too_soon: OnHandover | None = None
+        self._too_soon_until = -inf
+        #: why that was begun, and for which border
+        self._why, self._crossing = Reason.NONE, 0
         self.digest = b""
         self.vehicle_digest = b""
         self.epoch = 0
@@ -186,8 +206,38 @@ class StationCore:
         part = self._part
         return part.key if part is not None and part.consent is Consent.WAITING else None
 
+    @property
+    def ahead(self) -> Ahead | None:
+        """The border ahead at which this station is to hand the aircraft over, or to take it; None: none is known."""
+        return self._beforehand.ahead
+
+    @property
+    def asked_ahead(self) -> CrossingKey | None:
+        """The border ahead of which this station's operator is asked beforehand."""
+        ahead = self._beforehand.ahead
+        return None if ahead is None or not ahead.waits or self.question is not None else ahead.key
+
+    @property
+    def asked_to_take(self) -> tuple[int, ...] | None:
+        """What this station's operator is asked as the partner's, beforehand or at the border; None: nothing."""
+        matter = self._matter()
+        return matter if matter is not None and matter[1] == self._station.sysid else None
+
+    def _matter(self) -> tuple[int, ...] | None:
+        """What the operator is asked, whether beforehand or at the border; None: nothing."""
+        part, ahead = self._part, self._beforehand.ahead
+        if part is not None and part.consent is Consent.WAITING:
+            key, number = part.key, (part.crossing, -1) if part.crossing else (0, part.key.handover_id)
+            return key.from_station, key.to_station, key.epoch, *number
+        if ahead is None or not ahead.waits:
+            return None
+        return ahead.key.from_station, ahead.key.to_station, ahead.key.epoch, ahead.key.crossing, -1
+
     def answer_left_s(self, now: float) -> float:
         """What is left (s) for an operator who is asked, here or elsewhere; inf: nobody is, as far as is known."""
+        ahead = self._beforehand.ahead
+        if self.partner is None and ahead is not None and ahead.waits:
+            return ahead.at - now
         return self._answer_until - now
 
     def name(self, sysid: int | None) -> str:
@@ -211,16 +261,19 @@ class StationCore:
     def handle(self, event: Event, now: float) -> list[Action]:
         """Take in one event at monotonic time `now` (s); returns what to do, in order."""
         actions: list[Action] = []
-        before = self.question
+        before = self._matter()
+        if now >= self._too_soon_until:
+            self._too_soon = None
         self._take(event, now, actions)
-        if self.question != before:
+        if self._matter() != before:
             self._question_changed(before, isinstance(event, (Answer, Wish)), now)
         return actions
 
-    def _question_changed(self, before: TransferKey | None, answered: bool, now: float) -> None:
+    def _question_changed(self, before: tuple[int, ...] | None, answered: bool, now: float) -> None:
         if before is not None and not answered:
             self._unanswered_at = now
-        if self.question is not None:
+        if self._matter() is not None:
+            self.asked_at = now
             self._read_until = now + READ_S if now - self._unanswered_at < READ_S else -inf
 
     def _take(self, event: Event, now: float, actions: list[Action]) -> None:
@@ -255,21 +308,25 @@ class StationCore:
         for peer in [peer for peer in self._peers_up if not self.peer_alive(peer, now)]:
             self._peers_up -= {peer}
             actions.append(Notice("peer_lost", f"Ground link to {self.name(peer)} is down."))
+        if self._beforehand.lapsed(now):
+            actions.append(Notice("aborted", "The question is over: that border is not expected any more."))
         self._count_down(now, actions)
         return actions
 
     def _count_down(self, now: float, actions: list[Action]) -> None:
         """Tell an operator who has not answered what is left, and what comes of it if he does not."""
-        part = self._part
-        if part is None or part.consent is not Consent.WAITING:
+        part, ahead = self._part, self._beforehand.ahead
+        asked: _Part | Ahead | None = part if self.question is not None else ahead if self._beforehand.waits else None
+        if asked is None:
             return
         left_s = self.answer_left_s(now)
-        due = [at for at in self.LEFT_S if left_s <= at < part.told_left_s]
+        due = [at for at in self.LEFT_S if left_s <= at < asked.told_left_s]
         if due:
-            part.told_left_s = min(due)
+            asked.told_left_s = min(due)
             keeps = "nobody commands it" if self.commander is None else f"{self.name(self.commander)} keeps it"
-            words = f"{max(0.0, left_s):.0f} s left to answer: {self._question_in_words(part)}."
-            actions.append(Notice("countdown", f"{words} Without an answer {keeps}.{self._hint(part.consent)}"))
+            what = f"Without an answer {keeps}" if asked is part else "At the border you are asked again"
+            words = f"{ceil(max(0.0, left_s))} s left to answer: {self._in_words(asked.key)}."
+            actions.append(Notice("countdown", f"{words} {what}.{self._hint(Consent.WAITING)}"))
 
     # ---- the vehicle ----------------------------------------------------------------------------------------------
 
@@ -290,13 +347,15 @@ class StationCore:
                 actions.append(ToVehicle(self._state(message.nonce)))
             case HandoverResult():
                 self._on_result(message, actions)
+            case HandoverAhead():
+                self._on_ahead(message, now, actions)
             case HandoverRequest():
                 self._on_request(message, now, actions)
             case ConnectHandover():
                 self._on_connect_handover(message, now, actions)
             case OnHandover() | DroneConnected():
                 self._as_commander(message, now, actions, of_vehicle=True)
-            case ConnectAck() | OkHandover() | DisconnectHandover():  # what stations say, and no vehicle
+            case ConnectAck() | OkAhead() | OkHandover() | DisconnectHandover():  # what stations say, and no vehicle
                 pass
             case _:
                 assert_never(message)
@@ -319,6 +378,7 @@ class StationCore:
         self._wished_until = -inf  # it was about another commander
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # over, whatever became of it: no question of it is open any more
+        self._beforehand.over()
         if commander is None and self.alone:
             text = f"Nobody commands {self.vehicle_name}: it crosses a gap that its mission declares."
             notice = Notice("authority", text)
@@ -340,6 +400,8 @@ class StationCore:
     def _on_authority(self, event: AuthorityHeard, now: float, actions: list[Action]) -> None:
         self._answer_until = now + event.answer_left_s
         self.alone = event.alone
+        if event.phase is Phase.EMERGENCY and self._beforehand.over():
+            actions.append(Notice("aborted", "The question is over: there is an emergency."))
         if event.phase is not self.phase:
             self.phase = event.phase
             phase = event.phase.name.replace("_", " ").lower()
@@ -348,21 +410,27 @@ class StationCore:
         self._on_zone(event, actions)
         self.partner = event.partner
         self._announced = None
-        if event.commander is not None and event.partner is not None:
-            self._announced = TransferKey(event.commander, event.partner, event.handover_id, event.epoch)
-            self._why = event.why
-            self._supersede(self._announced, actions)
+        if event.partner is not None:
+            self._supersede(event.handover_id, event.epoch, actions)
+            if event.commander is not None:
+                self._announced = TransferKey(event.commander, event.partner, event.handover_id, event.epoch)
+                self._why, self._crossing = event.why, event.crossing
         self._believe(event.commander, event.epoch, actions, over=not event.recovering)
+        word, self._too_soon = self._too_soon, None
+        if word is not None:
+            self._on_peer(word.key.to_station, word, now, actions)
 
     def _on_zone(self, event: AuthorityHeard, actions: list[Action]) -> None:
         """Coverage of whoever commands: about to end, or left."""
         commander, flying = event.commander, event.phase is not Phase.ON_LOAD
         ending = flying and commander is not None and event.zone == commander and event.zone_ends_s <= self.ENDS_S
-        if ending and not self._zone_ending:
+        if ending and self._zone_ending != commander:
             text = f"The zone of {self.name(commander)} ends in {event.zone_ends_s:.0f} s."
             actions.append(Notice("zone_ends", text))
-        again = event.zone == commander and event.zone_ends_s <= self.AGAIN_S
-        self._zone_ending = ending or (self._zone_ending and again)
+        if ending:
+            self._zone_ending = commander
+        elif event.zone != commander or event.zone_ends_s > self.AGAIN_S:
+            self._zone_ending = None
         left = self._zone == commander and commander is not None and event.zone != commander
         if flying and left and commander == self.commander:
             there = f"it is in the zone of {self.name(event.zone)}" if event.zone else "it is in nobody's"
@@ -370,20 +438,22 @@ class StationCore:
             actions.append(Notice("zone_left", text))
         self._zone = event.zone
 
-    def _supersede(self, announced: TransferKey, actions: list[Action]) -> None:
+    def _supersede(self, handover_id: int, epoch: int, actions: list[Action]) -> None:
         """The vehicle is about another transfer: one before it is over, and its question with it."""
         part = self._part
-        if part is None or not part.key.before(announced):
+        if part is None or not part.key.before(replace(part.key, handover_id=handover_id, epoch=epoch)):
             return
         self._part = None
         if part.consent is Consent.WAITING:
             actions.append(Notice("aborted", f"Handover {part.key.handover_id} is over."))
 
     def _on_result(self, message: HandoverResult, actions: list[Action]) -> None:
-        key = message.key
+        key, aborted = message.key, message.outcome is Outcome.ABORTED
+        if aborted:
+            self._over = key
         if self._part is not None and self._part.key.handover_id == key.handover_id:
             self._part = None
-            if message.outcome is Outcome.ABORTED:
+            if aborted:
                 why = message.reason.name.lower().replace("_", " ")
                 actions.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}."))
         self.partner = None
@@ -391,11 +461,12 @@ class StationCore:
         actions.append(ToVehicle(self._state(0)))
 
     def _stale(self, key: TransferKey, *, of_vehicle: bool) -> bool:
-        """Whether this is about a transfer of an older epoch, or one before the vehicle's latest.
+        """Whether this is about a transfer of an older epoch, one before the vehicle's latest, or one aborted.
 
         Only the vehicle's own word makes a transfer the latest: a peer could name any number.
         """
-        if key.epoch < self.epoch or (self._latest is not None and key.before(self._latest)):
+        later = any(latest is not None and key.before(latest) for latest in (self._latest, self._announced))
+        if key.epoch < self.epoch or later or key == self._over:
             return True
         if of_vehicle:
             self._latest = key
@@ -403,30 +474,56 @@ class StationCore:
 
     # ---- as partner -----------------------------------------------------------------------------------------------
 
-    def _consent(self, key: TransferKey, why: Reason, now: float, *, as_partner: bool) -> tuple[Consent, bool]:
-        """This station's answer for a transfer, and whether it is news."""
+    def _consent(
+        self, key: TransferKey, why: Reason, crossing: int, now: float, *, as_partner: bool
+    ) -> tuple[_Part, bool]:
+        """This station's part in a transfer, with its answer, and whether that is news."""
         part, automatic = self._part, QUESTIONS.get(why) in self._automatic
         if part is not None and part.key == key and part.as_partner is as_partner:
             if part.consent is Consent.WAITING and automatic:
                 part.consent = Consent.GRANTED
-                return part.consent, True
-            return part.consent, False
+                return part, True
+            return part, False
         wished = as_partner and now < self._wished_until
         if wished:
             self._wished_until = -inf
+        said = self._beforehand.said(key, why, crossing, as_partner=as_partner)
         consent = Consent.GRANTED if automatic or wished else Consent.WAITING
-        self._part = _Part(key, as_partner, consent)
-        return consent, True
+        self._part = part = _Part(key, as_partner, consent if said is None else said, crossing)
+        self._beforehand.used(key, crossing)
+        return part, True
 
-    def _reason(self, key: TransferKey) -> Reason:
-        """Why the vehicle has begun this transfer, as far as it has said so to everybody."""
-        return self._why if key == self._announced else Reason.NONE
+    def _announced_as(self, key: TransferKey) -> tuple[Reason, int]:
+        """Why the vehicle has begun this transfer, and for which border, as far as it has said so to everybody."""
+        return (self._why, self._crossing) if key == self._announced else (Reason.NONE, 0)
+
+    def _on_ahead(self, message: HandoverAhead, now: float, actions: list[Action]) -> None:
+        """The vehicle foresees a border: this station's operator may answer before it is reached."""
+        if self.phase is Phase.EMERGENCY or not self._beforehand.fits(message, self.epoch, self.commander):
+            return
+        key, partner = message.key, message.key.to_station == self._station.sysid
+        agrees = QUESTIONS[Reason.ZONE] in self._automatic or (partner and now < self._wished_until)
+        known = self._beforehand.ahead
+        other = None if known is None or known.key != key else known.other
+        new = self._beforehand.heard(message, now, agrees=agrees)
+        ahead = self._beforehand.ahead
+        assert ahead is not None
+        actions.append(ToVehicle(OkAhead(key, ahead.consent)))
+        if new:
+            words = f"{self._in_words(key)} in {message.in_s:.0f} s, where the zones of {self.vehicle_name}'s way meet."
+            event = ("requested" if partner else "asked") if ahead.waits else "ahead"
+            actions.append(Notice(event, words + self._hint(ahead.consent)))
+        if ahead.other is Consent.DENIED and other is not Consent.DENIED:
+            denies = self.name(key.from_station if partner else key.to_station)
+            text = f"{denies} has denied it: {self._in_words(key)} will not be."
+            actions.append(Notice("ahead", text, Level.ADVISORY))
 
     def _on_request(self, message: HandoverRequest, now: float, actions: list[Action]) -> None:
         key = message.key
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return
-        consent, new = self._consent(key, message.reason, now, as_partner=True)
+        part, new = self._consent(key, message.reason, message.crossing, now, as_partner=True)
+        consent = part.consent
         if new:
             what = f"Handover requested{_about(message.reason)}"
             text = f"{what}: {self.name(key.from_station)} -> {self._station.name}."
@@ -434,8 +531,8 @@ class StationCore:
             actions.append(Notice(event, text + self._hint(consent)))
         self._say_ready(key, consent, now, actions)
 
-    def _question_in_words(self, part: _Part) -> str:
-        return f"{self.name(part.key.from_station)} -> {self.name(part.key.to_station)}"
+    def _in_words(self, key: TransferKey | CrossingKey) -> str:
+        return f"{self.name(key.from_station)} -> {self.name(key.to_station)}"
 
     @staticmethod
     def _hint(consent: Consent) -> str:
@@ -455,17 +552,16 @@ class StationCore:
             return
         if (self._part is None or self._part.key != key) and key != self._announced:
             return  # this station is new to it, and why it is asked comes with AUTHORITY_STATUS
-        consent, _new = self._consent(key, self._reason(key), now, as_partner=True)
-        if consent is not Consent.GRANTED:
-            self._say_ready(key, consent, now, actions)
+        part, _new = self._consent(key, *self._announced_as(key), now, as_partner=True)
+        if part.consent is not Consent.GRANTED:
+            self._say_ready(key, part.consent, now, actions)
             return
         ground = self.peer_alive(key.from_station, now)
         word = DroneConnected(key, relay=not ground)
         if ground:
             actions.append(ToPeer(key.from_station, word))
         actions.append(ToVehicle(word))
-        part = self._part
-        if part is not None and not part.connected:
+        if not part.connected:
             part.connected = True
             actions.append(Notice("set_up", "Set up as commander: Drone Connected."))
 
@@ -484,9 +580,12 @@ class StationCore:
         if self.role is not Role.COMMANDER or message.key.epoch != self.epoch:
             return
         if message.key not in (self._announced, self._latest):
+            if isinstance(message, OnHandover):  # it may be quicker than what the vehicle says to everybody
+                self._too_soon, self._too_soon_until = message, now + self.TOO_SOON_S
             return
         if isinstance(message, OnHandover):
-            message = replace(message, reason=self._reason(message.key))  # that is the vehicle's to say
+            reason, crossing = self._announced_as(message.key)  # that is the vehicle's to say
+            message = replace(message, reason=reason, crossing=crossing)
         self._as_commander(message, now, actions, of_vehicle=False)
 
     def _as_commander(
@@ -498,12 +597,16 @@ class StationCore:
         if isinstance(message, DroneConnected):
             self._release(key, actions)
             return
-        consent, new = self._consent(key, message.reason, now, as_partner=False)
+        part, new = self._consent(key, message.reason, message.crossing, now, as_partner=False)
+        consent = part.consent
         actions.append(ToVehicle(self._ok(key, consent)))
         if not new:
             return
         if consent is Consent.GRANTED:
             actions.append(Notice("consent", "Handover Authorized."))
+            return
+        if consent is Consent.DENIED:
+            actions.append(Notice("consent", "Handover Denied, as answered beforehand."))
             return
         text = f"{self.name(key.to_station)} is ready to take {self.vehicle_name}{_about(message.reason)}."
         actions.append(Notice("asked", text + self._hint(consent)))
@@ -529,19 +632,44 @@ class StationCore:
         if part is not None and part.consent is Consent.WAITING and part.key.to_station == station:
             self._settle(part, True, now, actions)
             return
+        ahead = self._beforehand.ahead
+        if ahead is not None and ahead.waits and ahead.key.to_station == station:
+            self._settle_ahead(ahead, True, actions)
+            return
         if station == self._station.sysid:
             self._wished_until = now + self.WISH_S
 
     def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
-        part = self._part
-        if part is None or part.consent is not Consent.WAITING:
+        part, ahead = self._part, self._beforehand.ahead
+        asked: _Part | Ahead | None = part if self.question is not None else ahead if self._beforehand.waits else None
+        if asked is None and not self._thinks_again(yes, actions):
             actions.append(Notice("question", "There is no question to answer."))
+        if asked is None:
             return
         if now < self._read_until:
-            text = f"Another question has just taken its place: {self._question_in_words(part)}. Answer that."
+            text = f"Another question has just taken its place: {self._in_words(asked.key)}. Answer that."
             actions.append(Notice("question", text))
             return
-        self._settle(part, yes, now, actions)
+        if isinstance(asked, Ahead):
+            self._settle_ahead(asked, yes, actions)
+        else:
+            self._settle(asked, yes, now, actions)
+
+    def _thinks_again(self, yes: bool, actions: list[Action]) -> bool:
+        """What was said of the border ahead is taken back, or given after all; whether there is anything to change."""
+        ahead, consent = self._beforehand.ahead, Consent.GRANTED if yes else Consent.DENIED
+        if ahead is None or self._part is not None or ahead.consent is consent:
+            return False
+        self._settle_ahead(ahead, yes, actions)
+        return True
+
+    def _settle_ahead(self, ahead: Ahead, yes: bool, actions: list[Action]) -> None:
+        """The operator's answer to the question of the border ahead."""
+        ahead.consent = Consent.GRANTED if yes else Consent.DENIED
+        words = "accepted" if yes else "denied"
+        text = f"{self._in_words(ahead.key)} {words} beforehand; 'handover {'deny' if yes else 'accept'}' changes that."
+        actions.append(Notice("consent", text))
+        actions.append(ToVehicle(OkAhead(ahead.key, ahead.consent)))
 
     def _settle(self, part: _Part, yes: bool, now: float, actions: list[Action]) -> None:
         part.consent = Consent.GRANTED if yes else Consent.DENIED

@@ -79,6 +79,8 @@ class AuthorityHeard:
     alone: bool = False
     #: what is left for an operator who is asked (s); inf: nobody is
     answer_left_s: float = inf
+    #: for which border the transfer under way was begun, if that was foreseen; else 0
+    crossing: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What a station has open: mission package, ground link, signing, journal. All of it, or nothing."""
+"""What a station has open: mission packages, ground link, signing, journal. All of it, or nothing."""
 
 from __future__ import annotations
 
@@ -9,39 +9,68 @@ from dataclasses import dataclass
 from gcs_module.ground import GroundLink
 from gcs_module.signing import LinkSigning
 from mavproxy_handover.clocks import Clocks
-from mavproxy_handover.config.station import StationConfig
+from mavproxy_handover.config.station import FleetVehicle, StationConfig
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.journal import Journal
-from mavproxy_handover.store.keys import load_key
+from mavproxy_handover.store.keys import KeysError, load_key
 
-__all__ = ["Means"]
+__all__ = ["Means", "VehicleMeans"]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleMeans:
+    """What is one vehicle's: the package of its own folder, and the key on its links."""
+
+    held: MissionPackage | None
+    signing: LinkSigning | None
 
 
 @dataclass(frozen=True, slots=True)
 class Means:
     """Opened by `of`, given back by `close`."""
 
-    held: MissionPackage | None
-    signing: LinkSigning | None
+    #: in the order of the configuration
+    vehicles: tuple[VehicleMeans, ...]
     ground: GroundLink
     journal: Journal
 
     @classmethod
     def of(cls, config: StationConfig, clocks: Clocks) -> Means:
         """Open what the configuration names. Raises MissionError, KeysError, LinkError, OSError."""
-        held = None if config.mission is None else mission_package.load(config.mission)
-        signing = None if config.key is None else LinkSigning(load_key(config.key), clocks)
+        keys = _keys(config.vehicles)
+        vehicles = tuple(
+            VehicleMeans(
+                None if vehicle.mission is None else mission_package.load(vehicle.mission),
+                LinkSigning(keys[vehicle.sysid], clocks) if vehicle.sysid in keys else None,
+            )
+            for vehicle in config.vehicles
+        )
         ground = GroundLink(config, clocks)
         try:
-            return cls(held, signing, ground, Journal(config.journal, config.station.name))
+            return cls(vehicles, ground, Journal(config.journal, config.station.name))
         except OSError:
             ground.close()
             raise
 
     def close(self) -> None:
         """Give it all back."""
-        if self.signing is not None:
-            self.signing.release()
+        for vehicle in self.vehicles:
+            if vehicle.signing is not None:
+                vehicle.signing.release()
         self.ground.close()
         self.journal.close()
+
+
+def _keys(vehicles: tuple[FleetVehicle, ...]) -> dict[int, bytes]:
+    """By system id. Raises KeysError, also if two vehicles share one: what goes to one could be played to the other."""
+    keys = {vehicle.sysid: load_key(vehicle.key) for vehicle in vehicles if vehicle.key is not None}
+    owners: dict[bytes, str] = {}
+    for vehicle in vehicles:
+        key = keys.get(vehicle.sysid)
+        if key is not None and owners.setdefault(key, vehicle.called) != vehicle.called:
+            raise KeysError(
+                f"{owners[key]} and {vehicle.called} have the same key: what is sent to one could be played to the "
+                "other; each vehicle needs one of its own"
+            )
+    return keys

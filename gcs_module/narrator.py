@@ -8,33 +8,31 @@ journal (see `store/sampling.py`).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 from gcs_module.alarms import EVENTS, Alarms, Level
 from gcs_module.core import Notice, StationCore
 from gcs_module.texts import Text
 from gcs_module.view import View
-from mavproxy_handover.core.messages import Connect, ConnectAck, Message
+from mavproxy_handover.core.messages import Message, TransferMessage
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.store.journal import Journal
 from mavproxy_handover.store.sampling import Sampler
 from mavproxy_handover.wire import codec
 
-__all__ = ["StationNarrator"]
+__all__ = ["FlightNarrator", "StationNarrator"]
 
 #: far more messages than there are in the worst of handovers: at once, and the interval (s) from then on
 _SAID = (5000, 0.1)
 
 
 class StationNarrator:
-    """Tells the flight as one station sees it."""
+    """Tells what is the station's own, whatever vehicles it has. `tell`: a line for the operator, and its level."""
 
-    def __init__(self, journal: Journal, core: StationCore, view: View) -> None:
+    def __init__(self, journal: Journal, tell: Callable[[str, Level], None]) -> None:
         self._journal = journal
-        self._core = core
-        self._view = view
-        #: what stands, and is said again
-        self.alarms = Alarms()
-        #: by sender or receiver, and link
-        self._samplers: dict[tuple[str, str | None], Sampler] = {}
+        self._tell = tell
 
     def loaded(self, version: str, configuration: str) -> None:
         """The module is loaded."""
@@ -43,12 +41,12 @@ class StationNarrator:
     def ground_open(self) -> None:
         """The ground link has no key."""
         self._journal.write("unsigned_allowed", "frames of the ground link are taken unsigned")
-        self._view.line("WARNING: the ground link has no key: whoever reaches it can speak as another station.")
+        self._tell("WARNING: the ground link has no key: whoever reaches it can speak as another station.", Level.INFO)
 
     def replay_state(self, text: str) -> None:
         """What is remarkable about the replay state that was found."""
         self._journal.write("replay_state", text)
-        self._view.line(text)
+        self._tell(text, Level.INFO)
 
     def unloaded(self) -> None:
         """The module is unloaded; nothing comes after this."""
@@ -63,15 +61,48 @@ class StationNarrator:
         """Something broke."""
         self._journal.write("fault", f"{where}: {text}")
 
+    def link(self, text: str) -> None:
+        """What is wrong with a link, or with who speaks there."""
+        self._journal.write("link", text)
+        self._tell(text, Level.WARNING)
+
+    def notice(self, notice: Notice) -> None:
+        """What several vehicles' rules have to say of another station."""
+        self._journal.write(notice.event, notice.text)
+        self._tell(notice.text, notice.gravity)
+
+
+class FlightNarrator:
+    """Tells one vehicle's flight as a station sees it. `vehicle`: its name in the journal; None: there is no other."""
+
+    def __init__(self, journal: Journal, core: StationCore, view: View, vehicle: str | None = None) -> None:
+        self._journal = journal
+        self._core = core
+        self._view = view
+        self._vehicle = vehicle
+        #: what stands, and is said again
+        self.alarms = Alarms()
+        #: by sender or receiver, and link
+        self._samplers: dict[tuple[str, str | None], Sampler] = {}
+
+    def _write(self, event: str, text: str = "", **values: Any) -> None:
+        self._journal.write(event, text, vehicle=self._vehicle, **values)
+
     def notice(self, notice: Notice, now: float) -> None:
         """What the station's rules have to say."""
-        self._journal.write(notice.event, notice.text, role=self._core.role.value, epoch=self._core.epoch)
+        self._write(notice.event, notice.text, role=self._core.role.value, epoch=self._core.epoch)
         self.alarms.heard(notice.event, notice.gravity, notice.text, now)
         self._view.line(notice.text, notice.gravity)
 
+    def briefing(self, vehicle: str, lines: Sequence[str]) -> None:
+        """What the operator is told of the aircraft with the question whether he will take it."""
+        self._write("briefing", "\n".join(lines))
+        for line in (f"{vehicle} as it is:", *(f"  {line}" for line in lines)):
+            self._view.show(line)
+
     def again(self, now: float) -> None:
         """Say again what stands and was not acknowledged; to be called each second."""
-        if self._core.question is None:
+        if self._core.question is None and self._core.asked_ahead is None:
             self.alarms.end("question")
         if self._core.phase is Phase.ON_LOAD:
             self.alarms.end("commander")
@@ -82,15 +113,15 @@ class StationNarrator:
         """The operator has noticed what stands."""
         alarms = self.alarms.acknowledge()
         for alarm in alarms:
-            self._journal.write("acknowledged", alarm.text, level=alarm.level.name.lower())
+            self._write("acknowledged", alarm.text, level=alarm.level.name.lower())
         told = "; ".join(alarm.text for alarm in alarms)
-        self._view.show(f"acknowledged: {told}" if alarms else "no alarm to acknowledge")
+        self._view.show(f"acknowledged: {told}" if alarms else "no alarm to acknowledge", whose=True)
 
     def text(self, text: Text, now: float) -> None:
         """What the vehicle's companion says in words."""
         if self._sampler("texts", None).take(now) is None:
             return
-        self._journal.write("text", text.words)
+        self._write("text", text.words)
         if text.shown:
             self._view.alert(text.words, text.level)
         else:
@@ -101,7 +132,7 @@ class StationNarrator:
         for (who, via), sampler in self._samplers.items():
             count = sampler.left_out(now)
             if count:
-                self._journal.write("left_out", f"{count} more messages, {who}", station=who, via=via, count=count)
+                self._write("left_out", f"{count} more messages, {who}", station=who, via=via, count=count)
 
     def _sampler(self, who: str, via: str | None) -> Sampler:
         sampler = self._samplers.get((who, via))
@@ -111,37 +142,37 @@ class StationNarrator:
 
     def message(self, direction: str, message: Message, who: str, now: float, via: str | None = None) -> None:
         """A message of a transfer, "in" or "out"; none of others. `via`: None is the vehicle's link."""
-        if isinstance(message, (Connect, ConnectAck)):
+        if not isinstance(message, TransferMessage):
             return
         if self._sampler(who, via).take(now) is not None:
-            self._journal.write("message", direction=direction, station=who, via=via, **codec.values_of(message))
+            self._write("message", direction=direction, station=who, via=via, **codec.values_of(message))
 
     def stream(self, text: str, now: float) -> None:
         """What the vehicle's gate says of this station's sticks and setpoints."""
         if self._sampler("sticks", None).take(now) is not None:
-            self._journal.write("stream", text)
+            self._write("stream", text)
             self._view.line(text, EVENTS["stream"])
 
     def telemetry(self, lat_deg: float, lon_deg: float, zone: str) -> None:
         """Where the vehicle says that the aircraft is."""
-        self._journal.write("telemetry", lat_deg=lat_deg, lon_deg=lon_deg, zone=zone)
+        self._write("telemetry", lat_deg=lat_deg, lon_deg=lon_deg, zone=zone)
 
     def link_chosen(self, address: str) -> None:
         """Another link carries what goes to the vehicle."""
         text = f"link to the vehicle is {address} now"
-        self._journal.write("link", text, link=address, change="switched")
+        self._write("link", text, link=address, change="switched")
         self._view.line(f"{text[:1].upper()}{text[1:]}.")
 
     def package(self, event: str, text: str, who: str) -> None:
         """A mission package was offered, received or sent."""
-        self._journal.write(event, text, station=who)
+        self._write(event, text, station=who)
         self._view.line(f"{who}: {text}")
 
     def command_sent(self, word: str) -> None:
         """The operator's command is on its way."""
-        self._journal.write("command", f"{word} sent", what=word)
+        self._write("command", f"{word} sent", what=word)
 
     def command_ended(self, word: str, outcome: str, text: str) -> None:
         """It was answered, or not."""
-        self._journal.write("command", text, what=word, result=outcome)
+        self._write("command", text, what=word, result=outcome)
         self._view.line(text, Level.INFO if outcome in ("accepted", "pending") else Level.ADVISORY)

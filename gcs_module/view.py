@@ -11,9 +11,9 @@ from math import inf, isfinite
 from typing import Any, Final
 
 from gcs_module.alarms import LOOKS, Level
-from gcs_module.banner import Situation, age, banner, tag
+from gcs_module.banner import Situation, age, banner, named, tag
 
-__all__ = ["View", "telemetry_line", "telemetry_table"]
+__all__ = ["View", "alert", "plain_line", "telemetry_line", "telemetry_table"]
 
 #: words before a line of this level, so that it is grave in a terminal without colours too
 _WORDS: Final = {Level.WARNING: "WARNING: ", Level.EMERGENCY: "EMERGENCY: "}
@@ -51,8 +51,37 @@ def telemetry_table(m: Any, zone_name: str, mode: str) -> list[str]:
     return [f"{name:9} {text}" for name, text in rows]
 
 
+def plain_line(console: Any, who: str, text: str, level: Level) -> None:
+    """One line in the form of the thesis; `who`: what stands in its brackets, behind the time."""
+    look = LOOKS[level]
+    words = f"[{time.strftime('%H:%M:%S')}|{who}]: {_WORDS.get(level, '')}{text}"
+    console.writeln(words, fg=look.colour, bg=look.ground)
+
+
+def _named_commands(text: str, name: str) -> str:
+    """A text that says what to type, so that it may be typed whichever vehicle is chosen."""
+    return text.replace("'handover ", f"'handover -v {name} ") if name else text
+
+
+def alert(text: str, level: Level, speak: Callable[[str], None], ring: Callable[[str], None]) -> None:
+    """What is shown already is heard as well, if its level says so."""
+    look = LOOKS[level]
+    if look.bell:
+        ring(_BELL)
+    if look.spoken:
+        speak(text)
+
+
+def _row_name(now: Situation) -> str:
+    return f"HANDOVER {now.of}".rstrip()
+
+
 class View:
-    """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`. `situation`: what is known now."""
+    """Lines on the console, in the form `[time|GCSA][ONHANDOVER]: text`. `situation`: what is known now; `row`: of the
+    console's status rows.
+
+    Where there are several vehicles every line says which one it is about, and what is spoken too.
+    """
 
     def __init__(
         self,
@@ -61,41 +90,44 @@ class View:
         console: Any,
         speak: Callable[[str], None],
         ring: Callable[[str], None],
+        row: int = 6,
     ) -> None:
         self._situation = situation
         self._name = name
         self._console = console
         self._speak = speak
         self._ring = ring
+        self._row = row
         #: the last HANDOVER_TELEMETRY, and when it came (monotonic s)
         self.last_telemetry: Any | None = None
         self.telemetry_at = -inf
 
     def line(self, text: str, level: Level = Level.INFO) -> None:
         """One line; how it looks and sounds is for its level to say."""
-        look = LOOKS[level]
-        stamp = time.strftime("%H:%M:%S")
-        words = f"[{stamp}|{self._name}][{tag(self._situation())}]: {_WORDS.get(level, '')}{text}"
-        self._console.writeln(words, fg=look.colour, bg=look.ground)
+        now = self._situation()
+        plain_line(self._console, f"{self._name}][{tag(now)}", _named_commands(text, now.of), level)
         self.alert(text, level)
 
     def alert(self, text: str, level: Level) -> None:
         """What is shown already is heard as well, if its level says so."""
-        look = LOOKS[level]
-        if look.bell:
-            self._ring(_BELL)
-        if look.spoken:
-            self._speak(text)
+        alert(named(self._situation().of, text), level, self._speak, self._ring)
 
-    def show(self, text: str) -> None:
-        """A line as it is: the answer to what the operator typed."""
-        self._console.writeln(text)
+    def show(self, text: str, *, whose: bool = False) -> None:
+        """A line as it is: the answer to what the operator typed. `whose`: with the name, if there are several."""
+        of = self._situation().of
+        words = _named_commands(text, of)
+        self._console.writeln(f"{of}: {words}" if of and whose else words)
 
     def status(self) -> None:
         """The status row of MAVProxy's graphical console: what matters most stands first in it."""
-        text, level = banner(self._situation())
+        now = self._situation()
+        text, level = banner(now)
         look = LOOKS[level]
-        self._console.set_status("HANDOVER", text, row=6, fg=look.colour, bg=look.ground)
+        self._console.set_status(_row_name(now), text, row=self._row, fg=look.colour, bg=look.ground)
+
+    def clear(self) -> None:
+        """Nobody keeps the status row true any more."""
+        self._console.set_status(_row_name(self._situation()), "", row=self._row)
 
     def telemetry(self, m: Any, now: float) -> None:
         """A HANDOVER_TELEMETRY has come."""

@@ -115,6 +115,11 @@ def test_other_words_of_the_same_gravity_stay_acknowledged_and_graver_ones_are_s
     assert alarms.due(NOW + 1e6) == (), "milder than what was acknowledged"
 
 
+def test_what_nobody_has_acknowledged_is_said_again_whatever_its_words() -> None:
+    alarms = standing("decision", "decision")
+    assert [alarm.text for alarm in alarms.due(NOW + 10.0)] == ["decision!"]
+
+
 def test_what_is_only_to_be_known_is_said_once() -> None:
     alarms = Alarms()
     alarms.heard("decision", ADVISORY, "guard silent", NOW)

@@ -10,7 +10,7 @@ from math import inf
 import pytest
 
 from gcs_module.alarms import Level
-from gcs_module.banner import Situation, age, banner, tag
+from gcs_module.banner import Situation, age, banner, named, tag
 from mavproxy_handover.core.model import FlightAction, Phase
 
 FLIES = Situation("drone-1", Phase.ON_MISSION, "GCSB", True, "", "AUTO", 0.5)
@@ -43,10 +43,38 @@ FLIES = Situation("drone-1", Phase.ON_MISSION, "GCSB", True, "", "AUTO", 0.5)
         ({"commander": "", "heard_s": 3.1}, "drone-1: NOT HEARD FOR 3 s", Level.WARNING),
         ({"heard_s": 3.0}, "CONTROL: GCSB (you)", Level.INFO),
         ({"heard_s": inf}, "drone-1: NOT HEARD YET", Level.INFO),
+        # somebody commands: that is what counts
+        ({"alone": True}, "CONTROL: GCSB (you)", Level.INFO),
+        ({"ahead": "GCSC", "ahead_s": 29.6}, "CONTROL: GCSB (you) - GCSC IN 30 s", Level.INFO),
+        ({"ahead": "GCSC", "ahead_s": 8.4, "asked": True}, "CONTROL: GCSB (you) - GCSC IN 8 s: ACCEPT?", Level.WARNING),
+        ({"ahead": "GCSC", "ahead_s": 0.4}, "CONTROL: GCSB (you) - GCSC IN 0 s", Level.INFO),
+        ({"ahead": "GCSC", "ahead_s": -2.0}, "CONTROL: GCSB (you) - GCSC IN 0 s", Level.INFO),
+        ({"partner": "GCSC", "left_s": 0.4}, "HANDOVER -> GCSC 0 s", Level.WARNING),
+        ({"of": "drone-2"}, "drone-2: CONTROL: GCSB (you)", Level.INFO),
+        ({"of": "drone-1", "heard_s": inf}, "drone-1: NOT HEARD YET", Level.INFO),
     ],
 )
 def test_banner(changes: dict[str, object], text: str, level: Level) -> None:
     assert banner(replace(FLIES, **changes)) == (text, level)  # type: ignore[arg-type]
+
+
+def test_what_is_not_said_is_not_so() -> None:
+    """Neither is the aircraft this station's, nor is its operator asked."""
+    other = Situation("drone-1", Phase.ON_MISSION, "GCSB", heard_s=0.5, ahead="GCSC", ahead_s=9.0)
+    assert banner(other) == ("CONTROL: GCSB - GCSC IN 9 s", Level.INFO)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "shown"),
+    [
+        ("", "lost", "lost"),
+        ("drone-2", "lost", "drone-2: lost"),
+        ("drone-2", "drone-2 is lost", "drone-2 is lost"),
+        ("", "", ""),
+    ],
+)
+def test_the_name_of_the_vehicle_stands_before_a_text_that_has_it_not(name: str, text: str, shown: str) -> None:
+    assert named(name, text) == shown
 
 
 @pytest.mark.parametrize(
@@ -68,7 +96,15 @@ def test_tag(changes: dict[str, object], text: str) -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0.0, ""), (3.0, ""), (3.4, "3 s old"), (119.0, "119 s old"), (120.0, "2 min old"), (inf, "never heard")],
+    [
+        (0.0, ""),
+        (3.0, ""),
+        (3.4, "3 s old"),
+        (119.0, "119 s old"),
+        (120.0, "2 min old"),
+        (7200.0, "120 min old"),
+        (inf, "never heard"),
+    ],
 )
 def test_age(seconds: float, text: str) -> None:
     assert age(seconds) == text

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 from math import inf
 
@@ -48,56 +49,22 @@ from mavproxy_handover.core.model import (
     Reason,
     Station,
 )
-
-A, B, C = 251, 252, 253
-NAMES = {A: "GCSA", B: "GCSB", C: "GCSC"}
-#: from A to B, number 7, in epoch 3
-KEY = TransferKey(A, B, 7, 3)
-DIGEST = bytes(range(32))
-NOW = 100.0
-
-
-def station(sysid: int, *, asks: bool = False, commander: int | None = A, epoch: int = 3) -> StationCore:
-    """A station that has heard who commands."""
-    peers = tuple(Station(other, name) for other, name in NAMES.items() if other != sysid)
-    core = StationCore(Station(sysid, NAMES[sysid]), "drone", peers, automatic=() if asks else AUTOMATIC)
-    core.handle(AuthorityHeard(Phase.ON_MISSION, commander, None, epoch), NOW)
-    core.handle(VehicleHeard(), NOW)
-    return core
-
-
-def partner(*, asks: bool = False, ground: bool = True) -> StationCore:
-    core = station(B, asks=asks)
-    if ground:
-        core.handle(PeerHeard(A), NOW)
-    return core
-
-
-def announced(core: StationCore, key: TransferKey = KEY) -> StationCore:
-    """The vehicle has said that this transfer is under way."""
-    status = AuthorityHeard(
-        Phase.ON_HANDOVER, key.from_station, key.to_station, key.epoch, key.handover_id, why=Reason.ZONE
-    )
-    core.handle(status, NOW)
-    return core
-
-
-def passed_on(key: TransferKey = KEY) -> OnHandover:
-    """The partner's word, as the vehicle passes it on and says why it asks."""
-    return OnHandover(key, reason=Reason.ZONE, relayed=True)
-
-
-def from_vehicle(core: StationCore, message: Message, now: float = NOW) -> list[Action]:
-    return core.handle(FromVehicle(message), now)
-
-
-def words(actions: list[Action]) -> list[Action]:
-    """What goes out, without what the operator reads."""
-    return [action for action in actions if not isinstance(action, Notice)]
-
-
-def notices(actions: list[Action]) -> list[str]:
-    return [action.text for action in actions if isinstance(action, Notice)]
+from tests.gcs.stations import (
+    DIGEST,
+    KEY,
+    NAMES,
+    NOW,
+    A,
+    B,
+    C,
+    announced,
+    from_vehicle,
+    notices,
+    partner,
+    passed_on,
+    station,
+    words,
+)
 
 
 class TestWhoCommands:
@@ -106,6 +73,7 @@ class TestWhoCommands:
     def test_at_first_nobody(self) -> None:
         core = StationCore(Station(A, "GCSA"), "drone", (), automatic=AUTOMATIC)
         assert (core.commander, core.epoch, core.role) == (None, 0, Role.OBSERVER)
+        assert not core.alone
 
     @pytest.mark.parametrize(
         ("sysid", "commander", "partner", "role"),
@@ -216,6 +184,13 @@ class TestWhoCommands:
             Notice("authority", "GCSC commands, epoch 6.")
         ]
 
+    def test_nobody_on_the_ground_is_no_emergency(self) -> None:
+        core = station(A, commander=C)
+        assert core.handle(AuthorityHeard(Phase.ON_LOAD, None, None, 3), NOW) == [
+            Notice("phase", "drone is on load."),
+            Notice("authority", "nobody commands, epoch 3."),
+        ]
+
     def test_no_peer_can_tell(self) -> None:
         core = station(A)
         for message in (
@@ -258,9 +233,11 @@ class TestPartner:
 
     def test_request(self) -> None:
         core = partner()
-        actions = from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
-        assert words(actions) == [ToPeer(A, OnHandover(KEY)), ToVehicle(OnHandover(KEY))]
-        assert notices(actions) == ["Handover requested (zone): GCSA -> GCSB."]
+        assert from_vehicle(core, HandoverRequest(KEY, Reason.ZONE)) == [
+            Notice("announced", "Handover requested (zone): GCSA -> GCSB."),
+            ToPeer(A, OnHandover(KEY)),
+            ToVehicle(OnHandover(KEY)),
+        ]
 
     def test_connect(self) -> None:
         core = partner()
@@ -328,6 +305,25 @@ class TestPartner:
             ToVehicle(DroneConnected(KEY)),
         ]
 
+    def test_connect_to_what_the_vehicle_has_announced_for_another_station(self) -> None:
+        key = TransferKey(A, C, 7, 3)
+        assert from_vehicle(announced(partner(), key), ConnectHandover(key)) == []
+
+    def test_connect_to_what_was_announced_before_the_last_commit(self) -> None:
+        core = announced(station(B, epoch=4))
+        assert from_vehicle(core, ConnectHandover(KEY)) == []
+
+    def test_connect_to_another_transfer_than_it_has_consented_to(self) -> None:
+        core = partner()
+        from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))
+        assert from_vehicle(core, ConnectHandover(TransferKey(A, B, 8, 3))) == []
+
+    def test_connect_makes_what_was_before_it_late(self) -> None:
+        core = announced(partner(), TransferKey(A, B, 8, 3))
+        from_vehicle(core, ConnectHandover(TransferKey(A, B, 8, 3)))
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW)
+        assert from_vehicle(core, HandoverRequest(KEY, Reason.ZONE)) == []
+
 
 class TestCommander:
     """ON_HANDOVER is answered with OK_HANDOVER; DRONE_CONNECTED with DISCONNECT_HANDOVER, if it has consented."""
@@ -379,6 +375,13 @@ class TestCommander:
         from_vehicle(core, HandoverRequest(key, Reason.ZONE))
         assert from_vehicle(core, DroneConnected(key)) == []
 
+    def test_nor_does_it_speak_for_the_commanders_operator(self) -> None:
+        core = station(A, asks=True)
+        key = TransferKey(A, A, 7, 3)
+        core.handle(Wish(A), NOW)
+        from_vehicle(core, HandoverRequest(key, Reason.REQUESTED))
+        assert words(from_vehicle(core, OnHandover(key))) == [ToVehicle(OkHandover(key, Consent.WAITING))]
+
     def test_not_its_transfer(self) -> None:
         core = announced(station(A))
         for key in (TransferKey(B, C, 7, 3), TransferKey(C, B, 7, 3), TransferKey(A, B, 7, 2)):
@@ -418,8 +421,20 @@ class TestGroundLink:
         core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW)
         assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
 
-    def test_for_another_station(self) -> None:
+    def test_even_where_its_partner_has_spoken(self) -> None:
+        core = announced(station(A))
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW)
+        assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
+
+    def test_a_status_that_names_no_number_announces_none(self) -> None:
         core = station(A)
+        core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, why=Reason.ZONE), NOW)
+        for number in (1, 2, 0xFFFF):
+            assert core.handle(FromPeer(B, OnHandover(TransferKey(A, B, number, 3))), NOW) == []
+
+    def test_for_another_station(self) -> None:
+        core = announced(station(A))
         assert core.handle(FromPeer(C, OnHandover(KEY)), NOW) == []
         core.handle(FromPeer(B, OnHandover(KEY)), NOW)
         assert core.handle(FromPeer(C, DroneConnected(KEY)), NOW) == []
@@ -429,11 +444,46 @@ class TestGroundLink:
         core = station(A)
         assert core.handle(FromPeer(B, OnHandover(TransferKey(A, B, 7, epoch))), NOW) == []
 
+    def test_of_the_epoch_to_come(self) -> None:
+        """The vehicle has passed its partner's word on, but has not said yet that the epoch is another."""
+        core = station(A)
+        key = TransferKey(A, B, 7, 4)
+        from_vehicle(core, passed_on(key))
+        assert core.handle(FromPeer(B, OnHandover(key)), NOW) == []
+
+    ANNOUNCED = AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7, why=Reason.ZONE)
+
+    def test_a_moment_before_the_vehicle_speaks_of_it_waits_for_that(self) -> None:
+        """The ground link may be quicker than the vehicle's: else its retransmission would be waited for."""
+        core = station(A)
+        assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
+        assert words(core.handle(self.ANNOUNCED, NOW + 0.1)) == [ToVehicle(OkHandover(KEY))]
+        assert words(core.handle(self.ANNOUNCED, NOW + 0.2)) == [], "once"
+
+    def test_long_before_it_does_not(self) -> None:
+        core = station(A)
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        assert words(core.handle(self.ANNOUNCED, NOW + StationCore.TOO_SOON_S)) == []
+
+    def test_of_another_transfer_than_the_vehicle_then_speaks_of_is_none(self) -> None:
+        for key in (TransferKey(A, B, 8, 3), TransferKey(A, C, 7, 3)):
+            core = station(A)
+            core.handle(FromPeer(key.to_station, OnHandover(key)), NOW)
+            assert words(core.handle(self.ANNOUNCED, NOW + 0.1)) == []
+
+    def test_what_waits_asks_the_operator_as_the_vehicle_has_it(self) -> None:
+        core = station(A, asks=True)
+        core.handle(FromPeer(B, OnHandover(KEY, reason=Reason.COMMANDER_LOST)), NOW)
+        assert words(core.handle(self.ANNOUNCED, NOW + 0.1)) == [ToVehicle(OkHandover(KEY, Consent.WAITING))]
+        assert core.question == KEY
+
     def test_to_a_station_that_does_not_command(self) -> None:
         core = station(A, commander=C)
         assert core.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
         lost = station(A, commander=None)
         assert lost.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
+        late = announced(station(A, commander=C))
+        assert late.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
 
     def test_what_the_vehicle_passes_on_counts_even_so(self) -> None:
         # the news of its own authority has not come yet
@@ -450,6 +500,22 @@ class TestGroundLink:
         assert notices(core.handle(PeerHeard(B), NOW)) == ["Ground link to GCSB is up."]
         assert core.handle(PeerHeard(B), NOW + 2.9) == []
         assert notices(core.handle(PeerHeard(B), NOW + 6.0)) == ["Ground link to GCSB is up."]
+
+    def test_and_when_it_goes_down(self) -> None:
+        core = station(A)
+        for peer in (B, C):
+            core.handle(PeerHeard(peer), NOW)
+        core.handle(VehicleHeard(), NOW + 3.0)
+        core.handle(PeerHeard(C), NOW + 2.0)
+        assert core.tick(NOW + 2.9) == []
+        assert core.tick(NOW + 3.0) == [Notice("peer_lost", "Ground link to GCSB is down.")]
+        assert core.tick(NOW + 3.0) == []
+
+    def test_every_word_of_a_peer_is_a_sign_of_life(self) -> None:
+        core = station(A)
+        core.handle(FromPeer(B, OnHandover(KEY)), NOW)
+        assert core.peer_alive(B, NOW + 2.9)
+        assert notices(core.handle(PeerHeard(B), NOW + 1.0)) == ["Ground link to GCSB is up."]
 
 
 class TestLate:
@@ -480,6 +546,26 @@ class TestLate:
         assert core.handle(FromPeer(B, DroneConnected(KEY)), NOW) == []
         assert from_vehicle(core, passed_on(later)) == [ToVehicle(OkHandover(later))]
 
+    def test_a_copy_of_what_has_been_aborted_asks_nobody(self) -> None:
+        """Over the slower of two links, or the ground link."""
+        aborted = HandoverResult(KEY, A, Outcome.ABORTED, Reason.LEFT_REGION)
+        taker, commander = partner(asks=True), announced(station(A, asks=True))
+        from_vehicle(taker, HandoverRequest(KEY, Reason.ZONE))
+        from_vehicle(commander, passed_on())
+        for core in (taker, commander):
+            from_vehicle(core, aborted)
+        assert from_vehicle(taker, HandoverRequest(KEY, Reason.ZONE)) == []
+        assert from_vehicle(commander, passed_on()) == []
+        assert commander.handle(FromPeer(B, OnHandover(KEY)), NOW) == []
+        assert (taker.question, commander.question) == (None, None)
+
+    def test_what_the_vehicle_has_announced_is_its_latest(self) -> None:
+        later = TransferKey(A, C, 8, 3)
+        core = announced(station(A, asks=True), later)
+        core.handle(FromPeer(C, OnHandover(later)), NOW)
+        assert from_vehicle(core, passed_on()) == []
+        assert core.question == later
+
     def test_the_number_wraps(self) -> None:
         core = partner()
         from_vehicle(core, HandoverRequest(TransferKey(A, B, 65535, 3)))
@@ -497,6 +583,89 @@ def test_who_crosses_a_declared_gap_alone_is_no_emergency() -> None:
     text = "Nobody commands drone: it crosses a gap that its mission declares."
     alone = AuthorityHeard(Phase.ON_MISSION, None, None, 3, alone=True)
     assert core.handle(alone, NOW) == [Notice("authority", text)]
+    assert core.alone
+
+
+def test_behind_a_declared_gap_somebody_commands_again() -> None:
+    core = station(A)
+    core.handle(AuthorityHeard(Phase.ON_MISSION, None, None, 3, alone=True), NOW)
+    committed = HandoverResult(TransferKey(A, B, 7, 4), B, Outcome.COMMITTED, Reason.ZONE)
+    assert notices(from_vehicle(core, committed)) == ["GCSB commands, epoch 4."]
+
+
+class TestZone:
+    """The operators hear that the commander's zone ends, and that it is left."""
+
+    def heard(self, core: StationCore, zone: int | None = A, ends_s: float = inf, **changes: object) -> list[Action]:
+        """What is told of the zone."""
+        status = AuthorityHeard(Phase.ON_MISSION, A, None, 3, zone=zone, zone_ends_s=ends_s)
+        actions = core.handle(replace(status, **changes), NOW)  # type: ignore[arg-type]
+        return [each for each in actions if isinstance(each, Notice) and each.event.startswith("zone")]
+
+    def ends(self, seconds: int, name: str = "GCSA") -> list[Action]:
+        return [Notice("zone_ends", f"The zone of {name} ends in {seconds} s.")]
+
+    def test_fifteen_seconds_before_it_ends(self) -> None:
+        for core in (station(A), station(B), station(C)):
+            assert self.heard(core, ends_s=15.1) == []
+            assert self.heard(core, ends_s=15.0) == self.ends(15)
+            assert self.heard(core, ends_s=14.5) == []
+
+    def test_to_whom_has_just_been_started_at_once(self) -> None:
+        core = StationCore(Station(A, "GCSA"), "drone", (), automatic=AUTOMATIC)
+        assert self.heard(core, ends_s=4.2) == self.ends(4)
+
+    def test_again_only_when_its_end_was_far(self) -> None:
+        core = station(A)
+        told = [self.heard(core, ends_s=seconds) for seconds in (14.0, 18.0, 14.0, 18.1, 14.0)]
+        assert told == [self.ends(14), [], [], [], self.ends(14)]
+
+    def test_again_when_it_was_left_meanwhile(self) -> None:
+        core = station(A)
+        self.heard(core, ends_s=14.0)
+        self.heard(core, B, ends_s=14.0)
+        assert self.heard(core, ends_s=14.0) == self.ends(14)
+
+    def test_the_next_commanders_zone_may_end_as_soon(self) -> None:
+        core = station(A)
+        self.heard(core, ends_s=14.0)
+        assert self.heard(core, B, 17.0, commander=B, epoch=4) == []
+        assert self.heard(core, B, 14.0, commander=B, epoch=4) == self.ends(14, "GCSB")
+
+    def test_nobodys_zone_ends(self) -> None:
+        core = station(A)
+        assert self.heard(core, B, 9.0) == [], "it is not the commander's"
+        assert self.heard(core, None, 9.0, commander=None) == []
+        assert self.heard(core, A, 9.0, commander=None) == []
+        assert self.heard(core, A, 9.0) == self.ends(9)
+        assert self.heard(core, None, 8.0, commander=None) == []
+
+    def test_not_on_the_ground(self) -> None:
+        core = station(A)
+        self.heard(core, phase=Phase.ON_LOAD)
+        assert self.heard(core, ends_s=9.0, phase=Phase.ON_LOAD) == []
+        assert self.heard(core, B, phase=Phase.ON_LOAD) == []
+
+    @pytest.mark.parametrize(("zone", "where"), [(B, "in the zone of GCSB"), (None, "in nobody's")])
+    def test_when_it_is_left_once(self, zone: int | None, where: str) -> None:
+        core = station(A)
+        assert self.heard(core) == self.heard(core) == []
+        assert self.heard(core, zone) == [Notice("zone_left", f"drone has left the zone of GCSA: it is {where}.")]
+        assert self.heard(core, zone) == []
+
+    def test_who_was_not_in_it_has_not_left_it(self) -> None:
+        core = station(A)
+        assert self.heard(core, None) == self.heard(core, B) == self.heard(core, C) == []
+
+    def test_where_nobody_commands_nothing_is_left(self) -> None:
+        core = station(A, commander=None)
+        assert self.heard(core, None, commander=None) == self.heard(core, B, commander=None) == []
+
+    def test_with_a_commit_nothing_is_left(self) -> None:
+        """The zone of the new commander held it, and what it says now is of the new one's time."""
+        core = station(A)
+        self.heard(core, B)
+        assert self.heard(core, None, commander=B, epoch=4) == []
 
 
 class TestVehicleName:
@@ -768,6 +937,21 @@ class TestReason:
         assert core.handle(Wish(C), NOW) == []
         assert core.question == KEY
 
+    def test_to_accept_so_is_no_wish_for_another_transfer(self) -> None:
+        core = partner(ground=False)
+        from_vehicle(core, HandoverRequest(KEY, Reason.GIVEN))
+        core.handle(Wish(B), NOW)
+        later = TransferKey(A, B, 8, 3)
+        asked = words(from_vehicle(core, HandoverRequest(later, Reason.GIVEN)))
+        assert asked == [ToVehicle(OnHandover(later, Consent.WAITING))]
+
+    @pytest.mark.parametrize("yes", [True, False])
+    def test_to_ask_for_what_has_been_answered_answers_nothing(self, yes: bool) -> None:
+        core = partner(asks=True)
+        from_vehicle(core, HandoverRequest(KEY, Reason.GIVEN))
+        core.handle(Answer(yes), NOW)
+        assert core.handle(Wish(B), NOW) == []
+
     def test_a_peer_cannot_say_why(self) -> None:
         core = station(A)
         core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7, why=Reason.REQUESTED), NOW)
@@ -797,6 +981,19 @@ class TestReason:
         actions = core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, C, 3, 8, why=Reason.ZONE_ENDS), NOW)
         assert "Handover 7 is over." in notices(actions)
         assert core.question is None
+
+    def test_even_where_nobody_commands(self) -> None:
+        core = partner()
+        from_vehicle(core, HandoverRequest(KEY, Reason.GIVEN))
+        actions = core.handle(AuthorityHeard(Phase.EMERGENCY, None, C, 3, 8, why=Reason.COMMANDER_LOST), NOW)
+        assert "Handover 7 is over." in notices(actions)
+        assert core.question is None
+
+    def test_news_of_one_that_is_over_ends_nothing(self) -> None:
+        core = partner()
+        from_vehicle(core, HandoverRequest(KEY, Reason.GIVEN))
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3, 8), NOW)
+        assert core.question == KEY
 
     def test_late_news_of_an_older_one_ends_nothing(self) -> None:
         core = partner()
@@ -866,6 +1063,19 @@ class TestResult:
         core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 4), NOW)
         assert core.question is None
         assert words(core.handle(Answer(True), NOW)) == []
+
+    def test_nobody_is_the_partner_any_more(self) -> None:
+        core = announced(partner())
+        assert core.role is Role.PARTNER
+        from_vehicle(core, HandoverResult(KEY, A, Outcome.ABORTED, Reason.LEFT_REGION))
+        assert (core.partner, core.role) == (None, Role.OBSERVER)
+
+    def test_nobody_may_be_left_to_command(self) -> None:
+        core = station(A)
+        actions = from_vehicle(core, HandoverResult(KEY, None, Outcome.ABORTED, Reason.COMMANDER_LOST))
+        text = "Nobody commands drone. 'handover request' takes over when it is in your zone."
+        assert Notice("no_commander", text) in actions
+        assert core.commander is None
 
     def test_of_another_transfer_leaves_the_question_open(self) -> None:
         core = partner(asks=True)

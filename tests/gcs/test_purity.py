@@ -27,9 +27,20 @@ def imported(path: Path) -> set[str]:
     return found
 
 
-def test_of_what_lies_beside_it_core_imports_the_events_alone() -> None:
-    assert {name for name in imported(FOLDER / "core.py") if name.startswith((".", "gcs_module"))} == {
-        "gcs_module.events"
+def test_of_what_lies_beside_it_core_imports_what_is_as_pure_alone() -> None:
+    beside = {name for name in imported(FOLDER / "core.py") if name.startswith((".", "gcs_module"))}
+    assert beside == {"gcs_module.ahead", "gcs_module.alarms", "gcs_module.events"}
+
+
+def test_what_is_said_beforehand_is_judged_by_the_rules_words_alone() -> None:
+    assert imported(FOLDER / "ahead.py") == {
+        "__future__",
+        "dataclasses",
+        "math",
+        "mavproxy_handover.core.foresight",
+        "mavproxy_handover.core.messages",
+        "mavproxy_handover.core.model",
+        "typing",
     }
 
 

@@ -177,7 +177,7 @@ def station(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Station
     clock = Clock()
     monkeypatch.setattr(station_module, "time", clock)
     monkeypatch.setattr(station_commands, "time", clock)
-    monkeypatch.setattr(station_module, "_last_config", [])
+    monkeypatch.setattr(station_module, "_last", {})
     bench = StationBench(tmp_path, clock)
     assert bench.load() is not None
     yield bench

@@ -15,6 +15,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
+from gcs_module import aircraft as station_aircraft
 from gcs_module import commands as station_commands
 from gcs_module import module as station_module
 from gcs_module import signing as station_signing
@@ -367,7 +368,7 @@ def station(monkeypatch: pytest.MonkeyPatch, clock: BothClocks, tmp_path: Path) 
     """GCSA, with a key. It is not loaded yet."""
     monkeypatch.setattr(station_module, "time", clock)
     monkeypatch.setattr(station_commands, "time", clock)
-    monkeypatch.setattr(station_module, "_last_config", [])
+    monkeypatch.setattr(station_module, "_last", {})
     bench = StationBench(tmp_path, clock)
     write_key(tmp_path / "GCSA.key", KEY)
     bench.config.write_text(bench.config.read_text().replace("sysid = 251", 'sysid = 251\nkey = "GCSA.key"'))
@@ -409,7 +410,7 @@ def test_a_vehicle_that_cannot_prove_itself_is_not_answered(
     ((fault, count),) = station.module.faults.items()
     assert fault.startswith("message of the vehicle: signature ")
     assert count == 1
-    assert station.module.core.commander is None
+    assert station.module.aircraft[0].core.commander is None
 
 
 def test_a_forged_question_does_not_silence_the_vehicle(station: StationBench) -> None:
@@ -525,7 +526,7 @@ def test_a_fault_while_loading_leaves_the_links_unsigned(
         raise RuntimeError("a bug")
 
     with monkeypatch.context() as patch:
-        patch.setattr(station_module.HandoverGcsModule, "_handle", broken)
+        patch.setattr(station_aircraft.Aircraft, "_handle", broken)
         assert station.load() is None
     assert station.mpstate.console.lines[-1] == "handover_gcs is not loaded: internal fault: RuntimeError: a bug"
     assert not sent_by(station.mpstate.mav_master[0])[0][2] & 1

@@ -149,8 +149,9 @@ class Bench:
     def journal(self, event: str | None = None) -> list[dict[str, Any]]:
         """Entries of the journal, of one event or all."""
         assert self.module is None or self.companion.settle(10.0)
-        lines = (self.folder / "companion.jsonl").read_text().splitlines()
-        entries = [json.loads(line) for line in lines]
+        paths = (self.folder / "companion.jsonl", self.folder / "companion-strangers.jsonl")
+        lines = [line for path in paths for line in path.read_text().splitlines()]
+        entries = sorted((json.loads(line) for line in lines), key=lambda entry: entry["t"])
         return [entry for entry in entries if event in (None, entry["event"])]
 
     def close(self) -> None:
@@ -177,8 +178,8 @@ def no_threads(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def first_load(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Every test is the first in its process, and nothing outside it is found."""
-    monkeypatch.setattr(vehicle_module, "_last_config", [])
-    monkeypatch.setattr(gcs_module, "_last_config", [])
+    monkeypatch.setattr(vehicle_module, "_last", {})
+    monkeypatch.setattr(gcs_module, "_last", {})
     monkeypatch.delenv("HANDOVER_CONFIG", raising=False)
     monkeypatch.chdir(tmp_path)
 

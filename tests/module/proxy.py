@@ -42,10 +42,16 @@ class Console:
 
 
 class Master:
-    """The link to the vehicle's side; `write` gets what the module sends there, packed by itself or by `mav`."""
+    """The link to the vehicle's side; `write` gets what the module sends there, packed by itself or by `mav`.
 
-    def __init__(self) -> None:
-        self.address = "udpin:127.0.0.1:14550"
+    `label`: as `--master=DEVICE:{"label":...}` gives it; without one there is no such attribute, as in MAVProxy.
+    """
+
+    def __init__(self, label: str | None = None, address: str = "udpin:127.0.0.1:14550") -> None:
+        self.address = address
+        if label is not None:
+            self.label = label
+        self.linkerror = False
         self.written: list[bytes] = []
         self.broken: Exception | None = None
         self.mav = stock.MAVLink(self, srcSystem=255, srcComponent=230)
@@ -83,8 +89,11 @@ class MPState:
                 MPSetting("link", int, 1),
                 MPSetting("target_system", int, 0, range=(0, 255)),
                 MPSetting("target_component", int, 0, range=(0, 255)),
+                MPSetting("vehicle_name", str, ""),
             ]
         )
+        self.prompts: list[str] = []
+        self.rl = SimpleNamespace(set_prompt=self.prompts.append)
         self.command_map: dict[str, tuple[Callable[[list[str]], None], str]] = {}
         self.completions: dict[str, list[str]] = {"set": ["(SETTING)"]}
         self.completion_functions: dict[str, Any] = {"(SETTING)": self.settings.completion}
@@ -107,6 +116,18 @@ class MPState:
 
     def module(self, name: str) -> Any:
         return self.public_modules.get(name)
+
+    def connect(self, *masters: Master) -> None:
+        """These links and no others, wired as MAVProxy's module `link` does it, which brings the command `vehicle`."""
+        self.mav_master[:] = masters
+        for master in masters:
+            master.mav.set_callback(lambda message, _master: self.deliver(message), master)
+        self.command_map["vehicle"] = (self._choose_vehicle, "set the vehicle")
+
+    def _choose_vehicle(self, args: list[str]) -> None:
+        """MAVProxy sets the first link where no heartbeat of the vehicle has come yet."""
+        self.settings.target_system = int(args[0].split(":")[0])
+        self.settings.link = 1
 
     # ---- commands of MAVProxy -----------------------------------------------------------------------------------
 
@@ -166,8 +187,11 @@ class MPState:
             if not self._call(function, argument):
                 del self.select_extra[descriptor]
 
-    def deliver(self, message: Any) -> None:
-        """A message of the vehicle's side, already decoded by MAVProxy."""
+    def deliver(self, message: Any, master: Master | None = None) -> None:
+        """A message of the vehicle's side, decoded by MAVProxy already; by a link: through that one's callback."""
+        if master is not None:
+            master.mav.callback(message, *master.mav.callback_args, **master.mav.callback_kwargs)
+            return
         for module, _package in list(self.modules):
             self._call(module.mavlink_packet, message)
 

@@ -77,6 +77,26 @@ def test_start_is_refused_while_the_guard_allows_less_than_a_gap_may_take(loaded
     assert loaded.autopilot.commands() == []
 
 
+def test_what_is_set_while_the_parameters_are_read_counts(loaded: Bench) -> None:
+    """The old value was read before it, and the reading ends behind it."""
+
+    def read() -> int:
+        asked = loaded.autopilot.got("PARAM_REQUEST_READ")
+        return sum(m.param_id == "HNDO_ALONE_MAX" for m in asked)
+
+    loaded.run(6.0)
+    loaded.a.send(mavlink.MAVLink_param_set_message(1, 1, b"HNDO_ALONE_MAX", 0.0, 9))
+    loaded.until(lambda: needs(loaded) != (), 3.0)
+    before = read()
+    preflight = loaded.companion.autopilot._preflight
+    preflight.planned(preflight._plan, 60.0)  # it is looked at again
+    loaded.until(lambda: read() > before, 40.0)
+    loaded.run(1.0)
+    loaded.a.send(mavlink.MAVLink_param_set_message(1, 1, b"HNDO_ALONE_MAX", 60.0, 9))
+    loaded.run(8.0)
+    assert needs(loaded) == ()
+
+
 def test_a_guard_of_before_knows_no_gaps(bench: Bench, ridge: MissionPackage) -> None:
     bench.autopilot.position = HOME
     bench.connect()

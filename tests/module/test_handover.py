@@ -24,7 +24,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire import codec
 from tests.module import vehicle
 from tests.module.conftest import Bench
-from tests.module.vehicle import RTL
+from tests.module.vehicle import GUIDED, RTL
 
 START, LAND = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_LAND
 NOT_IN_CONTROL = 10
@@ -103,6 +103,68 @@ def test_authority_moves_where_the_zones_overlap(flight: Bench) -> None:
     assert (status.commander, status.partner, status.epoch, status.lease) == (252, 0, 2, LeaseState.HELD)
     assert flight.autopilot.leases()[-1][1:3] == (1, 252)
     assert flight.autopilot.leases()[-1][6] == 2
+
+
+def test_both_stations_are_told_of_the_border_before_it_is_reached(flight: Bench) -> None:
+    """150 m before B's zone, on the way to waypoint 1."""
+    flight.autopilot.waypoint = 1
+    flight.run(3.0)
+    for station in (flight.a, flight.b):
+        told = station.got("HANDOVER_AHEAD")
+        assert {(m.from_station, m.to_station, m.crossing, m.epoch) for m in told} == {(251, 252, 1, 1)}
+        assert 10 < told[-1].in_s < 40
+        assert (told[-1].commander, told[-1].partner) == (1, 1)  # both have agreed, as their configuration has it
+    (foreseen,) = flight.journal("foreseen")
+    assert foreseen["text"].startswith("GCSA -> GCSB is expected in ")
+    assert [entry["text"] for entry in flight.journal("foreseen_answer")] == [
+        "GCSA agrees to it beforehand",
+        "GCSB agrees to it beforehand",
+    ]
+    hand_over(flight)
+    assert flight.a.got("ON_HANDOVER")[-1].crossing == flight.b.got("HANDOVER_REQUEST")[-1].crossing == 1
+    assert 1 in {status.crossing for status in flight.a.got("AUTHORITY_STATUS")}
+    assert not [entry for entry in flight.journal("message") if "AHEAD" in entry["name"]]
+
+
+def test_the_partners_operator_is_briefed_with_the_question_and_nobody_else(flight: Bench) -> None:
+    flight.autopilot.waypoint = 1
+    flight.run(3.0)
+    assert flight.a.got("HANDOVER_BRIEFING") == []
+    lines = flight.b.got("HANDOVER_BRIEFING")[:6]
+    assert [(m.number, m.line, m.lines) for m in lines] == [(1, line, 6) for line in range(1, 7)]
+    leg, battery, wind, links, alerts, following = [m.text for m in lines]
+    assert "52.67900 5.92400, " in leg
+    assert "above home" in leg
+    assert battery.startswith(("what is left is not known", "100% left"))
+    assert wind == "not known"
+    assert links.startswith("GCSA ")
+    assert "; GCSB " in links
+    assert alerts == "none"
+    assert following.startswith("GCSA -> GCSB in ")
+    flight.run(11.0)
+    assert {m.number for m in flight.b.got("HANDOVER_BRIEFING")} == {1, 2}, "as long as the question is open, anew"
+
+
+def test_what_breaks_in_a_briefing_costs_one_line(flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(type(flight.companion.autopilot.places), "words", lambda _self: 1 / 0)
+    monkeypatch.setattr(type(flight.companion.autopilot.desk), "way_on_wh", lambda _self: 1 / 0)
+    flight.autopilot.waypoint = 1
+    flight.run(3.0)
+    texts = [m.text for m in flight.b.got("HANDOVER_BRIEFING")[:6]]
+    assert texts[1] == "not known (internal fault)"
+    assert "above home" in texts[0]
+    assert flight.companion.faults["briefing"] > 0
+
+
+def test_off_the_mission_nothing_is_foreseen(flight: Bench) -> None:
+    flight.autopilot.waypoint = 1
+    flight.run(3.0)
+    assert flight.a.got("HANDOVER_AHEAD") != []
+    flight.autopilot.mode = GUIDED
+    flight.run(4.0)
+    flight.a.received.clear()
+    flight.run(20.0)
+    assert flight.a.got("HANDOVER_AHEAD") == []
 
 
 def test_who_commands_is_told_to_everybody_once_with_the_number_of_the_handover(flight: Bench) -> None:

@@ -77,14 +77,44 @@ def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(sig
     assert events(entries)["start_sequence"] == 1
     refused = [entry for entry in entries if entry["event"] == "refused"]
     assert 1800 <= len(refused) <= 1900
-    assert sum(path.stat().st_size for path in signed.folder.glob("companion.jsonl*")) < MIB
+    assert sum(path.stat().st_size for path in signed.folder.glob("companion*.jsonl*")) < MIB
     told = [entry for entry in entries if entry["event"] == "left_out"]
     assert 58 <= len(told) <= 61
-    text = f"{told[0]['count']} more entries of GCSA left out: refused frames that nobody proves to be its own"
+    text = f"{told[0]['count']} more entries of GCSA left out: refused frames that somebody sent in its name"
     assert (told[0]["station"], told[0]["text"]) == ("GCSA", text)
     companion.narrator.sum_up(float("inf"))
     left_out = sum(entry["count"] for entry in whole(signed) if entry["event"] == "left_out")
     assert left_out + len(refused) + sum(entry.get("also", 0) for entry in refused) == sent
+
+
+def test_what_strangers_make_us_write_is_apart_and_bounded(signed: SignedBench) -> None:
+    signed.connect()
+    companion = signed.companion
+    port, frames = companion.ports[251], one_of_each(251)
+    own, strangers = companion.journal.path, signed.folder / "companion-strangers.jsonl"
+    companion.settle(10.0)
+    before = own.read_bytes()
+    assert companion._strangers._max_bytes == 8 * MIB
+    companion._strangers._max_bytes = 20_000
+    for second in range(600):
+        port.rejected.append((frames[second % len(frames)], SignatureVerdict.BAD))
+        companion.on_station(port, [], signed.clock.now + second)
+    companion.settle(10.0)
+    refused = b'"event": "refused"'
+    assert own.read_bytes().count(refused) == before.count(refused), "nothing of it is among what matters"
+    assert strangers.with_name("companion-strangers.jsonl.1").exists()
+    assert 0 < strangers.stat().st_size <= 20_000
+
+
+def test_a_program_that_uploads_without_end_is_told_each_second(signed: SignedBench) -> None:
+    signed.connect()
+    narrator, now = signed.companion.narrator, signed.clock.now
+    told = [narrator.upload_refused("GCSA", "mission", "too long", now + tenth / 10) for tenth in range(300)]
+    assert sum(told) == 30
+    entries = signed.journal("upload_refused")
+    assert len(entries) == 30
+    assert [entry.get("also") for entry in entries[:3]] == [None, 9, 9]
+    assert narrator.upload_refused("GCSA", "geofence", "too long", now + 30.0), "another list is another matter"
 
 
 def test_frames_in_anothers_name_are_a_strangers(signed: SignedBench) -> None:

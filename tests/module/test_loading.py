@@ -158,12 +158,12 @@ def test_without_a_configuration_one_line_says_where_it_looked(bench: Bench) -> 
     ("arguments", "line"),
     [
         ({"config": "/nowhere/x.toml"}, "/nowhere/x.toml: no such file"),
-        ({"config": 5}, "argument config: 5 must be the path of a configuration file"),
-        ({"config": ""}, "argument config: '' must be the path of a configuration file"),
-        ({"config": ["x"]}, "argument config: ['x'] must be the path of a configuration file"),
-        ({"config": "a\0b"}, "argument config: 'a\\x00b' must be the path of a configuration file"),
+        ({"config": 5}, "argument config: 5 must be the path of a file"),
+        ({"config": ""}, "argument config: '' must be the path of a file"),
+        ({"config": ["x"]}, "argument config: ['x'] must be the path of a file"),
+        ({"config": "a\0b"}, "argument config: 'a\\x00b' must be the path of a file"),
         ({"config": "~nobody-of-that-name/x"}, "~nobody-of-that-name/x: Could not determine home directory."),
-        ({"confg": "x"}, "unknown argument confg; allowed is: config"),
+        ({"confg": "x"}, "unknown argument confg; allowed are: config, journal"),
     ],
 )
 def test_arguments_that_make_no_sense_are_one_line(bench: Bench, arguments: dict[str, object], line: str) -> None:

@@ -513,6 +513,127 @@ class TestStandard:
         assert questions(standard.a) == []
 
 
+class Oc:
+    """What MAVProxy's coming module `operator_control` does at a station (ArduPilot/MAVProxy pull request 1692).
+
+    `oc request`, `release`, `grant`, `deny`: the command in its layout of 2026, ten seconds to answer; a grant is a
+    request of the owner's own that allows takeover, a denial is one that does not. It acknowledges what it is asked,
+    always, repeats nothing, and believes CONTROL_STATUS.
+    """
+
+    def __init__(self, station: Station, component: int) -> None:
+        self.station = station
+        self._component = component
+        self._seen = len(station.received)
+        #: who has asked for control here
+        self.askers: list[int] = []
+
+    def look(self) -> None:
+        """Take in what has come since the last time."""
+        new, self._seen = self.station.received[self._seen :], len(self.station.received)
+        for message in new:
+            if message.get_type() == "COMMAND_LONG" and message.command == CONTROL:
+                acknowledge(self.station)
+                self.askers.append(int(message.param4))
+
+    def type(self, word: str) -> None:
+        action, takeover = {"request": (1, 0), "grant": (1, 1), "deny": (1, 0), "release": (0, 0)}[word]
+        parameters = (action, takeover, 10.0 if action else 0.0, self.station.sysid)
+        self.station.command(CONTROL, *parameters, component=self._component)
+
+
+@pytest.mark.parametrize("component", [0, 1, 191])
+class TestMavproxysOc:
+    """Its four commands, whatever component it names: the manager, the autopilot, or nobody."""
+
+    @pytest.fixture
+    def flight(self, standard: Bench, component: int) -> Bench:
+        self.a, self.b = Oc(standard.a, component), Oc(standard.b, component)
+
+        def look() -> None:
+            self.a.look()
+            self.b.look()
+
+        standard.each_round = look
+        return standard
+
+    def until_asked(self, flight: Bench) -> None:
+        """The aircraft enters the zone of GCSB, and GCSA's operator is asked."""
+        flight.autopilot.position = IN_BOTH
+        flight.until(lambda: self.a.askers)
+        assert set(self.a.askers) == {252}
+
+    def test_the_owner_is_asked_until_its_program_has_acknowledged_and_grants(self, flight: Bench) -> None:
+        self.until_asked(flight)
+        flight.run(3.0)
+        assert len(questions(flight.a)) <= 2, "it has acknowledged the first"
+        assert flight.companion.view.commander == 251, "to acknowledge is no consent"
+        self.a.type("grant")
+        flight.run(0.3)
+        assert answers(flight.a) == [ACCEPTED]
+        assert control(flight.a) == control(flight.b) == (MANAGER, 252)
+
+    def test_a_request_of_the_other_is_put_to_the_owner(self, flight: Bench) -> None:
+        self.until_asked(flight)
+        flight.b.received.clear()
+        self.b.type("request")
+        flight.run(0.2)
+        assert answers(flight.b) == [FAILED], "the standard's word for: the owner is asked"
+        self.a.type("grant")
+        flight.run(0.3)
+        assert control(flight.b) == (MANAGER, 252)
+
+    def test_what_is_denied_stays(self, flight: Bench) -> None:
+        self.until_asked(flight)
+        self.a.type("deny")
+        flight.run(3.0)
+        assert control(flight.b) == (MANAGER, 251)
+        assert flight.journal("transfer_aborted")[0]["reason"] == "commander_denied"
+
+    def test_who_grants_before_anybody_asks_is_not_asked(self, flight: Bench) -> None:
+        self.a.type("grant")
+        flight.run(0.3)
+        assert control(flight.b) == (MANAGER | TAKEOVER, 251)
+        flight.autopilot.position = IN_BOTH
+        flight.until(lambda: flight.companion.view.commander == 252)
+        assert self.a.askers == []
+
+    def test_a_grant_before_is_taken_back_by_a_denial(self, flight: Bench) -> None:
+        self.a.type("grant")
+        flight.run(0.3)
+        self.a.type("deny")
+        flight.run(0.3)
+        assert control(flight.b) == (MANAGER, 251)
+        self.until_asked(flight)
+
+    def test_a_release_in_flight_waits_for_who_can_take_the_aircraft(self, flight: Bench) -> None:
+        self.a.type("release")
+        flight.run(0.3)
+        assert control(flight.b) == (MANAGER | TAKEOVER, 251), "the aircraft is never left without a commander"
+        flight.autopilot.position = IN_BOTH
+        flight.until(lambda: flight.companion.view.commander == 252)
+        assert self.a.askers == []
+
+    def test_a_release_of_who_does_not_command_changes_nothing(self, flight: Bench) -> None:
+        self.b.type("release")
+        flight.run(0.5)
+        assert control(flight.b) == (MANAGER, 251)
+
+    def test_a_question_that_nobody_answers_ends_by_itself(self, flight: Bench) -> None:
+        self.until_asked(flight)
+        flight.until(lambda: flight.companion.view.partner is None, limit_s=35.0)
+        assert control(flight.b) == (MANAGER, 251)
+
+    def test_it_is_told_not_in_control_once_it_has_asked(self, flight: Bench) -> None:
+        flight.b.command(LAND)
+        flight.run(0.2)
+        self.b.type("request")
+        flight.run(0.2)
+        flight.b.command(LAND)
+        flight.run(0.2)
+        assert flight.b.acks(LAND) == [DENIED, NOT_IN_CONTROL], "it prints UNKNOWN(10), and lives"
+
+
 class TestMixed:
     def test_a_commander_of_the_standard_and_a_partner_of_ours(self, bench: Bench, delivery: MissionPackage) -> None:
         bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')

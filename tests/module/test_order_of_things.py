@@ -41,10 +41,14 @@ def test_after_a_stall_the_first_frame_is_judged_by_the_authority_there_is_now(b
     assert not any(command.get_msgbuf()[10:-2] in raw for raw in bench.mpstate.mav_master[0].written)
 
 
-def position() -> mavlink.MAVLink_message:
-    message = mavlink.MAVLink_global_position_int_message(0, *[1] * 8)
+def packed(message: mavlink.MAVLink_message) -> mavlink.MAVLink_message:
+    """As the autopilot sends it."""
     message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1))
     return message
+
+
+def position() -> mavlink.MAVLink_message:
+    return packed(mavlink.MAVLink_global_position_int_message(0, *[1] * 8))
 
 
 def spied(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> list[str]:
@@ -165,3 +169,52 @@ def test_sticks_are_released_though_they_had_not_been_noted_yet(bench: Bench, en
         bench.companion.handle(events.Tick(), bench.clock.now + 30.0)
     assert bench.companion.view.commander is None
     assert overrides(bench) == [1500, 0]
+
+
+def beats(station: Station) -> list[int]:
+    """The components whose heartbeats it has heard, in this order."""
+    return [m.get_srcComponent() for m in station.received if m.get_type() == "HEARTBEAT" and m.get_srcSystem() == 1]
+
+
+def test_the_first_heartbeat_that_a_station_hears_is_the_autopilots(bench: Bench) -> None:
+    """Flown with MAVSDK 3: it looks for the autopilot when the vehicle is heard first, and never again."""
+    bench.autopilot.silent = True
+    assert bench.load() is not None
+    bench.run(1.3)
+    bench.autopilot.silent = False
+    bench.run(0.5)
+    for station in (bench.a, bench.b):
+        assert beats(station)[:2] == [1, 191]
+
+
+def test_whenever_a_station_begins_to_hear_the_autopilots_heartbeat_is_next(bench: Bench) -> None:
+    """Ours follows it at once: there is hardly a moment at which ours would be the first to be heard."""
+    bench.connect()
+    for place in range(10):
+        bench.run(0.35)
+        bench.b.received.clear()
+        bench.until(lambda: beats(bench.b))
+        assert beats(bench.b)[0] == 1, f"the {place}th time"
+    bench.a.received.clear()
+    bench.run(10.0)
+    heard = beats(bench.a)
+    assert len(heard) > 16
+    assert heard == [1, 191] * (len(heard) // 2)
+
+
+def test_a_companion_whose_autopilot_is_silent_is_heard_all_the_same(bench: Bench) -> None:
+    bench.connect()
+    bench.autopilot.silent = True
+    bench.run(0.5)
+    bench.a.received.clear()
+    bench.run(10.0)
+    assert beats(bench.a) == [191] * 5, "every other second"
+
+
+def test_an_autopilot_that_beats_often_makes_the_companion_beat_no_more(bench: Bench) -> None:
+    bench.connect()
+    bench.each_round = lambda: bench.mpstate.deliver(packed(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3)))
+    bench.a.received.clear()
+    bench.run(9.0)
+    assert beats(bench.a).count(1) > 150
+    assert beats(bench.a).count(191) == 10, "one in 0.9 s"

@@ -79,6 +79,17 @@ def test_on_the_ground_the_list_holds_home_and_that_alone(ready: Bench) -> None:
     assert ready.a.texts() == "", "nobody expects anything else"
 
 
+def test_every_station_hears_twice_a_second_where_a_return_goes(ready: Bench) -> None:
+    for station in (ready.a, ready.b):
+        heard = station.got("AUTHORITY_STATUS")[-1]
+        assert (heard.place, heard.place_lat, heard.place_lon) == ("home", *HOME)
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    fly_to(ready, IN_B, 40.0)
+    heard = ready.b.got("AUTHORITY_STATUS")[-1]
+    assert (heard.place, heard.place_lat, heard.place_lon) == ("rally 2", *RALLY_2)
+
+
 def test_without_a_mission_nobody_touches_it(bench: Bench) -> None:
     bench.connect()
     bench.autopilot.items[RALLY] = []

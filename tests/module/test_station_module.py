@@ -17,6 +17,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from gcs_module import commands as station_commands
 from gcs_module import module as gcs_module
+from gcs_module.briefing import NAMES
 from mavproxy_handover.core.model import Reason
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
@@ -184,9 +185,9 @@ def test_without_a_configuration_one_line_says_where_it_looked(station: StationB
     ("arguments", "line"),
     [
         ({"config": "/nowhere/x.toml"}, "/nowhere/x.toml: no such file"),
-        ({"config": 5}, "argument config: 5 must be the path of a configuration file"),
+        ({"config": 5}, "argument config: 5 must be the path of a file"),
         ({"config": "~nobody-of-that-name/x"}, "~nobody-of-that-name/x: Could not determine home directory."),
-        ({"x": 1}, "unknown argument x; allowed is: config"),
+        ({"x": 1}, "unknown argument x; allowed are: config, journal"),
     ],
 )
 def test_arguments_that_make_no_sense_are_one_line(
@@ -240,6 +241,15 @@ def test_another_vehicle_is_not_answered(station: StationBench) -> None:
     station._companion.srcSystem = 2
     station.hear(connect_message())
     assert station.sent() == []
+
+
+def test_what_a_vehicle_says_about_another_one_is_not_answered(station: StationBench) -> None:
+    station.load()
+    connect = mavlink.MAVLink_connect_message(251, 190, 2, 251, 1, 7, 1, 251, b"drone-2", [0] * 32)
+    station.hear(connect)
+    assert station.sent() == []
+    assert station.module.aircraft[0].core.epoch == 0
+    assert station.module.faults == {"message of the vehicle: about another one": 1}
 
 
 def test_a_handover_is_consented_to_once_and_answered_as_often_as_asked(station: StationBench) -> None:
@@ -330,6 +340,30 @@ def test_drone_connected_over_the_ground_link_releases_the_vehicle(station: Stat
     assert (entry["direction"], entry["via"], entry["station"]) == ("in", "ground", "GCSB")
 
 
+def test_a_word_about_another_vehicle_releases_nothing(station: StationBench) -> None:
+    """The other station may be for several: transfers of two vehicles may have one number."""
+    station.load()
+    station.hear(connect_message())
+    station.hear(mavlink.MAVLink_on_handover_message(*key(), 0, Reason.ZONE, 0))
+    station.sent()
+    word = mavlink.MAVLink_drone_connected_message(251, 190, 2, 251, 252, 3, 1, 0)
+    station.peer.socket.sendto(word.pack(station.peer.own), ("127.0.0.1", station.listens))
+    station.run(0.1)
+    assert station.sent() == []
+    assert station.module.faults == {"ground frame of another vehicle": 1}
+
+
+def test_a_package_of_another_vehicle_is_refused(station: StationBench, delivery: MissionPackage) -> None:
+    station.configure(mission=None)
+    station.load()
+    offer = mavlink.MAVLink_mission_package_message(251, 0, 100, list(delivery.digest), b"delivery", 2)
+    station.peer.socket.sendto(offer.pack(station.peer.own), ("127.0.0.1", station.listens))
+    station.run(0.1)
+    (answer,) = [m for m in station.peer.received() if m.get_type() == "MISSION_PACKAGE_ACK"]
+    refused = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
+    assert (answer.result, answer.text) == (refused, "vehicle 2 is not one of this station's")
+
+
 # ---- the operator -------------------------------------------------------------------------------------------------
 
 
@@ -337,10 +371,11 @@ def test_drone_connected_over_the_ground_link_releases_the_vehicle(station: Stat
 def test_no_word_shows_the_usage(station: StationBench, typed: str) -> None:
     station.load()
     lines = station.mpstate.type(f"handover{typed}")
-    words = "status|share|start|stop|continue|request|release|resume|ack|telemetry|accept|deny|give|override|take|set"
+    words = "status|share|start|stop|continue|request|release|resume|ack|telemetry|briefing|accept|deny"
+    words += "|give|override|take|set"
     assert lines[0] == f"usage: handover <{words}>"
     assert lines[-1] == "  set       NAME VALUE: telemetry = 10.0, request_timeout = 30.0"
-    assert len(lines) == 17
+    assert len(lines) == 18
 
 
 @pytest.mark.parametrize("words", ["foo", "start now", "share all", "Status", "accept maybe", "\x07", "x " * 200])
@@ -355,7 +390,7 @@ def test_unknown_words_are_named_and_the_usage_shown(station: StationBench, word
 def test_completion_offers_words_and_settings(station: StationBench) -> None:
     station.load()
     assert station.mpstate.completions["handover"] == [
-        "<status|share|start|stop|continue|request|release|resume|ack|telemetry|accept|deny>",
+        "<status|share|start|stop|continue|request|release|resume|ack|telemetry|briefing|accept|deny>",
         "give <GCSB>",
         "override <energy|fence|coverage>",
         "take",
@@ -654,7 +689,8 @@ def test_what_breaks_is_counted_and_stops_nothing_else(
 
     station.load()
     with monkeypatch.context() as patch:
-        patch.setattr(station.module, part, broken)
+        owner = station.module.aircraft[0] if part == "_send_package" else station.module
+        patch.setattr(owner, part, broken)
         station.mpstate.type("handover stop")
         station.run(6.0)
         station.hear(connect_message())
@@ -671,7 +707,7 @@ def test_a_fault_in_a_command_is_told_to_the_operator(station: StationBench, mon
 
     station.load()
     with monkeypatch.context() as patch:
-        patch.setattr(station.module.core, "vehicle_alive", broken)
+        patch.setattr(station.module.aircraft[0].core, "vehicle_alive", broken)
         lines = station.mpstate.type("handover status")
     assert lines[-1] == "handover: internal fault, see the journal"
 
@@ -733,7 +769,7 @@ def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(
     for _ in range(3):
         station.hear(decision(2, 255, "OVER: commander lost"))
     assert sum("OVER" in line for line in station.mpstate.console.lines) == 1
-    assert station.module.decisions.text == ""
+    assert station.module.aircraft[0].decisions.text == ""
     assert not any(line.startswith("alarm") for line in station.mpstate.type("handover status"))
 
 
@@ -875,6 +911,17 @@ def test_resume_asks_for_auto_unless_something_is_wrong(station: StationBench) -
     assert station.mpstate.console.said(f"RESUME not sent: {RETURNS}")
 
 
+def test_why_resume_is_refused_is_told_in_one_line(station: StationBench) -> None:
+    """The companion calls it by the mode that it asks for."""
+    station.load()
+    station.mpstate.type("handover resume")
+    station.hear(mavlink.MAVLink_command_ack_message(mavlink.MAV_CMD_DO_SET_MODE, 1, 0, 0, 251, 190), autopilot=True)
+    station.hear(statustext("AUTO refused: leaves coverage in 57 m (item 3)", 4))
+    station.run(1.0)
+    said = [line.partition("]: ")[2] for line in station.mpstate.console.lines if "]: RESUME" in line]
+    assert said == ["RESUME refused: leaves coverage in 57 m (item 3)."]
+
+
 def test_the_end_of_the_zone_and_that_it_was_left_are_told_once(station: StationBench) -> None:
     station.load()
     for zone, ends in ((251, 0), (251, 20), (251, 16), (251, 15), (251, 3), (252, 0), (252, 0), (0, 0)):
@@ -937,3 +984,65 @@ def test_a_word_that_takes_a_name_says_so_without_one(station: StationBench, lin
     station.load()
     (shown,) = station.mpstate.type(f"handover {line}")
     assert shown.startswith(f"usage: handover {line.split(maxsplit=1)[0]} ")
+
+
+# ---- consent with foresight ---------------------------------------------------------------------------------------
+
+
+def ahead(in_s: int = 20, commander: int = 252, partner: int = 251, crossing: int = 1) -> Any:
+    return mavlink.MAVLink_handover_ahead_message(251, 190, 1, commander, partner, crossing, 1, in_s, 0, 0)
+
+
+def briefing(number: int, line: int, text: str, target: int = 251) -> Any:
+    return mavlink.MAVLink_handover_briefing_message(target, 190, number, line, 6, text.encode())
+
+
+LINES = ("to waypoint 3", "84% left", "not known", "GCSB 12 ms; GCSA 9 ms", "none", "GCSB -> GCSA in 20 s")
+
+
+@pytest.fixture
+def asked(station: StationBench) -> StationBench:
+    """GCSB commands; GCSA's operator is told of the border ahead."""
+    station.configure(consent="operator")
+    station.load()
+    station.hear(connect_message(commander=252))
+    station.hear(authority(commander=252, zone=252))
+    station.sent()
+    station.hear(ahead())
+    return station
+
+
+def test_who_is_asked_beforehand_hears_of_it_answers_and_sees_it_in_the_status_row(asked: StationBench) -> None:
+    (word,) = asked.sent()
+    assert (word.get_type(), word.crossing, word.consent) == ("OK_AHEAD", 1, 2)
+    assert asked.mpstate.console.said("GCSB -> GCSA in 20 s, where the zones of drone-1's way meet.")
+    asked.run(1.5)
+    assert asked.mpstate.console.statuses["HANDOVER"] == "CONTROL: GCSB - GCSA IN 19 s: ACCEPT?"
+    assert "ahead     GCSB -> GCSA in " in "\n".join(asked.mpstate.type("handover status"))
+    asked.mpstate.type("handover accept")
+    (word,) = [m for m in asked.sent() if m.get_type() == "OK_AHEAD"]
+    assert word.consent == 0
+    asked.run(1.0)
+    assert asked.mpstate.console.statuses["HANDOVER"] == "CONTROL: GCSB - GCSA IN 18 s"
+    asked.mpstate.type("handover deny")
+    (word,) = [m for m in asked.sent() if m.get_type() == "OK_AHEAD"]
+    assert word.consent == 1
+
+
+def test_with_the_question_the_briefing_is_shown_once(asked: StationBench) -> None:
+    for number in (1, 2):
+        for line, text in enumerate(LINES, 1):
+            asked.hear(briefing(number, line, text))
+        asked.run(1.0)
+    lines = asked.mpstate.console.lines
+    assert lines.count("drone-1 as it is:") == 1
+    assert "  battery   84% left" in lines
+    assert asked.mpstate.type("handover briefing") == [f"{name:9} {t}" for name, t in zip(NAMES, LINES, strict=True)]
+    (entry,) = asked.journal("briefing")
+    assert "next      GCSB -> GCSA in 20 s" in entry["text"]
+
+
+def test_a_briefing_for_another_station_is_not_this_ones(asked: StationBench) -> None:
+    for line, text in enumerate(LINES, 1):
+        asked.hear(briefing(1, line, text, target=252))
+    assert "none yet" in asked.mpstate.type("handover briefing")[0]

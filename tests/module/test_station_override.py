@@ -79,7 +79,7 @@ def test_the_route_check_rests_while_the_mission_is_not_the_package_s(
     delivery: MissionPackage,
 ) -> None:
     bench.hear(connect_message(digest=delivery.digest))
-    route = bench.module.route
+    route = bench.module.aircraft[0].route
     assert route._package is not None
     bench.hear(status(0))
     assert route._package is not None

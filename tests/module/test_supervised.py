@@ -5,7 +5,10 @@
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 import serial
@@ -50,6 +53,58 @@ def test_the_main_loop_gives_ten_signs_a_second(bench: Bench, held: Hold) -> Non
     assert signs() == b"", "to be loaded is no life yet"
     bench.run(2.0)
     assert signs() == b"." * 20
+
+
+@pytest.fixture
+def service_manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], list[bytes]]]:
+    """A service manager with a watchdog of nine seconds; what it returns are the words so far."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(tmp_path / "notify"))
+        listening.setblocking(False)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "9000000")
+        monkeypatch.delenv("WATCHDOG_PID", raising=False)
+
+        def words() -> list[bytes]:
+            found = []
+            with suppress(BlockingIOError):
+                while True:
+                    found.append(listening.recv(4096))
+            return found
+
+        yield words
+
+
+def test_without_a_supervisor_the_service_manager_hears_of_the_main_loop_itself(
+    bench: Bench, service_manager: Callable[[], list[bytes]]
+) -> None:
+    """`handover companion` becomes MAVProxy where it cannot supervise it: the unit is the same."""
+    bench.load()
+    assert service_manager() == [], "to be loaded is no life yet"
+    bench.run(1.0)
+    assert service_manager() == [b"READY=1", b"WATCHDOG=1"]
+    bench.run(9.0)
+    assert service_manager() == [b"WATCHDOG=1"] * 3
+    bench.clock.now += 100.0
+    assert service_manager() == [], "no round of the main loop, no word"
+    bench.mpstate.unload("handover")
+    assert service_manager() == [], "MAVProxy goes on without the module: it is silent, and started anew"
+    bench.load()
+    bench.run(1.0)
+    assert service_manager() == [b"READY=1", b"WATCHDOG=1"]
+    bench.mpstate.status.exit = True
+    bench.mpstate.unload("handover")
+    assert service_manager() == [b"STOPPING=1"]
+
+
+def test_under_a_supervisor_that_one_alone_tells_the_service_manager(
+    bench: Bench, held: Hold, service_manager: Callable[[], list[bytes]]
+) -> None:
+    held()
+    bench.load()
+    bench.run(10.0)
+    bench.mpstate.unload("handover")
+    assert service_manager() == []
 
 
 def test_no_round_of_the_main_loop_no_sign(bench: Bench, held: Hold) -> None:

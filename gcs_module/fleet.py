@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover ...` at a station: whose command it is. With one vehicle it is that one's, and nothing here is seen.
+
+With several `handover -v NAME ...` says so; without it the command is for the vehicle that MAVProxy has chosen
+(`vehicle`), and is refused where that is none of ours: what is typed for one aircraft never goes to another for want of
+a name. `handover status` is a table of all, `handover ack` is for all; -v makes both one vehicle's.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from MAVProxy.modules.lib import mp_settings
+
+from gcs_module.aircraft import Aircraft
+from gcs_module.banner import age
+from gcs_module.choice import VehicleChoice, known, vehicle_of
+
+__all__ = ["Fleet", "our_settings"]
+
+#: what answers a question
+_ANSWERS = ("accept", "deny")
+_HEAD = ("", "vehicle", "commander", "phase", "zone", "links", "alarms", "heard")
+
+
+def our_settings() -> Any:
+    """Those of `handover set`, of the station."""
+    return mp_settings.MPSettings(
+        [
+            mp_settings.MPSetting(
+                "telemetry", float, 10.0, "seconds between telemetry lines, 0 = none", range=(0, 3600)
+            ),
+            mp_settings.MPSetting(
+                "request_timeout", float, 30.0, "seconds the commander has to answer a request", range=(3, 60)
+            ),
+        ]
+    )
+
+
+class Fleet:
+    """All vehicles of a station, as far as what is typed goes. `faults`: the module's, by where they were."""
+
+    def __init__(
+        self,
+        aircraft: Sequence[Aircraft],
+        choice: VehicleChoice,
+        settings: Any,
+        show: Callable[[str], None],
+        faults: Counter[str],
+    ) -> None:
+        self._aircraft = aircraft
+        self._choice = choice
+        self.settings = settings
+        self._show = show
+        self._faults = faults
+        self._several = len(aircraft) > 1
+        self._vehicles = [each.vehicle for each in aircraft]
+
+    def completions(self) -> list[str]:
+        """For MAVProxy's tab completion."""
+        words = self._aircraft[0].commands.completions()
+        names = "|".join(vehicle.name for vehicle in self._vehicles)
+        return [*words, f"-v <{names}>"] if self._several else words
+
+    def run(self, args: list[str]) -> None:
+        """Run one command line."""
+        first = self._aircraft[0].commands
+        if args[:1] == ["-v"] and self._vehicles[0].name:
+            self._of_named(args[1:])
+        elif not self._several:
+            first.run(args)
+        elif args == ["status"]:
+            self._table()
+        elif args == ["ack"]:
+            for each in self._aircraft:
+                each.narrator.acknowledged()
+        elif first.takes(args):
+            self._of_chosen(args)
+        else:
+            first.run(args)  # settings, and the usage
+            if args[:1] != ["set"]:
+                self._show(f"  -v NAME   before the others: for this vehicle; there are {known(self._vehicles)}")
+
+    def _of_named(self, args: list[str]) -> None:
+        vehicle = vehicle_of(args[0], self._vehicles) if args else None
+        if vehicle is None:
+            what = f"no vehicle {args[0]!r}" if args else "which vehicle?"
+            self._show(f"handover -v: {what}; there are {known(self._vehicles)}")
+        elif not self._commands(vehicle.sysid).takes(args[1:]):
+            words = " ".join(args[1:])
+            self._show(
+                f"handover -v {args[0]}: {f'no command {words!r}' if words else 'what?'}; 'handover help' lists them"
+            )
+        else:
+            self._commands(vehicle.sysid).run(args[1:])
+
+    def _of_chosen(self, args: list[str]) -> None:
+        vehicle = self._choice.vehicle
+        if vehicle is not None:
+            if args[0] not in _ANSWERS or not self._asked_elsewhere(vehicle.sysid, args[0]):
+                self._commands(vehicle.sysid).run(args)
+            return
+        words = " ".join(args)
+        self._show(
+            f"handover {words}: for which vehicle? MAVProxy's choice ({self._choice.sysid}) is none of "
+            f"{known(self._vehicles)}: 'vehicle NAME' chooses one, or 'handover -v NAME {words}'"
+        )
+
+    def _asked_elsewhere(self, sysid: int, answer: str) -> bool:
+        """Whether the chosen vehicle asks nothing and another one does: then the operator is told which."""
+        asking = [each for each in self._aircraft if each.core.question or each.core.asked_ahead]
+        if not asking or any(each.sysid == sysid for each in asking):
+            return False
+        words = " or ".join(f"'handover -v {each.of} {answer}'" for each in asking)
+        names = ", ".join(each.of for each in asking)
+        self._show(f"handover {answer}: the question is about {names}: {words}")
+        return True
+
+    def _commands(self, sysid: int) -> Any:
+        return next(each.commands for each in self._aircraft if each.sysid == sysid)
+
+    # ---- all at once ----------------------------------------------------------------------------------------------
+
+    def _table(self) -> None:
+        rows = [_HEAD, *(self._row(each) for each in self._aircraft)]
+        widths = [max(len(row[column]) for row in rows) for column in range(len(_HEAD))]
+        for row in rows:
+            cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+            self._show(" ".join(cells).rstrip())
+        for each in self._aircraft:
+            for alarm in each.narrator.alarms.standing:
+                known_of = " (acknowledged)" if alarm.acknowledged else ""
+                self._show(f"alarm     {each.of}: {alarm.level.name}: {alarm.text}{known_of}")
+        for peer in self._aircraft[0].config.peers:
+            alive = "up" if self._aircraft[0].core.peer_alive(peer.station.sysid, time.monotonic()) else "down"
+            self._show(f"ground    {peer.station.name}: {alive}")
+        if self._faults:
+            self._show("faults    " + ", ".join(f"{where} {count}" for where, count in self._faults.items()))
+
+    def _row(self, each: Aircraft) -> tuple[str, ...]:
+        now = each.situation()
+        alarms = each.narrator.alarms.standing
+        heard = "never" if now.heard_s == float("inf") else age(now.heard_s) or "now"
+        commander = f"{now.commander or 'nobody'}{' (you)' if now.own else ''}"
+        return (
+            "*" if each.sysid == self._choice.sysid else "",
+            each.of,
+            f"{commander} -> {now.partner}" if now.partner else commander,
+            f"{now.phase.name} {now.mode}".rstrip(),
+            each.core.name(each.zone) if each.zone else "none",
+            each.links_in_words(),
+            f"{len(alarms)} {alarms[0].level.name}" if alarms else "none",
+            heard,
+        )

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a station shows of one vehicle on a map: which lines and signs, where, in which colours. Pure.
+
+Theory of operation
+-------------------
+What a mission has to show is worked out once (`survey.py`). What is true at a moment is a `Now`; `drawn` brings both
+together into items by name. An item that is equal to the one before needs no new drawing, and one that is missing is
+to be taken away: that is all that whoever draws has to know.
+
+* A zone has its station's colour, the commander's a broad line. Nobody's is broad where nobody commands.
+* The border ahead has its seconds, at the place of the route where it is expected: the next one between these two
+  stations from where the aircraft is. Where that is not known, the seconds stand in the plate alone.
+* The route is the mission package's. Once the commander flies another one, neither it nor its handovers are shown.
+* The plate, in the corner, has the words of the status row, the border ahead, where a return goes, and what is wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from gcs_module.ahead import Ahead
+from gcs_module.alarms import LOOKS, Level
+from gcs_module.banner import Situation, banner
+from gcs_module.core import StationCore
+from gcs_module.map_items import Colour, Item, Mark, Paths, Plate, Row, Sign
+from gcs_module.survey import Crossing, Ground, ZoneView
+from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.safety.route import TrackFact
+
+__all__ = ["Border", "Now", "drawn", "now_of", "place_of"]
+
+#: of the colours that MAVProxy's console knows by name, those of `alarms.LOOKS`
+_NAMED: Final[Mapping[str, Colour]] = {
+    "black": (0, 0, 0),
+    "blue": (0, 60, 200),
+    "orange": (255, 165, 0),
+    "red": (200, 0, 0),
+    "white": (255, 255, 255),
+}
+_RETURN: Final[Colour] = (0, 105, 40)
+#: widths of lines, in pixels
+_PLAIN, _BROAD = 2, 5
+#: modes in which the autopilot is on its way to the place of a return
+_RETURNS: Final = ("RTL", "SMART_RTL")
+#: a border that was passed by less (m) may still be the one ahead: places are some seconds old
+_PASSED_M: Final = 60.0
+#: words of a decision in a line of the plate
+_PLATE_LETTERS: Final = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Border:
+    """The border ahead: between which stations, by system id, and in words, and in how many whole seconds."""
+
+    from_station: int
+    to_station: int
+    words: str
+    in_s: int
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """What is true of a vehicle at a moment.
+
+    `banner`: the words of the status row; `wrong`: what is wrong and what is done, "": nothing; `place`: name, latitude
+    and longitude of where a return goes, None: not known; `returning`: the aircraft is on its way there; `at`: the item
+    that is flown to and how far along its leg the aircraft is (m), None: not known; `own_route`: the mission package's
+    route is flown.
+    """
+
+    banner: str = ""
+    level: Level = Level.INFO
+    wrong: str = ""
+    commander: int | None = None
+    border: Border | None = None
+    place: tuple[str, float, float] | None = None
+    returning: bool = False
+    at: tuple[int, float] | None = None
+    own_route: bool = True
+
+
+def place_of(m: Any) -> tuple[str, float, float] | None:
+    """Where a return goes by an AUTHORITY_STATUS: name, latitude and longitude (degrees); None: it does not say."""
+    raw: bytes | str = m.place
+    name = raw.decode("utf-8", "replace") if isinstance(raw, bytes) else raw
+    lat_deg, lon_deg = m.place_lat / 1e7, m.place_lon / 1e7
+    on_earth = abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0
+    return (name, lat_deg, lon_deg) if name and name.isprintable() and on_earth else None
+
+
+def now_of(
+    core: StationCore,
+    situation: Situation,
+    decision: str,
+    place: tuple[str, float, float] | None,
+    track: TrackFact | None,
+    now: float,
+    *,
+    own_route: bool,
+) -> Now:
+    """What is to be shown of what a station knows. `decision`: the vehicle's sentence of what is wrong; `track`: where
+    the aircraft is on its leg. `now` is monotonic seconds."""
+    words, level = banner(situation)
+    ahead = core.ahead
+    return Now(
+        words,
+        level,
+        decision,
+        core.commander,
+        None if ahead is None else _border(core, ahead, now),
+        place,
+        situation.mode in _RETURNS or situation.action is FlightAction.RETURN,
+        None if track is None else (track.seq, track.along_m),
+        own_route,
+    )
+
+
+def _border(core: StationCore, ahead: Ahead, now: float) -> Border:
+    key = ahead.key
+    words = f"{core.name(key.from_station)} -> {core.name(key.to_station)}"
+    return Border(key.from_station, key.to_station, words, max(0, math.ceil(ahead.at - now)))
+
+
+def drawn(ground: Ground | None, now: Now, number: int = 0) -> dict[str, Item]:
+    """All that is to be seen now, by name. `ground` None: there is no mission, or it is still being looked at;
+    `number`: of the vehicle, for its plate."""
+    found: dict[str, Item] = {}
+    if ground is not None:
+        for zone in ground.zones:
+            commands = zone.station == now.commander
+            outline = Paths(zone.outline, zone.colour, _BROAD if commands else _PLAIN, edged=commands)
+            found[f"zone {zone.station}"] = outline
+            words = (f"{zone.words[0]} COMMANDS", *zone.words[1:]) if commands else zone.words
+            found[f"name {zone.station}"] = _name(zone, words, commands=commands)
+        found["overlaps"] = ground.overlaps
+        if now.own_route:
+            found |= ground.route
+            found |= _crossings(ground, now)
+    if now.place is not None:
+        found["return"] = _return(now.place, returning=now.returning)
+    found["plate"] = Plate(tuple(_rows(now)), number)
+    return found
+
+
+def _name(zone: ZoneView, words: tuple[str, ...], *, commands: bool) -> Sign:
+    on = _on(zone.colour)
+    if commands:
+        return Sign(zone.name_at, words, on, plate=zone.colour)
+    return Sign(zone.name_at, words, zone.colour if on == _NAMED["white"] else on)
+
+
+def _crossings(ground: Ground, now: Now) -> Iterator[tuple[str, Item]]:
+    ahead = _ahead(ground, now)
+    for each in ground.crossings:
+        sign = Sign(each.place, (f"{each.number}",), _on(each.colour), Mark.DIAMOND, each.colour)
+        if each is ahead and now.border is not None:
+            words = _counted(now.border)
+            sign = replace(sign, words=(words,), colour=_NAMED["black"], plate=_NAMED["orange"])
+        yield f"handover {each.number}", sign
+
+
+def _ahead(ground: Ground, now: Now) -> Crossing | None:
+    border = now.border
+    if border is None or now.at is None:
+        return None
+    seq, along_m = now.at
+    begins_m = ground.begins_m.get(seq)
+    if begins_m is None:
+        return None
+    from_m = begins_m + max(0.0, along_m) - _PASSED_M
+    pair = border.from_station, border.to_station
+    fitting = (each for each in ground.crossings if (each.from_station, each.to_station) == pair)
+    return next((each for each in fitting if each.along_m >= from_m), None)
+
+
+def _return(place: tuple[str, float, float], *, returning: bool) -> Sign:
+    name, lat_deg, lon_deg = place
+    if returning:
+        return Sign((lat_deg, lon_deg), (f"RETURNS TO {name}",), _NAMED["white"], Mark.STAR, _NAMED["red"])
+    return Sign((lat_deg, lon_deg), (f"return: {name}",), _RETURN, Mark.STAR)
+
+
+def _rows(now: Now) -> Iterator[Row]:
+    look = LOOKS[now.level]
+    yield Row(now.banner, _NAMED[look.colour], _NAMED[look.ground])
+    for words in _folded(now.wrong):
+        yield Row(words, _NAMED[look.colour], _NAMED[look.ground])
+    if now.border is not None:
+        words = _counted(now.border)
+        yield Row(words, _NAMED["black"], _NAMED["orange"])
+    if now.place is not None and now.returning:  # the place of the decision may have been given up since
+        yield Row(f"returns to {now.place[0]}", _NAMED["white"], _NAMED["red"])
+    elif now.place is not None:
+        yield Row(f"a return goes to {now.place[0]}", _NAMED["black"], _NAMED["white"])
+
+
+def _folded(text: str) -> Iterator[str]:
+    line = ""
+    for word in text.split():
+        if line and len(line) + 1 + len(word) > _PLATE_LETTERS:
+            yield line
+            line = ""
+        line = f"{line} {word}".strip()
+    if line:
+        yield line
+
+
+def _counted(border: Border) -> str:
+    return f"{border.words} {f'in {border.in_s} s' if border.in_s > 0 else 'now'}"
+
+
+def _on(colour: Colour) -> Colour:
+    """Black or white, whichever is read better on a colour."""
+    red, green, blue = colour
+    return _NAMED["white"] if 0.299 * red + 0.587 * green + 0.114 * blue < 140.0 else _NAMED["black"]

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""How the items of `map_items.py` look on MAVProxy's map: objects of ours, drawn in the map's own process.
+
+MAVProxy's polygons and labels do for most of it, but not for holes, for letters that are read on any picture of the
+ground, and for what lies on the other side of the 180th meridian: there its map takes the long way around the earth.
+
+Only to be imported where a map is loaded: it needs what that needs (OpenCV). wx it does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+from typing import Any, Final
+
+import cv2
+from MAVProxy.modules.mavproxy_map.mp_slipmap_util import SlipObject
+
+from gcs_module.map_items import Colour, Item, Line, Mark, Paths, Place, Plate, Sign
+from mavproxy_handover.mission.geodesy import beside_deg
+
+__all__ = ["slip_object"]
+
+_FONT: Final = cv2.FONT_HERSHEY_SIMPLEX
+_SIZE, _PLATE_SIZE = 0.45, 0.5
+_EDGE: Final[Colour] = (255, 255, 255)
+#: pixels: around letters on a plate, between lines, half a mark, from the corner, from one plate to the next
+_AROUND, _BETWEEN, _HALF, _CORNER, _NEXT_PLATE = 4, 5, 7, 8, 110
+#: farther outside than this (pixels) nothing is drawn: OpenCV counts in 32 bits
+_FAR: Final = 1 << 24
+
+_Bounds = tuple[float, float, float, float]
+_Pixels = Callable[[Place], tuple[int, int]]
+
+
+def slip_object(key: str, layer: str, item: Item) -> Any:
+    """The object for MAVProxy's map that shows an item."""
+    if isinstance(item, Paths):
+        return SlipPaths(key, layer, item)
+    return SlipSign(key, layer, item) if isinstance(item, Sign) else SlipPlate(key, layer, item)
+
+
+def _beside(place: Place, bounds: _Bounds) -> Place:
+    """The place, counted to the side of the 180th meridian where the view is: `bounds` are south, west, height and
+    width."""
+    return place[0], beside_deg(place[1], bounds[1] + bounds[3] / 2.0)
+
+
+class SlipPaths(SlipObject):
+    """Lines."""
+
+    def __init__(self, key: str, layer: str, item: Paths) -> None:
+        super().__init__(key, layer)
+        self.item = item
+
+    def draw(self, img: Any, pixmapper: _Pixels, bounds: _Bounds) -> None:
+        """Called by the map."""
+        item = self.item
+        pieces = [piece for line in item.lines for piece in _pieces(line, img, pixmapper, bounds)]
+        if item.edged:
+            for start, end in pieces:
+                cv2.line(img, start, end, _EDGE, item.width + 3, cv2.LINE_AA)
+        for start, end in pieces:
+            cv2.line(img, start, end, item.colour, item.width, cv2.LINE_AA)
+
+
+def _pieces(
+    line: Line, img: Any, pixmapper: _Pixels, bounds: _Bounds
+) -> Iterable[tuple[tuple[int, int], tuple[int, int]]]:
+    """The pieces of a line that are to be seen."""
+    height, width = img.shape[:2]
+    points = [pixmapper(_beside(place, bounds)) for place in line]
+    for start, end in pairwise(points):
+        if max(map(abs, (*start, *end))) < _FAR:
+            seen, first, last = cv2.clipLine((0, 0, width, height), start, end)
+            if seen:
+                yield first, last
+
+
+class SlipSign(SlipObject):
+    """Words at a place."""
+
+    def __init__(self, key: str, layer: str, item: Sign) -> None:
+        super().__init__(key, layer)
+        self.item = item
+
+    def draw(self, img: Any, pixmapper: _Pixels, bounds: _Bounds) -> None:
+        """Called by the map."""
+        item = self.item
+        x, y = pixmapper(_beside(item.place, bounds))
+        if max(abs(x), abs(y)) >= _FAR:
+            return
+        if item.mark is not Mark.NONE:
+            look = cv2.MARKER_DIAMOND if item.mark is Mark.DIAMOND else cv2.MARKER_STAR
+            inside = item.colour if item.plate == _EDGE else item.plate
+            cv2.drawMarker(img, (x, y), _EDGE, look, 2 * _HALF + 2, 5, cv2.LINE_AA)
+            cv2.drawMarker(img, (x, y), inside, look, 2 * _HALF, 2, cv2.LINE_AA)
+            y += _HALF + 2 * _AROUND
+        for words in item.words:
+            (wide, high), _below = cv2.getTextSize(words, _FONT, _SIZE, 1)
+            left, base = x - wide // 2, y + high
+            # no edges around letters: OpenCV 5 sets broad ones in another type, which is wider
+            corners = (left - _AROUND, y - _AROUND), (left + wide + _AROUND, base + _AROUND)
+            cv2.rectangle(img, *corners, item.plate, -1)
+            cv2.putText(img, words, (left, base), _FONT, _SIZE, item.colour, 1, cv2.LINE_AA)
+            y += high + _BETWEEN + _AROUND
+
+
+class SlipPlate(SlipObject):
+    """Lines in the corner, wherever the map is."""
+
+    def __init__(self, key: str, layer: str, item: Plate) -> None:
+        super().__init__(key, layer)
+        self.item = item
+
+    def draw(self, img: Any, pixmapper: _Pixels, bounds: _Bounds) -> None:
+        """Called by the map."""
+        y = _CORNER + self.item.number * _NEXT_PLATE
+        sizes = [cv2.getTextSize(row.words, _FONT, _PLATE_SIZE, 1)[0] for row in self.item.rows]
+        wide = max((size[0] for size in sizes), default=0) + 2 * _AROUND
+        for row, (_width, high) in zip(self.item.rows, sizes, strict=True):
+            below = y + high + 2 * _AROUND + 2
+            cv2.rectangle(img, (_CORNER, y), (_CORNER + wide, below), row.ground, -1)
+            cv2.putText(
+                img,
+                row.words,
+                (_CORNER + _AROUND, y + high + _AROUND),
+                _FONT,
+                _PLATE_SIZE,
+                row.colour,
+                1,
+                cv2.LINE_AA,
+            )
+            y = below
