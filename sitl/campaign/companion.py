@@ -53,11 +53,13 @@ _LOST: Final = in_ticks(Limits().heartbeat_lost_s)
 _UNANSWERED: Final = in_ticks(Limits().connect_lost_s)
 #: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks, and pauses
 _LONG_S: Final = 8.0
+#: the same on the ground, where who is there and what is loaded is all that counts
+_ON_GROUND_S: Final = 2.5
 #: entries of the journal behind which less than that has to be waited for, or more: how long (s), and the pauses that
 #: begin with them
 _STIRS: Final[Mapping[str, tuple[float, tuple[float, ...]]]] = {
     **dict.fromkeys(("station_heard", "connected", "zone_entered", "partner_unfit"), (1.5, ())),
-    "zone_left": (4.0, ()),
+    **dict.fromkeys(("start", "started", "zone_left"), (4.0, ())),
     **dict.fromkeys(("transfer_begun", "step", "candidate", "transfer_raised"), (2.5, (1.0,))),
     "transfer_committed": (6.0, (5.0,)),
     "transfer_aborted": (11.0, (2.0, 10.0)),
@@ -91,6 +93,7 @@ class Companion:
             Zone(each.sysid, each.name, ZoneCircle(*on_earth(each.zone.x_m, each.zone.y_m), each.zone.radius_m))
             for each in plan.stations
         )
+        self._way = tuple(on_earth(spot.x_m, spot.y_m) for spot in plan.way)
         self._finder = ZoneFinder(self._zones)
         self._route = RouteCheck(RouteLimits())
         self._nonce = 1
@@ -112,7 +115,8 @@ class Companion:
         self.view = AuthorityView()
         #: what was said last of mode and motion, which is said again only where every step is made
         self._told: dict[type, object] = {}
-        self._flew = False
+        #: whether it flew at the last heartbeat, and what
+        self._flew, self._mode = False, Mode.GROUND
         self._start(0)
 
     # ---- its life ---------------------------------------------------------------------------------------------------
@@ -127,7 +131,7 @@ class Companion:
             self._log.broken.append((now, f"a restart gives what it must not: {error}"))
         self._signs = events.SignsSeen()
         self._told.clear()
-        self._flew = False
+        self._flew, self._mode = False, Mode.GROUND
         self.desk = Desk(self._plan, self._aircraft, self._zones, CommandRules())
         self.places = Places(self._plan, self._aircraft, self._zones)
         self._route = RouteCheck(RouteLimits())
@@ -242,7 +246,8 @@ class Companion:
                 self._log.note(now, action.text)
             case events.Record():
                 self._log.note(now, action.text)
-                ties.stir(now, *_STIRS.get(action.event, (_LONG_S, ())))
+                settle_s, pauses = _STIRS.get(action.event, (_LONG_S, ()))
+                ties.stir(now, settle_s if self._aircraft.flying else _ON_GROUND_S, pauses)
             case _:
                 assert_never(action)
 
@@ -269,7 +274,7 @@ class Companion:
         x, y, z = aircraft.at(now)
         vx, vy, _up = aircraft.velocity
         speed = math.hypot(vx, vy)
-        way = tuple(on_earth(spot.x_m, spot.y_m) for spot in aircraft.way_ahead())
+        way = self._way[aircraft.waypoint :] if aircraft.mode is Mode.AUTO else ()
         track = bearing_deg(vx, vy) if speed > 0.0 else 0.0
         facts = self._finder.facts(*on_earth(x, y), track, speed, z, way)
         gap = None
@@ -285,7 +290,7 @@ class Companion:
         mode = events.ModeSeen(flown, name, aircraft.mode is Mode.LAND, self._plan.truth.radio)
         # who flew at the heartbeat before is a part of what the rules make of it
         key = mode, self._flew
-        self._flew = aircraft.flying
+        self._flew, self._mode = aircraft.flying, aircraft.mode
         if always or self._told.get(events.ModeSeen) != key:
             self._told[events.ModeSeen] = key
             self.give(mode, now)
@@ -299,8 +304,9 @@ class Companion:
             self.give(motion, now)
 
     def _track(self, x: float, y: float) -> TrackFact | None:
+        """On the leg of the mission, as long as the autopilot says that it flies it."""
         aircraft = self._aircraft
-        if not aircraft.way_ahead() or aircraft.waypoint == 0:
+        if self._mode is not Mode.AUTO or not 0 < aircraft.waypoint < len(self._plan.way):
             return None
         start, end = self._plan.way[aircraft.waypoint - 1], self._plan.way[aircraft.waypoint]
         east, north = end.x_m - start.x_m, end.y_m - start.y_m

@@ -7,11 +7,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import combinations, product
 from math import sqrt
 from typing import Final
 
+from mavproxy_handover.core.safety.causes import Cause
 from sitl.campaign.outcome import Outcome
-from sitl.campaign.steering import CELLS
+from sitl.campaign.steering import CELLS, PHASES, Cell, never
 
 __all__ = ["ENOUGH", "Figures", "figures", "wilson"]
 
@@ -55,6 +57,13 @@ class Figures:
         return [cell for cell in all_cells() if self.cells[cell] < ENOUGH]
 
     @property
+    def against_the_rules(self) -> list[str]:
+        """Pairs of causes that came up in a phase although the rules are said not to let them."""
+        pairs = product(PHASES, combinations(Cause, 2))
+        cells = (Cell(*pair, phase).name for phase, pair in pairs if never(*pair, phase) is not None)
+        return [cell for cell in cells if self.cells[cell]]
+
+    @property
     def hours_per_cpu_s(self) -> float:
         """Flight hours for each second of processor time."""
         return self.hours / self.cpu_s if self.cpu_s > 0.0 else 0.0
@@ -62,7 +71,7 @@ class Figures:
 
 def all_cells() -> list[str]:
     """Every pair of causes that can meet, in every phase of a flight, as an outcome names it."""
-    return [f"{'+'.join(sorted((c.first.value, c.second.value)))}@{c.phase.name.lower()}" for c in CELLS]
+    return [cell.name for cell in CELLS]
 
 
 def figures(outcomes: Iterable[Outcome]) -> Figures:

@@ -13,7 +13,8 @@ Three speeds:
   something due. Nothing that they ask of a position changes within that second.
   The route is looked at each second, whatever the speed (in the air it is five times).
 * Quiet: nothing but routine has happened for longer than any time-out or pause of the rules lasts, every link lets
-  everything through or nothing, and the aircraft flies straight on with no border ahead, and in no declared gap. Then
+  everything through or nothing, and the aircraft stands on the ground, or flies straight on with no border ahead, and
+  in no declared gap. Then
   each second is like the one before, and the rules are none the wiser if there are fewer of them: time is left out,
   up to the next thing that is planned, the end of the piece that is flown, or the next border.
 
@@ -32,7 +33,7 @@ from sitl.campaign.gaps import gap_at
 from sitl.campaign.links import EDGE_M, FADES_M, Link
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Circle
-from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks
+from sitl.campaign.times import NEVER, ROUND, SECOND, in_ticks
 
 __all__ = ["STIRRED", "Pace"]
 
@@ -47,6 +48,9 @@ _COMES_S: Final = 2.5
 _BAND_M, _BIT_M = 5.0, 0.1
 #: so long before its end a zone is about to end, and the aircraft is to stop: `exit_soon_s`, `hold_lead_s`
 _SOON_S, _HOLD_S = 8.0, 5.0
+#: so long before its end a zone is not worth a better link: `link_steady_s`. That matters with weak links alone, so to
+#: nobody's window
+_WORTH_S, _NOBODY = 30.0, 0
 #: and how exact these times are: along the way an end is looked for in steps (s)
 _BIT_S, _STEP_S = 0.2, 0.8
 #: so far inside its border a zone may be about to end, whichever way the wind carries the aircraft (m)
@@ -66,7 +70,7 @@ class Pace:
         self._gaps, self._speed_mps = plan.gaps, plan.speed_mps
         self._edge_m = EDGE_M + 1.0 if plan.loss else 1.0
         self._restless_until = 0
-        self._quiet_from = in_ticks(20.0)
+        self._quiet_from = in_ticks(6.0)
         self._weak: set[int] = set()
         #: when pauses that began of late are over
         self._moments: list[int] = []
@@ -91,11 +95,6 @@ class Pace:
     def settle(self, now: int, settle_s: float) -> None:
         """The same of something that lets the rules wait for no position."""
         self._quiet_from = max(self._quiet_from, now + in_ticks(settle_s))
-
-    def rush(self, until: int, now: int) -> None:
-        """Every round is made until then: the rules count what they do not announce."""
-        self._restless_until = max(self._restless_until, until)
-        self.stir(now, in_seconds(until - now))
 
     def worry(self, weak: bool, whom: Iterable[int]) -> None:
         """These links are weak, or are not any more: for how long they have been matters."""
@@ -172,6 +171,7 @@ class Pace:
             self._window(inside[0], inner[0])
             self._window(border[1], outer[1])
             self._window(border[1] - _SOON_S - _BIT_S, border[1] - _SOON_S + _BIT_S, sysid)
+            self._window(border[1] - _WORTH_S - _BIT_S, border[1] - _WORTH_S + _BIT_S, _NOBODY)
             self._hold_window(border[1], *_ahead(x, y, vx, vy, border[1]), sysid)
         for gap in self._gaps:  # where the rules are told of one, and of another part of it
             if aircraft.mode is Mode.AUTO and gap.waypoint == aircraft.waypoint:
@@ -232,9 +232,13 @@ class Pace:
         for link in links:
             if not link.steady(x, y):  # who comes is heard or not, who goes is waited for
                 self.settle(now, _LINK_S if link.fades(x, y, *aircraft.velocity[:2]) else _COMES_S)
-        if now < self._quiet_from or self._weak or not aircraft.flying:
+        if now < self._quiet_from or self._weak:
             return False
-        if aircraft.mode in (Mode.PAUSE, Mode.PILOT) or aircraft.drift != (0.0, 0.0) or aircraft.lifted:
+        if not aircraft.flying:
+            return True
+        if aircraft.velocity == (0.0, 0.0, 0.0) or aircraft.mode is Mode.PILOT:
+            return False  # how long it has stood is counted
+        if aircraft.drift != (0.0, 0.0) or aircraft.lifted:
             return False
         if aircraft.mode is Mode.AUTO and gap_at(self._gaps, aircraft.waypoint, x, y, self._fastest_mps) is not None:
             return False  # how long it has been alone there is counted

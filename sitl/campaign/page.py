@@ -9,12 +9,13 @@ from html import escape
 from itertools import combinations
 from pathlib import Path
 
+from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.safety.causes import Cause
 from sitl.campaign.figures import ENOUGH, WHOLE_HANDOVERS, WHOLE_S, Figures, figures, wilson
 from sitl.campaign.judge import UNSAFE
 from sitl.campaign.outcome import Outcome
 from sitl.campaign.pictures import histograms, maps
-from sitl.campaign.steering import CELLS, NEVER_MEET, PHASES
+from sitl.campaign.steering import CELLS, NEVER_IN, NEVER_MEET, PHASES, Cell, never
 from sitl.report.page import STYLE
 
 __all__ = ["summary", "write_page"]
@@ -38,6 +39,8 @@ def summary(found: Figures) -> str:
         if seeds:
             lines.append(f"  {row.name}: {len(seeds)}, as in {', '.join(map(str, seeds[:_NAMED]))}")
     lines.append(f"pairs of causes in a phase: {len(found.short)} came up in fewer than {ENOUGH} flights")
+    if found.against_the_rules:
+        lines.append(f"  and these, which never meet, did: {', '.join(found.against_the_rules)}")
     return "\n".join(lines)
 
 
@@ -112,8 +115,24 @@ def _cells(found: Figures) -> str:
     head = ("causes at once", *(phase.name.lower() for phase in PHASES))
     rows = []
     for pair in combinations(Cause, 2):
-        name, never = "+".join(sorted(cause.value for cause in pair)), NEVER_MEET.get(frozenset(pair))
-        counts = [never or found.cells[f"{name}@{phase.name.lower()}"] for phase in PHASES]
+        name = "+".join(sorted(cause.value for cause in pair))
+        counts = [_count(found, pair, phase) for phase in PHASES]
         rows.append((name, *counts))
     text = f"{len(found.short)} of {len(CELLS)} came up in fewer than {ENOUGH} flights."
-    return f"<h2>What was tried</h2><p>{text}</p>{_table(head, rows)}"
+    if found.against_the_rules:
+        text += f" These never meet, and did: {', '.join(found.against_the_rules)}."
+    why = _table(("what never meets", "in", "why"), _never())
+    return f"<h2>What was tried</h2><p>{text}</p>{_table(head, rows)}<h2>What never meets</h2>{why}"
+
+
+def _count(found: Figures, pair: tuple[Cause, Cause], phase: Phase) -> object:
+    """How often they came up; what never does, and did not, is named so."""
+    count = found.cells[Cell(*pair, phase).name]
+    return count if count or never(*pair, phase) is None else "never"
+
+
+def _never() -> Iterable[Sequence[object]]:
+    for pair, why in NEVER_MEET.items():
+        yield "+".join(sorted(cause.value for cause in pair)), "every phase", why
+    for (cause, phase), why in NEVER_IN.items():
+        yield f"{cause.value} with anything", phase.name.lower(), why

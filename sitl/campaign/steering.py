@@ -9,7 +9,7 @@ phase, milder policies are drawn, so that both can be there; the judge knows the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from random import Random
@@ -20,7 +20,7 @@ from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.times import NEVER, SECOND
 
-__all__ = ["CELLS", "NEVER_IN", "NEVER_MEET", "PHASES", "Cell", "policies_for", "strikes_for"]
+__all__ = ["CELLS", "NEVER_IN", "NEVER_MEET", "PHASES", "Cell", "never", "policies_for", "strikes_for"]
 
 
 #: a phase that begins and how often it has, or that the aircraft is about to leave its commander's zone
@@ -46,6 +46,11 @@ class Cell:
         return bool({self.first, self.second} & _AT_A_BORDER)
 
     @property
+    def name(self) -> str:
+        """As an outcome names it."""
+        return f"{'+'.join(sorted((self.first.value, self.second.value)))}@{self.phase.name.lower()}"
+
+    @property
     def words(self) -> str:
         """For people."""
         return f"{self.first.value} with {self.second.value} in {self.phase.name.lower()}"
@@ -56,16 +61,24 @@ PHASES: Final = (Phase.ON_MISSION, Phase.ON_HANDOVER, Phase.EMERGENCY)
 #: pairs that the rules do not let meet, and why
 NEVER_MEET: Final[Mapping[frozenset[Cause], str]] = {
     frozenset({Cause.COMMANDER_LOST, Cause.COVERAGE_ENDS}): "without a commander no end of coverage is looked for",
-    frozenset({Cause.OUT_OF_COVERAGE, Cause.NO_STATION}): "outside every zone, and inside one",
+    frozenset({Cause.OUT_OF_COVERAGE, Cause.NO_STATION}): (
+        "outside every zone, and inside one; there at once only for a moment, by a border crossed to and fro in seconds"
+    ),
 }
 #: causes that do not come up in a phase, and why
 NEVER_IN: Final[Mapping[tuple[Cause, Phase], str]] = {
     (Cause.OUT_OF_COVERAGE, Phase.ON_HANDOVER): "a transfer ends where its partner's zone does",
 }
+
+
+def never(first: Cause, second: Cause, phase: Phase) -> str | None:
+    """Why the rules do not let these two be there at once in that phase; None: they do."""
+    reasons = (NEVER_MEET.get(frozenset({first, second})), NEVER_IN.get((first, phase)), NEVER_IN.get((second, phase)))
+    return next((reason for reason in reasons if reason is not None), None)
+
+
 CELLS: Final = tuple(
-    Cell(*pair, phase)
-    for phase, pair in product(PHASES, combinations(Cause, 2))
-    if frozenset(pair) not in NEVER_MEET and not any((cause, phase) in NEVER_IN for cause in pair)
+    Cell(*pair, phase) for phase, pair in product(PHASES, combinations(Cause, 2)) if never(*pair, phase) is None
 )
 
 #: how a cause is brought about: fault, whom it strikes, how long it lasts (s)
@@ -77,20 +90,36 @@ _PROVOKES: Final[Mapping[Cause, tuple[tuple[Fault, Target, float, float], ...]]]
         (Fault.BURST, Target.COMMANDER, 12.0, 30.0),
     ),
     Cause.OUT_OF_COVERAGE: ((Fault.BREACH, Target.NOBODY, 40.0, 90.0),),
-    Cause.NO_STATION: ((Fault.DEAD, Target.NEXT, 300.0, 500.0), (Fault.DEAF, Target.NEXT, 300.0, 500.0)),
-    Cause.COVERAGE_ENDS: ((Fault.DEAD, Target.NEXT, 300.0, 500.0), (Fault.DEAF, Target.NEXT, 300.0, 500.0)),
+    Cause.NO_STATION: ((Fault.DEAD, Target.NEXT, 600.0, 1200.0), (Fault.DEAF, Target.NEXT, 600.0, 1200.0)),
+    Cause.COVERAGE_ENDS: ((Fault.DEAD, Target.NEXT, 600.0, 1200.0), (Fault.DEAF, Target.NEXT, 600.0, 1200.0)),
     Cause.AUTHENTICATION: ((Fault.ATTACK, Target.COMMANDER, 15.0, 60.0),),
-    Cause.LINKS_WEAK: ((Fault.WEAK, Target.COMMANDER, 30.0, 90.0),),
+    Cause.LINKS_WEAK: (  # of all: else it is a reason to move to a better station
+        (Fault.WEAK, Target.ALL, 30.0, 90.0),
+        (Fault.WEAK, Target.ALL, 30.0, 90.0),
+        (Fault.WEAK, Target.COMMANDER, 30.0, 90.0),
+    ),
     Cause.GUARD_LOST: ((Fault.NO_GUARD, Target.NOBODY, 15.0, 90.0),),
     Cause.FENCE: (
-        (Fault.LIFT, Target.NOBODY, 12.0, 40.0),
-        (Fault.LIFT, Target.NOBODY, 12.0, 40.0),
+        *(5 * ((Fault.LIFT, Target.NOBODY, 12.0, 40.0),)),
         (Fault.BREACH, Target.NOBODY, 20.0, 60.0),
     ),
     Cause.OFF_ROUTE: ((Fault.DRIFT, Target.NOBODY, 15.0, 35.0),),
-    Cause.POSITION_STALE: ((Fault.NO_FIX, Target.NOBODY, 5.0, 20.0),),
+    Cause.POSITION_STALE: ((Fault.NO_FIX, Target.NOBODY, 7.0, 22.0),),
     Cause.AUTOPILOT_LOST: ((Fault.BLIND, Target.NOBODY, 6.0, 20.0),),
 }
+#: the same where that would not do: of a commander that is lost alone, another station takes the aircraft at once
+_NOBODY_ELSE: Final = (
+    (Fault.DEAD, Target.ALL, 12.0, 90.0),
+    (Fault.MUTE, Target.ALL, 12.0, 60.0),
+    (Fault.BURST, Target.ALL, 12.0, 30.0),
+)
+#: a partner that dies ends the transfer before it counts as lost; of one that hears nothing it goes on
+_IN_SILENCE: Final = ((Fault.DEAF, Target.NEXT, 30.0, 90.0),)
+_BY_HEIGHT: Final = ((Fault.LIFT, Target.NOBODY, 12.0, 40.0),)
+#: who is over the ceiling still, and carried off; while the updraft lasts nothing else carries it
+_BRIEFLY_UP: Final = ((Fault.LIFT, Target.NOBODY, 6.5, 8.5),)
+#: causes by an aircraft that is carried off: by one wind at a time
+_CARRIED: Final = frozenset({Cause.FENCE, Cause.OFF_ROUTE})
 #: how long (s) a fault strikes before its cause is there
 _TAKES_S: Final[Mapping[Cause, float]] = {
     Cause.ENERGY: 3.0,
@@ -105,8 +134,13 @@ _TAKES_S: Final[Mapping[Cause, float]] = {
 }
 #: causes that are there when the aircraft comes to a border, whenever their fault has struck
 _AT_A_BORDER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.OUT_OF_COVERAGE})
-#: causes that come up in another way while a transfer is under way
-_IN_A_TRANSFER: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.LINKS_WEAK})
+#: those of them that are there behind the border
+_BEHIND_IT: Final = frozenset({Cause.NO_STATION, Cause.OUT_OF_COVERAGE})
+#: what is to be seen or flown before these faults strike at a border: how long (s) behind the moment when the aircraft
+#: is about to leave the zone. An updraft keeps it where it is, and without a position nothing more is seen
+_NOT_BEFORE_S: Final[Mapping[Fault, float]] = {Fault.LIFT: 11.2, Fault.NO_FIX: 11.5, Fault.BLIND: 11.5}
+#: causes that are not looked at any more once the commander is lost
+_BEFORE_A_LOSS: Final = frozenset({Cause.NO_STATION, Cause.AUTHENTICATION, Cause.LINKS_WEAK})
 #: causes that come up, and stay, only while the mission is flown
 _UNDER_WAY: Final = frozenset({Cause.NO_STATION, Cause.COVERAGE_ENDS, Cause.FENCE, Cause.OFF_ROUTE})
 #: what is never but warned of by a vehicle that is to come home by itself
@@ -114,7 +148,9 @@ _GRAVE: Final = frozenset({Cause.COMMANDER_LOST, Cause.OUT_OF_COVERAGE, Cause.EN
 #: causes behind which the rules hear no more of where the aircraft is
 _NO_NEWS: Final = frozenset({Cause.POSITION_STALE, Cause.AUTOPILOT_LOST})
 #: so long (s) behind take-off, or behind the moment when the flight is ripe, causes are to meet
-_EARLY_S, _SOON_S = (30.0, 420.0), (10.0, 110.0)
+_EARLY_S, _SOON_S = (30.0, 600.0), (30.0, 130.0)
+#: and so long the next station on the route dies before it is needed: early, late
+_NEXT_S: Final = ((5.0, 200.0), (0.0, 30.0))
 #: what may come on top, in any flight
 _ANYTHING: Final = (
     (Fault.ROGUE, Target.NOBODY, 5.0, 60.0),
@@ -167,26 +203,24 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
 
     `late`: not before the flight is ripe; `gap`: its mission declares one.
     """
-    if chance.random() < 0.1:  # a flight in which nothing goes wrong
+    if chance.random() < 0.07:  # a flight in which nothing goes wrong
         return ()
-    if gap and chance.random() < 0.4:  # nothing but that the gap takes too long
+    if gap and chance.random() < 0.25:  # nothing but that the gap takes too long
         gust = _strike(chance, (Fault.GUST, Target.NOBODY, 60.0, 400.0), chance.uniform(11.0, 17.0), late=late)
         return (replace(gust, border=True, bare=True),)
     when, at_s = _moment(chance, cell, late=late)
     found: list[Strike] = []
     for cause in (cell.first, cell.second):
-        how = chance.choice(_PROVOKES[cause])
-        if cell.phase is Phase.ON_HANDOVER and cause in _IN_A_TRANSFER:
-            found += _in_a_transfer(chance, cell, cause, when, at_s, late=late)
-        elif cause in _AT_A_BORDER and how[0] is not Fault.BREACH:
-            found.append(_strike(chance, how, chance.uniform(0.0 if late else 5.0, 30.0), late=late))
-        else:
-            strikes_s = at_s + _later_s(cause, cell) - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0)
-            found.append(_strike(chance, how, strikes_s, when, late=late))
+        found += _brings(chance, cell, cause, when, at_s, late=late)
     if cell.phase is Phase.EMERGENCY:
         found += _emergency(chance, cell, when, at_s, late=late)
+    if Cause.OUT_OF_COVERAGE in (cell.first, cell.second):  # at the border of its gap, and no other
+        found = [replace(strike, bare=strike.border) for strike in found]
     causes = {cell.first, cell.second}
-    if Cause.ENERGY in causes and causes - {Cause.ENERGY} <= _LEAVES_HANDS and chance.random() < 0.5:
+    if any(strike.fault is Fault.DISOBEYS for strike in found):
+        return tuple(found)
+    scarce = 0.5 if cell.phase is Phase.EMERGENCY else 0.15
+    if Cause.ENERGY in causes and causes - {Cause.ENERGY} <= _LEAVES_HANDS and chance.random() < scarce:
         part = chance.uniform(*_TOO_LITTLE)  # only to land is right, and nobody is in the way of it
         return tuple(replace(each, amount=part) if each.fault is Fault.SAG else each for each in found)
     if Cause.ENERGY in causes and chance.random() < 0.3:
@@ -196,30 +230,55 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
     return (*found, *_on_top(chance, when, at_s, late=late))
 
 
-def _emergency(chance: Random, cell: Cell, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
-    """What brings an emergency about where neither of the two causes does."""
+def _brings(chance: Random, cell: Cell, cause: Cause, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
+    """What brings one of its two causes about."""
+    transfer = cell.phase is Phase.ON_HANDOVER
+    if transfer and cause is Cause.COVERAGE_ENDS:  # that is by operators who do not answer
+        return ()
+    if transfer and cause is Cause.NO_STATION:
+        return (_strike(chance, chance.choice(_IN_SILENCE), chance.uniform(3.5, 5.0), when, late=late),)
     causes = {cell.first, cell.second}
-    if chance.random() < 0.2:
+    if Cause.OUT_OF_COVERAGE in causes and (
+        cause is Cause.COVERAGE_ENDS or (cause is Cause.OUT_OF_COVERAGE and causes & _CARRIED)
+    ):  # the way leads there by itself, if no other station is in it
+        return ()
+    how = chance.choice(_ways(chance, cell, cause))
+    if cause in _AT_A_BORDER and how[0] is not Fault.BREACH:
+        return (_strike(chance, how, chance.uniform(*_NEXT_S[late]), late=late),)
+    strikes_s = at_s + _later_s(cause, cell) - _TAKES_S.get(cause, 0.0) + chance.uniform(-1.0, 2.0)
+    if causes & _BEHIND_IT and when[2]:
+        strikes_s = max(strikes_s, _NOT_BEFORE_S.get(how[0], strikes_s) + chance.uniform(0.0, 1.0))
+    return (_strike(chance, how, strikes_s, when, late=late),)
+
+
+def _ways(chance: Random, cell: Cell, cause: Cause) -> tuple[tuple[Fault, Target, float, float], ...]:
+    """How it may be brought about there."""
+    if cause is Cause.COMMANDER_LOST and cell.phase is not Phase.ON_HANDOVER and chance.random() < 0.8:
+        return _NOBODY_ELSE
+    if cause is Cause.FENCE and Cause.OFF_ROUTE in (cell.first, cell.second):
+        return _BRIEFLY_UP
+    if cause is Cause.FENCE and cell.at_a_border:
+        return _BY_HEIGHT
+    if cause is Cause.LINKS_WEAK and (cell.at_a_border or cell.phase is Phase.ON_HANDOVER):
+        return _PROVOKES[cause][:1]
+    return _PROVOKES[cause]
+
+
+def _emergency(chance: Random, cell: Cell, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
+    """What brings an emergency about where neither of the two causes does; and what keeps the aircraft from being
+    turned back by it where one of them is there only on the way: an autopilot that does not follow."""
+    causes = {cell.first, cell.second}
+    first_s = at_s + min(0.0, _later_s(cell.first, cell), _later_s(cell.second, cell))
+    sag = _strike(chance, chance.choice(_PROVOKES[Cause.ENERGY]), first_s - 10.0, when, late=late)
+    if causes & _UNDER_WAY and (Cause.FENCE in causes or chance.random() < 0.6):
+        takes_s = at_s - first_s
+        how = Fault.DISOBEYS, Target.NOBODY, takes_s + 18.0, takes_s + 28.0
+        stays = _strike(chance, how, first_s - 10.0, when, late=late)
+        return (stays,) if causes & {Cause.ENERGY, Cause.COMMANDER_LOST} else (sag, stays)
+    if not causes & _BEFORE_A_LOSS and chance.random() < 0.3:
         lost = chance.choice(((Fault.BURST, Target.ALL, 12.0, 30.0), (Fault.DEAD, Target.ALL, 12.0, 60.0)))
         return (_strike(chance, lost, at_s - 7.0 + chance.uniform(-2.0, 2.0), when, late=late),)
-    if causes & (_GRAVE | _UNDER_WAY):
-        return ()
-    return (_strike(chance, chance.choice(_PROVOKES[Cause.ENERGY]), at_s - 5.0, when, late=late),)
-
-
-def _in_a_transfer(
-    chance: Random, cell: Cell, cause: Cause, when: _When, at_s: float, *, late: bool
-) -> tuple[Strike, ...]:
-    """What comes up while a transfer is under way. Where coverage ends, that is by operators who do not answer."""
-    if cause is Cause.NO_STATION:  # it dies when the border is near, and is not yet known to be lost behind it
-        dies = Fault.DEAD, Target.NEXT, 30.0, 90.0
-        return (_strike(chance, dies, chance.uniform(8.0, 10.3), when, late=late),)
-    if cause is Cause.LINKS_WEAK:  # of both, else it is a reason to move
-        weak = Fault.WEAK, Target.ALL, 60.0, 400.0
-        if cell.at_a_border:
-            return (_strike(chance, weak, chance.uniform(0.0, 20.0), late=late),)
-        return (_strike(chance, weak, at_s - _TAKES_S[cause], when, late=late),)
-    return ()
+    return () if causes & (_GRAVE | _UNDER_WAY) else (sag,)
 
 
 def _on_top(chance: Random, when: _When, at_s: float, *, late: bool) -> tuple[Strike, ...]:
@@ -238,26 +297,41 @@ def _later_s(cause: Cause, cell: Cell) -> float:
     """What leaves the rules without news strikes when they have had the other news, and what turns the aircraft back
     when what comes up on the way alone is there."""
     other = cell.second if cause is cell.first else cell.first
-    if cell.phase is Phase.EMERGENCY and cause in _GRAVE and other in _UNDER_WAY:
+    if (cause, other) == (Cause.FENCE, Cause.OFF_ROUTE):
+        return -14.0
+    if (cause, other) == (Cause.AUTOPILOT_LOST, Cause.POSITION_STALE):
+        return 3.5
+    if cause is Cause.COMMANDER_LOST and other in _BEFORE_A_LOSS:
         return 3.0
+    if cell.phase is Phase.EMERGENCY and cause in _GRAVE and other in _UNDER_WAY:
+        return -2.5 if other is Cause.FENCE else 3.0  # the autopilot keeps its fence itself: an emergency comes before
     if cause not in _NO_NEWS or other in _NO_NEWS:
         return 0.0
-    return 9.0 if other in _AT_A_BORDER else 5.0
+    return 0.0 if other in _AT_A_BORDER else 5.0
 
 
 def _moment(chance: Random, cell: Cell, *, late: bool) -> tuple[_When, float]:
     """When both causes are to be there: behind take-off (`late`: from when the flight is ripe), or behind what is seen
     in flight (s)."""
     causes = {cell.first, cell.second}
-    if cell.at_a_border and cell.phase is Phase.ON_HANDOVER:
-        return (None, 1, True), chance.uniform(*((11.0, 14.0) if Cause.NO_STATION in causes else (5.5, 10.0)))
     if cell.at_a_border:
-        return (None, 1, True), chance.uniform(4.0, 12.0)
+        return (None, 1, True), chance.uniform(*_border_s(causes))
     if cell.phase is Phase.ON_HANDOVER and Cause.LINKS_WEAK in causes:
         return (Phase.ON_HANDOVER, 1, False), chance.uniform(13.0, 20.0)
     if cell.phase is Phase.ON_HANDOVER:
-        return (Phase.ON_HANDOVER, 1 if late else chance.choice((1, 1, 2)), False), chance.uniform(3.0, 9.0)
+        takes_s = max(_TAKES_S.get(cause, 0.0) - _later_s(cause, cell) for cause in causes)
+        at_s = chance.uniform(max(3.0, takes_s), max(9.0, takes_s + 4.0))
+        return (Phase.ON_HANDOVER, 1 if late else chance.choice((1, 1, 2)), False), at_s
     return (None, 1, False), chance.uniform(*(_SOON_S if late else _EARLY_S))
+
+
+def _border_s(causes: Set[Cause]) -> tuple[float, float]:
+    """When at a border, behind the moment when the aircraft is about to leave the zone (s)."""
+    if Cause.LINKS_WEAK in causes:
+        return 12.5, 14.0
+    if causes & _BEHIND_IT:
+        return 12.0, 14.5
+    return (9.5, 11.5) if causes & _NO_NEWS else (5.5, 11.5)
 
 
 def _turns_back(chance: Random, cell: Cell) -> dict[Cause, str]:
@@ -277,15 +351,18 @@ def _turns_back(chance: Random, cell: Cell) -> dict[Cause, str]:
 def policies_for(chance: Random, cell: Cell) -> Mapping[Cause, str]:
     """Mostly those of the table."""
     chosen = _turns_back(chance, cell)
+    mild = cell.phase in (Phase.ON_MISSION, Phase.ON_HANDOVER) and chance.random() < 0.9
     if Cause.COVERAGE_ENDS not in (cell.first, cell.second) and {cell.first, cell.second} & _AT_A_BORDER:
         chosen[Cause.COVERAGE_ENDS] = "off"  # else it would stop before anything happens at the border
     for cause, row in CAUSES.items():
         aimed = cause in (cell.first, cell.second)
-        if aimed and cell.phase in (Phase.ON_MISSION, Phase.ON_HANDOVER) and "warn" in row.policies:
-            if chance.random() < 0.8:
-                chosen[cause] = "warn"
+        if aimed and mild and "warn" in row.policies:
+            chosen[cause] = "warn"
         elif aimed and cause is Cause.POSITION_STALE and chance.random() < 0.5:
             chosen[cause] = "land"  # behind it, and on its way down, the other cause asks for less
         elif cause not in chosen and chance.random() < 0.1:
-            chosen[cause] = chance.choice([word for word in row.policies if cause not in _GRAVE or word != "warn"])
+            unfit = {"off"} if aimed else set()
+            if cause in _GRAVE:
+                unfit.add("warn")
+            chosen[cause] = chance.choice([word for word in row.policies if word not in unfit])
     return chosen

@@ -100,6 +100,7 @@ class Watch:
         """Check what `event` has led to."""
         if isinstance(event, AutopilotState):
             self._armed = event.armed
+        in_gap = self._gap  # what runs out with this event ran out where the position before had it
         if isinstance(event, PositionSeen):
             self._gap = event.gap is not None and not event.gap.ahead
         heard_before = dict(self._heard)
@@ -112,7 +113,7 @@ class Watch:
         for action in actions:
             if isinstance(action, ViewChanged):
                 self._check_view(action.view)
-                assert action.view.lease is not LeaseState.ALONE or self._gap
+                assert action.view.lease is not LeaseState.ALONE or self._gap or in_gap
                 if action.view.commander != self._view.commander:
                     self._check_move(self._view, action.view, event, heard_before, now)
                     self.moves.append((now, self._view.commander, action.view.commander, action.view.epoch))

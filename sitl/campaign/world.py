@@ -6,7 +6,7 @@ Events stand in two queues: what is planned (faults, operators, restarts), and w
 CONNECT, status, the words of a transfer). Beside them stand the times of aircraft, guard and companion. The companion's
 main loop goes round 20 times a second: position first, then what the rules have due.
 
-Two ways to let time pass, and the same comes of both (`tests/sitl/test_campaign_pace.py`):
+Two ways to let time pass, and the same comes of both (`tests/sitl/test_campaign.py`):
 
 * plain: every round is made, and in it everything is looked at;
 * by `pace.py`: only rounds in which something can come of it, and where nothing can for a while, none of the routine
@@ -28,9 +28,10 @@ from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Hand, LeaseState, Phase
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.safety.commands import Ruling
-from sitl.campaign.aircraft import EMPTY_PART, LOW_PART, Aircraft, Mode
+from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.commands import ANEW_S
 from sitl.campaign.companion import DIGEST, Companion, Ties
+from sitl.campaign.failsafes import Failsafes
 from sitl.campaign.faults import Fault, Insists, Strike, Target
 from sitl.campaign.guard import Guard
 from sitl.campaign.links import WEAK_LOSS, Link
@@ -48,6 +49,8 @@ _AFTER = in_ticks(5.0)
 _NOT_STARTED = in_ticks(120.0)
 #: longer than what was no routine can matter without any news of it (s)
 _LONG_S = 8.0
+#: the same where the rules hear of it: what they make of it stirs by itself (s)
+_HEARD_S = 2.5
 #: longer than any of these missions with everything that can delay it
 _LONGEST = in_ticks(5400.0)
 _START_TAKES = in_ticks(2.0)
@@ -55,12 +58,6 @@ _START_TAKES = in_ticks(2.0)
 _AGREES = in_ticks(2.0)
 #: so long before its border (s) an aircraft is about to leave a zone
 _LEAVES_S = 10.0
-#: FS_GCS_TIMEOUT, and when the autopilot lands without a position
-_GCS_TIMEOUT, _EKF = in_ticks(10.0), in_ticks(8.0)
-#: manual recovery of ArduCopter's fence
-_RECOVERY = in_ticks(10.0)
-#: so long behind it what was not obeyed may matter: a return that gets nowhere is given up after 30 s
-_OBEYS = in_ticks(45.0)
 #: a main loop that stands still is killed after this long, and a new one goes round so much later
 _SUPERVISED, _FORKED = in_ticks(1.2), in_ticks(0.6)
 
@@ -85,22 +82,9 @@ class World:
         self.pace = Pace(plan, self.aircraft)
         self._lay_links()
         self.cable = True
-        self._gcs_stopped: int | None = 0
-        self._gcs_due = NEVER
-        #: the guard has had it watch the companion's heartbeats, until somebody commands again
-        self._watches_itself = False
+        self.failsafes = Failsafes(plan, self.aircraft, log, self._failsafe)
         #: how many faults make a station's links weak, and how many attack it
         self._links_wrong: dict[int, list[int]] = {}
-        self._ekf_due = NEVER
-        self._battery_due = NEVER
-        #: when the border of the fence is crossed next, and when it was crossed outwards and inwards last
-        self._fence_due = self._border_due = self._ceiling_due = NEVER
-        self._outside = self._above = False
-        self._breach = [NEVER, NEVER]
-        #: the autopilot has none
-        self._no_position = False
-        #: for the piece that began then; -1: to be found out
-        self._piece_of = -1
         self._round = -SECOND
         self._beaten = False
         #: when the rules have something due, as they count, and after how many events that was
@@ -111,6 +95,9 @@ class World:
         self._only_asks = False
         self._looks_at = 0
         self._next_of: tuple[int, ...] = ()
+        #: from when on every round is made, and of what that was concluded
+        self._restless = 0
+        self._restless_of: tuple[int | None, ...] = ()
         self._over_at = _NOT_STARTED
         #: what operators still want of the aircraft, and how often they still try what was refused
         self._wishes_left, self._tries_left = plan.resumes, 6
@@ -169,14 +156,13 @@ class World:
     def run(self) -> FlightLog:
         """Fly."""
         companion, aircraft, guard, pace = self.companion, self.aircraft, self.guard, self.pace
+        failsafes = self.failsafes
         assert companion is not None
         planned, routine = self._planned, self._routine
         while True:
             first = planned[0][0] if planned else NEVER
             second = routine[0][0]
-            if aircraft.begun != self._piece_of:
-                self._know_piece()
-            own = min(aircraft.ends, guard.due, self._gcs_due, self._ekf_due, self._battery_due, self._fence_due)
+            own = min(aircraft.ends, guard.due, failsafes.due())
             now = min(first, second, own)
             round_at = self._next_round(now, first)
             now = min(now, round_at)
@@ -193,7 +179,8 @@ class World:
             elif first <= now:
                 _at, _number, job = heapq.heappop(planned)
                 job(now)
-                pace.stir(now, _LONG_S)
+                if job != self._ripens:  # that only plans what will stir
+                    pace.stir(now, _HEARD_S)
             elif second <= now:
                 _at, _number, job = heapq.heappop(routine)
                 job(now)
@@ -220,7 +207,11 @@ class World:
     def _find_next_round(self, following: int, planned: int, companion: Companion) -> int:
         at = following - self.stood
         silent = companion.silent_at(at - STIRRED - 1, at + STIRRED + ROUND) + self.stood
-        restless = self.pace.restless(following, planned, companion.view.commander, silent)
+        of = (self.pace.changes, planned, self.aircraft.begun, self.stood, companion.view.commander, silent)
+        restless = self._restless
+        if of != self._restless_of or restless <= following or self.aircraft.drift != (0.0, 0.0):
+            restless = self.pace.restless(following, planned, companion.view.commander, silent)
+            self._restless_of, self._restless = of, restless
         if restless <= following:
             self._looks_at = following
             return following
@@ -301,8 +292,8 @@ class World:
 
     def _nothing_until(self, now: int, companion: Companion) -> int:
         """Up to when there is nothing but routine, and places."""
-        bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due, self._gcs_due]
-        bounds += [self._ekf_due, self._battery_due, self._fence_due, self._over_at]
+        bounds = [self._planned[0][0] if self._planned else NEVER, self.aircraft.ends, self.guard.due]
+        bounds += [self.failsafes.due(), self._over_at]
         commander = companion.view.commander
         if self._border_strikes and commander is not None:  # whether it leaves the zone is looked at each second
             x, y, _z = self.aircraft.at(now)
@@ -408,12 +399,8 @@ class World:
         arbiter = None if companion is None else companion.arbiter
         self.guard.heed(runs, lease, 0.0 if arbiter is None else arbiter.alone_s(self.core_s(now)), now)
         self.log.cable.set(now, self.cable)
-        if runs and self.guard.works and (held or lease is LeaseState.ALONE):
-            self._watches_itself = not held
-        if runs and (held or self._watches_itself):
-            self._gcs_stopped, self._gcs_due = None, NEVER
-        elif self._gcs_stopped is None:
-            self._gcs_stopped, self._gcs_due = now, now + _GCS_TIMEOUT
+        alone = lease is LeaseState.ALONE
+        self.failsafes.heartbeats(come=runs, held=held, alone=alone, watched=self.guard.works, now=now)
 
     def _phase_changed(self, phase: Phase, now: int) -> None:
         if phase is self._phase:
@@ -488,7 +475,7 @@ class World:
             return
         self.log.obeyed.append((now, sysid, True))
         self._tell(events.HandSeen(Hand.COMMANDER, Flown.MISSION), now)
-        if not self._no_position:
+        if not self.failsafes.no_position:
             aircraft.resume("commander", now)
 
     def _begin_start(self, now: int) -> None:
@@ -517,7 +504,7 @@ class World:
                 if aircraft.mode is Mode.PAUSE:
                     aircraft.resume("companion", now)
             case FlightAction.RETURN:
-                if self._no_position:  # RTL is refused, and LAND is what is tried next
+                if self.failsafes.no_position:  # RTL is refused, and LAND is what is tried next
                     aircraft.land("companion", now)
                 else:
                     aircraft.come_home("companion", now)
@@ -533,95 +520,18 @@ class World:
         if self.aircraft.landed_at is not None and self._over_at > now + _AFTER:
             self._over_at = now + _AFTER
 
-    def _know_piece(self) -> None:
-        """When the piece that is flown now comes to where the autopilot acts by itself."""
-        self._piece_of = self.aircraft.begun
-        self._know_battery()
-        self._know_fence()
-
-    def _know_fence(self) -> None:
-        """When the border of the fence is crossed, or its ceiling."""
-        aircraft, fence = self.aircraft, self.plan.fence
-        self._border_due = self._ceiling_due = NEVER
-        if aircraft.flying:
-            x, y, z = aircraft.at(aircraft.begun)
-            vx, vy, up = aircraft.velocity
-            times = fence.crossed(x, y, vx, vy)
-            if times is not None and (times[0] > 0.0 or not self._outside):
-                self._border_due = self._in(times[0] if self._outside else times[1])
-            if up != 0.0 and (up > 0.0) is not self._above:
-                self._ceiling_due = self._in((self.plan.ceiling_m - z) / up)
-        self._fence_due = min(self._border_due, self._ceiling_due)
-
-    def _in(self, seconds: float) -> int:
-        """So long behind the beginning of the piece that is flown."""
-        return self.aircraft.begun + max(0, int(seconds * SECOND)) + 1
-
-    def _know_battery(self) -> None:
-        """When the battery comes to the next level at which something happens."""
-        aircraft = self.aircraft
-        parts = [0.0]
-        if self.plan.truth.battery_failsafe and aircraft.flying and aircraft.mode is not Mode.LAND:
-            parts.append(EMPTY_PART)
-            if aircraft.mode is not Mode.RTL:
-                parts.append(LOW_PART)
-        self._battery_due = min(aircraft.falls_to(part) for part in parts) if aircraft.flying else NEVER
-
     def _of_itself(self, now: int) -> None:
         """What autopilot and guard do by themselves."""
-        aircraft, before = self.aircraft, self.aircraft.mode
+        before = self.aircraft.mode
         self.guard.look(now)
-        if self._gcs_due <= now:
-            self._gcs_due = NEVER
-            if aircraft.flying and not aircraft.mode.comes_down and aircraft.mode is not Mode.PILOT:
-                self._failsafe(now)
-                aircraft.come_home("GCS failsafe", now)
-        if self._ekf_due <= now:
-            self._ekf_due, self._no_position = NEVER, True
-            self._failsafe(now)
-            aircraft.land("EKF failsafe", now)
-        if self._fence_due <= now:
-            self._crosses_fence(now)
-        if self._battery_due <= now:
-            self._piece_of = -1
-            left = aircraft.left_wh(now) / aircraft.battery_wh
-            if left <= 0.001:
-                aircraft.falls(now)
-            elif left <= EMPTY_PART + 0.001:
-                self._failsafe(now)
-                aircraft.land("battery failsafe", now)
-            elif aircraft.mode is not Mode.RTL:
-                self._failsafe(now)
-                aircraft.come_home("battery failsafe", now)
-        if aircraft.mode is not before:
+        if self.failsafes.act(now) or self.aircraft.mode is not before:
             self.pace.stir(now, _LONG_S)
         self._after_piece(now)
 
     def _failsafe(self, now: int) -> None:
         """One of the autopilot's failsafes acts, and it says so."""
-        self.aircraft.failsafe = True
         if self.cable:
             self._tell(events.HandSeen(Hand.FAILSAFE), now)
-
-    def _crosses_fence(self, now: int) -> None:
-        """The fence. A mode that was changed outside opens ten seconds in which no breach is acted on."""
-        aircraft, before = self.aircraft, self.aircraft.breached
-        self._outside ^= self._border_due <= now
-        self._above ^= self._ceiling_due <= now
-        aircraft.breached = self._outside or self._above
-        self._piece_of = -1
-        self.pace.stir(now, _LONG_S)
-        if aircraft.breached is before:
-            return
-        if not aircraft.breached:
-            self._breach[1] = now
-            return
-        began, ended = self._breach
-        self._breach = [now, NEVER]
-        by_hand = any(began <= at <= ended and now < at + _RECOVERY for at, _mode, _by in self.log.modes)
-        if self.plan.truth.fence_failsafe and not by_hand:
-            self._failsafe(now)
-            aircraft.come_home("fence failsafe", now)
 
     # ---- faults ------------------------------------------------------------------------------------------------------
 
@@ -658,6 +568,7 @@ class World:
             self._at(now + max(1, strike.lasts), partial(self._ends, strike, end))
 
     def _ends(self, strike: Strike, end: Callable[[int], None], now: int) -> None:
+        self.pace.stir(now, _LONG_S)
         self.log.note(now, f"over: {strike.fault.name.lower().replace('_', ' ')}")
         end(now)
 
@@ -711,11 +622,9 @@ class World:
                 self.aircraft.taken(now)
                 return self._pilot_gives_back
             case Fault.DISOBEYS:
-                self.pace.rush(now + min(strike.lasts, _LONGEST) + _OBEYS, now)
                 self.log.obeys.set(now, False)
                 return lambda now: self.log.obeys.set(now, True)
             case Fault.STUCK:
-                self.pace.rush(now + min(strike.lasts, _LONGEST) + _OBEYS, now)
                 self.aircraft.stuck(True, now)
                 return partial(self.aircraft.stuck, False)
             case _:
@@ -801,6 +710,7 @@ class World:
 
     def _companion_restarts(self, now: int) -> None:
         assert self.companion is not None
+        self.pace.stir(now, _LONG_S)
         self.companion.restarts(now)
         self._flows_changed(now)
         if self.aircraft.flying:  # it knows its mission from its state
@@ -828,10 +738,11 @@ class World:
         companion = self.companion
         companion.fix = False
         self.log.fix.set(now, False)
-        self._ekf_due = now + _EKF if self.aircraft.flying else NEVER
+        self.failsafes.position(there=False, now=now)
 
         def end(now: int) -> None:
-            companion.fix, self._ekf_due, self._no_position = True, NEVER, False
+            companion.fix = True
+            self.failsafes.position(there=True, now=now)
             self.log.fix.set(now, True)
 
         return end
@@ -841,7 +752,7 @@ class World:
         left_wh = max(self.companion.budget_home_wh(now) * strike.amount, self.aircraft.down_wh(now))
         self.aircraft.sag(left_wh / self.plan.truth.gauge, now)
         self.companion.places.stir(now)
-        self._piece_of = -1
+        self.failsafes.look_anew()
 
     def _drift(self, strike: Strike, now: int) -> Callable[[int], None] | None:
         """Wind from the side; for a breach it blows away from the middle."""

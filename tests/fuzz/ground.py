@@ -185,7 +185,7 @@ class Station:
         self._look()
 
     def _watch(self) -> None:
-        handle, take = self.module.core.handle, self.module.desk.on_message
+        handle, take = self.module.aircraft[0].core.handle, self.module.aircraft[0].desk.on_message
 
         def handled(event: Any, now: float) -> Any:
             if isinstance(event, (FromPeer, PeerHeard)):
@@ -196,18 +196,18 @@ class Station:
             self.told.append(message)
             return take(sender, component, message, now)
 
-        self.module.core.handle, self.module.desk.on_message = handled, taken
+        self.module.aircraft[0].core.handle, self.module.aircraft[0].desk.on_message = handled, taken
 
     def datagram(self, data: bytes, *, signed: bool = False) -> None:
         """A datagram arrives on the ground link. `signed`: it is one frame, signed with the link's key."""
-        core = self.module.core
+        core = self.module.aircraft[0].core
         before = (core.epoch, core.commander, core.digest)
-        held = self.module.desk.held
+        held = self.module.aircraft[0].desk.held
         self.told.clear()
         self._socket.waiting.append(data)
         self.module._readable(None)
         assert (core.epoch, core.commander, core.digest) == before
-        assert self.module.desk.held is held
+        assert self.module.aircraft[0].desk.held is held
         if not signed or data in self.done:
             assert not self.told
             assert not Socket.written
@@ -233,13 +233,13 @@ class Station:
     def vehicle_says(self, raw: bytes) -> None:
         """A message that came by MAVProxy's link."""
         message = stock.MAVLink(None).decode(bytearray(raw))
-        held = self.module.desk.held
+        held = self.module.aircraft[0].desk.held
         self.vehicle_spoke = True
         self.module.mavlink_packet(message)
         self._look(held)
 
     def pause(self, seconds: float) -> None:
-        held = self.module.desk.held
+        held = self.module.aircraft[0].desk.held
         self.clock.now += seconds
         self.module.idle_task()
         self._look(held)
@@ -257,12 +257,12 @@ class Station:
         faults = [where for where in self.module.faults if not where.startswith(("ground frame", "message of the"))]
         assert not faults, faults
         assert not self._mpstate.escaped
-        now = self.module.desk.held
+        now = self.module.aircraft[0].desk.held
         if self._own:
             assert now == OWN
         elif held is not ... and now is not held:
             assert now == OFFERED
-            assert self.module.core.vehicle_digest == OFFERED.digest
+            assert self.module.aircraft[0].core.vehicle_digest == OFFERED.digest
         if not self.vehicle_spoke:
             assert not self._mpstate.mav_master[0].written
         while Socket.written:
@@ -314,7 +314,7 @@ def _framed(msgid: int, payload: bytes, sysid: int, compid: int, *, first: bool 
 
 
 def _frame(reader: Reader, sysids: tuple[int, ...], compids: tuple[int, ...]) -> bytes:
-    """Message, form, then the payload; unless the form says else it is addressed to this station."""
+    """Message, form, then the payload; unless the form says else it is for this station, and about its vehicle."""
     msgid, form = IDS[reader.byte() % len(IDS)], reader.byte()
     sysid, compid = sysids[form % len(sysids)], compids[(form >> 2) % len(compids)]
     cls = mavlink.mavlink_map.get(msgid)
@@ -322,6 +322,8 @@ def _frame(reader: Reader, sysids: tuple[int, ...], compids: tuple[int, ...]) ->
     payload = bytearray(reader.counted().ljust(size, b"\0")[:size])
     if cls is not None and not form & 0x40 and "target_system" in cls.fieldnames:
         payload[field_offset(msgid, "target_system")] = ME
+        if "vehicle" in cls.fieldnames:
+            payload[field_offset(msgid, "vehicle")] = VEHICLE
     if cls is not None and form & 0x20:  # digests that there are
         for name in ("mission_digest", "digest"):
             if name in cls.fieldnames:

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Tests the tests of the rules of authority: `make mutants`, after those of the gate, or
+"""Tests the tests of the rules of authority, vehicle's and station's: `make mutants`, after those of the gate, or
 
     python tests/mutation/core.py [--part I/N] [--sample N] [MODULE ...]        (default: all modules, every fault)
 
 Each fault, in the code (`faults`) or in a transition table (`table_faults`), must be noticed by `tests/core`, or by a
-small exploration (`tests/model`). One that is not is a survivor; survivors that are no faults are listed in
-`core_survivors.py` with the reason, and any other ends this with exit code 1. So does one that is listed and does not
-survive any more, or that no fault is called by any more, and a module of the core that no test here is named for.
-`--part 1/4` takes every fourth fault, `--sample 100` a hundred of each module by chance; then what is listed and not
-met says nothing.
+small exploration (`tests/model`); one of a station (`station.MODULE`) by `tests/gcs`, by both sides together, or by
+that exploration. One that is not is a survivor; survivors that are no faults are listed in `core_survivors.py` with
+the reason, and any other ends this with exit code 1. So does one that is listed and does not survive any more, or that
+no fault is called by any more, and a module of the core that no test here is named for. `--part 1/4` takes every fourth
+fault, `--sample 100` a hundred of each module by chance; then what is listed and not met says nothing.
 
 Nothing is written: a mutant is compiled in memory, in a process of its own.
 """
@@ -20,7 +20,6 @@ import argparse
 import ast
 import io
 import random
-import signal
 import sys
 import time
 from collections import Counter
@@ -40,7 +39,8 @@ from tests.mutation.run import _Mutated, import_once, in_child  # noqa: E402
 
 __all__ = ["Fault", "faults", "main", "table_faults"]
 
-PACKAGE = "mavproxy_handover.core"
+#: modules of a ground station's rules begin with this
+STATION = "station."
 #: module -> the tests that notice its faults soonest
 FIRST = {
     "transfer": ("test_transfer.py", "test_arbiter_transfer.py", "test_standard_stations.py", "test_forced.py"),
@@ -87,9 +87,20 @@ FIRST = {
         "test_restart.py",
     ),
     "snapshot": ("test_restart.py",),
+    "foresight": ("test_foresight.py",),
+    "station.core": ("test_core.py", "test_ahead.py", "test_core_hostile.py"),
+    "station.ahead": ("test_ahead.py", "../core/test_foresight.py"),
+    "station.events": ("test_core.py", "test_ahead.py"),
+    "station.alarms": ("test_alarms.py",),
+    "station.banner": ("test_banner.py",),
+    "station.briefing": ("test_briefing.py",),
+    "station.decisions": ("test_decisions.py", "../module/test_station_module.py"),
 }
 #: slow, so they come last
 LAST = ("test_arbiter_deadline.py", "test_arbiter_hostile.py", "test_two_sides.py")
+STATION_LAST = ("../core/test_foresight.py", "../core/test_two_sides.py")
+#: of the station these alone have a part in what is explored
+EXPLORED_STATION = ("station.core", "station.ahead")
 #: explored with what the tests have let through
 EXPLORED = (
     "transfer",
@@ -396,7 +407,7 @@ def unnoticed(module: str, fault: Fault | None) -> bool:
 
     import pytest
 
-    name = f"{PACKAGE}.{module}"
+    name = ".".join(_file(module).relative_to(ROOT).with_suffix("").parts)
     if fault is not None and fault.source is not None:
         path = _file(module)
         sys.meta_path.insert(0, _Mutated(name, fault.source, path))
@@ -407,19 +418,34 @@ def unnoticed(module: str, fault: Fault | None) -> bool:
             return False
         if fault is not None and fault.entry is not None:
             _plant(module, *fault.entry)
-        tests = ROOT / "tests" / "core"
+        station = module.startswith(STATION)
+        tests = ROOT / "tests" / ("gcs" if station else "core")
+        slow = STATION_LAST if station else LAST
         everything = sorted(path.relative_to(tests).as_posix() for path in tests.rglob("test_*.py"))
-        middle = [each for each in everything if each not in (*FIRST[module], *LAST, "test_purity.py")]
-        last = [each for each in LAST if each not in FIRST[module]]
-        quiet = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--rootdir", str(ROOT), "--timeout=15"]
-        options = [*quiet, "--hypothesis-seed=0", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
+        middle = [each for each in everything if each not in (*FIRST[module], *slow, "test_purity.py")]
+        last = [each for each in slow if each not in FIRST[module]]
+        options = [*run.PYTEST, "--rootdir", str(ROOT), "--timeout=60"]
         # most faults die in the first files, and to read the others takes longer than that
         for files in (FIRST[module], middle, last):
             paths = [str(tests / each) for each in files]
-            if paths and int(pytest.main([*options, *paths])) != 0:
+            if paths and int(pytest.main([*options, *paths], plugins=[_EachInTime()])) != 0:
                 return False
-        signal.alarm(run.TIMEOUT_S)  # the tests have had the clock for their own limits
-        return not _found_by_exploring()
+        run.limit(run.TIMEOUT_S)  # the tests have had the clock for their own limits
+        return (station and module not in EXPLORED_STATION) or not _found_by_exploring()
+
+
+class _EachInTime:
+    """Each test has so much time of this process; none comes near it."""
+
+    SECONDS = 15.0
+
+    def pytest_runtest_logstart(self) -> None:
+        """Before each test."""
+        run.limit(self.SECONDS)
+
+    def pytest_runtest_logfinish(self) -> None:
+        """Behind each test."""
+        run.limit(run.TIMEOUT_S)
 
 
 def _found_by_exploring() -> bool:
@@ -453,6 +479,8 @@ def of_module(module: str, choose: Callable[[list[Fault]], list[Fault]]) -> tupl
 
 
 def _file(module: str) -> Path:
+    if module.startswith(STATION):
+        return ROOT.joinpath("gcs_module", module.removeprefix(STATION)).with_suffix(".py")
     return ROOT.joinpath("mavproxy_handover", "core", *module.split(".")).with_suffix(".py")
 
 
@@ -464,6 +492,7 @@ def _out_of_date() -> list[str]:
     """What is said here of the core and does not hold any more."""
     core = ROOT / "mavproxy_handover" / "core"
     modules = sorted(".".join(path.relative_to(core).with_suffix("").parts) for path in core.rglob("*.py"))
+    modules += [module for module in FIRST if module.startswith(STATION) and _file(module).exists()]
     wrong = [
         f"no tests are named for {module}" for module in modules if module not in FIRST and any(faults(_source(module)))
     ]

@@ -79,7 +79,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "__init__: number one more: 0 in self._tries = 0": "nothing is counted before an order, which sets it",
         "__init__: truth turned: False in self._shown = False": "nothing shows before an order, which sets it",
         "__init__: number one more: 0.0 in self._first_speed = 0.0": "no stop begins before an order, which sets it",
-        "_moves: dropped: return None": "its time has just begun anew, so it is not over in the next line either",
     },
     "safety.route": {
         "side: comparison turned: self.cross_track_m > 0": "at 0 it is on the leg",
@@ -101,6 +100,15 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "_asked_before: dropped from and/or: asked.named is not None: "
         "asked.named is not None and (not repeats) and (now - asked.at >= ANEW_S)": (
             "to lift what is no limit lifts nothing; the type checker wants it said"
+        ),
+    },
+    "station.core": {
+        "__init__: number one more: 0 in self._why, self._crossing = (Reason.NONE, 0)": (
+            "it is looked at only for the transfer that the vehicle has announced, which sets it"
+        ),
+        "_announced_as: number one more: 0 in return (self._why, self._crossing) if key == self._announced "
+        "else (Reason.NONE, 0)": (
+            "this station has its part already in what is not announced, so its border is not looked at"
         ),
     },
 }

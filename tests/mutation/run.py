@@ -11,6 +11,7 @@ that is listed and does not survive any more.
 
 from __future__ import annotations
 
+import gc
 import importlib.abc
 import importlib.machinery
 import importlib.util
@@ -33,6 +34,8 @@ from tests.mutation.mutants import mutants  # noqa: E402
 from tests.mutation.survivors import KNOWN_SURVIVORS  # noqa: E402
 
 TIMEOUT_S = 120
+#: nobody reads why an assert fails, so none is rewritten to tell: that takes longer than most of the tests
+PYTEST = ("-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--hypothesis-seed=0", "--assert=plain")
 #: Module -> tests that are to notice its faults.
 TESTED = {
     "gate": ("test_gate.py", "test_downlink.py", "test_questions.py", "test_latent.py"),
@@ -65,13 +68,18 @@ class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         exec(compile(self._source, str(self._path), "exec"), vars(module))
 
 
+def limit(seconds: float) -> None:
+    """End this process after so much of its own time (0: never): an endless loop is noticed, a busy machine is none."""
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+
+
 def in_child(task: Callable[[], Any]) -> Any:
     """The task's result, worked out in a process of its own; None if it took too long."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(reader)
-        signal.alarm(TIMEOUT_S)  # ends the process: an endless loop is noticed, too
+        limit(TIMEOUT_S)
         try:
             result = task()
         except BaseException as error:
@@ -88,13 +96,18 @@ def in_child(task: Callable[[], Any]) -> Any:
 
 def import_once() -> None:
     """What all children need, and no fault is planted in."""
+    import _hypothesis_pytestplugin  # noqa: F401
     import hypothesis
     import pytest  # noqa: F401
+    import pytest_timeout  # noqa: F401
+    import xdist.plugin  # noqa: F401
     from pymavlink.dialects.v20 import handover  # noqa: F401
 
     # what was found with one fault must not help to find the next: on another machine nobody remembers it
-    hypothesis.settings.register_profile("mutants", database=None)
+    hypothesis.settings.register_profile("mutants", database=None, deadline=None)
     hypothesis.settings.load_profile("mutants")
+    gc.collect()
+    gc.freeze()  # pytest looks through everything for garbage at its end, in every child
 
 
 def source_file(module: str) -> Path:
@@ -109,11 +122,8 @@ def tests_pass(module: str, source: str | None) -> bool:
     if source is not None:
         sys.meta_path.insert(0, _Mutated(f"mavproxy_handover.gate.{module}", source, source_file(module)))
     files = [str(ROOT / "tests" / "gate" / name) for name in TESTED[module]]
-    quiet = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "--rootdir", str(ROOT)]
-    # The parent has imported hypothesis already, which pytest remarks upon.
-    options = [*quiet, "--hypothesis-seed=0", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        return int(pytest.main([*options, *files])) == 0
+        return int(pytest.main([*PYTEST, "--rootdir", str(ROOT), *files])) == 0
 
 
 def of_module(module: str) -> tuple[int, list[str]]:

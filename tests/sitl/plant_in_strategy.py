@@ -95,8 +95,8 @@ PLANTED = (
     Planted(
         "a return that is not flown is not noticed",
         "safety/supervision.py",
-        "        if now < self._since + self._limits.obey_s:\n",
-        "        if now < self._since + 1000.0 * self._limits.obey_s:\n",
+        "        if self._has_time(self._limits.obey_s, now):\n",
+        "        if self._has_time(1000.0 * self._limits.obey_s, now):\n",
     ),
     Planted(
         "out of coverage is no cause while somebody commands",

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from html import escape
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,8 +21,10 @@ from sitl.campaign.judge import UNSAFE, judge
 from sitl.campaign.log import FlightLog, Flown, Series
 from sitl.campaign.main import main
 from sitl.campaign.outcome import Outcome, fly
+from sitl.campaign.page import summary, write_page
 from sitl.campaign.plan import FlightPlan, draw
 from sitl.campaign.plane import Circle
+from sitl.campaign.steering import NEVER_IN, NEVER_MEET
 from sitl.campaign.times import SECOND
 from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
 from sitl.campaign.world import World
@@ -524,6 +527,32 @@ def test_what_was_tried_is_counted() -> None:
     assert (found.hours_per_cpu_s, found.unsafe_flights, found.whole) == (0.5, 1, 1)
     assert "energy+fence@on_mission" in found.short
     assert found.cells["energy+fence@on_mission"] == 1
+
+
+def of_cells(*cells: str) -> Outcome:
+    return Outcome(1, "delivered", (), 3600.0, 2, cells, "", 2.0, ())
+
+
+def test_what_never_meets_and_did_is_named(tmp_path: Path) -> None:
+    met = "coverage_ends+out_of_coverage@on_handover"
+    assert figures([of_cells("energy+fence@on_mission")]).against_the_rules == []
+    assert figures([of_cells("energy+fence@on_mission", met)]).against_the_rules == [met]
+    assert met in summary(figures([of_cells(met)]))
+    page = write_page(tmp_path, [of_cells(met)]).read_text()
+    assert f"These never meet, and did: {met}." in page
+
+
+def test_the_page_says_what_never_meets_and_why(tmp_path: Path) -> None:
+    page = write_page(tmp_path, [of_cells("energy+fence@on_mission")]).read_text()
+    reasons = [*NEVER_MEET.values(), *NEVER_IN.values()]
+    assert reasons
+    assert all(page.count(escape(reason)) == 1 for reason in reasons)
+    assert "and did" not in page
+
+
+def test_nothing_that_never_meets_meets() -> None:
+    flown = [fly(seed) for seed in range(11, 131, 3)]
+    assert figures(flown).against_the_rules == []
 
 
 @pytest.mark.process

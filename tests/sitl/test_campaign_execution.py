@@ -8,6 +8,9 @@ from dataclasses import replace
 
 import pytest
 
+from mavproxy_handover.core.events import Event, ModeSeen, SignsSeen
+from mavproxy_handover.core.model import Flown
+from mavproxy_handover.core.safety.causes import Cause
 from sitl.campaign.faults import Fault, Strike
 from sitl.campaign.judge import judge
 from sitl.campaign.log import FlightLog
@@ -105,3 +108,28 @@ def test_an_autopilot_that_does_not_obey_is_no_fault_of_who_orders() -> None:
     assert [found.row for found in judge(plan, log)] == ["nobody, nothing done", "nobody, not noticed"]
     log.obeys.set(begun + 52 * SECOND, False)
     assert [found.row for found in judge(plan, log)] == []
+
+
+def test_what_is_flown_is_what_the_last_heartbeat_said_for_the_route_too() -> None:
+    """Else the cause of a landing would be gone before it is known that it lands, and it would be undone."""
+    strays = Strike(Fault.DRIFT, 120 * SECOND, 60 * SECOND, amount=0.9)
+    deaf = Strike(Fault.DISOBEYS, 120 * SECOND, 30 * SECOND)
+    plan = replace(struck(strays, deaf), policies={Cause.OFF_ROUTE: "land"})
+    world = World(plan)
+    heard: list[tuple[int, str]] = []
+    give = world.companion.give
+
+    def note(event: Event, now: int) -> None:
+        if isinstance(event, ModeSeen) and event.flown is Flown.LAND:
+            heard.append((now, "lands"))
+        if isinstance(event, SignsSeen):
+            heard.append((now, "off" if event.off_route else "on"))
+        give(event, now)
+
+    world.companion.give = note
+    log = world.run()
+    landed = next(at for at, mode, who in log.modes if (mode, who) == ("LAND", "companion"))
+    assert landed > 150 * SECOND
+    behind = [what for at, what in heard if at >= landed]
+    assert behind[:2] == ["lands", "on"]
+    assert judge(plan, log) == ()
