@@ -19,13 +19,24 @@ from types import FrameType
 from typing import Any, TextIO
 
 from mavproxy_handover.mission import package as packages
+from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.errors import MissionError
 from sitl.report.page import write_report
 from sitl.report.record import RecordError, load_run
+from sitl.run.fleet import others_of
 from sitl.run.runner import Order, Result, run
 from sitl.run.story import Story
+from sitl.script.own import own_scenario
 from sitl.script.places import SetupError, mission_folder
-from sitl.script.scenario import AUTOPILOT, Scenario, ScenarioError, known_scenarios, load_scenario, with_opening
+from sitl.script.scenario import (
+    AUTOPILOT,
+    Scenario,
+    ScenarioError,
+    known_scenarios,
+    load_scenario,
+    parse_scenario,
+    with_opening,
+)
 from sitl.vehicles import KINDS, LaunchError, find_arducopter
 
 __all__ = ["main"]
@@ -85,7 +96,11 @@ def _parser() -> argparse.ArgumentParser:
         "processes on this machine; then judge it and write a report.",
         epilog="Exit code: 0 every expectation held, 1 one did not, 2 wrong usage or nothing could be set up.",
     )
-    parser.add_argument("--scenario", default="nominal", metavar="NAME", help="what to play (default: nominal)")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument("--scenario", default="nominal", metavar="NAME", help="what to play (default: nominal)")
+    what.add_argument("--mission", type=Path, metavar="DIR", help="fly this mission package as its check says")
+    parser.add_argument("--faults", type=int, metavar="SEED", help="with --mission: something goes wrong, by chance")
+    parser.add_argument("--anyway", action="store_true", help="with --mission: even if its check finds errors")
     parser.add_argument("--list", action="store_true", help="list the scenarios and end")
     parser.add_argument(
         "--vehicle",
@@ -120,10 +135,7 @@ def _list() -> None:
 
 
 def _order(arguments: argparse.Namespace) -> Order:
-    scenarios = known_scenarios()
-    if arguments.scenario not in scenarios:
-        raise ScenarioError(f"no scenario {arguments.scenario!r}; known are {', '.join(scenarios) or 'none'}")
-    scenario = load_scenario(scenarios[arguments.scenario])
+    scenario = _scenario(arguments)
     speedup = arguments.speedup if arguments.speedup is not None else scenario.speedup or DEFAULT_SPEEDUP
     if speedup > MAX_SPEEDUP:
         raise SetupError(
@@ -148,17 +160,38 @@ def _order(arguments: argparse.Namespace) -> Order:
     folder = (arguments.out or Path("runs") / f"{stamp}-{scenario.name}-{vehicle}").resolve()
     if any(character in str(folder) for character in UNUSABLE):
         raise SetupError(f"{folder}: MAVProxy cannot take a path with spaces, quotes or ';': give another --out")
-    return Order(scenario, package, mission, vehicle, speedup, folder, arguments.arducopter)
+    others = others_of(scenario, package)
+    return Order(scenario, package, mission, vehicle, speedup, folder, arguments.arducopter, others=others)
+
+
+def _scenario(arguments: argparse.Namespace) -> Scenario:
+    if arguments.mission is not None:
+        return _own(arguments.mission, arguments.faults, anyway=arguments.anyway)
+    if arguments.faults is not None or arguments.anyway:
+        raise SetupError("--faults and --anyway go with --mission")
+    scenarios = known_scenarios()
+    if arguments.scenario not in scenarios:
+        raise ScenarioError(f"no scenario {arguments.scenario!r}; known are {', '.join(scenarios) or 'none'}")
+    return load_scenario(scenarios[arguments.scenario])
+
+
+def _own(folder: Path, faults: int | None, *, anyway: bool) -> Scenario:
+    """What a mission package says of itself. Raises MissionError, SetupError."""
+    package = packages.load(folder)
+    wrong = [finding.text for finding in check(package).findings if finding.severity is Severity.ERROR]
+    if wrong and not anyway:
+        raise SetupError(f"{folder}: its check fails: {'; '.join(wrong)} (--anyway flies it all the same)")
+    return parse_scenario(own_scenario(package, folder, faults), f"{package.name} by its check")
 
 
 def _check_names(scenario: Scenario, package: packages.MissionPackage) -> None:
     """Stations that the scenario names must be in the mission."""
     names = [station.name for station in package.stations]
-    used = {*scenario.consent, *scenario.standard, *scenario.links, *scenario.rogue}
+    used = {*scenario.consent, *scenario.standard, *scenario.not_in_control, *scenario.links, *scenario.rogue}
     used |= {name for lines in scenario.serial for name in lines.lines if name != AUTOPILOT}
     for step in scenario.steps:
         used.update(step.deed.processes())
-    for name in sorted(used - {*names, "companion", *(["rogue"] if scenario.rogue else [])}):
+    for name in sorted(used - {*names, "companion", *scenario.fleet, *(["rogue"] if scenario.rogue else [])}):
         raise ScenarioError(
             f"{scenario.name}.toml: {name!r} is no station of mission {package.name!r}: {', '.join(names)}"
         )

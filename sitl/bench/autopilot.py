@@ -44,7 +44,7 @@ _ASKED = frozenset(
 class FakeAutopilot:
     """`send` takes its bytes, one frame at a time."""
 
-    def __init__(self, loop: Loop, send: Callable[[bytes], None], place: Place) -> None:
+    def __init__(self, loop: Loop, send: Callable[[bytes], None], place: Place, sysid: int = VEHICLE) -> None:
         self.place = place
         self.armed = False
         self.in_air = False
@@ -59,7 +59,7 @@ class FakeAutopilot:
         self.positions = 0
         self._loop = loop
         self._send = send
-        self._own = mavlink.MAVLink(None, srcSystem=VEHICLE, srcComponent=AUTOPILOT)
+        self._own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT)
         self._parser = mavlink.MAVLink(None)
         self._cruise = {"WPNAV_SPEED": 1000.0}
         self._items: dict[int, list[Any]] = {}

@@ -106,7 +106,7 @@ class Loop:
 
     def _round(self, until: float) -> None:
         now = time.monotonic()
-        while self._timers and self._timers[0][0] <= now:
+        while self._timers and self._timers[0][0] <= now < until:
             _due, _number, timer = heapq.heappop(self._timers)
             if timer.cancelled:
                 continue

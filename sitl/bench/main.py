@@ -18,7 +18,7 @@ from pathlib import Path
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
-from sitl.bench import breath, downlink, energy, restart, starve, transfers, uplink, zones
+from sitl.bench import breath, downlink, energy, fleet, restart, starve, transfers, uplink, zones
 from sitl.bench.loop import BenchError
 from sitl.bench.results import Measurement, Results, table
 from sitl.bench.rig import Rig
@@ -27,8 +27,9 @@ from sitl.vehicles import LaunchError, find_arducopter
 
 __all__ = ["main"]
 
-PARTS = ("uplink", "downlink", "zones", "energy", "transfers", "breath", "restart", "starve")
+PARTS = ("uplink", "downlink", "zones", "energy", "transfers", "breath", "restart", "starve", "fleet")
 Say = Callable[[str], None]
+_LONGEST_S = 86_400.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,7 @@ class Plans:
     breath: breath.Plan
     restart: restart.Plan
     starve: starve.Plan
+    fleet: fleet.Plan
 
 
 FULL = Plans(
@@ -72,6 +74,7 @@ FULL = Plans(
     breath.Plan(20.0, tuple(breath.LOADS)),
     restart.Plan(60, 60, 12),
     starve.Plan(4, 15.0),
+    fleet.Plan({1: 120.0, 2: 120.0, 5: 180.0, 10: 300.0}),
 )
 QUICK = Plans(
     (1, 1),
@@ -90,6 +93,7 @@ QUICK = Plans(
     breath.Plan(3.0, tuple(breath.LOADS)[:2]),
     restart.Plan(2, 2, 1),
     starve.Plan(1, 5.0, ("builtin",)),
+    fleet.Plan({2: 12.0}, 2.0),
 )
 
 
@@ -164,6 +168,10 @@ def _starve(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
         yield from starve.measure(folder / f"starve-{vehicle}", vehicle, plans.starve, say)
 
 
+def _fleet(plans: Plans, folder: Path, say: Say) -> Iterator[Measurement]:
+    return fleet.measure(folder / "fleet", plans.fleet, say)
+
+
 _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "uplink": _uplink,
     "downlink": _downlink,
@@ -173,6 +181,7 @@ _RUN: dict[str, Callable[[Plans, Path, Say], Iterator[Measurement]]] = {
     "breath": _breath,
     "restart": _restart,
     "starve": _starve,
+    "fleet": _fleet,
 }
 
 
@@ -180,16 +189,19 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m sitl.bench",
         description="Measure the companion: frames beside stock MAVProxy, zones, energy, transfers, leases, restarts, "
-        "reads.",
+        "reads; and a station with many vehicles.",
     )
     parser.add_argument("--quick", action="store_true", help="a smoke test: everything once, under two minutes")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for bench.jsonl and logs (runs/bench-TIME)")
+    parser.add_argument("--seconds", type=float, metavar="S", help="fleet: measure each number of vehicles so long")
     parser.add_argument("--strict", action="store_true", help="exit code 1 if a target is missed")
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"some of: {', '.join(PARTS)} (default: all)")
     arguments = parser.parse_args(argv)
     unknown = [part for part in arguments.parts if part not in PARTS]
     if unknown:
         parser.error(f"unknown part {unknown[0]!r}: must be one of {', '.join(PARTS)}")
+    if arguments.seconds is not None and not 1.0 <= arguments.seconds <= _LONGEST_S:
+        parser.error(f"--seconds {arguments.seconds:g}: must be 1 to {_LONGEST_S:.0f}")
     return arguments
 
 
@@ -204,6 +216,8 @@ def main(argv: Sequence[str]) -> int:
         print(f"bench: {folder} is not empty: measurements need a folder of their own", file=sys.stderr)
         return 2
     plans = QUICK if arguments.quick else FULL
+    if arguments.seconds is not None:
+        plans = replace(plans, fleet=plans.fleet.lasting(arguments.seconds))
     began = time.monotonic()
 
     def say(text: str) -> None:

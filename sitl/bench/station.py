@@ -40,9 +40,11 @@ _HEARD = frozenset(
 class FakeStation:
     """A station at a UDP port of 127.0.0.1; the vehicle's side speaks first."""
 
-    def __init__(self, loop: Loop, name: str, sysid: int, key: bytes | None = None) -> None:
-        """Listen. `key`: 32 bytes to sign with. Raises OSError."""
+    def __init__(self, loop: Loop, name: str, sysid: int, key: bytes | None = None, vehicle: int = VEHICLE) -> None:
+        """Listen. `key`: 32 bytes to sign with; `vehicle`: its MAVLink id. Raises OSError."""
         self.name = name
+        #: system and component id of the companion
+        self.companion = (vehicle, COMPANION_COMPID)
         self.sysid = sysid
         #: what AUTHORITY_STATUS last said
         self.commander: int | None = None
@@ -94,8 +96,9 @@ class FakeStation:
 
     def share(self, package: MissionPackage) -> None:
         """Begin to send a mission package to the vehicle; `shared` says when it has loaded it."""
-        target = (VEHICLE, COMPANION_COMPID)
-        self._sender = PackageSender(package.to_bytes(), package.digest, package.name, target, until_loaded=True)
+        self._sender = PackageSender(
+            package.to_bytes(), package.digest, package.name, self.companion, until_loaded=True
+        )
 
     @property
     def shared(self) -> bool:
@@ -139,7 +142,7 @@ class FakeStation:
             answer = ConnectAck(
                 self.sysid, PROTOCOL_VERSION, m.nonce, m.epoch, m.commander or None, self.name, self.digest
             )
-            self.send(codec.encode(answer, (VEHICLE, COMPANION_COMPID), VEHICLE))
+            self.send(codec.encode(answer, self.companion, self.companion[0]))
         elif kind == "AUTHORITY_STATUS":
             self.commander, self.phase = m.commander or None, m.phase
         elif kind == "MISSION_PACKAGE_ACK" and self._sender is not None:

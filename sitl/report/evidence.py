@@ -8,8 +8,8 @@ Entries after the end of the timeline are left out: they tell of the programs be
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import inf
 
 from mavproxy_handover.mission.package import MissionPackage
@@ -18,7 +18,7 @@ from sitl.report.loss import Heard
 from sitl.report.matching import matches
 from sitl.report.watch import VEHICLE, Clock, Sample, samples_of
 
-__all__ = ["NOBODY", "CommanderChange", "Evidence", "RunNotes"]
+__all__ = ["NOBODY", "CommanderChange", "Evidence", "RunNotes", "of_vehicle", "seen_of"]
 
 NOBODY = "nobody"
 #: a companion that flies writes its position every second
@@ -51,6 +51,27 @@ class RunNotes:
     losses: dict[str, Heard | str] = field(default_factory=dict)
 
 
+def seen_of(name: str) -> str:
+    """`who` of what is seen of a further vehicle itself."""
+    return f"{VEHICLE} of {name}"
+
+
+def of_vehicle(entries: Iterable[Entry], name: str, names: Sequence[str]) -> list[Entry]:
+    """What is about one of several vehicles, as if there were no other; `names`: of all, the first one's first.
+
+    That is: nothing of another one's companion, nothing that is seen of it, and nothing that a station says of it.
+    """
+    if len(names) == 1:
+        return list(entries)
+    seen = {other: seen_of(other) if other != names[0] else VEHICLE for other in names}
+    strangers = {who for other in names if other != name for who in (other, seen[other])}
+    return [
+        replace(entry, who=VEHICLE) if entry.who == seen[name] else entry
+        for entry in entries
+        if entry.who not in strangers and entry.get("vehicle", name) == name
+    ]
+
+
 class Evidence:
     """The journals of a run, sorted by time, with what is needed to read them."""
 
@@ -61,6 +82,8 @@ class Evidence:
         cut = sorted(entries, key=lambda entry: entry.t)
         self.entries: Sequence[Entry] = [entry for entry in cut if ended_t is None or entry.t <= ended_t]
         self.package = package
+        #: of the further vehicles, by name; the entries above are those of the first
+        self.others: Mapping[str, Evidence] = {}
         self.samples: Sequence[Sample] = samples_of(self.entries)
         self._clock = Clock(self.notes.speedup)
         for sample in self.samples:

@@ -15,6 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.store.journal import strangers_path
+
 __all__ = ["Entry", "JournalReader", "parse_line", "read_journals"]
 
 
@@ -104,8 +106,8 @@ class JournalReader:
         return sum(follower.broken for follower in self._followers)
 
     def follow(self, path: Path) -> None:
-        """Follow a file, which need not exist yet."""
-        self._followers.append(_Follower(path))
+        """Follow a file, which need not exist yet, and the one of the strangers beside it."""
+        self._followers += [_Follower(path), _Follower(strangers_path(path))]
 
     def add(self, entries: Iterable[Entry]) -> None:
         """Take in entries that come from elsewhere than a file."""

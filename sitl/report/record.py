@@ -16,6 +16,7 @@ from typing import Any
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.store.journal import strangers_path
 from sitl.report.evidence import Evidence, RunNotes
 from sitl.report.journal_reader import read_journals
 
@@ -64,7 +65,9 @@ def load_run(folder: Path) -> RunRecord:
     """Read a run's folder. Raises RecordError."""
     if not folder.is_dir():
         raise RecordError(f"{folder}: no such folder")
-    journals = sorted(folder.glob("*.jsonl")) + sorted(folder.glob("*/*.jsonl"))
+    found = sorted(folder.glob("*.jsonl")) + sorted(folder.glob("*/*.jsonl"))
+    beside = set(map(strangers_path, found))  # followed with the journal that they lie beside
+    journals = [path for path in found if path not in beside]
     if not journals:
         raise RecordError(f"{folder}: no journals (*.jsonl) in it or in its folders")
     values = _read_values(folder / RUN_FILE)

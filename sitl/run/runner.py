@@ -16,7 +16,7 @@ import select
 import shutil
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
@@ -26,19 +26,20 @@ from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import KeysError
-from sitl.report.evidence import Evidence, RunNotes
+from sitl.report.evidence import Evidence, RunNotes, of_vehicle, seen_of
 from sitl.report.journal_reader import Entry, JournalReader
 from sitl.report.loss import measure
 from sitl.report.record import RUN_FILE, Verdict
 from sitl.report.watch import Watch
+from sitl.run.fleet import FIRST, Craft, Flown, first_of
 from sitl.run.memory import memory_of_a_run
 from sitl.run.observer import Observer
 from sitl.run.processes import Processes, ProcessGone, ending
 from sitl.run.proxy import give_orders
 from sitl.run.story import Story
 from sitl.run.transmitter import Transmitter
-from sitl.run.wiring import COMPANION, IMPAIRMENT, LINES, SYSID, Program, Wiring, lay_out
-from sitl.script.expect import ALWAYS, Loss
+from sitl.run.wiring import COMPANION, IMPAIRMENT, LINES, Program, Wiring, lay_out
+from sitl.script.expect import ALWAYS, Loss, OfVehicle
 from sitl.script.places import SetupError, guard_files
 from sitl.script.scenario import Scenario, Step
 from sitl.script.steps import Running, Steady, StepFailed
@@ -65,6 +66,10 @@ class Order:
     speedup: float
     folder: Path
     arducopter: str | None = None
+    #: standard station -> the program that is tried in its place; it takes the options of `sitl.run.standard_gcs`
+    instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    #: further vehicles
+    others: tuple[Craft, ...] = ()
 
 
 @dataclass(slots=True)
@@ -126,6 +131,9 @@ class _Flight:
         self.begun_utc = datetime.now(timezone.utc)
         self.vehicle: RunningVehicle | None = None
         self._observer: Observer | None = None
+        #: further vehicles, and the one that the step under way is about; "": the first
+        self._others: dict[str, Flown] = {}
+        self._about = ""
         self._transmitter: Transmitter | None = None
         self._told = 0
         self._impaired: tuple[str, ...] = ()
@@ -136,14 +144,20 @@ class _Flight:
 
     @property
     def watch(self) -> Watch:
+        if self._about:
+            return self._others[self._about].observer.watch
         assert self._observer is not None
         return self._observer.watch
+
+    def _sim_at(self, t: float) -> float:
+        """Simulated seconds, by the first vehicle's clock."""
+        return 0.0 if self._observer is None else self._observer.watch.clock.sim_at(t)
 
     def entries(self) -> list[Entry]:
         return self.reader.entries
 
     def sim_s(self) -> float:
-        return 0.0 if self._observer is None else self.watch.clock.sim_at(time.monotonic())
+        return self._sim_at(time.monotonic())
 
     def place(self, name: str) -> tuple[float, float]:
         place, home = self.order.scenario.places[name], self.order.package.route.home
@@ -213,19 +227,26 @@ class _Flight:
         """Start everything. Raises SetupError."""
         order = self.order
         try:
-            wiring = lay_out(order.folder, order.package, order.folder / "mission", order.scenario)
-            self._start_vehicle(wiring)
-            assert self.vehicle is not None
+            others = tuple(craft.in_folder(order.folder) for craft in order.others)
+            mission = order.folder / "mission"
+            wiring = lay_out(order.folder, order.package, mission, order.scenario, order.instead, others)
+            first = first_of(order.package, mission)
+            seen = order.folder / "vehicle.jsonl"
+            self.vehicle, self._observer = self._start_vehicle(wiring, first, order.folder, seen)
+            for craft in others:
+                folder = order.folder / craft.name
+                started = self._start_vehicle(wiring, craft, folder, folder / "vehicle" / "seen.jsonl")
+                self._others[craft.name] = Flown(craft.name, *started)
             self._start_programs(wiring, self.vehicle.companion_master)
         except (ConfigError, KeysError, OSError) as error:
             raise SetupError(" ".join(str(error).split())) from None
 
-    def _start_vehicle(self, wiring: Wiring) -> None:
-        order, home = self.order, self.order.package.route.home
+    def _start_vehicle(self, wiring: Wiring, craft: Craft, folder: Path, seen: Path) -> tuple[RunningVehicle, Observer]:
+        order, home = self.order, craft.package.route.home
         script, parameters = guard_files()
         spec = VehicleSpec(
             home=(home.lat_deg, home.lon_deg, home.alt_m, 0.0),
-            sysid=SYSID,
+            sysid=craft.sysid,
             speedup=order.speedup,
             scripts=(script, *wiring.card),
             defaults=(parameters,),
@@ -233,12 +254,16 @@ class _Flight:
             arducopter=order.arducopter,
         )
         try:
-            self.vehicle = launch(order.vehicle, spec, order.folder / "vehicle")
+            vehicle = launch(order.vehicle, spec, folder / "vehicle")
         except LaunchError as error:
             # its first line says what, the last one of the vehicle's log why
             first, *rest = str(error).strip().splitlines()
             raise SetupError(f"{first} {rest[-1].strip()}" if rest else first) from None
-        self._observer = Observer(self.vehicle.monitor, SYSID, order.speedup, order.folder / "vehicle.jsonl")
+        try:
+            return vehicle, Observer(vehicle.monitor, craft.sysid, order.speedup, seen)
+        except OSError:
+            vehicle.stop()
+            raise
 
     def _start_programs(self, wiring: Wiring, master: str) -> None:
         self._impaired = wiring.impaired
@@ -246,7 +271,11 @@ class _Flight:
         for program in between:
             self._start(program)
         self._await_up(between)
-        programs = (wiring.companion(master), *(station.program() for station in wiring.stations))
+        programs = (
+            wiring.companion(master),
+            *(wiring.other(name, flown.vehicle.companion_master) for name, flown in self._others.items()),
+            *(station.program() for station in wiring.stations),
+        )
         for program in programs:
             self._start(program)
         self._await_up(programs)
@@ -296,6 +325,7 @@ class _Flight:
 
     def _do(self, step: Step) -> str:
         """Do a step; returns what went wrong, or nothing."""
+        self._about = step.vehicle
         began_wall, began_sim = time.monotonic(), self.sim_s()
         wall_limit_s = step.timeout_wall_s or (step.timeout_s or 0.0) / self.order.speedup * _SLACK_FACTOR + _SLACK_S
         try:
@@ -323,16 +353,18 @@ class _Flight:
 
     def tear_down(self) -> None:
         """End everything that was started, whatever has happened."""
-        if self._observer is not None:
-            self._observer.close()
+        for observer in (self._observer, *(flown.observer for flown in self._others.values())):
+            if observer is not None:
+                observer.close()
         if self._transmitter is not None:
             self._transmitter.close()
         self._memory.close()
         try:
             self.processes.stop_all()
         finally:
-            if self.vehicle is not None:
-                self.vehicle.stop()
+            for vehicle in (self.vehicle, *(flown.vehicle for flown in self._others.values())):
+                if vehicle is not None:
+                    vehicle.stop()
 
     # ---- in between -----------------------------------------------------------------------------------------------
 
@@ -342,6 +374,8 @@ class _Flight:
         if observer is not None and observer.connected:
             select.select([observer], [], [], timeout_s)
             self.reader.add(observer.poll())
+            for flown in self._others.values():
+                self.reader.add(flown.poll())
         else:
             time.sleep(timeout_s)
         self.reader.poll()
@@ -351,13 +385,15 @@ class _Flight:
         while self._told < len(self.reader.entries):
             entry = self.reader.entries[self._told]
             self._told += 1
-            self.story.entry(entry, self.watch.clock.sim_at(entry.t))
+            self.story.entry(entry, self._sim_at(entry.t))
         deaths = self.notes.deaths
         for child in self.processes.dead():
             if child.name not in deaths and child.returncode is not None:
                 deaths[child.name] = ending(child.returncode)
-        if self.vehicle is not None and not self.vehicle.alive() and "vehicle" not in deaths:
-            deaths["vehicle"] = "ended"
+        running = [("vehicle", self.vehicle), *((seen_of(name), each.vehicle) for name, each in self._others.items())]
+        for name, vehicle in running:
+            if vehicle is not None and not vehicle.alive() and name not in deaths:
+                deaths[name] = "ended"
 
     def _weigh(self) -> None:
         """Once a second: the memory of the companion."""
@@ -376,9 +412,15 @@ class _Flight:
         if any(isinstance(expectation, Loss) for expectation in self.order.scenario.expectations):
             names = {station.name for station in self.order.package.stations} - set(self.order.scenario.standard)
             self.notes.losses = {name: measure(self.order.folder / name / f"{name}.tlog") for name in names}
-        evidence = Evidence(self.reader.entries, self.order.package, self.notes)
+        entries, vehicles = self.reader.entries, [FIRST[0], *self._others]
+        evidence = Evidence(of_vehicle(entries, FIRST[0], vehicles), self.order.package, self.notes)
+        evidence.others = {
+            craft.name: Evidence(of_vehicle(entries, craft.name, vehicles), craft.package, self.notes)
+            for craft in self.order.others
+        }
+        always = (*ALWAYS, *(OfVehicle(name, each) for name in self._others for each in ALWAYS))
         verdicts = list(self.step_verdicts)
-        verdicts += [expectation.judge(evidence) for expectation in (*self.order.scenario.expectations, *ALWAYS)]
+        verdicts += [expectation.judge(evidence) for expectation in (*self.order.scenario.expectations, *always)]
         assert self.notes.ended_t is not None  # the timeline was played
         return Result(self.order, verdicts, duration_sim_s=evidence.sim_at(self.notes.ended_t), evidence=evidence)
 

@@ -16,8 +16,8 @@ from __future__ import annotations
 import json
 import secrets
 import sys
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from mavproxy_handover.cli.launch import station_argv, supervised_argv
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
+from sitl.run.fleet import FIRST, Craft, first_of
 from sitl.run.ports import LOOPBACK, PortPicker
 from sitl.run.slow_disk import on_slow_disk
 from sitl.script.places import mission_folder
@@ -45,10 +46,10 @@ __all__ = [
 ]
 
 #: name of the companion's process, and its name in journals
-COMPANION, COMPANION_NAME = "companion", "drone-1"
+COMPANION, COMPANION_NAME = "companion", FIRST[0]
 #: names of the processes that stand in links
 IMPAIRMENT, ROGUE, LINES = "impairment", "rogue", "lines"
-SYSID = 1
+SYSID = FIRST[1]
 #: lies in the folder of each of our stations: what MAVProxy can be told to load, a mission that nobody flies among it
 _TO_LOAD = {
     "other.waypoints": """QGC WPL 110
@@ -82,6 +83,10 @@ class StationWires:
     standard: bool
     key: Path | None = None
     line: str = ""
+    #: the program of a standard station; empty: ours
+    instead: tuple[str, ...] = ()
+    #: its configuration names the links, because there are several vehicles
+    fleet: bool = False
 
     @property
     def journal(self) -> Path:
@@ -91,9 +96,12 @@ class StationWires:
     def program(self) -> Program:
         """What runs there."""
         if self.standard:
-            argv = [sys.executable, "-m", "sitl.run.standard_gcs", "--name", self.name, "--sysid", str(self.sysid)]
+            argv = [*self.instead] if self.instead else [sys.executable, "-m", "sitl.run.standard_gcs"]
+            argv += ["--name", self.name, "--sysid", str(self.sysid)]
             argv += ["--vehicle", str(SYSID), "--listen", str(self.masters[0]), "--journal", str(self.journal)]
             argv += [] if self.key is None else ["--key", str(self.key)]
+        elif self.fleet:
+            argv = station_argv(self.config, None, self.folder / f"{self.name}.tlog")
         else:
             links = [f"udpin:{LOOPBACK}:{port}" for port in self.masters]
             first, *others = [self.line] if self.line else links
@@ -119,6 +127,16 @@ class Wiring:
     companion_under: tuple[str, ...] = ()
     #: the serial line to the autopilot, as MAVProxy names it, if there is one
     line: str = ""
+    #: configurations of the further vehicles' companions, by vehicle
+    others: Mapping[str, Path] = field(default_factory=dict)
+
+    def other(self, name: str, master: str) -> Program:
+        """A further vehicle's companion, supervised, with its autopilot at `master`."""
+        config = self.others[name]
+        home = config.parent
+        return Program(
+            name, tuple(supervised_argv(config, master, home / f"{name}.tlog")), home, home / f"{COMPANION}.jsonl"
+        )
 
     def programs_between(self, master: str) -> tuple[Program, ...]:
         """What stands in links, with the autopilot at `master`."""
@@ -205,15 +223,28 @@ class _Between:
         return tuple(programs)
 
 
-def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scenario) -> Wiring:
-    """Write the configuration files of all programs into `folder`. Raises OSError, SetupError."""
+def lay_out(
+    folder: Path,
+    package: MissionPackage,
+    mission: Path,
+    scenario: Scenario,
+    instead: Mapping[str, Sequence[str]] | None = None,
+    others: Sequence[Craft] = (),
+) -> Wiring:
+    """Write the configuration files of all programs into `folder`. `instead`: see `sitl.run.runner.Order`; `others`:
+    further vehicles.
+
+    Raises OSError, SetupError.
+    """
     ports = PortPicker()
+    first = first_of(package, mission)
     between = _Between(folder, ports, scenario)
     ground = {station.name: ports.udp() for station in package.stations}
     grounds = [{"name": entry.name, "sysid": entry.sysid, "target": ground[entry.name]} for entry in package.stations]
     keys = _make_keys(folder / "keys", package) if scenario.signed else {}
     guard_key, card = _guard_keys(folder, scenario)
     entries, stations = [], []
+    beside = [_Beside.laid(craft, folder, ports, signed=scenario.signed) for craft in others]
     for station in package.stations:
         line = between.line(station.name)
         labels = () if line else scenario.links.get(station.name, ("",))
@@ -230,6 +261,8 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         standard = station.name in scenario.standard
         if standard:
             entry["module"] = False
+        if station.name in scenario.not_in_control:
+            entry["not_in_control"] = scenario.not_in_control[station.name]
         if station.name in keys:
             entry["key"] = str(keys[station.name])
         entries.append(entry)
@@ -237,6 +270,10 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
         config = home / f"{station.name}.toml"
         if not standard:
             tables = _station(station, package, mission, scenario, keys, ground, between)
+            if beside:
+                tables |= _fleet(
+                    tables["station"], [_Beside(first, {station.name: masters[0]}, keys), *beside], station
+                )
             config = _write(config, tables)
             for name, text in _TO_LOAD.items():
                 (home / name).write_text(text, encoding="ascii")
@@ -250,39 +287,81 @@ def lay_out(folder: Path, package: MissionPackage, mission: Path, scenario: Scen
                 standard,
                 keys.get(station.name),
                 f"{line[1]},{line[2]}" if line else "",
+                tuple((instead or {}).get(station.name, ())),
+                bool(beside),
             )
         )
     to_autopilot = between.line(AUTOPILOT)
     return Wiring(
         folder,
-        _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(package, mission, scenario, entries, guard_key)),
+        _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(first, scenario, entries, guard_key)),
         tuple(stations),
         between.programs(folder, grounds),
         tuple(proxy["name"] for proxy in between.proxies),
         card,
         on_slow_disk(folder / COMPANION, scenario.fsync_s) if scenario.fsync_s else (),
         f"{to_autopilot[0]},{to_autopilot[2]}" if to_autopilot else "",
+        {each.craft.name: each.companion(folder, scenario) for each in beside},
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Beside:
+    """A vehicle's links where there are several: the port at each station, and the stations' keys towards it."""
+
+    craft: Craft
+    ports: Mapping[str, int]
+    keys: Mapping[str, Path]
+
+    @classmethod
+    def laid(cls, craft: Craft, folder: Path, ports: PortPicker, *, signed: bool) -> _Beside:
+        """Ports and keys of a further one. Raises OSError."""
+        keys = _make_keys(folder / "keys" / craft.name, craft.package) if signed else {}
+        return cls(craft, {station.name: ports.udp() for station in craft.package.stations}, keys)
+
+    def companion(self, folder: Path, scenario: Scenario) -> Path:
+        """Write its companion's configuration. Raises OSError."""
+        entries = []
+        for station in self.craft.package.stations:
+            links = [f"udpout:{LOOPBACK}:{self.ports[station.name]}"]
+            entry: dict[str, Any] = {"name": station.name, "sysid": station.sysid, "links": links}
+            entries.append(entry | ({"key": str(self.keys[station.name])} if self.keys else {}))
+        tables = _vehicle(self.craft, scenario, entries, None)
+        return _write(folder / self.craft.name / COMPANION / f"{COMPANION}.toml", tables)
+
+
+def _fleet(own: dict[str, Any], vehicles: Sequence[_Beside], station: StationEntry) -> dict[str, Any]:
+    """[station] without what is each vehicle's own, and a [[vehicle]] for each."""
+    tables = []
+    for each in vehicles:
+        craft = each.craft
+        link = f"udpin:{LOOPBACK}:{each.ports[station.name]}"
+        table: dict[str, Any] = {"name": craft.name, "sysid": craft.sysid, "links": [link]}
+        table |= {"key": str(each.keys[station.name])} if each.keys else {"allow_unsigned": True}
+        if station.name == craft.package.parent.name:
+            table["mission"] = str(craft.mission)
+        tables.append(table)
+    kept = {key: value for key, value in own.items() if key not in ("vehicle", "mission", "key")}
+    return {"station": kept, "vehicle": tables}
+
+
 def _vehicle(
-    package: MissionPackage,
-    mission: Path,
+    craft: Craft,
     scenario: Scenario,
     stations: list[dict[str, Any]],
     guard_key: Path | None,
 ) -> dict[str, Any]:
     vehicle: dict[str, Any] = {
-        "name": COMPANION_NAME,
-        "sysid": SYSID,
-        "parent": package.parent.name,
+        "name": craft.name,
+        "sysid": craft.sysid,
+        "parent": craft.package.parent.name,
         "journal": f"{COMPANION}.jsonl",
         "guard": True,
     }
     if not scenario.signed:
         vehicle["allow_unsigned"] = True
     if scenario.on_board:
-        vehicle["mission"] = str(mission)
+        vehicle["mission"] = str(craft.mission)
     if guard_key is not None:
         vehicle["guard_key"] = str(guard_key)
     tables: dict[str, Any] = {"vehicle": vehicle, "station": stations}

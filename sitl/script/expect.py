@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import inf
 
@@ -23,7 +23,7 @@ from sitl.report.matching import Match, describe, last_line, matches
 from sitl.report.record import Verdict
 from sitl.report.watch import VEHICLE
 
-__all__ = ["ALWAYS", "EXPECTATIONS", "Expectation", "Loss"]
+__all__ = ["ALWAYS", "EXPECTATIONS", "Expectation", "Loss", "OfVehicle"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -309,6 +309,21 @@ class Loss(Expectation):
         )
         seen = "; ".join(one if isinstance(one, str) else f"{name} {one}" for name, one in sorted(found.items()))
         return Verdict(held, wanted, seen or "no log of any station")
+
+
+@dataclass(frozen=True, slots=True)
+class OfVehicle(Expectation):
+    """An expectation of a further vehicle, judged as if it were the only one."""
+
+    vehicle: str
+    inner: Expectation
+
+    def labels(self) -> tuple[str, ...]:
+        return self.inner.labels()
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        verdict = self.inner.judge(evidence.others[self.vehicle])
+        return replace(verdict, wanted=f"{self.vehicle}: {verdict.wanted}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     begin = "start"                common opening, so far: "connected", "loaded" or "start"
     consent = {GCSA = "operator"}  its operator is asked
     standard = ["GCSA"]            speaks the MAVLink standard only
+    not_in_control = {GCSA = "never"}  the vehicle's setting for a station
     on_board = true                the mission package is there before the flight
     signed = true                  a key for each station
     guard_key = "same"             the guard's card has a key, and the companion the same one, or "other"
@@ -22,6 +23,9 @@ Before the steps stands what the flight is made of, where that differs from the 
     serial = [{lines = ["GCSA", "autopilot"], baud = 57600, damage = 0.0005, bursts_per_s = 2}]   lines with noise
     rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
     fsync_s = 2.0                  each time that the companion waits for its disk takes so long
+    fleet = {drone-2 = "linear"}   further vehicles, each with a mission of its own and the same stations
+
+Where there are further vehicles, `vehicle = "drone-2"` in a step or an expectation says that it is about that one.
 
 `world` among the steps sets a parameter of the simulation itself (SIM_*), wind for instance.
 
@@ -38,9 +42,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.gate.tongues import POLICIES
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.report.matching import Match
-from sitl.script.expect import EXPECTATIONS, Expectation
+from sitl.script.expect import EXPECTATIONS, Expectation, OfVehicle
 from sitl.script.fault_steps import FAULT_STEPS
 from sitl.script.opening import BEGINNINGS, opening
 from sitl.script.places import SCENARIOS
@@ -83,6 +88,7 @@ _KEYS = (
     "begin",
     "consent",
     "standard",
+    "not_in_control",
     "on_board",
     "signed",
     "guard_key",
@@ -91,6 +97,7 @@ _KEYS = (
     "serial",
     "rogue",
     "fsync_s",
+    "fleet",
     "limits",
     "policy",
     "parameters",
@@ -98,7 +105,19 @@ _KEYS = (
     "step",
     "expect",
 )
-_STEP_KEYS = ("label", "say", "timeout_s", "timeout_wall_s")
+_STEP_KEYS = ("label", "say", "timeout_s", "timeout_wall_s", "vehicle")
+#: what is laid for one vehicle only
+_NOT_OF_A_FLEET = (
+    "standard",
+    "not_in_control",
+    "links",
+    "serial",
+    "rogue",
+    "impair",
+    "guard_key",
+    "fsync_s",
+    "on_board",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +138,8 @@ class Step:
     say: str = ""
     timeout_s: float | None = DEFAULT_TIMEOUT_S
     timeout_wall_s: float | None = None
+    #: a further vehicle that it is about; empty: the first one
+    vehicle: str = ""
 
     @property
     def title(self) -> str:
@@ -181,6 +202,8 @@ class Scenario:
     begin: str = ""
     #: stations that speak the MAVLink standard only
     standard: tuple[str, ...] = ()
+    #: station -> who gets that result there (`POLICIES` of `gate/tongues.py`); those not named have the default
+    not_in_control: Mapping[str, str] = field(default_factory=dict)
     #: vehicle and stations have the mission package before they start
     on_board: bool = False
     #: every station has a key, and its links are signed
@@ -195,6 +218,8 @@ class Scenario:
     rogue: tuple[str, ...] = ()
     #: how long the companion's disk takes, if it is a slow one
     fsync_s: float = 0.0
+    #: further vehicles: name -> mission
+    fleet: Mapping[str, str] = field(default_factory=dict)
 
 
 def known_scenarios(folder: Path = SCENARIOS) -> dict[str, Path]:
@@ -249,7 +274,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         mission=reader.value(data, "mission", str),
         steps=steps,
         expectations=expectations,
-        consent=_consent(reader, data),
+        consent=_words(reader, data, "consent", CONSENTS),
         limits=reader.at("limits").numbers(reader.table(data, "limits", {})),
         policy=reader.at("policy").words(reader.table(data, "policy", {})),
         parameters=reader.at("parameters").numbers(reader.table(data, "parameters", {})),
@@ -257,6 +282,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         speedup=speedup,
         begin=_word(reader, data, "begin", BEGINNINGS),
         standard=reader.value(data, "standard", tuple[str, ...], ()),
+        not_in_control=_words(reader, data, "not_in_control", POLICIES),
         on_board=reader.value(data, "on_board", bool, False),
         signed=reader.value(data, "signed", bool, False),
         guard_key=_word(reader, data, "guard_key", GUARD_KEYS),
@@ -268,8 +294,10 @@ def parse_scenario(text: str, file: str) -> Scenario:
         ),
         rogue=reader.value(data, "rogue", tuple[str, ...], ()),
         fsync_s=fsync_s,
+        fleet=reader.at("fleet").words(reader.table(data, "fleet", {})),
     )
     _check_lines(reader, scenario)
+    _check_fleet(reader, scenario)
     return scenario
 
 
@@ -283,6 +311,21 @@ def _check_lines(reader: Reader, scenario: Scenario) -> None:
                 raise reader.error("serial", f"{name!r} has a serial line, and cannot be in {key}")
         if names.count(name) > 1:
             raise reader.error("serial", f"{name!r} has two lines")
+
+
+def _check_fleet(reader: Reader, scenario: Scenario) -> None:
+    """Further vehicles have plain links, and steps and expectations name no others."""
+    for key in _NOT_OF_A_FLEET if scenario.fleet else ():
+        if getattr(scenario, key):
+            raise reader.error("fleet", f"does not go together with {key}")
+    for name in scenario.fleet:
+        if not re.fullmatch(r"drone-[2-9]", name):
+            raise reader.at("fleet").error(name, "must be drone-2 to drone-9")
+    about = [step.vehicle for step in scenario.steps if step.vehicle]
+    about += [each.vehicle for each in scenario.expectations if isinstance(each, OfVehicle)]
+    for name in about:
+        if name not in scenario.fleet:
+            raise reader.error("vehicle", f"{name!r} is not in [fleet]: {', '.join(scenario.fleet) or 'there is none'}")
 
 
 def _word(reader: Reader, data: Mapping[str, Any], key: str, words: tuple[str, ...]) -> str:
@@ -302,13 +345,14 @@ def with_opening(scenario: Scenario, package: MissionPackage) -> Scenario:
     return replace(scenario, steps=(*steps, *scenario.steps))
 
 
-def _consent(reader: Reader, data: Mapping[str, Any]) -> dict[str, str]:
-    inside = reader.at("consent")
-    consent = inside.words(reader.table(data, "consent", {}))
-    for name, word in consent.items():
-        if word not in CONSENTS:
-            raise inside.error(name, f"{word!r} must be one of {', '.join(CONSENTS)}")
-    return consent
+def _words(reader: Reader, data: Mapping[str, Any], key: str, allowed: tuple[str, ...]) -> dict[str, str]:
+    """A table of stations, each with one of these words."""
+    inside = reader.at(key)
+    words = inside.words(reader.table(data, key, {}))
+    for name, word in words.items():
+        if word not in allowed:
+            raise inside.error(name, f"{word!r} must be one of {', '.join(allowed)}")
+    return words
 
 
 def _step(reader: Reader, number: int, table: Mapping[str, Any], places: Mapping[str, Place]) -> Step:
@@ -333,12 +377,15 @@ def _step(reader: Reader, number: int, table: Mapping[str, Any], places: Mapping
         say=reader.value(table, "say", str, ""),
         timeout_s=simulated,
         timeout_wall_s=wall,
+        vehicle=reader.value(table, "vehicle", str, ""),
     )
 
 
 def _expectation(reader: Reader, table: Mapping[str, Any]) -> Expectation:
-    word, value = reader.one_of(table, EXPECTATIONS, ())
-    return reader.at(word).build(EXPECTATIONS[word], value)
+    word, value = reader.one_of(table, EXPECTATIONS, ("vehicle",))
+    expectation = reader.at(word).build(EXPECTATIONS[word], value)
+    vehicle = reader.value(table, "vehicle", str, "")
+    return OfVehicle(vehicle, expectation) if vehicle else expectation
 
 
 def _check_labels(reader: Reader, steps: tuple[Step, ...], expectations: tuple[Expectation, ...]) -> None:

@@ -9,17 +9,24 @@ import os
 import socket
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
+from random import Random
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import shapely
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.model import AuthorityView, Phase
+from gcs_module.core import FromPeer
+from mavproxy_handover.core.messages import OnHandover, TransferKey
+from mavproxy_handover.core.model import AuthorityView, Consent, Phase, Reason, Station
 from mavproxy_handover.gate.judge import Fate, StationIdentity, judge
 from mavproxy_handover.wire.frames import parse_one
-from sitl.bench import energy, zones
+from mavproxy_handover.wire.ids import COMPANION_COMPID
+from sitl.bench import energy, fleet, fleet_figures, zones
+from sitl.bench import loop as loop_module
 from sitl.bench.autopilot import FakeAutopilot
 from sitl.bench.durations import Committed, read_journal, transfers
 from sitl.bench.loop import BenchError, Loop, cpu_s
@@ -29,6 +36,7 @@ from sitl.bench.results import Measurement, Results, from_comparison, table
 from sitl.bench.shuttle import Shuttle
 from sitl.bench.starve import GREED, slowest
 from sitl.bench.station import FakeStation
+from sitl.bench.talker import TalkingStation
 from sitl.bench.traffic import DOWNLINK, UPLINK_MIX, Place, downlink_message, frame_key, split, uplink_message
 
 PLACE = Place(52.68, 5.92)
@@ -284,6 +292,143 @@ def test_the_shuttle_waits_for_the_lease_and_goes_on_to_the_other_side() -> None
     assert shuttle.commits == 2
 
 
+def toured(pause_s: float = 1.0) -> tuple[Wire, fleet.Tour, list[Place]]:
+    """In the air over the first of three zones, with two regions between them."""
+    wire = Wire()
+    places = [Place(52.68, 5.92 + 0.01 * number) for number in range(5)]
+    stops = list(zip(places, (251, None, 252, None, 253), strict=True))
+    tour = fleet.Tour(wire.autopilot, stops, pause_s, Random(1))
+    tour.begin(0.0)
+    return wire, tour, places
+
+
+def test_a_tour_waits_for_the_lease_in_each_region_and_turns_at_its_end() -> None:
+    wire, tour, places = toured()
+    seen, now = [], 0.0
+    for commander in (252, 253, 252, 251, 252):
+        now += 2.0
+        tour.step(now)
+        seen.append(places.index(wire.autopilot.place))
+        wire.lease(2, commander)
+        tour.step(now)
+        assert places.index(wire.autopilot.place) == seen[-1], "the transfer is under way"
+        wire.lease(1, commander)
+        tour.step(now)
+        seen.append(places.index(wire.autopilot.place))
+    assert seen == [1, 2, 3, 4, 3, 2, 1, 0, 1, 2]
+    assert (tour.handovers, tour.given_up) == (5, 0)
+
+
+def test_a_tour_gives_a_region_up_where_nothing_comes_of_it() -> None:
+    wire, tour, places = toured()
+    wire.lease(1, 251)
+    tour.step(2.0)
+    tour.step(61.9)
+    assert (wire.autopilot.place, tour.given_up) == (places[1], 0)
+    tour.step(62.1)
+    assert (wire.autopilot.place, tour.given_up, tour.handovers) == (places[0], 1, 0)
+
+
+def test_a_tour_tells_who_was_to_hand_over_to_whom() -> None:
+    wire, tour, _places = toured()
+    now = 0.0
+    for commander in (252, 253, 252):
+        now += 2.0
+        tour.step(now)
+        wire.lease(1, commander)
+        tour.step(now)
+    assert tour.asked == [(251, 252), (252, 253), (253, 252)]
+
+
+def committed(t: float, station: str, duration_s: float = 0.01) -> dict[str, Any]:
+    return {
+        "t": t, "event": "transfer_committed", "station": station, "handover_id": 1, "duration_s": duration_s,
+        "reason": "zone",
+    }  # fmt: skip
+
+
+def seen(*events: str) -> list[dict[str, Any]]:
+    """The station's journal."""
+    return [{"event": event} for event in events]
+
+
+def test_handovers_are_missed_where_vehicle_or_station_has_them_otherwise_than_asked() -> None:
+    crossings = [(251, 252), (252, 253), (253, 254)]
+    made = [committed(1.0, "GCSB"), committed(2.0, "GCSC"), committed(3.0, "GCSD")]
+    both = seen("control_gained", "control_lost")
+    told = fleet_figures.handovers_of(252, both, [(crossings, made)])
+    assert (told.asked, told.made, told.own, told.seen, told.missed) == (3, 3, 2, 2, 0)
+    assert fleet_figures.handovers_of(252, both, [(crossings, made[:2])]).missed == 1
+    # one too few and one too many are not none
+    assert fleet_figures.handovers_of(252, both, [(crossings, made[:2]), ([], made[2:])]).missed == 2
+    assert fleet_figures.handovers_of(252, seen("control_gained"), [(crossings, made)]).missed == 1
+    aborted = [*made, {"t": 4.0, "event": "transfer_aborted", "station": "GCSD", "handover_id": 2}]
+    assert fleet_figures.handovers_of(252, both, [(crossings, aborted)]).missed == 1
+    late = [*made[:2], committed(9.0, "GCSD", 3.1)]
+    found = fleet_figures.handovers_of(252, both, [(crossings, late)])
+    assert (found.missed, found.slowest_s) == (1, 3.1)
+
+
+def test_growth_compares_what_one_more_costs_among_many_and_among_few() -> None:
+    straight = fleet_figures.growth({1: 10.0, 2: 15.0, 5: 30.0, 10: 55.0})
+    assert (straight.many_by_few, straight.most_by_least) == (pytest.approx(1.0), pytest.approx(1.0))
+    assert (straight.base, straight.each, straight.off) == (
+        pytest.approx(5.0), pytest.approx(5.0), pytest.approx(0.0, abs=1e-9),
+    )  # fmt: skip
+    bent = fleet_figures.growth({10: 105.0, 1: 10.0, 2: 15.0, 5: 30.0})
+    assert (bent.many_by_few, bent.most_by_least) == (pytest.approx(3.0), pytest.approx(3.0))
+    with pytest.raises(ValueError, match="three numbers"):
+        fleet_figures.growth({1: 1.0, 2: 2.0, 10: 2.0})
+    with pytest.raises(ValueError, match="nothing more"):
+        fleet_figures.growth({2: 1.0, 5: 1.0, 10: 2.0})
+
+
+def test_what_a_second_vehicle_costs_once_does_not_hide_that_many_cost_more() -> None:
+    assert fleet_figures.growth({1: 56.5, 2: 82.2, 5: 113.5, 10: 182.8}).many_by_few == pytest.approx(1.33, abs=0.005)
+
+
+NONE_MISSED = fleet_figures.Handovers(90, 90, 60, 60, 0, 0, 0, 0.1, (60, 60))
+
+
+def load(vehicles: int = 10, busy: float = 0.3, missed: int = 0) -> fleet_figures.Load:
+    handovers = replace(NONE_MISSED, late=missed)
+    return fleet_figures.Load(vehicles, 300.0, 15.0 * vehicles, (80.0, 81.0), busy, handovers)
+
+
+def test_what_was_measured_on_a_busy_machine_is_told_and_void() -> None:
+    missed = [list(fleet_figures.results(load(busy=busy, missed=2)))[-1] for busy in (0.8, 0.81)]
+    assert [one.ours for one in missed] == [2.0, 2.0]
+    assert [one.met for one in missed] == [False, None]
+    assert "VOID" in missed[1].note
+
+
+@pytest.mark.parametrize(("busy", "met"), [(0.3, True), (0.81, None)])
+def test_growth_is_void_where_one_of_its_numbers_is(busy: float, met: bool | None) -> None:
+    (growth,) = fleet_figures.growth_of([load(2), load(5, busy), load(10)])
+    assert (growth.ours, growth.met) == (pytest.approx(1.0), met)
+    assert ("VOID" in growth.note) is (met is None)
+    assert list(fleet_figures.growth_of([load(1), load(2), load(5)])) == []
+
+
+def test_a_few_vehicles_go_through_a_real_station(tmp_path: Path) -> None:
+    found = {one.what: one for one in fleet.measure(tmp_path, fleet.Plan({2: 6.0}, 1.0), lambda text: None)}
+    missed = next(one for what, one in found.items() if what.startswith("handovers missed"))
+    assert missed.ours == 0.0
+    assert missed.details["own"] > 0, "there were some of the station's"
+    heard, spoken = missed.details["by_ground"]
+    assert min(heard, spoken) > 0, "the stations spoke over the ground link"
+
+
+@pytest.mark.parametrize("seconds", ["0", "-5", "nan", "1e9"])
+def test_a_measurement_lasts_no_absurd_time(seconds: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["fleet", "--out", str(tmp_path), f"--seconds={seconds}"]) == 2
+    assert "must be 1 to 86400" in capsys.readouterr().err
+
+
+def test_a_plan_lasts_as_long_as_it_is_told() -> None:
+    assert fleet.Plan({2: 30.0, 5: 60.0}, 4.0).lasting(9.0) == fleet.Plan({2: 9.0, 5: 9.0}, 4.0)
+
+
 def test_a_station_answers_connect_with_its_nonce_and_digest() -> None:
     loop = Loop()
     station = FakeStation(loop, "GCSA", 251)
@@ -306,9 +451,44 @@ def test_a_station_answers_connect_with_its_nonce_and_digest() -> None:
     assert (answers[0].nonce, bytes(answers[0].mission_digest)) == (77, b"d" * 32)
 
 
+def test_a_talking_station_consents_at_once_to_what_it_hears_over_the_ground_link(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Why the vehicle asks stands in AUTHORITY_STATUS: without it the station would wait for an operator."""
+    station = TalkingStation(Loop(), "GCSA", 251, peers=(Station(252, "GCSB"),))
+    sent: list[Any] = []
+    monkeypatch.setattr(station, "send", sent.append)
+    vehicle = mavlink.MAVLink(None, srcSystem=1, srcComponent=COMPANION_COMPID)
+    status = mavlink.MAVLink_authority_status_message(
+        Phase.ON_HANDOVER, 251, 252, 251, 4, 7, 1, 2, 0, transfer_reason=Reason.ZONE
+    )
+    station._take(bytes(status.pack(vehicle)))
+    station.hear(FromPeer(252, OnHandover(TransferKey(251, 252, 7, 4))))
+    station.close()
+    (ok,) = [message for message in sent if message.get_type() == "OK_HANDOVER"]
+    assert ok.consent == Consent.GRANTED
+
+
 def test_waiting_for_what_never_comes_says_what_it_was() -> None:
     with pytest.raises(BenchError, match="the moon: not within 0 s"):
         Loop().run_until(lambda: False, 0.0, "the moon")
+
+
+def test_a_loop_that_cannot_keep_up_ends_when_its_time_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, calls = [50.0], []
+
+    def job() -> None:
+        calls.append(now[0])
+        now[0] += 0.002
+        assert len(calls) < 1000, "it never ends"
+
+    monkeypatch.setattr(loop_module, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    loop = Loop()
+    loop.every(0.001, job)
+    loop.run(0.1)
+    assert 50 <= len(calls) <= 51
+    loop.run(0.1)
+    assert 100 <= len(calls) <= 102, "what was left over is done in the next run"
 
 
 # ---- energy -------------------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from __future__ import annotations
 import pytest
 
 from mavproxy_handover.mission import package as packages
+from sitl.script.expect import Emergencies, OfVehicle
 from sitl.script.places import mission_folder
 from sitl.script.scenario import ScenarioError, known_scenarios, load_scenario, parse_scenario, with_opening
 from sitl.script.steps import Pause, Type, Wait
@@ -42,7 +43,7 @@ def test_every_scenario_that_ships_can_be_used(name: str) -> None:
     stations = {station.name for station in package.stations}
     assert scenario.name == name
     named = {process for step in with_opening(scenario, package).steps for process in step.deed.processes()}
-    assert named <= stations | {"companion", *(["rogue"] if scenario.rogue else [])}
+    assert named <= stations | {"companion", *scenario.fleet, *(["rogue"] if scenario.rogue else [])}
     assert {*scenario.standard, *scenario.links, *scenario.consent, *scenario.rogue} <= stations
 
 
@@ -59,7 +60,7 @@ PROMISED = {
     *("off-route", "planned-gap", "rally-choice", "rally-choice-guard", "battery-land"),
     *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
     *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return", "commands-judged"),
-    "refusal-texts",
+    *("refusal-texts", "two-vehicles"),
 }
 
 
@@ -165,6 +166,7 @@ def test_a_long_pause_has_time_to_end() -> None:
         ("[limit]\n" + STEP, ["limit:", "unknown key"]),
         ("speedup = 40\n" + STEP, ["speedup:", "40 must be 0.5 to 5"]),
         ('[consent]\nGCSA = "never"\n' + STEP, ["[consent] GCSA:", "automatic, operator"]),
+        ('[not_in_control]\nGCSA = "no"\n' + STEP, ["[not_in_control] GCSA:", "auto, always, never"]),
         ("[limits]\nretry_max_s = true\n" + STEP, ["[limits] retry_max_s:", "a number"]),
         ("[places]\naway = {north = 3, east_m = 4}\n" + STEP, ["[places.away] north:", "north_m"]),
         ("[places]\naway = {north_m = 3}\n" + STEP, ["[places.away] east_m:", "missing"]),
@@ -181,6 +183,10 @@ def test_a_long_pause_has_time_to_end() -> None:
         ('[[step]]\npause_s = 1\nlabel = "Loud!"\n', ["[step 1] label:", "lower-case"]),
         ('[[step]]\npause_s = 1\nlabel = "a"\n[[step]]\npause_s = 1\nlabel = "a"\n', ["[step 2] label:", "twice"]),
         ("[step]\npause_s = 1\n", ["step:", "[[step]]"]),
+        ('fleet = {drone-1 = "linear"}\n' + STEP, ["[fleet] drone-1:", "must be drone-2 to drone-9"]),
+        ("fleet = {drone-2 = 3}\n" + STEP, ["[fleet] drone-2:", "a text"]),
+        ('rogue = ["GCSA"]\nfleet = {drone-2 = "linear"}\n' + STEP, ["fleet:", "does not go together with rogue"]),
+        ('[[step]]\nwait_landed = true\nvehicle = "drone-2"\n', ["vehicle:", "'drone-2' is not in [fleet]"]),
         ("x = [\n", ["not valid TOML"]),
     ],
 )
@@ -207,6 +213,15 @@ def test_an_expectation_that_cannot_be_judged_is_refused(text: str, parts: list[
     message = refusal(HEAD + STEP + f"[[expect]]\n{text}\n")
     for part in parts:
         assert part in message
+
+
+def test_an_expectation_may_be_about_a_further_vehicle() -> None:
+    text = 'fleet = {drone-2 = "linear"}\n' + STEP + '[[expect]]\nvehicle = "drone-2"\nemergencies = []\n'
+    read = parse_scenario(HEAD + text, "x.toml")
+    assert read.fleet == {"drone-2": "linear"}
+    assert read.expectations == (OfVehicle("drone-2", Emergencies(())),)
+    message = refusal(HEAD + STEP + '[[expect]]\nvehicle = "drone-3"\nemergencies = []\n')
+    assert "'drone-3' is not in [fleet]: there is none" in message
 
 
 def test_a_scenario_that_expects_nothing_is_none() -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import pytest
 
+from sitl.report.evidence import Evidence, RunNotes, of_vehicle
 from sitl.report.journal_reader import Entry
 from sitl.report.loss import Heard
 from sitl.report.matching import Match
@@ -29,6 +30,7 @@ from sitl.script.expect import (
     NobodyDied,
     NoFault,
     Number,
+    OfVehicle,
     OneCommander,
     Said,
 )
@@ -306,3 +308,40 @@ def test_what_comes_after_the_end_of_the_timeline_is_not_judged() -> None:
     entries = with_entry(wall(400), VEHICLE_NAME, "view", phase="on_load", epoch=5, lease="lost")
     assert not Commanders(FIVE).judge(evidence(entries)).held
     assert Commanders(FIVE).judge(evidence(entries, ended_t=wall(390))).held
+
+
+# ---- several vehicles ---------------------------------------------------------------------------------------------
+
+
+def test_what_is_judged_of_one_vehicle_is_nothing_of_another_one() -> None:
+    """Two aircraft at the same stations: each one's commanders, modes and texts are its own."""
+    entries = [
+        Entry(1.0, "drone-1", "view", "", {"commander": 251, "epoch": 1}),
+        Entry(1.0, "drone-2", "view", "", {"commander": 252, "epoch": 1}),
+        Entry(2.0, "vehicle", "said", "one"),
+        Entry(2.0, "vehicle of drone-2", "said", "two"),
+        Entry(3.0, "GCSA", "control_gained", "I have drone-1", {"vehicle": "drone-1"}),
+        Entry(3.0, "GCSA", "control_gained", "I have drone-2", {"vehicle": "drone-2"}),
+        Entry(4.0, "GCSA", "peer", "Ground link to GCSB is up."),
+        Entry(5.0, "drone-2", "fault", "a bug"),
+    ]
+    names = ["drone-1", "drone-2"]
+    package = evidence().package
+    first, second = (Evidence(of_vehicle(entries, name, names), package, RunNotes()) for name in names)
+    first.others = {"drone-2": second}
+    gained = Count("control_gained", "GCSA", count=1)
+    for about, commander, text in ((lambda each: each, "GCSA", "one"), (of_second, "GCSB", "two")):
+        assert about(Commanders((commander,))).judge(first).held
+        assert about(Said(text)).judge(first).held
+        assert not about(Said("one" if text == "two" else "two")).judge(first).held
+        assert about(gained).judge(first).held
+        assert about(Count("peer", count=1)).judge(first).held
+    assert NoFault().judge(first).held
+    verdict = of_second(NoFault()).judge(first)
+    assert (verdict.held, verdict.seen) == (False, "drone-2: a bug")
+    assert verdict.wanted.startswith("drone-2: ")
+    assert of_vehicle(entries, "drone-1", ["drone-1"]) == entries, "one vehicle's journals are taken whole"
+
+
+def of_second(expectation: Expectation) -> Expectation:
+    return OfVehicle("drone-2", expectation)

@@ -13,10 +13,11 @@ from mavproxy_handover.config.files import load_station, load_vehicle
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.keys import load_key
 from sitl.run.bad_links import load_plans
+from sitl.run.fleet import others_of
 from sitl.run.noisy_lines import load_lines
 from sitl.run.wiring import StationWires, Wiring, lay_out
 from sitl.script.places import mission_folder
-from sitl.script.scenario import parse_scenario
+from sitl.script.scenario import ScenarioError, parse_scenario
 from sitl.script.weather import NoiseLevel
 
 try:
@@ -144,14 +145,26 @@ def test_a_station_of_the_standard_has_no_module_and_is_nobodys_peer(tmp_path: P
     assert vehicle.mission == mission_folder("delivery")
     assert "sitl.run.standard_gcs" in station(wiring, "GCSA").program().argv
     b = load_station(station(wiring, "GCSB").config)
-    assert (b.peers, b.mission) == ((), mission_folder("delivery"))
+    assert (b.peers, b.vehicles[0].mission) == ((), mission_folder("delivery"))
+
+
+def test_a_program_that_is_tried_gets_the_options_of_the_one_whose_place_it_has(tmp_path: Path) -> None:
+    more = 'standard = ["GCSA", "GCSB"]\non_board = true\nnot_in_control = {GCSA = "never"}\n'
+    scenario = parse_scenario(SCENARIO.format(mission="delivery", more=more), "x.toml")
+    folder = mission_folder("delivery")
+    wiring = lay_out(tmp_path, packages.load(folder), folder, scenario, {"GCSA": ("python", "theirs.py", "--fast")})
+    theirs, ours = (station(wiring, name).program().argv for name in ("GCSA", "GCSB"))
+    assert theirs[:5] == ("python", "theirs.py", "--fast", "--name", "GCSA")
+    assert ours[1:5] == ("-m", "sitl.run.standard_gcs", "--name", "GCSB")
+    assert theirs[5::2] == ours[5::2] == ("--sysid", "--vehicle", "--listen", "--journal")
+    assert [entry.not_in_control for entry in load_vehicle(wiring.companion_config).stations] == ["never", "auto"]
 
 
 @pytest.mark.parametrize("signed", [True, False])
 def test_signed_links_have_a_key_for_each_station_that_nobody_else_may_read(tmp_path: Path, signed: bool) -> None:
     wiring = wired(tmp_path, f"signed = {str(signed).lower()}\n")
     keys = [entry.key for entry in load_vehicle(wiring.companion_config).stations]
-    own = [load_station(entry.config).key for entry in wiring.stations]
+    own = [load_station(entry.config).vehicles[0].key for entry in wiring.stations]
     assert keys == own
     if not signed:
         assert keys == [None, None]
@@ -172,3 +185,46 @@ def test_companion_and_card_have_the_same_key_or_two(tmp_path: Path, word: str) 
     assert own is not None
     assert card.name == "handover.key"  # as the guard looks for it
     assert (load_key(own) == load_key(card)) is (word == "same")
+
+
+# ---- several vehicles ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def two(tmp_path: Path) -> Wiring:
+    text = SCENARIO.format(mission="delivery", more='signed = true\nfleet = {drone-2 = "linear"}')
+    scenario = parse_scenario(text, "x.toml")
+    package = packages.load(mission_folder("delivery"))
+    others = others_of(scenario, package)
+    return lay_out(tmp_path, package, mission_folder("delivery"), scenario, others=others)
+
+
+def test_each_vehicle_has_a_link_and_a_key_of_its_own_at_each_station(two: Wiring) -> None:
+    companions = {1: load_vehicle(two.companion_config), 2: load_vehicle(two.others["drone-2"])}
+    assert [(each.name, each.sysid) for each in companions.values()] == [("drone-1", 1), ("drone-2", 2)]
+    for entry in two.stations:
+        config = load_station(entry.config)
+        assert [vehicle.name for vehicle in config.vehicles] == ["drone-1", "drone-2"]
+        for vehicle in config.vehicles:
+            there = next(each for each in companions[vehicle.sysid].stations if each.station == config.station)
+            assert [link.replace("udpout", "udpin") for link in there.links] == list(vehicle.links)
+            assert vehicle.key == there.key
+        keys = [load_key(vehicle.key) for vehicle in config.vehicles if vehicle.key is not None]
+        assert len(set(keys)) == 2
+        assert [word for word in entry.program().argv if word.startswith("--master=")] == [
+            f'--master={vehicle.links[0]}:{{"label":"{vehicle.name}"}}' for vehicle in config.vehicles
+        ]
+
+
+def test_the_parent_alone_has_the_missions_and_each_vehicle_its_own(two: Wiring) -> None:
+    a, b = (load_station(entry.config) for entry in two.stations)
+    assert [vehicle.mission for vehicle in a.vehicles] == [mission_folder("delivery"), mission_folder("linear")]
+    assert [vehicle.mission for vehicle in b.vehicles] == [None, None]
+
+
+def test_a_further_vehicle_has_the_same_stations(tmp_path: Path) -> None:
+    text = SCENARIO.format(mission="delivery", more='fleet = {drone-2 = "corridor"}')
+    with pytest.raises(
+        ScenarioError, match=r"x\.toml: \[fleet\] drone-2: 'corridor' has other stations than the first"
+    ):
+        others_of(parse_scenario(text, "x.toml"), packages.load(mission_folder("delivery")))
