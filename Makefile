@@ -9,7 +9,7 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights picture
+.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights picture mavsdk
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
@@ -22,6 +22,7 @@ help:
 	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up; ARGS='--arducopter PATH ...': on each of these"
 	@echo "make flights fly the guard in every situation on ArduPilot (ARGS as above), write the table into its page"
+	@echo "make mavsdk  fly with programs of MAVSDK as stations, 3 and the newest (installs both, apart from the rest)"
 	@echo "make picture draw docs/architecture.svg from the imports"
 	@echo "make format  format the Python files"
 	@echo "make clean   remove everything that make made"
@@ -79,6 +80,14 @@ soak: $(VENV)/installed
 
 flights: $(VENV)/installed
 	$(BIN)/pytest -n 2 -m sitl $(sort $(wildcard tests/sitl/test_guard_*.py)) --flown ardupilot_lua/handover_guard.md $(ARGS)
+
+# each in an environment of its own: the two have one name, and nothing in common
+$(VENV)/mavsdk-3 $(VENV)/mavsdk-newest:
+	$(PYTHON) -m venv $@
+	$@/bin/python -m pip install --quiet 'mavsdk$(if $(filter %-3,$@),<4)' || { rm -rf $@; exit 1; }
+
+mavsdk: $(VENV)/installed $(VENV)/mavsdk-3 $(VENV)/mavsdk-newest
+	$(BIN)/pytest tests/mavsdk -rA --mavsdk $(VENV)/mavsdk-3/bin/python --mavsdk $(VENV)/mavsdk-newest/bin/python
 
 picture: $(VENV)/installed
 	$(BIN)/python -m tests.structure.picture

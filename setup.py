@@ -5,7 +5,7 @@
 * the Python of the dialect, made by pymavlink's mavgen from `wire/*.xml`, goes where pymavlink looks for dialects, so
   that `--dialect=handover` works in every program that uses pymavlink;
 * two shims go where MAVProxy looks for modules, so that `module load handover` works right after installation;
-* missions and the guard, which live in folders of their own, become data of the package.
+* missions and the guard, which live in folders of their own, and the constraints become data of the package.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ class BuildWithDialect(build_py):
             target = build / "mavproxy_handover" / "data" / name
             shutil.rmtree(target, ignore_errors=True)
             shutil.copytree(HERE / name, target)
+        shutil.copy(HERE / "constraints.txt", build / "mavproxy_handover" / "data")
 
 
 setup(cmdclass={"build_py": BuildWithDialect})

@@ -24,6 +24,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.autopilot import Autopilot
+from mavproxy_handover.autopilot.briefing import Briefing
 from mavproxy_handover.autopilot.orders import commanded
 from mavproxy_handover.autopilot.overrides import Overrides
 from mavproxy_handover.autopilot.ties import Ties
@@ -31,7 +32,7 @@ from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
-from mavproxy_handover.core.messages import Connect, ConnectAck
+from mavproxy_handover.core.messages import TransferMessage
 from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase, Reason
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.gate.gate import Gate
@@ -49,7 +50,7 @@ from mavproxy_handover.stations.announcer import Announcer
 from mavproxy_handover.stations.operator_control import OperatorControl
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.voice import Voice
-from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.keeper import StateKeeper
 from mavproxy_handover.wire import codec, status
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -59,9 +60,15 @@ __all__ = ["Companion", "Edge"]
 
 #: accepted commands are in the journal this much later at most, as long as the main loop goes round
 _JOURNAL_S: Final = 0.2
+#: between two heartbeats of the companion at least, and without the autopilot's
+_BEAT_S: Final = 0.9
+_BEAT_ALONE_S: Final = 1.9
+_HEARTBEAT: Final = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _CONTROL_STATUS: Final = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
 #: messages whose CRC pymavlink has checked, and by our own definitions, unless it is told not to (MAV_IGNORE_CRC)
 _CHECKED: Final = frozenset(() if getattr(mavlink, "MAVLINK_IGNORE_CRC", False) else mavlink.mavlink_map.values())
+#: what strangers fill is no more than that, twice
+_STRANGERS_BYTES = 8 * 1024 * 1024
 #: what passes and changes something: it is in the journal
 _CHANGES: Final = frozenset((Access.COMMAND, Access.SAFEGUARD))
 #: what a system behind a station says in the station's name; the words of a transfer are the station's own
@@ -109,10 +116,13 @@ class Companion:
         self.config = config
         self.ports = ports
         self.journal = Journal(config.journal, config.name)
+        self._strangers = Journal(strangers_path(config.journal), config.name, _STRANGERS_BYTES)
         self.faults: Counter[str] = Counter()
         self.failed = False
         #: the arbiter's next deadline, inf if it has none; it moves with events only
         self._due_at = _UNKNOWN
+        #: when the stations heard the companion's heartbeat last
+        self._beaten_at = edge.clocks.monotonic()
         self._reason = Reason.NONE
         self._restart = Restart(None if config.state is None else StateKeeper(config.state, config.name), self.fault)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
@@ -122,7 +132,9 @@ class Companion:
         self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault, *told)
         self.gate.distrust()
         self.gate.change(self.arbiter.view, edge.clocks.monotonic())
-        self.narrator = Narrator(config.name, self.journal, self.arbiter, edge.show, lambda: self.view.phase)
+        self.narrator = Narrator(
+            config.name, self.journal, self._strangers, self.arbiter, edge.show, lambda: self.view.phase
+        )
         self._announcer = Announcer(self._voice)
         self._control = OperatorControl(self._voice, self.narrator, self.handle)
         try:
@@ -130,7 +142,9 @@ class Companion:
         except Exception:
             self._restart.close()
             self.journal.close()
+            self._strangers.close()
             raise
+        self._briefing = Briefing(self.arbiter, self.autopilot, ports, self.fault)
         self.gate.targets.judge = self.autopilot.desk.target
         self.gate.copter = lambda: not self.autopilot.aircraft.foreign
         self._overrides = Overrides(self.autopilot.desk, lambda: self.view.commander, config.sysid)
@@ -175,7 +189,7 @@ class Companion:
         while port.rejected:
             frame, signature = port.rejected.popleft()
             what = classify(frame).what  # words for people, of somebody who is not known to be the station
-            self.narrator.refused(port.name, (frame.msgid, signature), what, signature.value, False, False, now)
+            self.narrator.rejected(port.name, (frame.msgid, signature), what, signature.value, now)
         # after a stall: nothing is judged by authority that has run out. Nearly always the first comparison is all
         if now >= self._due_at and self._arbiter_is_due(now):
             if self.position_waits:  # a position that came before counts before, too
@@ -303,7 +317,7 @@ class Companion:
         if decoded is None or getattr(message, "vehicle", 0) != self.config.sysid:
             self.narrator.senseless(kind, port.name, now)
             return
-        if not isinstance(decoded, (Connect, ConnectAck)):
+        if isinstance(decoded, TransferMessage):
             self.narrator.message("in", port.name, decoded, now)
         self.handle(events.StationMessage(port.sysid, decoded), now)
 
@@ -321,6 +335,8 @@ class Companion:
                 self.autopilot.second_manager(frame)
         if not self.gate.down(frame, now):
             self.narrator.in_our_name((frame.sysid, frame.compid), classify(frame).what)
+        elif (frame.msgid, frame.sysid, frame.compid) == (_HEARTBEAT, self.config.sysid, AUTOPILOT_COMPID):
+            self._beat_stations(now, _BEAT_S)
 
     @property
     def position_waits(self) -> bool:
@@ -342,6 +358,7 @@ class Companion:
         self._attempt("autopilot", self.autopilot.tick, now)
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)
+        self._attempt("briefing", self._briefing.tick, now)
         self._schedule.run(now)
 
     def _arbiter_is_due(self, now: float) -> bool:
@@ -371,19 +388,29 @@ class Companion:
             route_changed=changed,
             zone_ends_s=self.arbiter.zone_ends_s,
             answer_left_s=self.arbiter.answer_left_s(now),
+            place=self.autopilot.places.where,
         )
         self._voice.to_stations(told)
 
     def _each_second(self, now: float) -> None:
-        beat = status.heartbeat(self.view)
-        self._voice.to_autopilot(beat)
-        self._voice.to_stations(beat)
+        self._voice.to_autopilot(status.heartbeat(self.view))
+        self._beat_stations(now, _BEAT_ALONE_S)
         self._voice.to_stations(status.control_status(self.view))
         self._announcer.tick(now)
         self.narrator.clock(now)
         self.narrator.sum_up(now)
         self._restart.each_second(self.arbiter.snapshot())
         self.autopilot.each_second(self.view, now)
+
+    def _beat_stations(self, now: float, pause_s: float) -> None:
+        """The companion's heartbeat, if the last one is so long ago. It goes out behind the autopilot's, not between.
+
+        A program may take the first heartbeat that it hears for all that there is: MAVSDK 3 looks for an autopilot at
+        that moment and never again.
+        """
+        if now - self._beaten_at >= pause_s:
+            self._beaten_at = now
+            self._voice.to_stations(status.heartbeat(self.view))
 
     # ---- the arbiter ----------------------------------------------------------------------------------------------
 
@@ -457,13 +484,15 @@ class Companion:
     def _announce(self, told: events.Announce, now: float) -> None:
         self.narrator.decision(told)
         self._announcer.tell(told, now)
+        self._briefing.decided(told.text, now, over=told.action is None)
 
     def _send(self, action: events.Send, now: float) -> None:
         port = self.ports[action.station]
-        if not isinstance(action.message, (Connect, ConnectAck)):
+        if isinstance(action.message, TransferMessage):
             self.narrator.message("out", port.name, action.message, now, action.attempt)
         state = self.autopilot.aircraft.state()
         port.send(codec.encode(action.message, port.target, self.config.sysid, state), everywhere=True)
+        self._briefing.asked(action.station, action.message)
 
     def _on_view(self, action: events.ViewChanged, now: float) -> None:
         before, view = self.view, action.view
@@ -502,12 +531,13 @@ class Companion:
 
     def settle(self, within_s: float) -> bool:
         """Wait, so long at most, until journal and state are on the disk; whether they are. Not for the main loop."""
-        return self.journal.settle(within_s) and self._restart.settle(within_s)
+        return all(each.settle(within_s) for each in (self.journal, self._strangers, self._restart))
 
     def close(self) -> None:
-        """Close links, state and journal."""
+        """Close links, state and journals."""
         for port in self.ports.values():
             self._attempt("closing links", port.close)
         self._attempt("closing the state", self._restart.close)
         self.narrator.unloaded()
         self.journal.close()
+        self._strangers.close()

@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import traceback
 from collections.abc import Callable
+from typing import Any
 
 from mavproxy_handover.config.files import ConfigError
 from mavproxy_handover.link.devices import LinkError
@@ -13,7 +15,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
 from mavproxy_handover.store.lock import LockError
 
-__all__ = ["guarded", "why"]
+__all__ = ["SharedLog", "guarded", "why"]
 
 
 def guarded(
@@ -38,3 +40,28 @@ def why(error: Exception) -> str:
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}"
     return f"internal fault: {type(error).__name__}: {error}"
+
+
+class SharedLog:
+    """Whether MAVProxy's tlog is another MAVProxy's too: started in one folder they all write `mav.tlog`.
+
+    Each of ours locks the one that it has, for as long as it has it. `show` takes the line for people.
+    """
+
+    def __init__(self, mpstate: Any, show: Callable[[str], None]) -> None:
+        self._mpstate, self._show = mpstate, show
+        self._known = False
+
+    def look(self, _now: float) -> None:
+        """To be called each second: MAVProxy opens it behind the modules."""
+        file = getattr(self._mpstate, "logfile", None)
+        if self._known or file is None:
+            return
+        self._known = True
+        try:
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            text = f"{file.name} is written by another MAVProxy as well, and is of no use to either: start each with a "
+            self._show(f"handover: {text}--logfile of its own")
+        except (OSError, ValueError, AttributeError):  # no file, or of a kind that cannot be locked
+            return

@@ -13,7 +13,7 @@ back. What it must see to, because MAVProxy does not:
 * it is the vehicle's only judge: it holds the vehicle's lock, and that of a serial line to the autopilot.
 
 The lease goes out from MAVProxy's main loop, so it stops when that loop stalls; and so do the signs of life to the
-supervisor, if there is one (`lifeline.py`).
+supervisor (`lifeline.py`) or, where there is none, to a service manager (`supervision/manager.py`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ import secrets
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import serial
@@ -36,11 +38,11 @@ from mavproxy_handover.commands import VehicleCommands
 from mavproxy_handover.companion import Companion, Edge
 from mavproxy_handover.config.files import (
     VehicleConfig,
-    config_argument,
     find_vehicle_config,
     load_vehicle,
+    path_argument,
 )
-from mavproxy_handover.hosting import guarded, why
+from mavproxy_handover.hosting import SharedLog, guarded, why
 from mavproxy_handover.lifeline import lifeline
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.main_loop import STAY_S, TALKING_S, end, ends, poller, readable, waited_for
@@ -50,6 +52,7 @@ from mavproxy_handover.stations.port import StationPort, open_ports
 from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.store.lock import VehicleLock, lock_line
 from mavproxy_handover.store.replay import ReplayStore
+from mavproxy_handover.supervision.manager import ServiceManager, named_manager
 from mavproxy_handover.unloading import UnloadQuestion
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.signing import SignedPeer
@@ -68,8 +71,8 @@ _TOO_OFTEN = (
 )
 #: the autopilot's name in the replay state: longer than a station's may be
 _AUTOPILOT = "autopilot of this vehicle"
-#: the configuration of the last load, for `module reload handover`
-_last_config: list[str] = []
+#: arguments of the last load, for `module reload handover`
+_last: dict[str, str] = {}
 
 
 class HandoverModule(mp_module.MPModule):
@@ -88,6 +91,7 @@ class HandoverModule(mp_module.MPModule):
         self.lock = lock
         mp_util.child_fd_list_add(lock.descriptor)  # or a map's process would keep it
         self._lifeline = lifeline()
+        self._manager = ServiceManager() if self._lifeline is not None else named_manager()
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
         #: looked at in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
@@ -101,6 +105,7 @@ class HandoverModule(mp_module.MPModule):
         self._idle_at = 0.0
         jobs = [("measuring links", partial(self._measure, port), _measured_s(port)) for port in ports.values()]
         jobs += [("link", partial(self._look_at, port, link), _POLL_S) for port, link in self._links]
+        jobs.append(("shared log", partial(SharedLog.look, SharedLog(mpstate, self._show)), 1.0))
         self._schedule = Schedule(jobs, self.companion.fault)
         #: when a station's frames were read last
         self._heard_at = -math.inf
@@ -205,6 +210,9 @@ class HandoverModule(mp_module.MPModule):
             setattr(self.settings, name, value)
         if self._lifeline is not None:
             (self._lifeline.ending if ends(self.mpstate) else self._lifeline.let_go)()
+        elif ends(self.mpstate):
+            self._manager.stopping()
+        self._manager.close()
         if self._replay is not None:
             self._guarded("replay state", self._replay.close)
         self._guarded("unload", self.companion.close)
@@ -271,6 +279,7 @@ class HandoverModule(mp_module.MPModule):
             self._guarded("replay state", partial(self._replay.tick, now))
         if self._lifeline is not None:  # last: what breaks above is seen by its silence
             self._lifeline.beat(now)
+        self._manager.in_order(now, lived=True)
 
     def _poll(self, now: float) -> None:
         """Read all links if MAVProxy does not wait for them, as while it has no link to the autopilot."""
@@ -345,20 +354,24 @@ def _take_outputs(mpstate: Any, config: VehicleConfig) -> list[Any]:
     return outputs
 
 
-def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | None:
+def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) -> HandoverModule | None:
     """Called by MAVProxy. Without a usable configuration it says why, and MAVProxy lives on.
 
-    `config`: path of the configuration file (`module load handover:{"config":"FILE"}`).
+    `config`: path of the configuration file (`module load handover:{"config":"FILE"}`); `journal`: where the journal is
+    written, in place of what the configuration says: `handover` gives it a folder for each run.
     """
     if unknown:
-        return _not_loaded(mpstate, f"unknown argument {', '.join(unknown)}; allowed is: config")
+        return _not_loaded(mpstate, f"unknown argument {', '.join(unknown)}; allowed are: config, journal")
     if "handover" in mpstate.command_map:
         return _not_loaded(mpstate, "module handover_gcs is loaded here: vehicle and station need a MAVProxy each")
     ports: dict[int, StationPort] = {}
     lock: VehicleLock | None = None
     try:
-        path = find_vehicle_config(config_argument(config) or (_last_config[-1] if _last_config else None))
+        path = find_vehicle_config(path_argument("config", config) or _last.get("config"))
         settings = load_vehicle(path)
+        written = path_argument("journal", journal) or _last.get("journal")
+        if written is not None:
+            settings = replace(settings, journal=Path(written))
         forbidden = _outputs(mpstate, settings)
         if forbidden:
             outputs = ", ".join(output.address for output in forbidden)
@@ -384,7 +397,7 @@ def init(mpstate: Any, config: Any = None, **unknown: Any) -> HandoverModule | N
         mpstate.command_map.pop("handover", None)
         return _not_loaded(mpstate, why(error))
     loaded()
-    _last_config[:] = [str(path)]
+    _last.update({"config": str(path)} if written is None else {"config": str(path), "journal": written})
     return module
 
 

@@ -8,7 +8,7 @@ words here.
 
 What a station's frames make us write is sampled (`store/sampling.py`), station by station, so that nobody fills the
 journal: least of all who is not proven to be the station. An hour of the worst that a station and a stranger in its
-name can do takes less than an eighth of what the journal holds.
+name can do takes less than an eighth of what the journal holds. What has no good signature is in a file of its own.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ _MOST_SENDERS = 8
 #: refused frames: entries at once, and the interval (s) from then on. Of who may be anybody, and of the station
 _UNPROVEN, _PROVEN = (60, 2.0), (200, 0.5)
 _ITS_OWN, _ANYBODYS = "refused frames", "refused frames that nobody proves to be its own"
+_STRANGERS = "refused frames that somebody sent in its name"
 #: transfer messages, and requests that came to nothing: far more than there are in the worst of handovers
 _SAID = (5000, 0.1)
 #: what a station's sticks and setpoints are said to do
@@ -63,18 +64,21 @@ def _rounded(value: float | None) -> float | None:
 
 
 class Narrator:
-    """Tells the flight of one vehicle. `show` takes a console line, `phase` is the phase that is in force."""
+    """Tells the flight of one vehicle. `show` takes a console line, `phase` is the phase that is in force; `strangers`:
+    the journal of what came from nobody knows whom."""
 
     def __init__(
         self,
         vehicle: str,
         journal: Journal,
+        strangers: Journal,
         arbiter: Arbiter,
         show: Callable[[str], None],
         phase: Callable[[], Phase],
     ) -> None:
         self._vehicle = vehicle
         self._journal = journal
+        self._strangers = strangers
         self._arbiter = arbiter
         self._show = show
         self._phase = phase
@@ -142,7 +146,8 @@ class Narrator:
             count = sampler.left_out(now)
             if count:
                 text = f"{count} more entries of {station} left out: {what}"
-                self._journal.write("left_out", text, station=station, what=what, count=count)
+                journal = self._strangers if what == _STRANGERS else self._journal
+                journal.write("left_out", text, station=station, what=what, count=count)
 
     def _sampler(self, station: str, what: str, bounds: tuple[int, float]) -> Sampler:
         sampler = self._samplers.get((station, what))
@@ -253,12 +258,30 @@ class Narrator:
         sampler = self._samplers.get((station, _ITS_OWN if proven else _ANYBODYS))  # it may come to this very often
         if sampler is None:
             sampler = self._sampler(station, *((_ITS_OWN, _PROVEN) if proven else (_ANYBODYS, _UNPROVEN)))
+        self._refused(self._journal, sampler, kind, station, what, reason, answered, now)
+
+    def rejected(self, station: str, kind: tuple[int, Enum], what: str, reason: str, now: float) -> None:
+        """A frame in a station's name has no signature of its, or not a good one: whoever it is."""
+        sampler = self._sampler(station, _STRANGERS, _UNPROVEN)
+        self._refused(self._strangers, sampler, kind, station, what, reason, False, now)
+
+    @staticmethod
+    def _refused(
+        journal: Journal,
+        sampler: Sampler,
+        kind: tuple[int, Enum],
+        station: str,
+        what: str,
+        reason: str,
+        answered: bool,
+        now: float,
+    ) -> None:
         kept_back = sampler.take(now, kind)
         if kept_back is None:
             return
         text = f"{what} of {station} refused: {reason}"
         also = kept_back or None
-        self._journal.write("refused", text, station=station, what=what, reason=reason, answered=answered, also=also)
+        journal.write("refused", text, station=station, what=what, reason=reason, answered=answered, also=also)
 
     def told(self, station: str, text: str, now: float) -> None:
         """A station was told why something is refused."""
@@ -291,10 +314,16 @@ class Narrator:
         self._journal.write("override", text, by=by, limit=limit, for_s=for_s)
         self._tell_sentence(text)
 
-    def upload_refused(self, station: str, what: str, why: str) -> None:
-        """A list that a station sends in flight is not taken, or did not come whole."""
-        self._journal.write("upload_refused", f"{what} of {station}: {why}", station=station)
+    def upload_refused(self, station: str, what: str, why: str, now: float) -> bool:
+        """A list that a station sends in flight is not taken, or did not come whole; whether that is told: a program
+        that tries it without end is told each second."""
+        kept_back = self._sampler(station, "lists that are not taken", _PROVEN).take(now, (what, why))
+        if kept_back is None:
+            return False
+        also = kept_back or None
+        self._journal.write("upload_refused", f"{what} of {station}: {why}", station=station, also=also)
         self._tell_sentence(f"{what} of {station} not taken: {why}")
+        return True
 
     def rerouted(self, station: str, items: int, commanders: Sequence[int]) -> None:
         """The autopilot holds another mission than the package's, as its commander wished in flight."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Where the files that ship lie: missions and the guard, in a checkout beside the package, installed inside it."""
+"""Where files that ship lie (missions, guard, constraints): in a checkout beside the package, installed inside it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,6 @@ DEPLOY = _PACKAGE / "deploy"
 
 
 def shipped(name: str) -> Path:
-    """The folder `name` ("missions", "ardupilot_lua")."""
+    """The folder ("missions", "ardupilot_lua") or file ("constraints.txt") of that name."""
     installed = _PACKAGE / "data" / name
-    return installed if installed.is_dir() else _PACKAGE.parent / name
+    return installed if installed.exists() else _PACKAGE.parent / name

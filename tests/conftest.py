@@ -33,6 +33,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         group.addoption(
             f"--{name}", action="append", metavar="PATH", help=f"an {name} SITL program; may be given several times"
         )
+    group.addoption(
+        "--mavsdk", action="append", metavar="PYTHON", help="a Python that has MAVSDK; several may be given"
+    )
     group.addoption("--flown", metavar="PAGE", type=Path, help="write the guard's table of flights into this page")
 
 

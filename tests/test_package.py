@@ -89,7 +89,7 @@ def test_missions_guard_parameters_definitions_and_samples_are_in_it(names: set[
         "mavproxy_handover/wire/operator_control.xml",
         "mavproxy_handover/deploy/vehicle.toml",
         "mavproxy_handover/deploy/station.toml",
-        "mavproxy_handover/deploy/handover.service",
+        "mavproxy_handover/deploy/install/companion.service",
         "mavproxy_handover/deploy/demo/handover.toml",
         "mavproxy_handover/deploy/mavproxy_modules/mavproxy_handover.py",
         "sitl/scenarios/nominal.toml",

@@ -39,8 +39,12 @@ _COMMANDS = {
     "init": (
         "mavproxy_handover.cli.init",
         "main",
-        "write a commented configuration for a vehicle or a station, or a unit of systemd",
+        "write a commented configuration for a vehicle or a station",
     ),
+    "install": ("mavproxy_handover.cli.install", "install", "have systemd run the companion, or a station"),
+    "uninstall": ("mavproxy_handover.cli.install", "uninstall", "take back what install wrote"),
+    "doctor": ("mavproxy_handover.doctor.command", "main", "find out what is wrong with this machine, and what to do"),
+    "logs": ("mavproxy_handover.cli.logs", "main", "list what flights have left behind, delete what is old"),
     "companion": ("mavproxy_handover.cli.run", "companion", "run MAVProxy with the module of the companion computer"),
     "station": ("mavproxy_handover.cli.run", "station", "run MAVProxy with the module of a ground station"),
 }

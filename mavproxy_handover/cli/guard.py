@@ -27,7 +27,7 @@ from mavproxy_handover.store.durable import discard, sync_folder
 from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.wire.signing import fingerprint
 
-__all__ = ["Finding", "main", "survey"]
+__all__ = ["Finding", "main", "survey", "version_of"]
 
 _SCRIPT, _PARAMETERS, _KEY = "handover_guard.lua", "handover.parm", "handover.key"
 #: where ArduPilot looks for scripts, seen from the root of the card
@@ -100,7 +100,7 @@ def _run(card: Path, key_file: Path | None, *, check: bool, force: bool) -> int:
         return 1
     for name in missing:
         _place(card / _FOLDER / name, wanted[name])
-        print(f"{card / _FOLDER / name}: written{_version_of(wanted[name])}")
+        print(f"{card / _FOLDER / name}: written{version_of(wanted[name])}")
     if not missing:
         print(f"{card}: nothing to write, all is there")
     _say_what_follows(card, key_file)
@@ -158,9 +158,7 @@ def _differing(path: Path, data: bytes) -> Finding | None:
         return Finding(path, "is another key than the one given", True)
     if path.name == _PARAMETERS:
         return Finding(path, "differs from the one to be copied", True)
-    return Finding(
-        path, f"is another guard{_version_of(present)}; this is{_version_of(data) or ' of no version'}", True
-    )
+    return Finding(path, f"is another guard{version_of(present)}; this is{version_of(data) or ' of no version'}", True)
 
 
 def _other_scripts(folder: Path) -> list[Finding | None]:
@@ -195,7 +193,8 @@ def _read(path: Path) -> bytes | None:
         return None
 
 
-def _version_of(script: bytes) -> str:
+def version_of(script: bytes) -> str:
+    """A guard's version, to be said behind its name; "" if it tells none."""
     found = _VERSION.search(script)
     return f", version {found[1].decode('ascii')}" if found else ""
 

@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mavproxy_handover.cli.keys import GROUND
+from mavproxy_handover.cli.keys import GROUND, show_key, typing_help
 from mavproxy_handover.resources import DEPLOY, shipped
-from mavproxy_handover.store.keys import key_of, key_path, make_passphrase, write_key
+from mavproxy_handover.store.keys import KeysError, key_of, key_path, make_passphrase, write_key
 
 __all__ = ["main"]
 
@@ -20,7 +20,6 @@ __all__ = ["main"]
 _SAMPLES = {
     "vehicle": (DEPLOY / "vehicle.toml", "handover.toml", "edit it, then: handover companion --master DEVICE"),
     "station": (DEPLOY / "station.toml", "station.toml", "edit it, then: handover station --master DEVICE"),
-    "service": (DEPLOY / "handover.service", "handover.service", "edit it, it says where it goes"),
     "demo": (DEPLOY / "demo", "demo", "README.md, 'By hand', tells what to start"),
 }
 
@@ -29,22 +28,32 @@ def main(argv: Sequence[str]) -> int:
     """Write the sample of the given kind; never over something that exists."""
     parser = argparse.ArgumentParser(
         prog="handover init",
-        description="Write a commented configuration: for a vehicle's companion, for a station, a unit of systemd that "
-        "runs the companion, or a folder with those of the delivery mission (one vehicle, two stations, all here).",
+        description="Write a commented configuration: for a vehicle's companion, for a station, or a folder with those "
+        "of the delivery mission (one vehicle, two stations, all here).",
     )
     parser.add_argument("kind", choices=list(_SAMPLES))
     parser.add_argument("target", nargs="?", type=Path, help="default: the usual name, here")
+    parser.add_argument(
+        "--with-passphrases",
+        action="store_true",
+        help="demo: show the passphrases of its keys, this once, to be typed into other ground station programs",
+    )
     try:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
         return int(stop.code or 0)
     sample, usual, following = _SAMPLES[arguments.kind]
     target: Path = arguments.target or Path(usual)
+    if arguments.with_passphrases and not sample.is_dir():
+        others = "'handover keys make NAME' is for the others"
+        print(f"handover init: --with-passphrases goes with 'demo'; {others}", file=sys.stderr)
+        return 2
+    passphrases: dict[str, str] = {}
     try:
         if target.exists():
             raise FileExistsError
         if sample.is_dir():
-            _write_demo(sample, target)
+            passphrases = _write_demo(sample, target)
         else:
             shutil.copy(sample, target)
     except FileExistsError:
@@ -53,18 +62,30 @@ def main(argv: Sequence[str]) -> int:
     except OSError as error:
         print(f"handover init: {target}: {error.strerror}", file=sys.stderr)
         return 2
+    except KeysError as error:
+        print(f"handover init: {error}", file=sys.stderr)
+        return 2
+    if arguments.with_passphrases:
+        for name, passphrase in passphrases.items():
+            show_key(name, key_path(target / "keys", name), key_of(passphrase), passphrase)
+        print("\n" + typing_help("make", "NAME") + "\n")
     print(f"{target} written; {following}")
     return 0
 
 
-def _write_demo(sample: Path, target: Path) -> None:
-    """Everything that a flight by hand needs, in one folder that MAVProxy and both vehicles can be started in."""
+def _write_demo(sample: Path, target: Path) -> dict[str, str]:
+    """Everything that a flight by hand needs, in one folder that MAVProxy and both vehicles can be started in.
+
+    Returns the passphrases that its keys are made of, by name; they are nowhere else. Raises OSError, KeysError.
+    """
     guard = shipped("ardupilot_lua")
     shutil.copytree(sample, target)
     shutil.copytree(shipped("missions") / "delivery", target / "delivery")
     (target / "keys").mkdir(mode=0o700)
-    for name in ("GCSA", "GCSB", GROUND):
-        write_key(key_path(target / "keys", name), key_of(make_passphrase()))
+    passphrases = {name: make_passphrase() for name in ("GCSA", "GCSB", GROUND)}
+    for name, passphrase in passphrases.items():
+        write_key(key_path(target / "keys", name), key_of(passphrase))
     (target / "scripts").mkdir()
     shutil.copy(guard / "handover_guard.lua", target / "scripts")
     shutil.copy(guard / "handover.parm", target)
+    return passphrases

@@ -29,7 +29,7 @@ from mavproxy_handover.store.keys import (
 )
 from mavproxy_handover.wire.signing import fingerprint
 
-__all__ = ["GROUND", "GUARD", "main"]
+__all__ = ["GROUND", "GUARD", "main", "show_key", "typing_help"]
 
 #: keys that are no station's: of the ground link, and of the leases to the guard
 GROUND, GUARD = "ground", "guard"
@@ -109,10 +109,10 @@ def _make(arguments: argparse.Namespace) -> int:
         passphrase, key = _new_key(arguments)
         _refuse_shared(folder, name, key)
         write_key(path, key)
-        _show(name, path, key, passphrase)
+        show_key(name, path, key, passphrase)
     if not arguments.passphrase_stdin:
         _make_ground(folder, names)
-        print("\n" + _TYPING.format(word="make", name=names[0] if len(names) == 1 else "NAME"))
+        print("\n" + typing_help("make", names[0] if len(names) == 1 else "NAME"))
     return 0
 
 
@@ -124,8 +124,7 @@ def _make_ground(folder: Path, names: list[str]) -> None:
     passphrase = make_passphrase()
     key = key_of(passphrase)
     write_key(path, key)
-    _show(GROUND, path, key, passphrase)
-    print("  one for all stations: it signs what they tell each other over the ground link")
+    show_key(GROUND, path, key, passphrase)
 
 
 def _rotate(arguments: argparse.Namespace) -> int:
@@ -134,10 +133,10 @@ def _rotate(arguments: argparse.Namespace) -> int:
     passphrase, key = _new_key(arguments)
     _refuse_shared(arguments.dir, arguments.name, key)
     rotate_key(path, key)
-    _show(arguments.name, path, key, passphrase)
+    show_key(arguments.name, path, key, passphrase)
     print(f"  the old key is kept as {previous_path(path).name}\n\n{_ROTATING.format(name=arguments.name)}")
     if not arguments.passphrase_stdin:
-        print("\n" + _TYPING.format(word="rotate", name=arguments.name))
+        print("\n" + typing_help("rotate", arguments.name))
     return 0
 
 
@@ -218,7 +217,15 @@ def _refuse_shared(folder: Path, name: str, key: bytes) -> None:
     check_distinct({**good, name: StationKeys(key)})
 
 
-def _show(name: str, path: Path, key: bytes, passphrase: str | None) -> None:
+def show_key(name: str, path: Path, key: bytes, passphrase: str | None) -> None:
+    """Tell of a key that was written, with its passphrase if that was made up here; the key itself is never shown."""
     print(f"{name}: {path} written, fingerprint {fingerprint(key)}")
     if passphrase is not None:
         print(f"  passphrase  {passphrase}")
+        if name == GROUND:
+            print("  one for all stations: it signs what they tell each other over the ground link")
+
+
+def typing_help(word: str, name: str) -> str:
+    """Where a passphrase is typed, for the `handover keys` command `word` (make, rotate) of the station `name`."""
+    return _TYPING.format(word=word, name=name)

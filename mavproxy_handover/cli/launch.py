@@ -10,7 +10,8 @@ import shutil
 import sys
 from pathlib import Path
 
-from mavproxy_handover.config.files import ConfigError, load_station, load_vehicle
+from mavproxy_handover.config.files import ConfigError, FleetVehicle, load_station, load_vehicle
+from mavproxy_handover.link.forms import Kind, parse_device
 from mavproxy_handover.wire.ids import COMPANION_COMPID, STATION_COMPID
 
 __all__ = ["companion_argv", "mavproxy", "station_argv", "supervised_argv"]
@@ -32,16 +33,18 @@ def mavproxy() -> list[str]:
     return [sys.executable, found]
 
 
-def _load(module: str, config: Path) -> str:
+def _load(module: str, config: Path, journal: Path | None) -> str:
     """The `module load` line. MAVProxy splits at spaces and `;`, so such a path cannot be given this way."""
-    path = str(config.resolve())
-    if any(character in path for character in " ;'\"\\"):
-        raise ConfigError(f"{path}: MAVProxy cannot take a path with spaces, quotes or ';': move the file")
-    return f"module load {module}:{json.dumps({'config': path}, separators=(',', ':'))}"
+    paths = {"config": config.resolve(), **({} if journal is None else {"journal": journal.resolve()})}
+    for path in map(str, paths.values()):
+        if any(character in path for character in " ;'\"\\"):
+            raise ConfigError(f"{path}: MAVProxy cannot take a path with spaces, quotes or ';': move the file")
+    return f"module load {module}:{json.dumps(paths, default=str, separators=(',', ':'))}"
 
 
-def companion_argv(config: Path, master: str, logfile: Path) -> list[str]:
-    """MAVProxy with `handover`. `master`: the autopilot's device; `logfile`: the tlog. Raises ConfigError."""
+def companion_argv(config: Path, master: str, logfile: Path, journal: Path | None = None) -> list[str]:
+    """MAVProxy with `handover`. `master`: the autopilot's device; `logfile`: the tlog; `journal`: in place of the
+    configuration's. Raises ConfigError."""
     vehicle = load_vehicle(config)
     return [
         *mavproxy(),
@@ -54,7 +57,7 @@ def companion_argv(config: Path, master: str, logfile: Path) -> list[str]:
         "--nowait",
         f"--default-modules={_COMPANION_MODULES}",
         f"--logfile={logfile}",
-        f"--cmd=set select_timeout {_SELECT_TIMEOUT_S};{_load('handover', config)}",
+        f"--cmd=set select_timeout {_SELECT_TIMEOUT_S};{_load('handover', config, journal)}",
     ]
 
 
@@ -64,19 +67,39 @@ def supervised_argv(config: Path, master: str, logfile: Path) -> list[str]:
     return [sys.executable, "-m", "mavproxy_handover.cli", *words]
 
 
-def station_argv(config: Path, master: str, logfile: Path) -> list[str]:
-    """MAVProxy with `handover_gcs`. `master`: the link to the vehicle; `logfile`: the tlog. Raises ConfigError."""
+def station_argv(config: Path, master: str | None, logfile: Path, journal: Path | None = None) -> list[str]:
+    """MAVProxy with `handover_gcs`. `master`: the link to the vehicle, None where [[vehicle]] tables name the links;
+    `logfile`: the tlog; `journal`: in place of the configuration's. Raises ConfigError."""
     station = load_station(config)
+    labelled = [link for vehicle in station.vehicles for link in _labelled(vehicle)]
+    links = labelled if master is None else [master]
+    if labelled and master is not None:
+        raise ConfigError(f"{station.path}: [[vehicle]] names the links: --master does not go together with it")
+    if not links:
+        raise ConfigError(f"{station.path}: --master is missing: there is no [[vehicle]] that names the links")
     return [
         *mavproxy(),
-        f"--master={master}",
+        *(f"--master={link}" for link in links),
         f"--source-system={station.station.sysid}",
         f"--source-component={STATION_COMPID}",
-        f"--target-system={station.vehicle}",
+        f"--target-system={station.vehicles[0].sysid}",
         "--dialect=handover",  # what it does not know it takes for lost
         "--streamrate=-1",
         "--nowait",
         f"--default-modules={_STATION_MODULES}",
         f"--logfile={logfile}",
-        f"--cmd={_load('handover_gcs', config)}",
+        f"--cmd={_load('handover_gcs', config, journal)}",
     ]
+
+
+def _labelled(vehicle: FleetVehicle) -> list[str]:
+    """Its links as MAVProxy takes them, each with a label that says whose it is; `module.py` goes by that."""
+    found = []
+    for number, link in enumerate(vehicle.links, 1):
+        device = parse_device(link)
+        if device.way:
+            raise ConfigError(f"link {link}: MAVProxy opens this one, and knows no @{device.way}")
+        where = f"{device.host},{device.port}" if device.kind is Kind.SERIAL else device.text
+        label = vehicle.name if len(vehicle.links) == 1 else f"{vehicle.name}/{number}"
+        found.append(f"{where}:{json.dumps({'label': label}, separators=(',', ':'))}")
+    return found

@@ -9,14 +9,21 @@ from __future__ import annotations
 
 import argparse
 import os
+import platform
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
-from mavproxy_handover.config.files import ConfigError, find_vehicle_config
+from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station, load_vehicle
 from mavproxy_handover.must_load import must_load
+from mavproxy_handover.store.flights import LATEST, begin
+from mavproxy_handover.version import VERSION
 
 __all__ = ["companion", "station"]
 
@@ -48,18 +55,24 @@ def station(argv: Sequence[str]) -> int:
         description="Run MAVProxy with `module load handover_gcs` (the command line is printed).",
     )
     parser.add_argument("--config", default="station.toml", help="station configuration (default: ./station.toml)")
-    parser.add_argument("--master", required=True, help="the link to the vehicle, e.g. udpin:0.0.0.0:14550")
+    parser.add_argument(
+        "--master",
+        help="the link to the vehicle, e.g. udpin:0.0.0.0:14550; not where [[vehicle]] tables name the links",
+    )
     return _run(parser, argv, station_argv, lambda named: Path(named or "").expanduser().resolve(), _station)
 
 
 def _run(
     parser: argparse.ArgumentParser,
     argv: Sequence[str],
-    build: Callable[[Path, str, Path], list[str]],
+    build: Callable[[Path, Any, Path, Path | None], list[str]],
     find: Callable[[str | None], Path],
     start: Callable[[list[str], argparse.Namespace], int],
 ) -> int:
-    parser.add_argument("--logfile", type=Path, default=Path("handover.tlog"), help="tlog (default: ./handover.tlog)")
+    parser.add_argument(
+        "--logs", type=Path, default=Path("flights"), metavar="DIR", help="a folder for each run in it (./flights)"
+    )
+    parser.add_argument("--logfile", type=Path, help="tlog, in place of all that; one that is there is added to")
     parser.add_argument("--print", action="store_true", help="print the MAVProxy command line and end")
     parser.add_argument("more", nargs="*", help="more options for MAVProxy, after --")
     try:
@@ -67,12 +80,41 @@ def _run(
     except SystemExit as stop:
         return int(stop.code or 0)
     try:
-        command = [*build(find(arguments.config), arguments.master, arguments.logfile), *arguments.more]
+        config = find(arguments.config)
+        logs = _Logs(arguments.logfile) if arguments.logfile is not None else _logs_of(parser.prog, config, arguments)
+        command = [*build(config, arguments.master, logs.tlog, logs.journal), *arguments.more, *logs.options]
     except ConfigError as error:
         print(f"{parser.prog}: {error}", file=sys.stderr)
         return 2
     print(shlex.join(command), flush=True)
     return 0 if arguments.print else start(command, arguments)
+
+
+@dataclass(frozen=True, slots=True)
+class _Logs:
+    """Where a run's logs go. `journal` None: where the configuration has it. `options`: MAVProxy's, besides."""
+
+    tlog: Path
+    journal: Path | None = None
+    options: tuple[str, ...] = ("--append-log",)
+
+
+def _logs_of(program: str, config: Path, arguments: argparse.Namespace) -> _Logs:
+    """A folder for this run; a disk that is full or gone keeps nothing from flying. Raises ConfigError."""
+    name = load_vehicle(config).name if program.endswith("companion") else load_station(config).station.name
+    base = arguments.logs.expanduser().absolute()
+    folder = base / LATEST
+    if not arguments.print:
+        versions = {each: metadata.version(each) for each in ("MAVProxy", "pymavlink")}
+        about = {"who": name, "command": program, "version": VERSION, "python": platform.python_version(), **versions}
+        try:
+            folder = begin(base, name, datetime.now(timezone.utc), about, config)
+        except OSError as error:
+            lacks = "no tlog, and the journal where the configuration has it"
+            text = f"WARNING: {error.filename or base}: {error.strerror}: {lacks}"
+            print(f"{program}: {text}", file=sys.stderr, flush=True)
+            return _Logs(base / f"{name}.tlog", None, ("--no-state",))
+    return _Logs(folder / f"{name}.tlog", folder / f"{name}.jsonl")
 
 
 def _station(command: list[str], _arguments: argparse.Namespace) -> int:
@@ -90,6 +132,7 @@ def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
         return _unsupervised(command, "only Linux ends a child with its parent")
     # imported here: `handover station` does without all of it
     from mavproxy_handover.supervision.child import Companion
+    from mavproxy_handover.supervision.manager import service_manager
     from mavproxy_handover.supervision.rules import Limits
     from mavproxy_handover.supervision.script import Script
     from mavproxy_handover.supervision.supervisor import Supervisor, single_threaded
@@ -98,8 +141,8 @@ def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
     script.prepare()
     if not single_threaded():
         return _unsupervised(command, "something that Python imports here starts threads")
-    supervisor = Supervisor(Companion(script, command[2:]), Limits(window_s=arguments.restarts_within))
-    return supervisor.run()
+    limits = Limits(window_s=arguments.restarts_within)
+    return Supervisor(Companion(script, command[2:]), limits, service_manager()).run()
 
 
 def _unsupervised(command: list[str], why: str) -> int:

@@ -13,32 +13,33 @@ import os
 from pathlib import Path
 from typing import Any
 
-from mavproxy_handover.config.station import PeerConfig, StationConfig, load_station
+from mavproxy_handover.config.station import FleetVehicle, PeerConfig, StationConfig, load_station
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import StationLinks, VehicleConfig, load_vehicle
 
 __all__ = [
     "ConfigError",
+    "FleetVehicle",
     "PeerConfig",
     "StationConfig",
     "StationLinks",
     "VehicleConfig",
-    "config_argument",
     "find_station_config",
     "find_vehicle_config",
     "load_station",
     "load_vehicle",
+    "path_argument",
 ]
 
 VEHICLE_PLACES = ("./handover.toml", "/etc/handover/vehicle.toml")
 STATION_PLACES = ("./station.toml",)
 
 
-def config_argument(value: Any) -> str | None:
-    """The `config` argument of `module load`, which MAVProxy reads as JSON. Raises ConfigError if it is no path."""
+def path_argument(name: str, value: Any) -> str | None:
+    """An argument of `module load`, which MAVProxy reads as JSON. Raises ConfigError if it is no path."""
     if value is None or (isinstance(value, str) and value and "\0" not in value):
         return value
-    raise ConfigError(f"argument config: {value!r} must be the path of a configuration file")
+    raise ConfigError(f"argument {name}: {value!r} must be the path of a file")
 
 
 def find_vehicle_config(explicit: str | None) -> Path:

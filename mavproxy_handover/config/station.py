@@ -1,22 +1,33 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""A ground station's configuration file: who it is, which vehicle it is for, and how it reaches the other stations."""
+"""A ground station's configuration file: who it is, which vehicles it is for, and how it reaches the other stations.
+
+A station with one vehicle says so in [station], and MAVProxy is told its links. One with several has a [[vehicle]] for
+each: its name, system id, key, mission and links, so that nothing of one can be taken for another's.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from mavproxy_handover.config.route import route_limits
 from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, read_toml
 from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, Station
 from mavproxy_handover.core.safety.route import RouteLimits
 
-__all__ = ["PeerConfig", "StationConfig", "load_station"]
+__all__ = ["FleetVehicle", "PeerConfig", "StationConfig", "load_station"]
 
-_STATION_KEYS: Final = ("name", "sysid", "vehicle", "consent", "mission", "key", "journal")
+#: keys of [station] that are each vehicle's own where there are [[vehicle]] tables, and what they are called there
+_OF_VEHICLE: Final = {"vehicle": "sysid", "mission": "mission", "key": "key"}
+_STATION_KEYS: Final = ("name", "sysid", *_OF_VEHICLE, "consent", "journal")
+_VEHICLE_KEYS: Final = ("name", "sysid", "links", "key", "allow_unsigned", "mission")
 _PEER_KEYS: Final = ("name", "sysid", "link")
+#: a vehicle's name is typed, and labels MAVProxy's links: no blanks, and no number that could be a system id
+_NAME: Final = re.compile(r"(?=.*[A-Za-z])[A-Za-z0-9][A-Za-z0-9._-]{0,19}")
 #: What another operator wants, or the commander's gives away, is for an operator to answer.
 _CONSENTS: Final = {"automatic": frozenset(AUTOMATIC), "operator": frozenset[str]()}
 
@@ -30,22 +41,39 @@ class PeerConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class FleetVehicle:
+    """A vehicle that a station is for. Paths are absolute."""
+
+    sysid: int
+    #: what the operator calls it; "" where it is the only one and has no table of its own
+    name: str = ""
+    #: its MAVProxy links, in pymavlink's device form; (): MAVProxy is told them, and all are its
+    links: tuple[str, ...] = ()
+    #: file of the key that this station signs with towards it; None: it signs nothing
+    key: Path | None = None
+    mission: Path | None = None
+
+    @property
+    def called(self) -> str:
+        """Its name for people, until it has said how it calls itself."""
+        return self.name or f"vehicle {self.sysid}"
+
+
+@dataclass(frozen=True, slots=True)
 class StationConfig:
     """A ground station's configuration. Paths are absolute."""
 
     path: Path
     station: Station
-    vehicle: int
+    #: one at least, in the order of the file
+    vehicles: tuple[FleetVehicle, ...]
     #: what needs no operator here, in the words of `core.model.QUESTIONS`
     automatic: frozenset[str]
-    mission: Path | None
     journal: Path
     ground: str | None
     #: file of the key that all stations of the ground link sign with; None: the link is open, which was asked for
     ground_key: Path | None = None
     peers: tuple[PeerConfig, ...] = field(default=())
-    #: file of the key that this station signs with; None: it signs nothing
-    key: Path | None = None
     #: from when on the aircraft is off its route
     route: RouteLimits = field(default_factory=RouteLimits)
 
@@ -54,13 +82,10 @@ def load_station(path: Path) -> StationConfig:
     """Read and check a station's configuration. Raises ConfigError."""
     path = path.resolve()
     data = read_toml(path)
-    check_tables(data, path, ("station", "ground", "peer", "route"), ("station",))
+    check_tables(data, path, ("station", "vehicle", "ground", "peer", "route"), ("station",))
     table = Table(data["station"], "station", path, _STATION_KEYS)
     station = Station(table.sysid("sysid"), table.name("name"))
-    vehicle = table.sysid("vehicle", required=False, default=1)
-    mission = table.path("mission")
-    if vehicle == station.sysid:
-        raise table.error("vehicle", f"{vehicle} is the station's own sysid")
+    vehicles = _vehicles(data, path, table, station)
     ground, ground_key = None, None
     if "ground" in data:
         ground_table = Table(data["ground"], "ground", path, ("listen", "key", "allow_unsigned"))
@@ -77,23 +102,75 @@ def load_station(path: Path) -> StationConfig:
     peers = tuple(_peer(entry) for entry in list_of_tables(data, "peer", path, _PEER_KEYS))
     if peers and ground is None:
         raise ConfigError(f"{path}: [ground] is missing; [[peer]] needs a place to listen")
-    ids = [station.sysid, vehicle, *(peer.station.sysid for peer in peers)]
+    ids = [station.sysid, *(vehicle.sysid for vehicle in vehicles), *(peer.station.sysid for peer in peers)]
     for sysid in ids:
         if ids.count(sysid) > 1:
             raise ConfigError(f"{path}: [[peer]] sysid {sysid} is given twice")
     return StationConfig(
         path=path,
         station=station,
-        vehicle=vehicle,
+        vehicles=vehicles,
         automatic=_automatic(table),
-        mission=None if mission is None else mission.resolve(),
         journal=path.parent / table.get("journal", str, f"{station.name}.jsonl"),
         ground=ground,
         ground_key=ground_key,
         peers=peers,
-        key=table.path("key"),
         route=route_limits(data, path),
     )
+
+
+def _vehicles(data: Mapping[str, Any], path: Path, station_table: Table, station: Station) -> tuple[FleetVehicle, ...]:
+    """Those of the [[vehicle]] tables; without any, the one of [station]."""
+    if "vehicle" not in data:
+        sysid = station_table.sysid("vehicle", required=False, default=1)
+        if sysid == station.sysid:
+            raise station_table.error("vehicle", f"{sysid} is the station's own sysid")
+        return (FleetVehicle(sysid, key=station_table.path("key"), mission=_folder(station_table)),)
+    for key, there in _OF_VEHICLE.items():
+        if station_table.get(key, object) is not None:
+            raise station_table.error(key, f"does not go together with [[vehicle]]: each says its own {there}")
+    tables = list_of_tables(data, "vehicle", path, _VEHICLE_KEYS)
+    if not tables:
+        raise ConfigError(f"{path}: [[vehicle]] must be there at least once, or not be named")
+    vehicles = tuple(_vehicle(table, station) for table in tables)
+    _no_two(path, "name", [vehicle.name for vehicle in vehicles])
+    _no_two(path, "sysid", [vehicle.sysid for vehicle in vehicles])
+    _no_two(path, "link", [link for vehicle in vehicles for link in vehicle.links])
+    _no_two(path, "key", [vehicle.key for vehicle in vehicles if vehicle.key is not None])
+    return vehicles
+
+
+def _no_two(path: Path, key: str, values: Sequence[object]) -> None:
+    """What tells vehicles apart must not be given twice."""
+    for value in values:
+        if values.count(value) > 1:
+            shown = repr(value) if key == "name" else value
+            raise ConfigError(f"{path}: [[vehicle]] {key} {shown} is given twice")
+
+
+def _vehicle(table: Table, station: Station) -> FleetVehicle:
+    name = table.name("name")
+    if not _NAME.fullmatch(name):
+        raise table.error("name", f"{name!r} must be letters, digits, '.', '_' or '-', one letter at least")
+    sysid = table.sysid("sysid")
+    if sysid == station.sysid:
+        raise table.error("sysid", f"{sysid} is the station's own sysid")
+    links = tuple(table.link("links", value) for value in table.get("links", list, required=True))
+    if not links:
+        raise table.error("links", "must name at least one link")
+    key = table.path("key")
+    if key is None and not table.get("allow_unsigned", bool, False):
+        raise table.error(
+            "key",
+            f"is missing: anybody could speak as {name}; 'handover keys make {station.name}-{name}' makes one, for "
+            "this station and this vehicle alone; allow_unsigned = true does without",
+        )
+    return FleetVehicle(sysid, name, links, key, _folder(table))
+
+
+def _folder(table: Table) -> Path | None:
+    mission = table.path("mission")
+    return None if mission is None else mission.resolve()
 
 
 def _automatic(table: Table) -> frozenset[str]:

@@ -9,7 +9,7 @@ import time
 from mavproxy_handover.link.base import Clock, Device, LinkCounters
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
 from mavproxy_handover.link.tcp import TcpIn, TcpOut
-from mavproxy_handover.link.udp import UdpIn, UdpOut
+from mavproxy_handover.link.udp import UdpIn, UdpOut, UdpOutBy
 
 __all__ = ["Device", "DeviceSpec", "Kind", "LinkCounters", "LinkError", "open_device", "parse_device"]
 
@@ -23,7 +23,7 @@ def open_device(text: str, clock: Clock = time.monotonic) -> Device:
     if spec.kind is Kind.UDP_IN:
         return UdpIn(spec, clock)
     if spec.kind is Kind.UDP_OUT:
-        return UdpOut(spec, clock)
+        return UdpOutBy(spec, clock) if spec.way else UdpOut(spec, clock)
     if spec.kind is Kind.TCP_OUT:
         return TcpOut(spec, clock)
     if spec.kind is Kind.TCP_IN:

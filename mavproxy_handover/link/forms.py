@@ -3,17 +3,19 @@
 """Device strings of links, in pymavlink's forms, into values. No device is touched here.
 
     udpin:HOST:PORT          listen on a local address; answer whoever proved to be the station
-    udpout:HOST:PORT         send to a station that listens
+    udpout:HOST:PORT[@WAY]   send to a station that listens; WAY: the interface, or own address, that it leaves by
     tcp:HOST:PORT            connect to a station that listens
     tcpin:HOST:PORT          listen for the station's connection
     /dev/ttyX[,BAUD]         serial line
     serial:/dev/ttyX:BAUD    the same
 
-HOST is a name or an IPv4 address. Without BAUD a serial line runs at 57600, as MAVProxy has it.
+HOST is a name or an IPv4 address, WAY as well: `udpout:10.1.0.9:14550@wwan0`. Without BAUD a serial line runs at 57600,
+as MAVProxy has it.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import Enum
 from typing import Final
@@ -23,8 +25,11 @@ __all__ = ["DEFAULT_BAUD", "DeviceSpec", "Kind", "LinkError", "parse_device"]
 DEFAULT_BAUD: Final = 57600
 BAUD_RANGE: Final = (1200, 4_000_000)
 _FORMS: Final = (
-    "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyX[,BAUD], serial:/dev/ttyX:BAUD"
+    "udpin:HOST:PORT, udpout:HOST:PORT[@WAY], tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyX[,BAUD], serial:/dev/ttyX:BAUD"
 )
+
+#: an interface's name as Linux has them, or an address
+_WAY: Final = re.compile(r"[A-Za-z0-9._-]{1,15}")
 
 
 class LinkError(Exception):
@@ -46,12 +51,16 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class DeviceSpec:
-    """What a device string says. `text` is the string; `host` is the path and `port` the baud rate of a serial line."""
+    """What a device string says. `text` is the string; `host` is the path and `port` the baud rate of a serial line.
+
+    `way`: interface or own address that a `udpout` leaves by; "" for whatever the system thinks best.
+    """
 
     text: str
     kind: Kind
     host: str
     port: int
+    way: str = ""
 
 
 def parse_device(text: object) -> DeviceSpec:
@@ -67,13 +76,15 @@ def parse_device(text: object) -> DeviceSpec:
         path, _, baud = rest.rpartition(":")
         return _serial(text, path, baud)
     host, colon, port = rest.partition(":")
+    port, at, way = port.partition("@")
     kinds = {kind.value: kind for kind in Kind}
-    if word not in kinds or not host or not colon or ":" in port:
+    wrong_way = at and (word != Kind.UDP_OUT.value or not _WAY.fullmatch(way))
+    if word not in kinds or not host or not colon or ":" in port or wrong_way:
         raise LinkError(f"link {text!r} must be one of {_FORMS}")
     number = _number(port)
     if not 1 <= number <= 65535:
         raise LinkError(f"link {text!r}: port must be 1 to 65535")
-    return DeviceSpec(text, kinds[word], host, number)
+    return DeviceSpec(text, kinds[word], host, number, way)
 
 
 def _serial(text: str, path: str, baud: str) -> DeviceSpec:

@@ -8,7 +8,9 @@ back. A station that answers from another address or socket than the one it list
 `udpin`. The socket is not connected, so the way out is chosen anew for each datagram: a modem that comes back with
 another address of our own needs no reconnect. Where the kernel can (Linux), it throws away what others send, before
 it costs anything here, and datagrams are taken without their sender's address: to put that into words takes longer than
-to judge the frame.
+to judge the frame. With `@WAY` it leaves by that interface, or from that address, and by no other: where there is none
+at present nothing is sent, and it is looked for again with each frame. A modem that comes back is another interface of
+the same name.
 
 `udpin` listens. Anybody can send to it, so:
 
@@ -29,6 +31,7 @@ Datagrams of more than 2 KiB are dropped: no station sends them, and a long one 
 from __future__ import annotations
 
 import ctypes
+import ipaddress
 import socket
 import struct
 import sys
@@ -39,7 +42,7 @@ from mavproxy_handover.link.base import PEER_HOLD_S, Clock, Device, reason
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
 from mavproxy_handover.wire.frames import MAGIC_V1, MAGIC_V2, Frame, FrameSplitter, parse_one
 
-__all__ = ["UdpIn", "UdpOut"]
+__all__ = ["UdpIn", "UdpOut", "UdpOutBy"]
 
 Address = tuple[str, int]
 
@@ -56,8 +59,9 @@ _HOST_BYTES: Final = 4096
 _SHORT_BYTES: Final = 256
 _RECEIVE_BUFFER_BYTES: Final = 1 << 20
 
-#: not in Python's `socket`; the same on all of Linux's common machines (asm-generic/socket.h)
+#: not in Python's `socket`; the same on all of Linux's common machines (asm-generic/socket.h, linux/in.h)
 _SO_ATTACH_FILTER: Final = 26
+_IP_UNICAST_IF: Final = 50
 #: classic BPF (linux/filter.h): load 32 or 16 bits, go on if equal, return. A socket's filter sees a datagram from its
 #: UDP header on, and the IP header from SKF_NET_OFF on.
 _LOAD_32, _LOAD_16, _IF_EQUAL, _RETURN = 0x20, 0x28, 0x15, 0x06
@@ -189,6 +193,36 @@ class UdpOut(_Udp):
         return frames + self._late_frames()
 
 
+class UdpOutBy(UdpOut):
+    """The same by one interface, or from one address."""
+
+    def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
+        """Raises LinkError: unknown host. A way that is not there yet is none."""
+        super().__init__(spec, clock)
+        self._way, self._by_name = spec.way, not _is_address(spec.way)
+        #: it is to be found before anything is sent
+        self._lost = True
+
+    def write(self, data: bytes) -> bool:
+        if self._lost and not self._closed and not self._take_way():
+            return self._refused()
+        sent = super().write(data)
+        self._lost = not sent and self._by_name and self.trouble != ""
+        return sent
+
+    def _take_way(self) -> bool:
+        try:
+            if self._by_name:  # in truth by number, which may be changed at any time and needs no rights
+                number = socket.if_nametoindex(self._way)
+                self._socket.setsockopt(socket.IPPROTO_IP, _IP_UNICAST_IF, struct.pack("!I", number))
+            else:
+                self._socket.bind((self._way, 0))
+        except OSError as error:
+            self._failed(error)
+            return False
+        return True
+
+
 class UdpIn(_Udp):
     """Listens on `HOST:PORT` and answers whoever proved genuine."""
 
@@ -256,6 +290,14 @@ class UdpIn(_Udp):
             self._peer = address
             self._splitter = FrameSplitter()
         self._heard_at = now
+
+
+def _is_address(way: str) -> bool:
+    try:
+        ipaddress.IPv4Address(way)
+    except ValueError:
+        return False
+    return True
 
 
 def _hear_only(udp: socket.socket, address: Address) -> bool:

@@ -113,12 +113,14 @@ def previous_path(path: Path) -> Path:
     return path.with_name(path.name + ".old")
 
 
-def load_key(path: Path) -> bytes:
-    """The 32 bytes in a key file. Raises KeysError: missing, not ours alone, or not a key."""
+def load_key(path: Path, owner: int | None = None) -> bytes:
+    """The 32 bytes in a key file. Raises KeysError: missing, not ours alone, or not a key.
+
+    `owner`: the user who is to use it; None: whoever runs this."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # a pipe must not stop the start
         try:
-            problem = _problem(path, os.fstat(descriptor))
+            problem = _problem(path, os.fstat(descriptor), owner)
             content = b"" if problem else os.read(descriptor, _MAX_FILE_BYTES + 1)
         finally:
             os.close(descriptor)
@@ -137,23 +139,24 @@ def load_key(path: Path) -> bytes:
     return key
 
 
-def _problem(path: Path, status: os.stat_result) -> str:
+def _problem(path: Path, status: os.stat_result, owner: int | None) -> str:
     """What keeps a key file, open already so that nobody swaps it, from being used; "" if nothing does."""
     if not stat.S_ISREG(status.st_mode):
         return "is not a file"
     mode = stat.S_IMODE(status.st_mode)
     if mode & ~(stat.S_IRUSR | stat.S_IWUSR):
         return f"mode {mode:04o} must be 0600, a key is for its owner alone: chmod 600 {path}"
-    if status.st_uid != os.geteuid():
-        return f"belongs to user {status.st_uid}, must belong to {os.geteuid()}, who runs this"
+    if status.st_uid != (os.geteuid() if owner is None else owner):
+        must = f"{os.geteuid()}, who runs this" if owner is None else f"{owner}, who is to use it"
+        return f"belongs to user {status.st_uid}, must belong to {must}"
     return ""
 
 
-def load_station_keys(path: Path) -> StationKeys:
-    """The key in `path` and, if a rotation is under way, the one before it. Raises KeysError."""
-    current = load_key(path)
+def load_station_keys(path: Path, owner: int | None = None) -> StationKeys:
+    """The key in `path` and, if a rotation is under way, the one before it. Raises KeysError. `owner`: as above."""
+    current = load_key(path, owner)
     old = previous_path(path)
-    previous = load_key(old) if os.path.lexists(old) else None
+    previous = load_key(old, owner) if os.path.lexists(old) else None
     return StationKeys(current, None if previous == current else previous)
 
 

@@ -58,7 +58,7 @@ class Companion:
         if not any(option in self.argv for option in _NO_PROMPT):
             threading.Thread(target=_read_console, name="input", daemon=True).start()
         take_queues(MAIN)
-        more = log_options(list(self.argv)) if line.told.why else []
+        more = log_options(list(self.argv))
         try:
             code = self.script.run([*self.argv, *more, *_ALWAYS])
         except Exception:  # a fault of MAVProxy's, which has to be seen before the console goes

@@ -82,7 +82,7 @@ class Watch:
         #: since when the patience of the present state runs
         self._since = 0.0
         #: some process has lived
-        self._lived = False
+        self.lived = False
         self._trusted = True
         self._restarts: deque[float] = deque()
         self._patience = {
@@ -103,7 +103,7 @@ class Watch:
             if state is None or self.state is State.ENDING:
                 continue
             self.state, self._since = state, now
-            self._lived = self._lived or state is State.LIVE
+            self.lived = self.lived or state is State.LIVE
 
     def asked_to_end(self, now: float) -> None:
         """Somebody wants the whole of it to end."""
@@ -120,7 +120,7 @@ class Watch:
 
     def ended(self, code: int, now: float) -> Next:
         """The process has ended. `code`: exit code, or the negative number of the signal that ended it."""
-        if self.state is State.ENDING or not self._lived:
+        if self.state is State.ENDING or not self.lived:
             return Next(code=code if code >= 0 else 128 - code)
         limits, why = self._limits, self._why(code, now)
         while self._restarts and now - self._restarts[0] >= limits.window_s:

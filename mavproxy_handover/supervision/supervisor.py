@@ -28,6 +28,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from mavproxy_handover.lifeline import Lifeline, Told
+from mavproxy_handover.supervision.manager import ServiceManager
 from mavproxy_handover.supervision.rules import Limits, Next, Watch
 
 __all__ = ["ENDS", "Supervisor", "single_threaded"]
@@ -51,8 +52,10 @@ def single_threaded() -> bool:
 class Supervisor:
     """Runs `child` in a process of its own, again and again. It is given the lifeline, and returns the exit code."""
 
-    def __init__(self, child: Callable[[Lifeline], int], limits: Limits) -> None:
+    def __init__(self, child: Callable[[Lifeline], int], limits: Limits, manager: ServiceManager | None = None) -> None:
+        """`manager`: who is told that all is in order; None: nobody is."""
         self._child = child
+        self._manager = manager or ServiceManager()
         self._limits = limits
         self._watch = Watch(limits)
         self._pid = 0
@@ -70,6 +73,7 @@ class Supervisor:
         with self._signals():
             after = self._live(Told())
             while after.told is not None and self._pause(after.at):
+                self._manager.replaced(after.told.why)
                 try:
                     after = self._live(after.told)
                 except OSError:  # no memory for a process, or no number: another try is all that there is
@@ -147,6 +151,7 @@ class Supervisor:
                 signal.signal(signal.SIGCHLD, signal.SIG_DFL)
                 for descriptor in (reading, *self._wake):
                     os.close(descriptor)
+                self._manager.close()
                 code = self._child(Lifeline(writing, told))
         except BaseException:
             traceback.print_exc()
@@ -161,7 +166,9 @@ class Supervisor:
         killed = False
         while True:
             slept_at = time.monotonic()
-            wait_s = min(max(0.0, watch.due() - slept_at), 60.0)
+            if not killed and slept_at < watch.due():
+                self._manager.in_order(slept_at, lived=watch.lived)
+            wait_s = max(0.0, min(watch.due() - slept_at, self._manager.due_at() - slept_at, 60.0))
             ready = {descriptor for descriptor, _what in waiting.poll(None if killed else wait_s * 1000.0 + 1.0)}
             now = time.monotonic()
             if not killed and now - slept_at - wait_s > _LATE_S:
@@ -173,6 +180,7 @@ class Supervisor:
                     waiting.unregister(signs)
             if self._wake[0] in ready and self._wanted_to_end():
                 watch.asked_to_end(now)
+                self._manager.stopping()
                 os.kill(self._pid, signal.SIGTERM)
             pid, status = os.waitpid(self._pid, os.WNOHANG)
             if pid:

@@ -67,7 +67,8 @@ def take_queues(script: str) -> None:
 
 
 def log_options(argv: list[str]) -> list[str]:
-    """What a start in flight needs besides: MAVProxy must neither begin the tlog anew nor end for want of room."""
+    """What a start needs besides, for it may be in flight: MAVProxy must not begin the tlog anew, nor end for want of
+    room."""
     named = [word.partition("=")[2] for word in argv if word.startswith("--logfile=")]
     path = Path(named[-1]) if named else Path("mav.tlog")
     try:

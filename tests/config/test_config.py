@@ -11,11 +11,12 @@ import pytest
 from mavproxy_handover.config import files
 from mavproxy_handover.config.files import (
     ConfigError,
-    config_argument,
+    FleetVehicle,
     find_station_config,
     find_vehicle_config,
     load_station,
     load_vehicle,
+    path_argument,
 )
 from mavproxy_handover.config.route import ROUTE_RANGES
 from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
@@ -159,9 +160,9 @@ def test_the_least_a_vehicle_must_say(file: Path) -> None:
 def test_everything_a_station_can_say(file: Path) -> None:
     file.write_text(STATION)
     loaded = load_station(file)
-    assert (loaded.path, loaded.station, loaded.vehicle) == (file, Station(251, "GCSA"), 7)
+    assert (loaded.path, loaded.station) == (file, Station(251, "GCSA"))
+    assert loaded.vehicles == (FleetVehicle(7, mission=file.parent / "missions" / "delivery"),)
     assert loaded.automatic == frozenset()
-    assert loaded.mission == file.parent / "missions" / "delivery"
     assert loaded.journal == Path("/var/log/GCSA.jsonl")
     assert loaded.ground == "udpin:127.0.0.1:15551"
     (peer,) = loaded.peers
@@ -172,7 +173,7 @@ def test_everything_a_station_can_say(file: Path) -> None:
 def test_the_least_a_station_must_say(file: Path) -> None:
     file.write_text('[station]\nname = "A"\nsysid = 251\n')
     loaded = load_station(file)
-    assert (loaded.vehicle, loaded.automatic, loaded.mission) == (1, frozenset(AUTOMATIC), None)
+    assert (loaded.vehicles, loaded.automatic) == ((FleetVehicle(1),), frozenset(AUTOMATIC))
     assert (loaded.journal, loaded.ground, loaded.peers) == (file.parent / "A.jsonl", None, ())
     assert loaded.route == RouteLimits()
 
@@ -185,7 +186,7 @@ def test_the_vehicle_samples_that_ship_are_sound(sample: str) -> None:
 
 @pytest.mark.parametrize("sample", ["station.toml", "demo/GCSA.toml", "demo/GCSB.toml"])
 def test_the_station_samples_that_ship_are_sound(sample: str) -> None:
-    assert load_station(DEPLOY / sample).vehicle == 1
+    assert [vehicle.sysid for vehicle in load_station(DEPLOY / sample).vehicles] == [1]
 
 
 def test_the_numbers_of_energy_are_read_and_may_be_left_out(file: Path) -> None:
@@ -613,6 +614,146 @@ def test_a_mistake_in_a_stations_file_is_one_line(file: Path, mistake: str) -> N
     assert expected in the_line(file, with_change(STATION, old, new), load_station)
 
 
+# ---- a station for several vehicles -------------------------------------------------------------------------------
+
+FLEET = """\
+[station]
+name = "GCSA"
+sysid = 251
+consent = "operator"
+
+[[vehicle]]
+name = "drone-1"
+sysid = 1
+links = ["udpin:0.0.0.0:14550", "/dev/ttyUSB0,57600"]
+key = "keys/GCSA-drone-1.key"
+mission = "missions/delivery"
+
+[[vehicle]]
+name = "drone-2"
+sysid = 2
+links = ["udpin:0.0.0.0:14560"]
+allow_unsigned = true
+
+[ground]
+listen = "udpin:127.0.0.1:15551"
+key = "keys/ground.key"
+
+[[peer]]
+name = "GCSB"
+sysid = 252
+link = "udpout:127.0.0.1:15552"
+"""
+
+
+def test_each_vehicle_of_a_station_has_its_own_links_key_and_mission(file: Path) -> None:
+    file.write_text(FLEET)
+    loaded = load_station(file)
+    assert loaded.vehicles == (
+        FleetVehicle(
+            1,
+            "drone-1",
+            ("udpin:0.0.0.0:14550", "/dev/ttyUSB0,57600"),
+            file.parent / "keys" / "GCSA-drone-1.key",
+            file.parent / "missions" / "delivery",
+        ),
+        FleetVehicle(2, "drone-2", ("udpin:0.0.0.0:14560",)),
+    )
+    assert [vehicle.called for vehicle in loaded.vehicles] == ["drone-1", "drone-2"]
+    assert (loaded.automatic, loaded.ground) == (frozenset(), "udpin:127.0.0.1:15551")
+
+
+def test_a_vehicle_without_a_table_is_called_by_its_number(file: Path) -> None:
+    file.write_text(STATION)
+    assert [vehicle.called for vehicle in load_station(file).vehicles] == ["vehicle 7"]
+
+
+FLEET_MISTAKES: dict[str, tuple[str, str, str]] = {
+    "two vehicles of one name": ('"drone-2"', '"drone-1"', "[[vehicle]] name 'drone-1' is given twice"),
+    "two vehicles of one sysid": ("sysid = 2\n", "sysid = 1\n", "[[vehicle]] sysid 1 is given twice"),
+    "two vehicles on one link": ("14560", "14550", "[[vehicle]] link udpin:0.0.0.0:14550 is given twice"),
+    "one vehicle with a link twice": (
+        '"/dev/ttyUSB0,57600"',
+        '"udpin:0.0.0.0:14550"',
+        "[[vehicle]] link udpin:0.0.0.0:14550 is given twice",
+    ),
+    "two vehicles with one key": (
+        "allow_unsigned = true",
+        'key = "keys/GCSA-drone-1.key"',
+        "keys/GCSA-drone-1.key is given twice",
+    ),
+    "no name": ('name = "drone-2"\n', "", "[vehicle 2] name: is missing; it must be a text"),
+    "a name that cannot be typed": (
+        '"drone-2"',
+        '"drone 2"',
+        "[vehicle 2] name: 'drone 2' must be letters, digits, '.', '_' or '-', one letter at least",
+    ),
+    "a name that is a number": (
+        '"drone-2"',
+        '"1"',
+        "[vehicle 2] name: '1' must be letters, digits, '.', '_' or '-', one letter at least",
+    ),
+    "a name that ends a label": (
+        '"drone-2"',
+        '"drone-1/2"',
+        "[vehicle 2] name: 'drone-1/2' must be letters, digits, '.', '_' or '-', one letter at least",
+    ),
+    "no sysid": ("sysid = 2\n", "", "[vehicle 2] sysid: is missing; it must be a whole number"),
+    "sysid 0": ("sysid = 2\n", "sysid = 0\n", "[vehicle 2] sysid: 0 must be a MAVLink system id, 1 to 255"),
+    "the station's sysid": ("sysid = 2\n", "sysid = 251\n", "[vehicle 2] sysid: 251 is the station's own sysid"),
+    "a peer's sysid": ("sysid = 2\n", "sysid = 252\n", "[[peer]] sysid 252 is given twice"),
+    "no links": ('links = ["udpin:0.0.0.0:14560"]\n', "", "[vehicle 2] links: is missing; it must be a list"),
+    "empty links": ('["udpin:0.0.0.0:14560"]', "[]", "[vehicle 2] links: must name at least one link"),
+    "a link that is none": ("udpin:0.0.0.0:14560", "udp:14560", "[vehicle 2] links: 'udp:14560' must be one of udpin:"),
+    "a link that is a number": ('["udpin:0.0.0.0:14560"]', "[14560]", "[vehicle 2] links: 14560 must be one of udpin:"),
+    "no key": (
+        "allow_unsigned = true\n",
+        "",
+        "[vehicle 2] key: is missing: anybody could speak as drone-2; 'handover keys make GCSA-drone-2' makes one, for "
+        "this station and this vehicle alone; allow_unsigned = true does without",
+    ),
+    "unsigned by half a word": (
+        "allow_unsigned = true",
+        'allow_unsigned = "yes"',
+        "[vehicle 2] allow_unsigned: 'yes' must be true or false",
+    ),
+    "a mission that is a number": ('"missions/delivery"', "5", "[vehicle 1] mission: 5 must be a text"),
+    "misspelt key": ("links = [", "link = [", "[vehicle 1] link: unknown key; did you mean 'links'?"),
+    "the station's key beside": (
+        'consent = "operator"\n',
+        'key = "keys/GCSA.key"\n',
+        "[station] key: does not go together with [[vehicle]]: each says its own key",
+    ),
+    "the station's mission beside": (
+        'consent = "operator"\n',
+        'mission = "missions/delivery"\n',
+        "[station] mission: does not go together with [[vehicle]]: each says its own mission",
+    ),
+    "the station's vehicle beside": (
+        'consent = "operator"\n',
+        "vehicle = 1\n",
+        "[station] vehicle: does not go together with [[vehicle]]: each says its own sysid",
+    ),
+    "misspelt table": (FLEET[FLEET.index("[[vehicle]]") :], "[[vehicles]]\n", "unknown table [vehicles]; did you mean"),
+    "in single brackets": (
+        FLEET[FLEET.index("[[vehicle]]") :],
+        '[vehicle]\nname = "drone-1"\n',
+        "[vehicle] must be written [[vehicle]], once for each",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", list(FLEET_MISTAKES))
+def test_a_mistake_about_several_vehicles_is_one_line(file: Path, mistake: str) -> None:
+    old, new, expected = FLEET_MISTAKES[mistake]
+    assert expected in the_line(file, with_change(FLEET, old, new), load_station)
+
+
+def test_an_empty_list_of_vehicles_is_a_mistake(file: Path) -> None:
+    text = 'vehicle = []\n[station]\nname = "GCSA"\nsysid = 251\n'
+    assert the_line(file, text, load_station) == "[[vehicle]] must be there at least once, or not be named"
+
+
 # ---- files --------------------------------------------------------------------------------------------------------
 
 
@@ -731,10 +872,10 @@ def test_links_in_a_circle_are_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize("value", [5, 1.5, True, [], {}, "", "a\0b"])
 def test_an_argument_that_is_no_path_is_one_line(value: object) -> None:
     with pytest.raises(ConfigError) as caught:
-        config_argument(value)
-    assert str(caught.value) == f"argument config: {value!r} must be the path of a configuration file"
+        path_argument("config", value)
+    assert str(caught.value) == f"argument config: {value!r} must be the path of a file"
 
 
 def test_an_argument_that_is_a_path() -> None:
-    assert config_argument("x.toml") == "x.toml"
-    assert config_argument(None) is None
+    assert path_argument("config", "x.toml") == "x.toml"
+    assert path_argument("journal", None) is None

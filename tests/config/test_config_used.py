@@ -28,7 +28,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
         clock = Clock()
         monkeypatch.setattr(vehicle_module, "time", clock)
         monkeypatch.setattr(vehicle_commands, "time", clock)
-        monkeypatch.setattr(vehicle_module, "_last_config", [])
+        monkeypatch.setattr(vehicle_module, "_last", {})
         bench = Bench(tmp_path, clock)
         bench.config.write_text(bench.config.read_text() + more)
         benches.append(bench)

@@ -31,6 +31,12 @@ def test_a_device_string_is_read_as_pymavlink_means_it(text: str, kind: Kind, ho
     assert parse_device(text) == DeviceSpec(text, kind, host, port)
 
 
+@pytest.mark.parametrize("way", ["wlan0", "wwan0.5", "192.168.1.20"])
+def test_a_link_may_name_the_way_that_it_takes(way: str) -> None:
+    text = f"udpout:gcs.example:14550@{way}"
+    assert parse_device(text) == DeviceSpec(text, Kind.UDP_OUT, "gcs.example", 14550, way)
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -50,6 +56,11 @@ def test_a_device_string_is_read_as_pymavlink_means_it(text: str, kind: Kind, ho
         "/dev/ttyUSB0,50",
         "/dev/ttyUSB0,999999999999",
         "udpin:127.0.0.1:14550\n",
+        "udpout:127.0.0.1:14550@",
+        "udpout:127.0.0.1:14550@wlan 0",
+        "udpout:127.0.0.1:14550@averyverylongname",
+        "udpin:127.0.0.1:14550@wlan0",
+        "tcp:127.0.0.1:14550@wlan0",
     ],
 )
 def test_any_other_string_is_one_line_that_says_what_is_allowed(text: str) -> None:

@@ -417,3 +417,58 @@ def test_one_datagram_at_a_time_is_held_to_the_same_size_and_its_faults_are_coun
     device.close()
     assert device.read(once=True) == []
     assert device.counters.errors == 1, "after the end nothing is a fault"
+
+
+# ---- by one way alone -----------------------------------------------------------------------------------------------
+
+
+def test_a_link_leaves_from_the_address_that_it_names(clock: Clock, peers: list[Peer]) -> None:
+    link = open_device(f"udpout:{LOOPBACK}:{peers[0].address[1]}@127.0.0.2", clock)
+    assert link.write(heartbeat().raw)
+    assert link.write(heartbeat().raw)
+    data, sender = peers[0].socket.recvfrom(4096)
+    assert (data, sender[0]) == (heartbeat().raw, "127.0.0.2")
+    peers[0].socket.sendto(command().raw, sender)
+    assert len(link.read()) == 1
+    link.close()
+
+
+def test_a_link_leaves_by_the_interface_that_it_names(clock: Clock, peers: list[Peer]) -> None:
+    link = open_device(f"udpout:{LOOPBACK}:{peers[0].address[1]}@lo", clock)
+    assert link.write(heartbeat().raw)
+    assert peers[0].received() == [heartbeat().raw]
+    link.close()
+
+
+@pytest.mark.parametrize("way", ["wwan9", "203.0.113.7"])
+def test_where_there_is_no_such_way_nothing_is_sent_and_it_is_looked_for_again(
+    way: str, clock: Clock, peers: list[Peer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = open_device(f"udpout:{LOOPBACK}:{peers[0].address[1]}@{way}", clock)
+    assert not link.write(heartbeat().raw)
+    assert link.trouble
+    assert peers[0].received() == []
+    assert link.open, "nobody gives such a link up"
+    monkeypatch.setattr(link, "_way", "lo" if way == "wwan9" else LOOPBACK)  # as if it were there now
+    assert link.write(heartbeat().raw)
+    assert link.trouble == ""
+    assert peers[0].received() == [heartbeat().raw]
+    link.close()
+    assert not link.write(heartbeat().raw)
+
+
+def test_an_interface_that_comes_back_under_another_number_is_found(
+    clock: Clock, peers: list[Peer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = open_device(f"udpout:{LOOPBACK}:{peers[0].address[1]}@lo", clock)
+    assert link.write(heartbeat().raw)
+    number = socket.if_nametoindex("lo")
+    peer = link._peer  # type: ignore[attr-defined]
+    monkeypatch.setattr(link, "_peer", ("255.255.255.255", 9))  # no way there: the system refuses to send
+    assert not link.write(heartbeat().raw)
+    monkeypatch.setattr(link, "_peer", peer)
+    asked: list[str] = []
+    monkeypatch.setattr(socket, "if_nametoindex", lambda name: asked.append(name) or number)
+    assert link.write(heartbeat().raw)
+    assert asked == ["lo"]
+    link.close()

@@ -31,7 +31,8 @@ def wait_for(condition: Callable[[], Any], what: Callable[[], str]) -> None:
 class Autopilot:
     """Sends heartbeats to whoever connects, and keeps what comes back."""
 
-    def __init__(self) -> None:
+    def __init__(self, sysid: int = 1) -> None:
+        self._sysid = sysid
         self.received: list[Any] = []
         #: frames that it sends besides, as fast as they are taken
         self.flood = b""
@@ -43,7 +44,7 @@ class Autopilot:
         self._thread.start()
 
     def _run(self) -> None:
-        own, parser = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), mavlink.MAVLink(None)
+        own, parser = mavlink.MAVLink(None, srcSystem=self._sysid, srcComponent=1), mavlink.MAVLink(None)
         parser.robust_parsing = True
         connection = None
         beat_at = 0.0

@@ -163,6 +163,25 @@ def test_the_command_line_of_the_companion_works(
     assert (tmp_path / "companion.tlog").exists()
 
 
+def test_two_that_write_one_log_are_told(
+    start: Callable[..., MavProxy], autopilot: Autopilot, station_port: int, tmp_path: Path
+) -> None:
+    """As when they are started by hand in one folder."""
+    log = tmp_path / "mav.tlog"
+    first = start(command=companion_argv(vehicle_file(tmp_path / "v.toml", station_port), autopilot.master, log))
+    first.shows("Loaded module handover")
+    wait_for(lambda: autopilot.leases() > 8, lambda: "no leases came")
+    other = Autopilot()
+    try:
+        second = start(command=station_argv(station_file(tmp_path / "s.toml"), other.master, log))
+        second.shows(f"handover: {log} is written by another MAVProxy as well")
+        second.end()
+    finally:
+        other.close()
+    first.end()
+    assert not [line for line in first.lines if "another MAVProxy" in line], "it was there first"
+
+
 def test_the_command_line_of_a_station_works(
     start: Callable[..., MavProxy], autopilot: Autopilot, tmp_path: Path
 ) -> None:

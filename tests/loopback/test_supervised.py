@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.cli.launch import mavproxy
@@ -40,9 +42,14 @@ class Companion:
         self.process = subprocess.Popen(
             argv,
             cwd=self._folder,
-            env={**os.environ, "HOME": str(self._folder)},
             start_new_session=True,
-            **{"stdin": subprocess.DEVNULL, "stdout": self._console, "stderr": self._console, **streams},
+            **{
+                "env": {**os.environ, "HOME": str(self._folder)},
+                "stdin": subprocess.DEVNULL,
+                "stdout": self._console,
+                "stderr": self._console,
+                **streams,
+            },
         )
 
     def console(self) -> str:
@@ -69,7 +76,9 @@ class Companion:
         assert not Path(f"/proc/{child}").exists(), "reaped before the next one was started"
 
     def journal(self) -> list[dict[str, Any]]:
-        return [json.loads(line) for line in (self._folder / "companion.jsonl").read_text().splitlines()]
+        """Of all its runs."""
+        found = sorted(self._folder.glob("flights/2*/drone-1.jsonl")) or [self._folder / "companion.jsonl"]
+        return [json.loads(line) for path in found for line in path.read_text().splitlines()]
 
     def events(self) -> list[str]:
         return [entry["event"] for entry in self.journal()]
@@ -164,11 +173,108 @@ def test_the_tlog_of_before_is_still_there_after_a_restart(
     assert log.stat().st_size > 1_000_000
 
 
+def frames_of(log: Path) -> list[str]:
+    """Kinds of all frames that pymavlink reads."""
+    os.environ["MAVLINK20"] = "1"  # or it looks for our dialect among those of MAVLink 1
+    reader = mavutil.mavlink_connection(str(log), dialect="handover", robust_parsing=True)
+    kinds = []
+    while (message := reader.recv_match()) is not None:
+        kinds.append(message.get_type())
+    reader.close()
+    return kinds
+
+
+def flights_of(folder: Path) -> list[Path]:
+    return sorted(folder.glob("flights/2*"))
+
+
+def test_restarts_in_flight_leave_one_whole_log_and_journal(
+    companion: Start, autopilot: Autopilot, tmp_path: Path
+) -> None:
+    """Of the supervised process: it is the same run."""
+    running = companion()
+    (folder,) = flights_of(tmp_path)
+    log = folder / "drone-1.tlog"
+    autopilot.flood = attitudes()
+    wait_for(lambda: log.stat().st_size > 1_000_000, lambda: "no load")
+    autopilot.flood = b""
+    os.kill(running.child(), signal.SIGSTOP)  # so that nothing is written between the look and the end
+    before, journal = log.read_bytes(), (folder / "drone-1.jsonl").read_bytes()
+    running.signal_child(signal.SIGKILL)
+    running.sends_leases()
+    assert running.ends() == 0
+    assert flights_of(tmp_path) == [folder]
+    assert log.read_bytes().startswith(before)
+    assert (folder / "drone-1.jsonl").read_bytes().startswith(journal)
+    kinds = frames_of(log)
+    assert kinds.count("ATTITUDE") >= before.count(b"\xfd\x1c\x00\x00") - 1, "but for one that was cut"
+    assert "HEARTBEAT" in kinds[-200:], "and it went on behind it"
+    assert running.events()[-1] == "unloaded"
+    assert (folder / "handover.toml").is_file()
+    assert json.loads((folder / "run.json").read_text())["who"] == "drone-1"
+    assert (tmp_path / "flights" / "latest").resolve() == folder
+
+
+def test_a_companion_that_is_started_anew_touches_nothing_of_the_one_before(
+    companion: Start, autopilot: Autopilot, tmp_path: Path
+) -> None:
+    """Power, or SIGKILL of all of it: the new one is another run."""
+    running = companion()
+    (first,) = flights_of(tmp_path)
+    child = running.child()
+    running.process.kill()
+    running.process.wait()
+    wait_for(lambda: has_ended(child), lambda: "a companion without a supervisor lives on")
+    before = {path.name: path.read_bytes() for path in first.iterdir()}
+    for line in before["drone-1.jsonl"].splitlines():
+        json.loads(line)
+    second = companion()
+    assert second.ends() == 0
+    assert {path.name: path.read_bytes() for path in first.iterdir()} == before
+    again = [folder for folder in flights_of(tmp_path) if folder != first]
+    assert len(again) == 1
+    assert frames_of(again[0] / "drone-1.tlog")
+
+
+def test_where_no_folder_can_be_made_it_flies_without(companion: Start, tmp_path: Path) -> None:
+    (tmp_path / "flights").write_text("a file in the way")
+    running = companion()
+    assert "WARNING: " in running.console()
+    assert "no tlog, and the journal where the configuration has it" in running.console()
+    assert (tmp_path / "companion.jsonl").is_file()
+    assert running.ends() == 0
+
+
 def test_it_dies_with_its_supervisor(companion: Start) -> None:
     running = companion()
     child = running.child()
     running.process.kill()
     wait_for(lambda: has_ended(child), lambda: "a companion without a supervisor lives on")
+
+
+def test_a_service_manager_hears_of_its_life(companion: Start, tmp_path: Path) -> None:
+    """Ready with its leases, in order while its judge is replaced, and of its end."""
+    manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    manager.bind(str(tmp_path / "notify"))
+    manager.settimeout(20.0)
+    try:
+        environment = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "900000", "HOME": str(tmp_path)}
+        running = companion(env={**os.environ, **environment})
+        words = []
+        while words[-1:] != [b"READY=1"]:
+            words.append(manager.recv(4096))
+        assert set(words[:-1]) <= {b"WATCHDOG=1"}
+        running.signal_child(signal.SIGKILL)
+        while words[-1:] != [b"STATUS=started again: it was killed by SIGKILL"]:
+            words.append(manager.recv(4096))
+        for _ in range(5):
+            assert manager.recv(4096) == b"WATCHDOG=1"
+        assert running.ends() == 0
+        while words[-1:] != [b"STOPPING=1"]:
+            words.append(manager.recv(4096))
+        assert words.count(b"READY=1") == 1
+    finally:
+        manager.close()
 
 
 def test_what_cannot_be_loaded_is_not_tried_again(companion: Start, config: Path) -> None:

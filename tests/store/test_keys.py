@@ -168,6 +168,15 @@ def test_a_file_of_another_user_is_refused(path: Path, monkeypatch: pytest.Monke
     assert str(raised.value) == f"{path}: belongs to user {own}, must belong to {own + 1}, who runs this"
 
 
+def test_a_key_file_may_be_looked_at_for_another_user(path: Path) -> None:
+    write_key(path, KEY)
+    own = os.geteuid()
+    assert load_key(path, own) == KEY
+    with pytest.raises(KeysError) as raised:
+        load_station_keys(path, own + 1)
+    assert str(raised.value) == f"{path}: belongs to user {own}, must belong to {own + 1}, who is to use it"
+
+
 def test_what_is_no_file_is_refused(path: Path) -> None:
     with pytest.raises(KeysError) as raised:
         load_key(path)

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What to do about what the rules of `autopilot/preflight.py` find: they say what is wrong and what comes of it.
+
+The values are those of `ardupilot_lua/handover.parm`, which is read, and the guard's defaults.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final
+
+from mavproxy_handover.resources import shipped
+from mavproxy_handover.wire.ids import COMPANION_COMPID
+
+__all__ = ["advice"]
+
+#: the guard's own defaults, which are the recommended values; which port it listens at nobody else can know
+_GUARD: Final = {
+    "HNDO_ENABLE": "1",
+    "HNDO_COMPID": str(COMPANION_COMPID),
+    "HNDO_TIMEOUT": "3",
+    "HNDO_LOST_T": "3",
+    "HNDO_SYSID_SW": "1",
+}
+_OWN: Final = {
+    "HNDO_CHAN": "Set HNDO_CHAN to the number of this port among the autopilot's MAVLink ports (handover_guard.md).",
+    "HNDO_ALONE_MAX": "Set HNDO_ALONE_MAX to the longest gap of the mission, if the aircraft may be alone so long.",
+    "FS_THR_ENABLE": "Set FS_THR_ENABLE to 1, or RC_PROTOCOLS to 0 on a vehicle without radio control.",
+    "SCR_LD_CHECKSUM": "Set SCR_DEBUG_OPTS to 32 once, with the guard running.",
+    "SYSID_ENFORCE": "Set SYSID_ENFORCE to 0.",
+    "MAV_OPTIONS": "Take bit 0 out of MAV_OPTIONS.",
+    "BATT_MONITOR": "Set BATT_MONITOR to the kind of power module that is fitted.",
+    "BATT_LOW_VOLT": "Set BATT_LOW_VOLT to the voltage at which this battery has to be on its way home.",
+    "FENCE_ENABLE": "Set FENCE_ENABLE to 1.",
+    "FENCE_TYPE": "Set FENCE_TYPE to 4, or 5 with a ceiling.",
+    "FENCE_ACTION": "Set FENCE_ACTION to 1.",
+}
+#: words of a finding that is about no parameter -> what to do
+_WORDS: Final = (
+    ("scripting is off", "Set SCR_ENABLE to 1 and start the autopilot anew."),
+    ("guard is not loaded", "Put the guard on the SD card with 'handover guard CARD', start the autopilot anew."),
+    ("no ArduCopter", "Name the line of the right vehicle, or load ArduCopter."),
+    ("firmware", "Load a firmware between these two, or try all of it in simulation first."),
+    ("no request", "Set the port's SERIALn_PROTOCOL to 2, and look whether its signing key is autopilot_key."),
+)
+
+
+def advice(parameter: str, text: str) -> str:
+    """One sentence. `parameter`: the one to change, "" for none; `text`: what was found."""
+    if parameter in _OWN:
+        return _OWN[parameter]
+    value = _GUARD.get(parameter) or _recommended().get(parameter)
+    if value is not None:
+        return f"Set {parameter} to {value}; handover.parm and handover_guard.md say why."
+    if parameter:
+        return f"Change {parameter}; the autopilot's documentation has its values."
+    return next((do for words, do in _WORDS if words in text), "Read ardupilot_lua/handover_guard.md.")
+
+
+@cache
+def _recommended() -> dict[str, str]:
+    """`handover.parm`: name -> value; none of it where it does not ship."""
+    try:
+        text = (shipped("ardupilot_lua") / "handover.parm").read_text(encoding="utf-8")
+    except OSError:
+        return {}
+    pairs = (line.split() for line in text.splitlines() if not line.startswith("#"))
+    return {words[0]: words[1] for words in pairs if len(words) == 2}

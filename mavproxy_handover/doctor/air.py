@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The vehicle as a station reaches it: is it heard, signed with its key, does it announce the mission that lies here?
+
+It is listened to. What is sent are TIMESYNC questions, which the gate lets through from any station, and none while
+the vehicle says that it is armed; from a component of the doctor's, so nobody takes this for the station's program.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator
+from statistics import median
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.config.station import FleetVehicle, StationConfig
+from mavproxy_handover.core.messages import Connect
+from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
+from mavproxy_handover.doctor.line import here, line_findings, usable
+from mavproxy_handover.doctor.mission import shown
+from mavproxy_handover.doctor.patient import Patient
+from mavproxy_handover.doctor.ports import held_by_ours
+from mavproxy_handover.doctor.talk import Talk
+from mavproxy_handover.link.devices import Kind, LinkError, open_device, parse_device
+from mavproxy_handover.link.timesync import answered_stamp, draw_stamp, probe_message
+from mavproxy_handover.store.keys import KeysError, load_station_keys
+from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+
+__all__ = ["air"]
+
+#: the companion asks each station once a second whether it is there
+_LISTEN_S: Final = 3.0
+#: and so long, so often, for answers
+_ASK_S: Final = 0.5
+_ASKED: Final = 4
+_SILENT: Final = "Look whether its companion runs ('handover doctor' there), then at address, firewall and link."
+
+
+def air(patient: Patient) -> Iterator[Finding]:
+    """The findings of this check."""
+    station = patient.station
+    if station is None or not patient.links:
+        return
+    if patient.clock_wrong:
+        yield unseen("vehicles", "the clock is wrong, and signatures are judged by it", "Set the clock first.")
+        return
+    for vehicle in station.vehicles:
+        links = vehicle.links or ((patient.master,) if patient.master else ())
+        if not links:
+            do = "Give --device LINK, as for 'handover station --master'."
+            yield unseen(vehicle.called, "nobody says by which link", do)
+        for link in links:
+            yield from _by(patient, station, vehicle, link)
+
+
+def _by(patient: Patient, station: StationConfig, vehicle: FleetVehicle, text: str) -> Iterator[Finding]:
+    what = f"{vehicle.called}, {text}"
+    try:
+        spec = parse_device(text)
+    except LinkError as fault:
+        yield error(what, str(fault), "Name the link in one of these forms.")
+        return
+    if held_by_ours(patient, spec):
+        yield ok(what, "held by the station that runs: 'handover status' there says what it hears")
+        return
+    try:
+        peer = None
+        if vehicle.key is not None:
+            keys = load_station_keys(patient.at(vehicle.key), patient.account.uid)
+            peer = SignedPeer(keys.current, keys.previous)
+        if spec.kind is Kind.SERIAL:
+            findings = list(line_findings(patient, spec, vehicle.called))
+            yield from findings
+            if not usable(findings):
+                return
+            spec = here(patient, spec)
+        listener = _Listener(patient, station, vehicle, spec.text, peer)
+    except KeysError:  # told with the keys
+        yield unseen(what, "the key cannot be used", "Put the key right first.")
+        return
+    except LinkError as fault:  # its holder is told with the ports
+        yield unseen(what, str(fault), "Free it first.")
+        return
+    try:
+        patient.tell(f"listening to {vehicle.called} on {text}, {_LISTEN_S + _ASKED * _ASK_S:g} s at most")
+        listener.listen()
+        yield from listener.findings(what)
+    finally:
+        listener.talk.close()
+
+
+class _Listener:
+    """One link to one vehicle."""
+
+    def __init__(
+        self, patient: Patient, station: StationConfig, vehicle: FleetVehicle, text: str, peer: SignedPeer | None
+    ) -> None:
+        """Raises LinkError."""
+        self._patient = patient
+        self._vehicle = vehicle
+        self._connect: Connect | None = None
+        self._frames = 0
+        self._armed = False
+        self._asked: dict[int, float] = {}
+        self._trips_s: list[float] = []
+        whom = station.station.sysid, (vehicle.sysid, 0)
+        self.talk = Talk(open_device(text), *whom, peer, patient.clocks, self._heed, lambda: not self._armed)
+
+    def _heed(self, message: Any, frame: Frame) -> None:
+        self._frames += 1
+        now = self._patient.clocks.monotonic()
+        if frame.compid == AUTOPILOT_COMPID and message.get_type() == "HEARTBEAT":
+            self._armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        decoded = codec.decode(message)
+        if isinstance(decoded, Connect):
+            self._connect = decoded
+        stamp = answered_stamp(frame)
+        if stamp is not None and stamp in self._asked:
+            self._trips_s.append(now - self._asked.pop(stamp))
+
+    def listen(self) -> None:
+        """Listen, and ask for the way there and back."""
+        self.talk.listen(_LISTEN_S, lambda: self._connect is not None)
+        for _ in range(_ASKED):
+            if self._armed:
+                return
+            now = self._patient.clocks.monotonic()
+            stamp = draw_stamp(now, secrets.randbits)
+            self._asked[stamp] = now
+            self.talk.send(probe_message(stamp))
+            self.talk.listen(_ASK_S, lambda: not self._asked)
+
+    def findings(self, what: str) -> Iterator[Finding]:
+        """What was heard."""
+        if not self._frames:
+            yield self._silent(what)
+            return
+        trip = f", there and back in {median(self._trips_s) * 1000:.1f} ms" if self._trips_s else ""
+        yield ok(what, f"heard{trip}{', armed: only listened to' if self._armed else ''}")
+        yield from self._mission()
+
+    def _silent(self, what: str) -> Finding:
+        bad = self.talk.bad
+        others = sorted(set(self.talk.heard) - {self._vehicle.sysid})
+        if SignatureVerdict.TOO_OLD in bad:
+            return error(
+                what, "heard, and its signatures are older than this clock", "Set both clocks by the same source."
+            )
+        if bad:
+            found = f"heard, and not signed with this station's key: {', '.join(verdict.value for verdict in bad)}"
+            do = "Compare the fingerprints at both ends (handover keys list), and copy one key to the other."
+            return error(what, found, do)
+        if others:
+            found = f"no frame of system {self._vehicle.sysid}, but of {', '.join(map(str, others))}"
+            return error(what, found, "Set the vehicle's sysid as the vehicle's own configuration has it.")
+        trouble = self.talk.device.trouble
+        return error(what, f"silent for {_LISTEN_S:g} s{f' ({trouble})' if trouble else ''}", _SILENT)
+
+    def _mission(self) -> Iterator[Finding]:
+        here, connect = self._patient.digests.get(self._vehicle.sysid), self._connect
+        what = f"mission of {self._vehicle.called}"
+        if connect is None:
+            found = "the vehicle does not ask for this station: its companion does not run, or does not know it"
+            yield warning(what, found, "Look at the companion's configuration: 'handover doctor' there.")
+        elif here is None or not connect.mission_digest:
+            yield ok(what, f"the vehicle announces digest {shown(connect.mission_digest)}")
+        elif connect.mission_digest != here:
+            found = f"the vehicle announces digest {shown(connect.mission_digest)}, here lies {shown(here)}"
+            do = "Share one mission from the parent (handover share), or copy the same folder to both."
+            yield error(what, found, do)
+        else:
+            yield ok(what, f"the vehicle announces the same digest, {shown(here)}")

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the journal of a companion that runs says: nothing that it holds is opened to find out.
+
+Of the journal the end is read, from the last time on that the module was loaded.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from mavproxy_handover.cli.machine import STATE
+from mavproxy_handover.doctor.advice import advice
+from mavproxy_handover.doctor.finding import Finding, error, ok, unseen
+from mavproxy_handover.doctor.patient import Patient
+from mavproxy_handover.store.flights import LATEST
+
+__all__ = ["autopilot_by_journal", "links_by_journal"]
+
+_TAIL_BYTES: Final = 8 << 20
+_DO: Final = "Type 'handover status' in the companion, or look at its journal."
+
+
+def autopilot_by_journal(patient: Patient) -> Iterator[Finding]:
+    """What the companion's own checks before flight have found."""
+    path, entries = _entries(patient)
+    if path is None:
+        yield unseen("autopilot", "the companion runs, and its journal is not found", _DO)
+        return
+    said: dict[str, Mapping[str, Any]] = {}
+    fits = None
+    for entry in entries:
+        if entry.get("event") == "preflight":
+            fits = entry.get("fits") is True
+            if fits:
+                said.clear()
+            else:
+                said[str(entry.get("text", ""))] = entry
+    for text, entry in said.items():
+        parameter = str(entry.get("parameter") or "")
+        found = f"{text.removeprefix(f'{parameter} ')} (journal, {path})"
+        yield error(parameter or "guard and firmware", found, advice(parameter, text))
+    if fits is None:
+        yield unseen("autopilot", f"the companion runs and has not checked it yet ({path})", _DO)
+    elif fits:
+        yield ok("autopilot", f"guard, parameters and firmware fit (journal, {path})")
+
+
+def links_by_journal(patient: Patient) -> Iterator[Finding]:
+    """How the companion's links are, by its own measurements."""
+    path, entries = _entries(patient)
+    assert patient.vehicle is not None
+    if path is None:
+        yield unseen("links", "the companion runs, and its journal is not found", _DO)
+        return
+    whole = any(entry.get("event") == "loaded" for entry in entries)
+    heard = {str(entry.get("station")) for entry in entries if entry.get("event") == "station_heard"}
+    bad: dict[tuple[str, str], dict[str, str]] = {}
+    for entry in entries:
+        if entry.get("event") != "link":
+            continue
+        over = bad.setdefault((str(entry.get("station")), str(entry.get("link"))), {})
+        if entry.get("change") == "degraded":
+            over[str(entry.get("measure"))] = str(entry.get("text"))
+        elif entry.get("change") == "restored":
+            over.pop(str(entry.get("measure")), None)
+    for station in patient.vehicle.stations:
+        name = station.station.name
+        if whole and name not in heard:
+            do = f"Look whether {name} runs, then at address, firewall and link."
+            yield error(name, f"was not heard since the companion began (journal, {path})", do)
+            continue
+        for link in station.links:
+            what, over = f"{name}, {link}", bad.get((name, link), {})
+            if over:
+                do = f"Look whether {name} runs, and at that link; 'handover stations' in the companion measures it."
+                yield error(what, f"{'; '.join(over.values())} (journal, {path})", do)
+            else:
+                yield ok(what, f"no trouble, by the companion that runs (journal, {path})")
+
+
+def _entries(patient: Patient) -> tuple[Path | None, list[Mapping[str, Any]]]:
+    """The journal, and what it says of the run that goes on; the newest of those that may be it."""
+    assert patient.vehicle is not None
+    logs = patient.at(STATE) / "flights"
+    if patient.unit is not None and (named := patient.unit.option("--logs")) is not None:
+        logs = patient.at(Path(named))
+    name = f"{patient.vehicle.name}.jsonl"
+    places = [
+        logs / LATEST / name,
+        patient.path.parent / "flights" / LATEST / name,
+        patient.at(patient.vehicle.journal),
+    ]
+    found = [path for path in places if path.is_file()]
+    if not found:
+        return None, []
+    path = max(found, key=lambda each: each.stat().st_mtime)
+    try:
+        with path.open("rb") as file:
+            file.seek(max(0, path.stat().st_size - _TAIL_BYTES))
+            lines = file.read(_TAIL_BYTES).splitlines()
+    except OSError:
+        return None, []
+    entries: list[Mapping[str, Any]] = []
+    for line in lines:
+        try:
+            entry = json.loads(line)
+        except (ValueError, RecursionError):  # cut, or damaged
+            continue
+        if isinstance(entry, dict):
+            entries = [entry] if entry.get("event") == "loaded" else [*entries, entry]
+    return path, entries

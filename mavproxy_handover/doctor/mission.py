@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The mission packages on this machine, by their digests: vehicle and stations have to agree on one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.doctor.finding import Finding, error, ok, warning
+from mavproxy_handover.doctor.patient import Patient
+from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.package import MissionPackage, load
+from mavproxy_handover.store.state import StateError, StateStore
+
+__all__ = ["missions", "shown"]
+
+_DIGITS: Final = 12
+
+
+def shown(digest: bytes) -> str:
+    """A digest, as far as people compare it."""
+    return digest.hex()[:_DIGITS] if digest else "none"
+
+
+def missions(patient: Patient) -> Iterator[Finding]:
+    """The findings of this check."""
+    if patient.vehicle is not None:
+        yield from _of_vehicle(patient, patient.vehicle)
+    elif patient.station is not None:
+        for vehicle in patient.station.vehicles:
+            if vehicle.mission is None:
+                yield ok(f"mission of {vehicle.called}", "none here: it comes from the vehicle or from the parent")
+                continue
+            found = _loaded(patient.at(vehicle.mission))
+            if isinstance(found, Finding):
+                yield found
+            else:
+                patient.digests[vehicle.sysid] = found.digest
+                yield ok(f"mission of {vehicle.called}", f"{found.name!r}, digest {shown(found.digest)}")
+
+
+def _loaded(folder: Path) -> MissionPackage | Finding:
+    try:
+        return load(folder)
+    except (MissionError, OSError) as fault:
+        return error("mission", " ".join(str(fault).split()), f"Run: handover check {folder}; put that right.")
+
+
+def _of_vehicle(patient: Patient, vehicle: VehicleConfig) -> Iterator[Finding]:
+    if vehicle.mission is not None:
+        found = _loaded(patient.at(vehicle.mission))
+        if isinstance(found, Finding):
+            yield found
+        else:
+            patient.package = found
+            yield ok("mission on board", f"{found.name!r}, digest {shown(found.digest)}")
+    else:
+        yield ok("mission on board", "none in the configuration: the parent sends it")
+    if vehicle.state is not None:
+        yield from _held(patient, StateStore(patient.at(vehicle.state), vehicle.name))
+
+
+def _held(patient: Patient, store: StateStore) -> Iterator[Finding]:
+    """What the state file says of the last run, or of the one that goes on."""
+    try:
+        kept = store.load()
+    except StateError as fault:
+        do = "Delete it on the ground: nobody has authority by it, and the parent begins anew."
+        yield error("state", str(fault), do)
+        return
+    if kept is None:
+        yield ok("state", "none is kept: no flight yet")
+        return
+    digest, running = kept.snapshot.digest, patient.running is not None
+    text = f"epoch {kept.snapshot.epoch}, mission digest {shown(digest)}, of {'this' if running else 'the last'} run"
+    package = patient.package
+    if package is None:
+        patient.package = store.load_package(digest) if digest else None
+        yield ok("state", text)
+    elif digest and digest != package.digest and running:
+        found = f"{text}: the companion flies another mission than the one that lies on board ({shown(package.digest)})"
+        yield error("state", found, "Restart the companion on the ground, or have the parent share its mission again.")
+    elif digest and digest != package.digest:
+        found = f"{text}: that was another mission than the one on board ({shown(package.digest)})"
+        yield warning("state", found, "See that every station has the mission that is on board: handover share.")
+    else:
+        yield ok("state", text)

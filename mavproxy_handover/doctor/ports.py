@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The ends of links that lie on this machine: are the ports free, is there the interface that a link leaves by?
+
+A port is tried by binding to it, as the link would, and let go at once.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from mavproxy_handover.doctor.finding import Finding, error, ok, warning
+from mavproxy_handover.doctor.patient import Patient
+from mavproxy_handover.doctor.processes import Process, command_line, port_holder, users_of
+from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
+
+__all__ = ["held_by_ours", "ports"]
+
+_STATION: Final = "handover_gcs"
+_LISTENING: Final = (Kind.UDP_IN, Kind.TCP_IN)
+
+
+def ports(patient: Patient) -> Iterator[Finding]:
+    """The findings of this check."""
+    for whose, text in _links(patient):
+        try:
+            spec = parse_device(text)
+        except LinkError as fault:  # of what was named: a configuration's links are checked when it is read
+            yield error(f"link of {whose}", str(fault), "Name a link in one of these forms.")
+            continue
+        if spec.kind in _LISTENING:
+            yield _port(patient, whose, spec)
+        elif spec.kind is not Kind.SERIAL:
+            yield from _way_out(whose, spec)
+
+
+def _links(patient: Patient) -> Iterator[tuple[str, str]]:
+    """Whose they are, and what they are called."""
+    if patient.vehicle is not None:
+        for station in patient.vehicle.stations:
+            for link in station.links:
+                yield station.station.name, link
+        if patient.master is not None:
+            yield "the autopilot", patient.master
+    elif patient.station is not None:
+        for vehicle in patient.station.vehicles:
+            for link in vehicle.links or ([patient.master] if patient.master else []):
+                yield vehicle.called, link
+        if patient.station.ground is not None:
+            yield "the ground link", patient.station.ground
+        for peer in patient.station.peers:
+            yield peer.station.name, peer.link
+
+
+def _port(patient: Patient, whose: str, spec: DeviceSpec) -> Finding:
+    what = f"link of {whose}"
+    try:
+        _bind(spec)
+    except (OSError, UnicodeError) as fault:
+        number = getattr(fault, "errno", None)
+        if number == errno.EADDRINUSE:
+            return _held(patient, what, spec)
+        if number == errno.EADDRNOTAVAIL or isinstance(fault, (socket.gaierror, UnicodeError)):
+            do = "Give an address of this machine, or 0.0.0.0 for all of them, or start its network."
+            return error(what, f"{spec.text}: {spec.host} is no address of this machine now", do)
+        if number == errno.EACCES:
+            return error(what, f"{spec.text}: not allowed", "Take a port above 1023.")
+        return error(what, f"{spec.text}: {getattr(fault, 'strerror', fault)}", "Give another address or port.")
+    return ok(what, f"{spec.text} is free")
+
+
+def _bind(spec: DeviceSpec) -> None:
+    udp = spec.kind is Kind.UDP_IN
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if udp else socket.SOCK_STREAM) as end:
+        if not udp:  # a connection that has just been closed is in nobody's way
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        end.bind((spec.host, spec.port))
+
+
+def _held(patient: Patient, what: str, spec: DeviceSpec) -> Finding:
+    holder = port_holder(spec.kind is Kind.UDP_IN, spec.port)
+    if _ours(patient, holder):
+        return ok(what, f"{spec.text} is held by the {patient.kind} that runs")
+    stop = f"Stop process {holder.pid}" if holder.pid else f"Find it (sudo ss -lunpt sport = {spec.port}) and stop it"
+    return error(what, f"{spec.text} is in use by {holder}", f"{stop}, or give the link another port.")
+
+
+def held_by_ours(patient: Patient, spec: DeviceSpec) -> bool:
+    """Whether the companion or station that runs here holds that port or line."""
+    if spec.kind is Kind.SERIAL:
+        return any(_ours(patient, each) for each in users_of(patient.at(Path(spec.host))))
+    return spec.kind in _LISTENING and _ours(patient, port_holder(spec.kind is Kind.UDP_IN, spec.port))
+
+
+def _ours(patient: Patient, holder: Process) -> bool:
+    if patient.kind == "station":  # it has no lock: it is known by the module that it loads
+        return _STATION in command_line(holder.pid)
+    return patient.running is not None and holder.pid in (0, patient.running.pid)
+
+
+def _way_out(whose: str, spec: DeviceSpec) -> Iterator[Finding]:
+    what = f"link of {whose}"
+    try:
+        socket.gethostbyname(spec.host)
+    except (OSError, UnicodeError):
+        do = "Give its address by number: no name is looked up in flight."
+        yield error(what, f"{spec.text}: nobody knows {spec.host}", do)
+        return
+    if spec.way and spec.way not in (name for _number, name in socket.if_nameindex()) and not _own(spec.way):
+        found = f"{spec.text}: there is no interface or address {spec.way} now: nothing is sent by it"
+        yield warning(what, found, f"Bring {spec.way} up, or take @{spec.way} away.")
+
+
+def _own(address: str) -> bool:
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+            end.bind((address, 0))
+    except (OSError, UnicodeError):
+        return False
+    return True

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Python, the packages and their versions against what this package asks for, and whether MAVProxy finds our modules.
+
+What is asked for stands in the package's own metadata (made of `pyproject.toml`) and in `constraints.txt`, and nowhere
+here. Looked at is the installation that the unit runs; without a unit, the one that runs this.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Final
+
+from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
+from mavproxy_handover.doctor.patient import Patient
+from mavproxy_handover.resources import shipped
+
+__all__ = ["programs"]
+
+_NAME: Final = "mavproxy-handover"
+_REQUIREMENT: Final = re.compile(r"([\w.-]+)\s*(?:\[[^]]*\])?\s*([^;]*?)\s*(?:;\s*(.*))?")
+_OLDER_PYTHON: Final = re.compile(r"python_version < ['\"](\d+)\.(\d+)['\"]")
+#: kind -> the file that MAVProxy loads by `module load`
+_SHIMS: Final = {"companion": "mavproxy_handover.py", "station": "mavproxy_handover_gcs.py"}
+_DIALECT: Final = Path("pymavlink", "dialects", "v20", "handover.py")
+
+
+@dataclass(frozen=True, slots=True)
+class _Installation:
+    """A Python's packages. `path`: where it looks for modules, in turn; `pip`: what installs into it."""
+
+    python: str
+    path: tuple[Path, ...]
+    pip: str
+    mavproxy: Path
+
+
+def programs(patient: Patient) -> Iterator[Finding]:
+    """The findings of this check."""
+    installation = _installation(patient)
+    if isinstance(installation, Finding):
+        yield installation
+        return
+    found = {
+        _plain(each.metadata["Name"] or ""): each
+        for each in reversed(list(metadata.distributions(path=[str(place) for place in installation.path])))
+    }
+    ours = found.get(_NAME)
+    again = f"{installation.pip} install -c constraints.txt ."
+    if ours is None:
+        yield error("handover", "the package is not installed there", f"Run {again} in the sources of this program.")
+        return
+    yield ok("handover", f"{ours.version}, in {ours.locate_file('')}")
+    yield _python(installation.python, ours.metadata["Requires-Python"] or "")
+    pins = _pins()
+    for line in ours.requires or ():
+        wanted = _wanted(line, installation.python)
+        if wanted is not None:
+            yield _package(*wanted, found, pins, again)
+    yield from _modules(patient.kind, installation, again)
+
+
+def _installation(patient: Patient) -> _Installation | Finding:
+    unit = patient.unit
+    program = unit.program if unit is not None and patient.installed else None
+    prefix = None if program is None else patient.at(program.parent.parent)
+    if prefix is None or prefix == Path(sys.prefix):
+        path = tuple(Path(place) for place in sys.path if place)
+        here = Path(sys.executable).parent
+        return _Installation(platform.python_version(), path, str(here / "pip"), here / "mavproxy.py")
+    places = sorted(prefix.glob("lib/python3.*/site-packages"))
+    if not places:
+        return unseen(
+            "program",
+            f"{prefix} is no virtual environment, and the unit runs {program}",
+            "Make one there and install into it (docs/installation.md).",
+        )
+    return _Installation(
+        _version_of(prefix), tuple(places), str(prefix / "bin" / "pip"), prefix / "bin" / "mavproxy.py"
+    )
+
+
+def _version_of(prefix: Path) -> str:
+    """The version of a virtual environment's Python."""
+    try:
+        text = (prefix / "pyvenv.cfg").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        text = ""
+    named = re.search(r"^version(?:_info)?\s*=\s*(\d+\.\d+(?:\.\d+)?)", text, re.MULTILINE)
+    if named is not None:
+        return named[1]
+    return next(iter(sorted(prefix.glob("lib/python3.*")))).name.removeprefix("python")
+
+
+# ---- versions -------------------------------------------------------------------------------------------------------
+
+
+def _python(version: str, requires: str) -> Finding:
+    if _fits(version, requires):
+        return ok("Python", version)
+    return error("Python", f"{version}, needed is {requires}", "Make the virtual environment anew with a newer Python.")
+
+
+def _package(
+    name: str, requires: str, found: Mapping[str, metadata.Distribution], pins: Mapping[str, str], again: str
+) -> Finding:
+    present = found.get(_plain(name))
+    if present is None:
+        return error(name, f"is not installed, needed is {requires or 'any version'}", f"Run {again}.")
+    if not _fits(present.version, requires):
+        return error(name, f"{present.version}, needed is {requires}", f"Run {again}.")
+    pinned = pins.get(_plain(name))
+    if pinned is not None and present.version != pinned:
+        return warning(name, f"{present.version}, constraints.txt has {pinned}", f"Run {again}.")
+    return ok(name, f"{present.version}{f' (needed: {requires})' if requires else ''}")
+
+
+def _wanted(line: str, python: str) -> tuple[str, str] | None:
+    """Name and versions of a requirement; None for one of an extra, or of another Python."""
+    match = _REQUIREMENT.fullmatch(line.strip())
+    if match is None:
+        return None
+    marker = match[3] or ""
+    older = _OLDER_PYTHON.search(marker)
+    if "extra" in marker or (older is not None and _numbers(python)[:2] >= (int(older[1]), int(older[2]))):
+        return None
+    return match[1], match[2].strip("() ")
+
+
+def _pins() -> dict[str, str]:
+    """`constraints.txt`: name -> the one version; none of it where it does not ship."""
+    try:
+        text = shipped("constraints.txt").read_text(encoding="utf-8")
+    except OSError:
+        return {}
+    lines = (line.partition("#")[0].strip() for line in text.splitlines())
+    return {_plain(line.partition("==")[0]): line.partition("==")[2].strip() for line in lines if "==" in line}
+
+
+def _fits(version: str, requires: str) -> bool:
+    """Whether a version is within ">=1.2,<2"; what is written otherwise is taken to fit."""
+    ours = _numbers(version)
+    for part in filter(None, (each.strip() for each in requires.split(","))):
+        match = re.fullmatch(r"(>=|<=|==|!=|<|>)\s*([\d.]+)", part)
+        if match is None:
+            continue
+        other = _numbers(match[2])
+        size = max(len(ours), len(other))
+        left, right = ours + (0,) * (size - len(ours)), other + (0,) * (size - len(other))
+        holds = {
+            ">=": left >= right, "<=": left <= right, "==": left == right,
+            "!=": left != right, "<": left < right, ">": left > right,
+        }  # fmt: skip
+        if not holds[match[1]]:
+            return False
+    return True
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", re.split(r"[^\d.]", version, maxsplit=1)[0]))
+
+
+def _plain(name: str) -> str:
+    """A package's name as all its spellings have it (PEP 503)."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+# ---- modules --------------------------------------------------------------------------------------------------------
+
+
+def _modules(kind: str, installation: _Installation, again: str) -> Iterator[Finding]:
+    shim = Path("MAVProxy", "modules", _SHIMS[kind])
+    for name, package, file in (("module load", "MAVProxy", shim), ("dialect", "pymavlink", _DIALECT)):
+        place = _first(installation.path, package)
+        if place is None:  # told above
+            continue
+        if (place / file).is_file():
+            yield ok(name, f"{place / file}")
+        else:
+            others = [each for each in installation.path if (each / file).is_file()]
+            lies = f"; it lies in {others[0]}, which is not where Python takes {package} from" if others else ""
+            yield error(name, f"{place / file} is not there{lies}", f"Run {again}.")
+    if not installation.mavproxy.is_file():
+        yield error("mavproxy.py", f"{installation.mavproxy} is not there", f"Run {again}.")
+
+
+def _first(path: Sequence[Path], package: str) -> Path | None:
+    return next((place for place in path if (place / package / "__init__.py").is_file()), None)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Each station as the companion reaches it: is it heard, signed with its key, and how long does it take there and back?
+
+What is sent are the companion's own probes (`link/timesync.py`), by its own ports, and nothing else: no heartbeat, no
+message of a transfer. So no station takes this for a companion that runs.
+"""
+
+from __future__ import annotations
+
+import select
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from mavproxy_handover.config.files import StationLinks
+from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
+from mavproxy_handover.doctor.journal import links_by_journal
+from mavproxy_handover.doctor.line import here, line_findings, usable
+from mavproxy_handover.doctor.patient import Patient
+from mavproxy_handover.link.devices import Device, Kind, LinkError, open_device, parse_device
+from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.store.keys import KeysError, StationKeys, load_station_keys
+from mavproxy_handover.wire.signing import SignatureVerdict
+
+__all__ = ["stations"]
+
+#: heartbeats come once a second, and a single link is probed as often
+_LISTEN_S: Final = 4.0
+_TICK_S: Final = 0.05
+_SILENT: Final = "Start 'handover station' there; then look at its address, its firewall and the link between."
+_PROBES: Final = 2
+
+
+@dataclass(slots=True)
+class _Asked:
+    """A station that is asked, and by which links that opened; `findings`: about those that did not."""
+
+    config: StationLinks
+    links: list[Device] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    port: StationPort | None = None
+
+
+def stations(patient: Patient) -> Iterator[Finding]:
+    """The findings of this check."""
+    vehicle = patient.vehicle
+    if vehicle is None:
+        return
+    if patient.running is not None:
+        yield from links_by_journal(patient)
+        return
+    if not patient.links:
+        return
+    if patient.clock_wrong or patient.aircraft.armed:
+        why = "the clock is wrong, and probes are signed by it" if patient.clock_wrong else "the vehicle is armed"
+        do = "Set the clock first." if patient.clock_wrong else "Look again when it is disarmed."
+        yield unseen("stations", why, do)
+        return
+    asked = [_opened(patient, vehicle, config) for config in vehicle.stations]
+    try:
+        patient.tell(f"probing {len(asked)} stations, {_LISTEN_S:g} s at most")
+        _listen(patient, [each for each in asked if each.port is not None])
+        now = patient.clocks.monotonic()
+        for each in asked:
+            yield from each.findings
+            yield from _found(each, now)
+    finally:
+        for each in asked:
+            for link in each.links:
+                link.close()
+
+
+def _opened(patient: Patient, vehicle: VehicleConfig, config: StationLinks) -> _Asked:
+    asked = _Asked(config)
+    name = config.station.name
+    try:
+        keys: StationKeys | None = None
+        if config.key is not None:
+            keys = load_station_keys(patient.at(config.key), patient.account.uid)
+    except KeysError:  # told with the keys
+        asked.findings.append(unseen(name, "its key cannot be used", "Put the key right first."))
+        return asked
+    for text in config.links:
+        spec = parse_device(text)
+        if spec.kind is Kind.SERIAL:
+            findings = list(line_findings(patient, spec, name))
+            asked.findings += findings
+            if not usable(findings):
+                continue
+            spec = here(patient, spec)
+        try:
+            asked.links.append(open_device(spec.text))
+        except LinkError as fault:  # why is told with the ports
+            asked.findings.append(unseen(f"{name}, {text}", str(fault), "Free it first."))
+    if asked.links:
+        opened = replace(config, links=tuple(link.device for link in asked.links))
+        asked.port = StationPort(opened, tuple(asked.links), vehicle.sysid, keys, patient.clocks)
+    return asked
+
+
+def _listen(patient: Patient, asked: list[_Asked]) -> None:
+    end = patient.clocks.monotonic() + _LISTEN_S
+    while (now := patient.clocks.monotonic()) < end and not all(_complete(each, now) for each in asked):
+        waiting = select.poll()
+        for each in asked:
+            assert each.port is not None
+            each.port.tick(now)
+            for link in each.links:
+                if link.fileno() >= 0:
+                    waiting.register(link.fileno(), select.POLLIN)
+        waiting.poll(_TICK_S * 1000.0)
+        now = patient.clocks.monotonic()
+        for each in asked:
+            assert each.port is not None
+            for link in each.links:
+                each.port.read(link, now)
+
+
+def _complete(asked: _Asked, now: float) -> bool:
+    """Nothing more is to be learnt: each link has answered."""
+    port = asked.port
+    return port is not None and all(port.quality(link, now).round_trip_s is not None for link in asked.links)
+
+
+def _found(asked: _Asked, now: float) -> Iterator[Finding]:
+    port = asked.port
+    if port is None:
+        return
+    bad = [verdict for verdict in port.bad_signatures if verdict is not SignatureVerdict.OK]
+    for link in asked.links:
+        what, quality = f"{port.name}, {link.device}", port.quality(link, now)
+        if quality.round_trip_s is not None:
+            yield ok(what, f"there and back in {quality.round_trip_s * 1000:.1f} ms")
+        elif quality.heard_ago_s is not None and asked.config.station.standard:
+            yield ok(what, "heard; its program answers no probes, which is usual without handover_gcs")
+        elif quality.heard_ago_s is not None:
+            do = "Load handover_gcs there ('handover station'), or give this station module = false."
+            yield warning(what, "heard, and it answers no probes", do)
+        elif bad:
+            yield _badly_signed(what, bad, port)
+        else:
+            trouble = f" ({link.trouble})" if link.trouble else ""
+            yield error(what, f"silent for {_LISTEN_S:g} s{trouble}", _SILENT)
+
+
+def _badly_signed(what: str, bad: Sequence[SignatureVerdict], port: StationPort) -> Finding:
+    names = ", ".join(verdict.value for verdict in bad)
+    if SignatureVerdict.TOO_OLD in bad and port.peer is not None:
+        do = "Set both clocks by the same source (timedatectl)."
+        return error(what, f"heard, and its signatures are {port.peer.behind_s:.0f} s behind this clock", do)
+    do = f"Compare the fingerprints of {port.name} at both ends (handover keys list), and copy one key to the other."
+    return error(what, f"heard, and its frames are not signed with its key: {names}", do)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A link opened by the doctor, listened to, and asked: the devices that the companion uses, and its conversations.
+
+What is asked comes from a component of its own (`DOCTOR_COMPID`): answers to the doctor are nobody else's. All that is
+sent goes through one door, `send`, and that is shut when nothing may be asked.
+"""
+
+from __future__ import annotations
+
+import select
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.link.devices import Device
+from mavproxy_handover.wire import codec
+from mavproxy_handover.wire.conversation import Asking, Conversation
+from mavproxy_handover.wire.frames import Frame
+from mavproxy_handover.wire.ids import DOCTOR_COMPID
+from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+
+__all__ = ["Talk"]
+
+_WAIT_S: Final = 0.02
+_LINK_ID: Final = 0
+
+
+class Talk:
+    """One link. `heed` is told each message of `other` (system, component; 0: any) that is proven; `may_ask` says
+    whether anything may be sent."""
+
+    def __init__(
+        self,
+        device: Device,
+        own_sysid: int,
+        other: tuple[int, int],
+        peer: SignedPeer | None,
+        clocks: Clocks,
+        heed: Callable[[Any, Frame], None],
+        may_ask: Callable[[], bool],
+    ) -> None:
+        self.device = device
+        #: system ids that were heard, and how many frames of each
+        self.heard: Counter[int] = Counter()
+        #: signatures of the other end that did not hold
+        self.bad: Counter[SignatureVerdict] = Counter()
+        self._other = other
+        self._peer = peer
+        self._clocks = clocks
+        self._heed = heed
+        self._may_ask = may_ask
+        self._own = mavlink.MAVLink(None, srcSystem=own_sysid, srcComponent=DOCTOR_COMPID)
+        self._conversation: Conversation | None = None
+
+    def listen(self, for_s: float, enough: Callable[[], bool] = lambda: False) -> None:
+        """Take in what comes, so long at most."""
+        end = self._clocks.monotonic() + for_s
+        while self._clocks.monotonic() < end and not enough():
+            self._once()
+
+    def ask(self, asking: Asking) -> Conversation:
+        """Hold a conversation to its end; broken off when nothing may be asked. Its tries bound the time."""
+        talk = self._conversation = Conversation(asking, self.send, self._clocks.monotonic())
+        while not talk.finished:
+            if not self._may_ask():
+                talk.break_off("the vehicle has been armed")
+                break
+            self._once()
+            talk.tick(self._clocks.monotonic())
+        self._conversation = None
+        return talk
+
+    def send(self, message: Any) -> None:
+        """Send a message, signed where the other end has a key; nothing where nothing may be asked."""
+        if not self._may_ask():
+            return
+        data = codec.pack(message, self._own)
+        if self._peer is not None:
+            data = self._peer.sign(data, _LINK_ID, self._clocks.utc(), self._clocks.monotonic()) or data
+        self.device.write(data)
+
+    def close(self) -> None:
+        self.device.close()
+
+    def _once(self) -> None:
+        number = self.device.fileno()
+        waiting = select.poll()
+        if number >= 0:
+            waiting.register(number, select.POLLIN)
+        waiting.poll(_WAIT_S * 1000.0)
+        for frame in self.device.read():
+            self._take(frame)
+
+    def _take(self, frame: Frame) -> None:
+        self.heard[frame.sysid] += 1
+        sysid, compid = self._other
+        if frame.sysid != sysid or compid not in (0, frame.compid):
+            return
+        if self._peer is not None:
+            verdict = self._peer.check(frame, self._clocks.utc(), self._clocks.monotonic())
+            if verdict is not SignatureVerdict.OK:
+                self.bad[verdict] += 1
+                return
+        self.device.accept_sender(frame)
+        message = codec.decode_bytes(frame.raw)
+        if message is None:
+            return
+        self._heed(message, frame)
+        if self._conversation is not None:
+            self._conversation.on_message(message, self._clocks.monotonic())

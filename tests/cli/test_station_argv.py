@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover station`: one MAVProxy for all vehicles of a station, each link with the name of its vehicle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.cli.launch import station_argv
+from mavproxy_handover.cli.run import station
+from mavproxy_handover.config.files import ConfigError
+
+ONE = '[station]\nname = "GCSA"\nsysid = 251\nvehicle = 7\n'
+SEVERAL = """
+[station]
+name = "GCSA"
+sysid = 251
+[[vehicle]]
+name = "drone-1"
+sysid = 3
+links = ["udpin:0.0.0.0:14550", "serial:/dev/ttyUSB0:57600"]
+allow_unsigned = true
+[[vehicle]]
+name = "drone-2"
+sysid = 4
+links = ["tcp:10.0.0.2:5760"]
+allow_unsigned = true
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "station.toml"
+
+
+def options(argv: list[str], name: str) -> list[str]:
+    return [word.partition("=")[2] for word in argv if word.startswith(f"--{name}=")]
+
+
+def test_with_one_vehicle_its_link_is_the_command_lines(file: Path) -> None:
+    file.write_text(ONE)
+    argv = station_argv(file, "udpin:0.0.0.0:14550", Path("x.tlog"))
+    assert options(argv, "master") == ["udpin:0.0.0.0:14550"]
+    assert options(argv, "target-system") == ["7"]
+
+
+def test_with_several_each_link_has_its_vehicles_name(file: Path) -> None:
+    file.write_text(SEVERAL)
+    argv = station_argv(file, None, Path("x.tlog"))
+    assert options(argv, "master") == [
+        'udpin:0.0.0.0:14550:{"label":"drone-1/1"}',
+        '/dev/ttyUSB0,57600:{"label":"drone-1/2"}',
+        'tcp:10.0.0.2:5760:{"label":"drone-2"}',
+    ]
+    assert options(argv, "target-system") == ["3"]
+    assert options(argv, "source-system") == ["251"]
+
+
+@pytest.mark.parametrize(
+    ("text", "master", "problem"),
+    [
+        (SEVERAL, "udpin:0.0.0.0:1", "[[vehicle]] names the links: --master does not go together with it"),
+        (ONE, None, "--master is missing: there is no [[vehicle]] that names the links"),
+    ],
+)
+def test_links_are_named_in_one_place(
+    file: Path, text: str, master: str | None, problem: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file.write_text(text)
+    with pytest.raises(ConfigError) as error:
+        station_argv(file, master, Path("x.tlog"))
+    assert str(error.value) == f"{file}: {problem}"
+    words = [f"--config={file}", "--print", *([f"--master={master}"] if master else [])]
+    assert station(words) == 2
+    assert capsys.readouterr().err == f"handover station: {file}: {problem}\n"

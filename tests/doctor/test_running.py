@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A companion that runs: nothing that it holds is opened, and what it knows itself is told by its journal and state."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.doctor.processes import lock_holder
+from mavproxy_handover.mission.package import load
+from mavproxy_handover.resources import shipped
+from mavproxy_handover.store.journal import Journal
+from mavproxy_handover.store.lock import VehicleLock
+from mavproxy_handover.store.state import StateStore
+from tests.doctor.machine import Machine, Speaker, companion, free_port, heartbeat
+
+STATE = "var/lib/handover/state"
+JOURNAL = "var/lib/handover/flights/latest/drone-1.jsonl"
+LINK = "udpout:127.0.0.1:9"
+
+
+@pytest.fixture
+def speaker() -> Iterator[Speaker]:
+    made = Speaker(heartbeat)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def machine(tmp_path: Path, speaker: Speaker) -> Iterator[Machine]:
+    """With the lock of its vehicle held by this very process."""
+    made = companion(tmp_path, speaker.device, {"GCSA": 9, "GCSB": 10})
+    lock = VehicleLock(made.path(STATE), "drone-1")
+    yield made
+    lock.release()
+
+
+def journal(machine: Machine, *entries: tuple[str, dict[str, object]]) -> None:
+    written = Journal(machine.path(JOURNAL), "drone-1")
+    for event, values in entries:
+        written.write(event, **values)  # type: ignore[arg-type]
+    assert written.settle(10.0)
+    written.close()
+
+
+def kept(machine: Machine, digest: bytes) -> None:
+    snapshot = Snapshot(owner=251, epoch=7, handover_id=0, phase=Phase.ON_LOAD, route_at=0, digest=digest, route=())
+    StateStore(machine.path(STATE), "drone-1").save(snapshot)
+
+
+HEARD = [("station_heard", {"station": name}) for name in ("GCSA", "GCSB")]
+LOADED = ("loaded", {"text": "handover"})
+FITS = ("preflight", {"text": "guard, parameters and firmware fit", "fits": True})
+
+
+def test_the_holder_of_a_lock_is_told_without_taking_it(tmp_path: Path) -> None:
+    assert lock_holder(tmp_path / "none.lock") is None
+    lock = VehicleLock(tmp_path, "drone-1")
+    holder = lock_holder(tmp_path / "drone-1.lock")
+    assert holder is not None
+    assert holder.pid == os.getpid()
+    lock.release()
+    assert lock_holder(tmp_path / "drone-1.lock") is None
+
+
+def test_what_it_holds_is_left_alone(machine: Machine, speaker: Speaker, capsys: pytest.CaptureFixture[str]) -> None:
+    journal(machine, LOADED, *HEARD, FITS)
+    kept(machine, load(shipped("missions") / "delivery").digest)
+    found = machine.doctor(capsys)
+    assert found.lines("error") == []
+    assert found.lines("warning") == []
+    assert found.code == 0
+    assert speaker.visits == 0
+    (runs,) = [each for each in found.of("service") if "runs: " in each]
+    assert f"(process {os.getpid()}); what it holds is not opened here" in runs
+    (said,) = found.of("autopilot")
+    assert said.startswith("autopilot: guard, parameters and firmware fit (journal, ")
+    assert all("no trouble, by the companion that runs" in each for each in found.of("stations"))
+
+
+def test_what_its_own_checks_found(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "FS_OPTIONS is 2: bit 1 lets a mission go on without a ground station"
+    journal(machine, FITS, LOADED, *HEARD, ("preflight", {"text": text, "parameter": "FS_OPTIONS", "fits": False}))
+    found = machine.doctor(capsys)
+    (said,) = found.lines("error")
+    assert said.startswith("autopilot: FS_OPTIONS: is 2: bit 1 lets a mission go on")
+    assert "-> Set FS_OPTIONS to 8;" in said
+
+
+def test_how_its_links_are(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
+    silent = {"station": "GCSA", "link": LINK, "measure": "silence", "text": "link is degraded: silence 3.00 s"}
+    lossy = {"station": "GCSA", "link": LINK, "measure": "loss", "text": "loss 40%"}
+    journal(
+        machine,
+        LOADED,
+        HEARD[0],
+        FITS,
+        ("link", {**lossy, "change": "degraded"}),
+        ("link", {**lossy, "change": "restored"}),
+        ("link", {**silent, "change": "degraded"}),
+    )
+    found = machine.doctor(capsys)
+    assert [each.partition(" (")[0] for each in found.of("stations", "error")] == [
+        f"GCSA, {LINK}: link is degraded: silence 3.00 s",
+        "GCSB: was not heard since the companion began",
+    ]
+    assert found.code == 1
+
+
+def test_a_journal_with_no_end(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
+    """Cut, damaged, or not there: it is said, and nothing is guessed."""
+    assert machine.doctor(capsys).code == 2
+    machine.path(JOURNAL).parent.mkdir(parents=True)
+    machine.path(JOURNAL).write_bytes(b'\xff\xfe{"event": "loaded"\n[1]\n"x"\n{"event": "preflight", "te')
+    found = machine.doctor(capsys)
+    assert [each for each in found.lines("warning") if "has not checked it yet" in each]
+    assert found.code == 2
+
+
+def test_another_mission_than_the_one_on_board_is_flown(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
+    journal(machine, LOADED, *HEARD, FITS)
+    kept(machine, bytes(range(32)))
+    found = machine.doctor(capsys)
+    (said,) = found.lines("error")
+    assert said.startswith(
+        "mission: state: epoch 7, mission digest 000102030405, of this run: the companion flies another"
+    )
+    assert "-> Restart the companion on the ground" in said
+
+
+def test_its_own_ports_are_no_trouble(tmp_path: Path, speaker: Speaker, capsys: pytest.CaptureFixture[str]) -> None:
+    import socket
+
+    listens = free_port()
+    machine = companion(tmp_path, speaker.device, {"GCSA": 9, "GCSB": 10}, listens)
+    journal(machine, LOADED, *HEARD, FITS)
+    lock = VehicleLock(machine.path(STATE), "drone-1")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
+        held.bind(("127.0.0.1", listens))
+        found = machine.doctor(capsys)
+    lock.release()
+    assert found.of("ports") == [f"link of GCSB: udpin:127.0.0.1:{listens} is held by the companion that runs"]
+
+
+def test_a_state_file_that_is_damaged(machine: Machine, capsys: pytest.CaptureFixture[str]) -> None:
+    journal(machine, LOADED, *HEARD, FITS)
+    kept(machine, b"")
+    (path,) = machine.path(STATE).glob("*.json")
+    path.write_bytes(path.read_bytes()[:-20])
+    (said,) = machine.doctor(capsys).lines("error")
+    assert "mission: state: " in said
+    assert "not to be trusted" in said

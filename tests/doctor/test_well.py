@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A machine that all is well with, the embedded vehicle with the guard on its line, and two stations: exit code 0."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
+from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.doctor.talk import Talk
+from mavproxy_handover.link.devices import open_device
+from mavproxy_handover.link.timesync import TIMESYNC
+from mavproxy_handover.mission.package import load
+from mavproxy_handover.resources import shipped
+from mavproxy_handover.wire.ids import PROBE_COMPID
+from sitl.vehicles import RunningVehicle, VehicleSpec, launch
+from tests.doctor.machine import KEYS, Station, companion, free_port
+
+pytestmark = pytest.mark.process
+
+GUARD = shipped("ardupilot_lua") / "handover_guard.lua"
+RECOMMENDED = shipped("ardupilot_lua") / "handover.parm"
+HOME = (52.679, 5.924, 10.0, 0.0)
+#: what the vehicle's own files leave to decide
+OWN = {"FS_THR_ENABLE": 1, "FENCE_ENABLE": 1, "FENCE_TYPE": 4}
+
+
+def start(folder: Path, *, guard: bool = True, **changed: float) -> RunningVehicle:
+    scripts = (GUARD,) if guard else ()
+    spec = VehicleSpec(home=HOME, scripts=scripts, defaults=(RECOMMENDED,), parameters={**OWN, **changed})
+    return launch("builtin", spec, folder)
+
+
+@pytest.fixture(scope="module")
+def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningVehicle]:
+    pytest.importorskip("lupa.lua53", reason="the guard runs in Lua 5.3, by lupa")
+    running = start(tmp_path_factory.mktemp("vehicle"))
+    yield running
+    running.stop()
+
+
+def hold_mission(device: str) -> None:
+    """Have the autopilot hold the mission of the package, as the companion writes it."""
+    clocks = Clocks(time.time, time.monotonic)
+    talk = Talk(open_device(device), 1, (1, 1), None, clocks, lambda _message, _frame: None, lambda: True)
+    items = load(shipped("missions") / "delivery").route.upload_items()
+    talk.listen(10.0, lambda: bool(talk.heard))
+    assert talk.ask(MissionProtocol(1).write_mission(items)).failure is None
+    talk.close()
+
+
+def test_all_is_well(vehicle: RunningVehicle, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    listens = free_port()
+    ports = {"GCSA": free_port(), "GCSB": free_port()}
+    machine = companion(tmp_path, vehicle.companion_master, ports, listens)
+    stations = [
+        Station(251, KEYS["GCSA"], ports["GCSA"]),
+        Station(252, KEYS["GCSB"], ports["GCSB"], to=listens),
+    ]
+    try:
+        hold_mission(vehicle.companion_master)
+        found = machine.doctor(capsys)
+    finally:
+        for station in stations:
+            station.close()
+    assert found.lines("error") == []
+    assert found.lines("warning") == []
+    assert found.code == 0
+    assert [each for each in found.of("autopilot") if "4.7" in each and each.startswith("firmware")]
+    assert "mission in the autopilot: is that of the package 'delivery'" in found.of("autopilot")
+    assert [each for each in found.of("autopilot") if each.startswith("guard: waiting")]
+    trips = [each for each in found.of("stations") if "there and back in" in each]
+    assert len(trips) == 3
+    for station in stations:
+        assert station.heard == {(TIMESYNC, PROBE_COMPID)}, "nothing but the companion's probes is sent to a station"
+
+
+def test_another_mission_in_the_autopilot_is_a_warning(
+    vehicle: RunningVehicle, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hold_mission(vehicle.companion_master)
+    machine = companion(tmp_path, vehicle.companion_master, {"GCSA": 9, "GCSB": 10})
+    shutil.rmtree(machine.path("srv/delivery"))
+    shutil.copytree(shipped("missions") / "linear", machine.path("srv/delivery"))
+    found = machine.doctor(capsys, "--no-links")
+    (said,) = [each for each in found.lines("warning") if "mission in the autopilot" in each]
+    assert "is not that of the package 'linear'" in said
+
+
+@pytest.mark.parametrize(
+    ("guard", "changed", "words", "do"),
+    [
+        (False, {}, "guard and firmware: the guard is not loaded", "'handover guard CARD'"),
+        (True, {"FS_OPTIONS": 2}, "FS_OPTIONS: is 2: bit 1 lets a mission go on", "Set FS_OPTIONS to 8;"),
+        (True, {"HNDO_LOST_T": 1}, "HNDO_LOST_T: is 1 s: the guard acts while", "Set HNDO_LOST_T to 3;"),
+        (True, {"RALLY_LIMIT_KM": 0.3}, "RALLY_LIMIT_KM: is 0.3", "Set RALLY_LIMIT_KM to 0;"),
+    ],
+)
+def test_what_does_not_fit_in_the_autopilot(
+    guard: bool,
+    changed: dict[str, float],
+    words: str,
+    do: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("lupa.lua53", reason="the guard runs in Lua 5.3, by lupa")
+    running = start(tmp_path / "vehicle", guard=guard, **changed)
+    try:
+        machine = companion(tmp_path, running.companion_master, {"GCSA": 9, "GCSB": 10})
+        found = machine.doctor(capsys, "--no-links")
+    finally:
+        running.stop()
+    (said,) = found.lines("error")
+    assert said.startswith(f"autopilot: {words}")
+    assert do in said
+    assert found.code == 1

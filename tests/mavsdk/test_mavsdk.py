@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""MAVSDK as commander and as observer, with real processes: the vehicle that ships, the companion, two programs."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import mavproxy_handover
+from mavproxy_handover.mission import package as packages
+from sitl.run.runner import Order, run
+from sitl.run.story import Story
+from sitl.script.places import mission_folder
+from sitl.script.scenario import load_scenario, with_opening
+from tests.mavsdk.conftest import Mavsdk
+
+pytestmark = [pytest.mark.mavsdk, pytest.mark.process]
+
+HERE = Path(__file__).resolve().parent
+#: MAVSDK asks again after half a second, three times; who is answered at once is never asked again
+AT_ONCE_S = 1.0
+DENIED = {"command_denied", "denied", "permission_denied"}
+SPEEDUP = 4.0
+
+
+def entries(folder: Path, name: str, event: str) -> list[dict[str, Any]]:
+    lines = (folder / name / f"{name}.jsonl").read_text(encoding="utf-8").splitlines()
+    return [entry for entry in map(json.loads, lines) if entry["event"] == event]
+
+
+def test_the_observer_is_refused_at_once_and_the_commander_flies(mavsdk: Mavsdk, tmp_path: Path) -> None:
+    scenario = load_scenario(HERE / "flight.toml")
+    mission = mission_folder(scenario.mission)
+    package = packages.load(mission)
+    definitions = Path(mavproxy_handover.__file__).parent / "wire" / "operator_control.xml"
+    program = (mavsdk.python, "-I", str(HERE / "station.py"), "--control", str(definitions))
+    folder = tmp_path / "run"
+    order = Order(
+        with_opening(scenario, package),
+        package,
+        mission,
+        "builtin",
+        SPEEDUP,
+        folder,
+        instead=dict.fromkeys(scenario.standard, program),
+    )
+    result = run(order, Story(sys.stdout))
+    assert [verdict for verdict in result.verdicts if not verdict.held] == []
+
+    for name in scenario.standard:
+        assert [entry["version"] for entry in entries(folder, name, "loaded")] == [mavsdk.version]
+        assert entries(folder, name, "position"), "it sees the aircraft"
+        texts = {entry["text"]: entry["severity"] for entry in entries(folder, name, "said")}
+        assert texts["GCSB commands now (handover 1)"] == "notice"
+    observer = entries(folder, "GCSB", "command")
+    refused = [entry for entry in observer if entry["result"] in DENIED]
+    for entry in refused:
+        print(f"MAVSDK {mavsdk.version}, observer: {entry['text']} after {entry['took_s'] * 1000:.1f} ms")
+    assert len(refused) == 14
+    assert max(entry["took_s"] for entry in refused) < AT_ONCE_S
+    said = {entry["text"] for entry in entries(folder, "GCSB", "said") if entry["severity"] == "warning"}
+    assert {
+        "arm refused: GCSA commands",
+        "mission upload refused: GCSA commands",
+        "parameter FS_OPTIONS refused: GCSA commands",
+        "START refused: GCSA commands",
+        "mode RTL refused: GCSA commands",
+        "LAND refused: GCSA commands",
+        "disarm refused: GCSA commands",
+    } <= said
