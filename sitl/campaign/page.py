@@ -15,6 +15,7 @@ from sitl.campaign.figures import ENOUGH, WHOLE_HANDOVERS, WHOLE_S, Figures, fig
 from sitl.campaign.judge import UNSAFE
 from sitl.campaign.outcome import Outcome
 from sitl.campaign.pictures import histograms, maps
+from sitl.campaign.rules import rules
 from sitl.campaign.steering import CELLS, NEVER_IN, NEVER_MEET, PHASES, Cell, never
 from sitl.report.page import STYLE
 
@@ -29,7 +30,7 @@ def summary(found: Figures) -> str:
     lines = [
         f"{found.flights} flights, {found.hours:.1f} hours in the air, {found.whole} of them of {WHOLE_S / 60:.0f} "
         f"minutes and {WHOLE_HANDOVERS} handovers at least",
-        f"{found.hours_per_cpu_s:.2f} flight hours a second of processor time",
+        f"{found.hours_per_cpu_s:.2f} flight hours a second of processor time, under rules {rules()}",
     ]
     lines += [f"  {text}" for text in _classes(found)]
     low, high = wilson(found.unsafe_flights, found.flights)
@@ -60,7 +61,7 @@ def write_page(folder: Path, outcomes: Sequence[Outcome]) -> Path:
         f"<h1>Campaign: {found.flights} flights</h1>",
         f"<p>{found.hours:.1f} hours in the air, {found.whole} flights of {WHOLE_S / 60:.0f} minutes and "
         f"{WHOLE_HANDOVERS} handovers at least. {found.hours_per_cpu_s:.2f} flight hours a second of processor "
-        "time.</p>",
+        f"time. The rules (digest of all that decides and judges a flight): {rules()}.</p>",
         "<h2>What is unsafe</h2>",
         _table(("", "what must not be", "limit", "excused by a milder policy of", "flights", "seeds"), _unsafe(found)),
         "<h2>How flights ended</h2>",

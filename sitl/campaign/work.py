@@ -17,8 +17,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.version import VERSION
 from sitl.campaign.outcome import Outcome, fly
+from sitl.campaign.rules import rules
 
 __all__ = ["Campaign", "CampaignError", "Flights", "fly_all"]
 
@@ -50,11 +50,11 @@ class Flights:
     def __init__(self, folder: Path, campaign: Campaign) -> None:
         self._path = folder / "flights.jsonl"
         about = folder / "campaign.json"
-        says = {**asdict(campaign), "version": VERSION, "runs": 0}
+        says = {**asdict(campaign), "rules": rules(), "runs": 0}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             if about.exists() and json.loads(about.read_text(encoding="utf-8")) != says:
-                raise CampaignError(f"{folder} holds another campaign (seed, stepping or version differ)")
+                raise CampaignError(f"{folder} holds another campaign (seed, stepping or rules differ)")
             about.write_text(json.dumps(says), encoding="utf-8")
             self.outcomes = {outcome.seed: outcome for outcome in self._read() if outcome.seed in campaign.seeds}
         except (OSError, ValueError) as error:
@@ -84,7 +84,9 @@ class Flights:
         self.outcomes.update((outcome.seed, outcome) for outcome in found)
 
 
-def _fly_batch(seeds: Sequence[int], plain: bool) -> list[Outcome]:
+def _fly_batch(seeds: Sequence[int], plain: bool, flown_with: str) -> list[Outcome]:
+    if rules() != flown_with:
+        raise CampaignError(f"its rules are {rules()}, not {flown_with}")
     return [fly(seed, plain=plain) for seed in seeds]
 
 
@@ -95,7 +97,7 @@ def fly_all(campaign: Campaign, done: Iterable[int], jobs: int, scheduler: str |
     batches = [missing[at : at + _BATCH] for at in range(0, len(missing), _BATCH)]
     plain = campaign.stepping == "plain"
     if jobs == 1 and scheduler is None:
-        yield from (_fly_batch(batch, plain) for batch in batches)
+        yield from (_fly_batch(batch, plain, rules()) for batch in batches)
         return
     with _client(jobs, scheduler) as client:
         yield from _on_workers(client, batches, plain)
@@ -107,7 +109,7 @@ def _on_workers(client: Any, batches: list[list[int]], plain: bool) -> Iterator[
 
     def submit() -> Any:
         batch = next(waiting, None)
-        return None if batch is None else client.submit(_fly_batch, batch, plain, pure=False)
+        return None if batch is None else client.submit(_fly_batch, batch, plain, rules(), pure=False)
 
     ahead = max(2, 3 * sum(client.nthreads().values()))
     first = [task for task in (submit() for _ in range(min(ahead, len(batches)))) if task is not None]
@@ -116,7 +118,7 @@ def _on_workers(client: Any, batches: list[list[int]], plain: bool) -> Iterator[
         try:
             flown = task.result()
         except Exception as error:  # whatever a worker stumbles over
-            text = f"a worker cannot fly: {error} (scheduler and workers need the same version of this package)"
+            text = f"a worker cannot fly: {error} (scheduler and workers need the same state of this package)"
             raise CampaignError(text) from error
         yield flown
         following = submit()

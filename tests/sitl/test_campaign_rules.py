@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which rules a campaign has flown: every module that a flight depends on counts, and no other state flies along."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sitl.campaign import work
+from sitl.campaign.rules import modules, rules
+from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
+from tests.sitl.plant_in_strategy import PACKAGES, ROOT
+
+_LOADED = """
+import sys, sitl.campaign.outcome
+print("\\n".join(name for name in sys.modules if name.split(".")[0] in ("mavproxy_handover", "gcs_module", "sitl")))
+"""
+_DIGEST = "from sitl.campaign.rules import rules; print(rules())"
+
+
+def _python(command: str, home: Path) -> list[str]:
+    answered = subprocess.run([sys.executable, "-c", command], cwd=home, capture_output=True, text=True, check=True)
+    return answered.stdout.split()
+
+
+def test_what_flying_loads_is_what_counts() -> None:
+    assert set(modules()) == set(_python(_LOADED, ROOT))
+
+
+@pytest.mark.parametrize(
+    ("file", "counts"),
+    [
+        ("mavproxy_handover/core/safety/strategy.py", True),
+        ("mavproxy_handover/mission/geodesy.py", True),
+        ("gcs_module/core.py", True),
+        ("sitl/campaign/judge.py", True),
+        ("sitl/campaign/page.py", False),
+        ("gcs_module/menu.py", False),
+        ("mavproxy_handover/narrator.py", False),
+    ],
+)
+def test_a_changed_module_is_another_digest_if_flights_depend_on_it(file: str, counts: bool, tmp_path: Path) -> None:
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    before = _python(_DIGEST, tmp_path)
+    assert before == [rules()]
+    with (tmp_path / file).open("a", encoding="utf-8") as source:
+        source.write("# another line\n")
+    assert (_python(_DIGEST, tmp_path) != before) is counts
+
+
+def test_flights_of_other_rules_are_not_added_to_a_folder(tmp_path: Path) -> None:
+    Flights(tmp_path, Campaign(0, 5))
+    about = json.loads((tmp_path / "campaign.json").read_text())
+    assert about["rules"] == rules()
+    (tmp_path / "campaign.json").write_text(json.dumps({**about, "rules": "0123456789ab"}))
+    with pytest.raises(CampaignError, match="rules differ"):
+        Flights(tmp_path, Campaign(0, 5))
+
+
+def test_a_worker_with_other_rules_flies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked_with = rules()
+    monkeypatch.setattr(work, "rules", lambda: "0123456789ab")
+    with pytest.raises(CampaignError, match=f"its rules are 0123456789ab, not {asked_with}"):
+        work._fly_batch([1], False, asked_with)
+    assert [each.seed for batch in fly_all(Campaign(1, 1), (), 1, None) for each in batch] == [1]
