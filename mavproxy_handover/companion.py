@@ -43,6 +43,7 @@ from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.rows import classify
 from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.link.quality import LinkEvent
+from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.restart import Restart
 from mavproxy_handover.schedule import Schedule
@@ -158,6 +159,16 @@ class Companion:
         package = self._restart.resume(self.arbiter, self.narrator)
         if package is not None:
             self.autopilot.adopt(package, edge.clocks.monotonic())
+            self._lay_out(package)
+
+    def _keep(self, package: MissionPackage) -> None:
+        """The autopilot holds this mission now."""
+        self._restart.keep(package)
+        self._lay_out(package)
+
+    def _lay_out(self, package: MissionPackage) -> None:
+        """Beside the journal: whoever reads it later needs no more."""
+        self.journal.lay_beside(f"mission-{package.digest.hex()[:8]}", package.files)
 
     def _ties(self, clocks: Clocks) -> Ties:
         return Ties(
@@ -165,7 +176,7 @@ class Companion:
             handle=self.handle,
             fault=self.fault,
             commands=lambda station: self.view.commander == station,
-            keep=self._restart.keep,
+            keep=self._keep,
             stale_s=self.config.limits.position_stale_s,
             narrator=self.narrator,
             voice=self._voice,

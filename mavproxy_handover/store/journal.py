@@ -12,16 +12,21 @@ there, or none on the disk, are counted, and once an entry can be written again 
 
 `note` is for what comes often and changes nothing: a single entry costs as much as several that are written together,
 when little else runs on the processor. Its entries have their own time and place, and are in the file a moment later.
+
+`lay_beside` is for what the entries speak of and do not hold, as the mission package: without it nobody can read them.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import time
 from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -97,6 +102,14 @@ class Journal:
         self._handed.extend(waiting[:taken])
         self._behind.put("entries", self._write_down)
 
+    def lay_beside(self, name: str, files: Mapping[str, bytes]) -> None:
+        """Have a folder with these files made beside the file, `STEM-NAME`; one that is there stays as it is.
+
+        If that cannot be done an entry says so.
+        """
+        folder = self.path.with_name(f"{self.path.stem}-{name}")
+        self._behind.put(f"folder {name}", partial(self._lay, folder, dict(files)))
+
     def settle(self, within_s: float) -> bool:
         """Wait, so long at most, until all that was given is in the file, or lost; whether it is."""
         self.flush()
@@ -139,6 +152,21 @@ class Journal:
         except Exception:  # what stands in an entry may break in any way
             return False
         return True
+
+    def _lay(self, folder: Path, files: Mapping[str, bytes]) -> None:
+        if folder.exists():
+            return
+        draft = folder.with_name(f".{folder.name}.draft")  # whoever finds the folder finds all of it
+        try:
+            shutil.rmtree(draft, ignore_errors=True)
+            draft.mkdir()
+            for name, data in files.items():
+                (draft / name).write_bytes(data)
+            draft.rename(folder)
+        except OSError as error:
+            shutil.rmtree(draft, ignore_errors=True)
+            text = f"{folder.name} cannot be kept: {error.strerror or error}"
+            self._put(time.monotonic(), time.time(), "not_kept", text, {"folder": str(folder)})
 
     def _open(self) -> int:
         if self._descriptor is None:

@@ -113,15 +113,16 @@ def _header(record: RunRecord) -> str:
         text = "Every expectation held" if record.held else f"{failed} of {len(record.verdicts)} expectations failed"
         verdict = f'<p><span class="verdict {"held" if record.held else "failed"}">{text}</span></p>'
     facts = [f"mission {record.evidence.package.name}"]
-    if values:
+    if record.staged:
         firmware = f" (firmware {values['firmware']})" if values.get("firmware") else ""
         facts += [
             f"vehicle {values.get('vehicle')}{firmware}",
             f"{values.get('speedup', 1):g} times real time",
             f"{values.get('duration_sim_s', 0):.0f} simulated s in {values.get('duration_wall_s', 0):.0f} s",
-            f"begun {values.get('begun_utc', '?')}",
         ]
-    description = f"<p>{escape(str(values.get('description', '')))}</p>" if values else ""
+    if "begun_utc" in values:
+        facts.append(f"begun {values['begun_utc']}")
+    description = f"<p>{escape(str(values['description']))}</p>" if "description" in values else ""
     return f'<h1>{escape(record.title)}</h1>{description}{verdict}<p class="small">{escape("; ".join(facts))}</p>'
 
 

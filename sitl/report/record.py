@@ -51,9 +51,14 @@ class RunRecord:
     @property
     def title(self) -> str:
         """The run in a few words."""
-        if not self.values:
+        if not self.staged:
             return f"flight of {self.evidence.package.name}"
         return f"{self.values.get('scenario', '?')} on {self.values.get('vehicle', '?')}"
+
+    @property
+    def staged(self) -> bool:
+        """It was a scenario of a simulation, not the folder of a companion's or a station's run."""
+        return "scenario" in self.values
 
     @property
     def held(self) -> bool | None:
@@ -71,9 +76,8 @@ def load_run(folder: Path) -> RunRecord:
     if not journals:
         raise RecordError(f"{folder}: no journals (*.jsonl) in it or in its folders")
     values = _read_values(folder / RUN_FILE)
-    mission = folder / "mission"
     try:
-        package = packages.load(mission if mission.is_dir() else folder)
+        package = packages.load(_mission(folder))
     except MissionError as error:
         raise RecordError(f"{folder}: no mission package in it: {error}") from None
     notes = RunNotes(
@@ -91,6 +95,15 @@ def load_run(folder: Path) -> RunRecord:
     patterns = ("*.jsonl", "*/*.jsonl", "*/*.tlog", "*/*.console.txt", "vehicle/vehicle.log", "*/*.toml")
     files = [path for pattern in patterns for path in sorted(folder.glob(pattern))]
     return RunRecord(folder, evidence, values, verdicts, tuple(dict.fromkeys(files)))
+
+
+def _mission(folder: Path) -> Path:
+    """Where the mission is: put there for it, or laid beside a journal by a companion, the newest of several."""
+    there = folder / "mission"
+    if there.is_dir() or (folder / packages.MISSION_FILE).exists():
+        return there if there.is_dir() else folder
+    laid = [path for pattern in ("*-mission-*", "*/*-mission-*") for path in folder.glob(pattern) if path.is_dir()]
+    return max(laid, key=lambda path: path.stat().st_mtime, default=folder)
 
 
 def _number(value: Any, default: Any) -> Any:

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as stock
 
 from mavproxy_handover.core.model import Phase
-from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.package import MissionPackage, load
 from tests.module.conftest import Bench
 from tests.module.vehicle import AUTO
 
@@ -36,3 +37,22 @@ def test_the_flight_goes_on_whatever_the_autopilot_says_first(bench: Bench, deli
     bench.until(lambda: bench.companion.view.commander == 251)
     assert (bench.companion.view.phase, bench.companion.view.epoch) == (Phase.ON_MISSION, 2)
     assert len(bench.journal("started")) == 1
+
+
+def test_the_mission_lies_beside_the_journal_of_every_run_that_flies_it(
+    bench: Bench, delivery: MissionPackage, tmp_path: Path
+) -> None:
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.5)
+    name = f"mission-{delivery.digest.hex()[:8]}"
+    first = bench.companion.journal.path
+    bench.autopilot.armed = bench.autopilot.airborne = True
+    bench.autopilot.mode = AUTO
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.mpstate.unload("handover")
+    second = tmp_path / "second" / "drone-1.jsonl"
+    bench.load(journal=str(second))
+    assert bench.companion.journal.settle(5.0)
+    for journal in (first, second):
+        assert load(journal.with_name(f"{journal.stem}-{name}")).digest == delivery.digest

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import re
+import shutil
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,6 +18,7 @@ from shapely.affinity import translate
 from shapely.geometry import MultiPolygon, Point, box, mapping, shape
 
 from mavproxy_handover.mission.geodesy import wrap_longitude_deg
+from mavproxy_handover.resources import shipped
 from sitl.report.page import main_report, write_report
 from sitl.report.record import RecordError, load_run
 from tests.sitl.synthetic import write_folder
@@ -157,6 +160,23 @@ def test_a_folder_without_a_mission_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.jsonl").write_text("")
     with pytest.raises(RecordError, match="no mission package"):
         load_run(tmp_path)
+
+
+def test_a_mission_that_lies_beside_the_journal_will_do_and_of_several_the_newest(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "run")
+    (folder / "mission").rename(folder / "companion" / "drone-1-mission-0a1b2c3d")
+    shutil.copytree(shipped("missions") / "linear", folder / "companion" / "drone-1-mission-4e5f6071")
+    os.utime(folder / "companion" / "drone-1-mission-4e5f6071", (1.0, 1.0))
+    assert load_run(folder).evidence.package.name == "delivery"
+
+
+def test_the_folder_of_a_companions_run_is_titled_by_its_mission(tmp_path: Path) -> None:
+    folder = write_folder(tmp_path / "run")
+    (folder / "run.json").write_text('{"begun_utc": "2026-05-01T10:00:00+00:00", "version": "1.0"}')
+    record = load_run(folder)
+    assert record.title == "flight of delivery"
+    text = write_report(record).read_text(encoding="utf-8")
+    assert "mission delivery; begun 2026-05-01T10:00:00+00:00</p>" in text
 
 
 def test_a_record_that_is_no_record_is_refused(tmp_path: Path) -> None:

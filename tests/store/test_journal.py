@@ -308,3 +308,31 @@ class TestADiskThatHangs:
         assert journal.lost >= 4, "one is with the disk, and may get there yet"
         journal.write("late")
         assert journal.lost >= 5
+
+
+def test_what_the_entries_speak_of_lies_beside_them(path: Path) -> None:
+    journal = Journal(path, "drone-1")
+    journal.lay_beside("mission-0a1b2c3d", {"mission.toml": b'name = "one"\n', "zones.geojson": b"{}"})
+    settled(journal)
+    folder = path.with_name("journal-mission-0a1b2c3d")
+    assert {each.name: each.read_bytes() for each in folder.iterdir()} == {
+        "mission.toml": b'name = "one"\n',
+        "zones.geojson": b"{}",
+    }
+    journal.lay_beside("mission-0a1b2c3d", {"mission.toml": b"another"})
+    settled(journal)
+    assert (folder / "mission.toml").read_bytes() == b'name = "one"\n'
+    assert sorted(each.name for each in path.parent.iterdir()) == ["journal-mission-0a1b2c3d", "journal.jsonl"]
+
+
+def test_what_cannot_be_laid_beside_it_is_told_and_leaves_nothing(path: Path, disk: Any) -> None:
+    journal = Journal(path, "drone-1")
+    journal.write("started")
+    settled(journal)
+    disk(4096)
+    journal.lay_beside("mission-0a1b2c3d", {"mission.toml": b"x" * 10_000})
+    settled(journal)
+    disk(None)
+    assert [entry["event"] for entry in entries(path)] == ["started", "not_kept"]
+    assert "journal-mission-0a1b2c3d cannot be kept: File too large" in entries(path)[1]["text"]
+    assert [each.name for each in path.parent.iterdir()] == ["journal.jsonl"]
