@@ -35,8 +35,10 @@ from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Circle
 from sitl.campaign.times import NEVER, ROUND, SECOND, in_ticks
 
-__all__ = ["STIRRED", "Pace"]
+__all__ = ["LONG_S", "STIRRED", "Pace"]
 
+#: longer than what was no routine can matter without any news of it (s)
+LONG_S: Final = 8.0
 #: so long behind what is no routine, and before and behind the moment of a time that runs out
 STIRRED: Final = in_ticks(0.125)
 _BEFORE: Final = in_ticks(0.125)

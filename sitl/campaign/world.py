@@ -20,7 +20,7 @@ import heapq
 from collections.abc import Callable
 from functools import partial
 from itertools import count
-from math import cos, inf, radians, sin
+from math import inf
 
 from gcs_module import core as gcs
 from mavproxy_handover.core import events
@@ -32,14 +32,14 @@ from sitl.campaign.aircraft import Aircraft, Mode
 from sitl.campaign.commands import ANEW_S
 from sitl.campaign.companion import DIGEST, Companion, Ties
 from sitl.campaign.failsafes import Failsafes
-from sitl.campaign.faults import Fault, Insists, Strike, Target
+from sitl.campaign.faults import Insists
 from sitl.campaign.guard import Guard
-from sitl.campaign.links import WEAK_LOSS, Link
+from sitl.campaign.links import Link
 from sitl.campaign.log import FlightLog, Series
-from sitl.campaign.pace import STIRRED, Pace
-from sitl.campaign.plan import LEAST_HANDOVERS, FlightPlan, left_at
-from sitl.campaign.plane import Spot, bearing_deg
+from sitl.campaign.pace import LONG_S, STIRRED, Pace
+from sitl.campaign.plan import LEAST_HANDOVERS, FlightPlan
 from sitl.campaign.stations import Ground, GroundTies
+from sitl.campaign.strikes import Strikes
 from sitl.campaign.times import NEVER, ROUND, SECOND, in_seconds, in_ticks, on_round
 
 __all__ = ["World"]
@@ -47,8 +47,6 @@ __all__ = ["World"]
 #: a flight is over so long after the landing, and one that nobody starts
 _AFTER = in_ticks(5.0)
 _NOT_STARTED = in_ticks(120.0)
-#: longer than what was no routine can matter without any news of it (s)
-_LONG_S = 8.0
 #: the same where the rules hear of it: what they make of it stirs by itself (s)
 _HEARD_S = 2.5
 #: longer than any of these missions with everything that can delay it
@@ -58,8 +56,6 @@ _START_TAKES = in_ticks(2.0)
 _AGREES = in_ticks(2.0)
 #: so long before its border (s) an aircraft is about to leave a zone
 _LEAVES_S = 10.0
-#: a main loop that stands still is killed after this long, and a new one goes round so much later
-_SUPERVISED, _FORKED = in_ticks(1.2), in_ticks(0.6)
 
 
 class World:
@@ -83,8 +79,6 @@ class World:
         self._lay_links()
         self.cable = True
         self.failsafes = Failsafes(plan, self.aircraft, log, self._failsafe)
-        #: how many faults make a station's links weak, and how many attack it
-        self._links_wrong: dict[int, list[int]] = {}
         self._round = -SECOND
         self._beaten = False
         #: when the rules have something due, as they count, and after how many events that was
@@ -112,9 +106,10 @@ class World:
         ground_ties = GroundTies(self._from_station, self._between, self._plan_answer)
         self.ground = {s.sysid: Ground(plan, s, log, ground_ties, self.core_s) for s in plan.stations}
         ties = Ties(self._to_station, self._status, self._order, self._begin_start, self.pace.stir, self.pace.settle)
-        self._view = AuthorityView()
+        self.view = AuthorityView()
         self.companion: Companion | None = None
         self.companion = Companion(plan, self.aircraft, log, ties, self.core_s)
+        self._strikes = Strikes(self)
         self._begin()
 
     # ---- time ------------------------------------------------------------------------------------------------------
@@ -123,7 +118,7 @@ class World:
         """The time as the rules count it."""
         return in_seconds(now - self.stood)
 
-    def _at(self, when: int, job: Callable[[int], None]) -> None:
+    def plan_at(self, when: int, job: Callable[[int], None]) -> None:
         heapq.heappush(self._planned, (when, next(self._number), job))
 
     def _send(self, when: int, job: Callable[[int], None]) -> None:
@@ -138,18 +133,18 @@ class World:
 
     def _begin(self) -> None:
         self._every(SECOND, self._beat, 0)
-        self._every(SECOND // 2, lambda _now: self._status(self._view, _now), 2)
+        self._every(SECOND // 2, lambda _now: self._status(self.view, _now), 2)
         self._every(SECOND // 2, self._guard_speaks, 4)
         for number, station in enumerate(self.plan.stations):
             self._every(SECOND, partial(self._station_beats, station.sysid), 6 + 5 * number)
-        self._at(3 * SECOND, lambda now: self._tell(events.MissionLoaded(DIGEST, self.plan.route), now))
-        self._at(self.plan.start_at, self._start)
+        self.plan_at(3 * SECOND, lambda now: self.tell(events.MissionLoaded(DIGEST, self.plan.route), now))
+        self.plan_at(self.plan.start_at, self._start)
         for strike in self.plan.strikes:
             if strike.phase is None and not strike.border and not strike.late:
                 take_off = self.plan.start_at + _START_TAKES
-                self._at(max(1, take_off + strike.after), partial(self._strike, strike))
+                self.plan_at(max(1, take_off + strike.after), partial(self._strikes.strike, strike))
 
-    def _tell(self, event: events.Event, now: int) -> None:
+    def tell(self, event: events.Event, now: int) -> None:
         if self.companion is not None:
             self.companion.give(event, now)
 
@@ -253,11 +248,11 @@ class World:
             strikes = [strike for strike in self._border_strikes if bare or not strike.bare]
             self._border_strikes = tuple(strike for strike in self._border_strikes if strike not in strikes)
             for strike in strikes:
-                self._at(max(now + 1, now + strike.after), partial(self._strike, strike))
+                self.plan_at(max(now + 1, now + strike.after), partial(self._strikes.strike, strike))
 
     def _leaves(self, now: int) -> bool:
         """Whether the aircraft is about to leave its commander's zone, on its way."""
-        commander = self._view.commander
+        commander = self.view.commander
         if commander is None or self.aircraft.mode is not Mode.AUTO:
             return False
         x, y, _z = self.aircraft.at(now)
@@ -303,9 +298,9 @@ class World:
 
     def _guard_speaks(self, now: int) -> None:
         if self.guard.works and self.cable:
-            self._tell(events.GuardSeen(self.guard.state(now), ours=True), now)
+            self.tell(events.GuardSeen(self.guard.state(now), ours=True), now)
             if self.guard.enforcing:
-                self._tell(events.HandSeen(Hand.GUARD), now)
+                self.tell(events.HandSeen(Hand.GUARD), now)
 
     def _station_beats(self, sysid: int, now: int) -> None:
         """Heartbeats of a station, up and over the ground, and of the companion down to it."""
@@ -325,10 +320,10 @@ class World:
 
     def _lay_links(self) -> None:
         plan, number = self.plan, 0
-        self._uplinks: dict[int, Link] = {}
-        self._downlinks: dict[int, Link] = {}
+        self.uplinks: dict[int, Link] = {}
+        self.downlinks: dict[int, Link] = {}
         for station in plan.stations:
-            for links in (self._uplinks, self._downlinks):
+            for links in (self.uplinks, self.downlinks):
                 links[station.sysid] = Link(plan.seed, number, station.zone, station.delay, plan.loss)
                 number += 1
         self._peer_links = {
@@ -337,17 +332,17 @@ class World:
             for m, b in enumerate(plan.stations)
             if a is not b and plan.ground_link
         }
-        self._links = [*self._uplinks.values(), *self._downlinks.values()]
+        self._links = [*self.uplinks.values(), *self.downlinks.values()]
 
     def _up(self, sysid: int, event: events.Event, now: int) -> None:
         x, y, _z = self.aircraft.at(now)
-        at = self._uplinks[sysid].arrives(now, x, y)
+        at = self.uplinks[sysid].arrives(now, x, y)
         if at is not None:
-            self._send(at, partial(self._tell, event))
+            self._send(at, partial(self.tell, event))
 
     def _down(self, sysid: int, event: gcs.Event, now: int) -> None:
         x, y, _z = self.aircraft.at(now)
-        at = self._downlinks[sysid].arrives(now, x, y)
+        at = self.downlinks[sysid].arrives(now, x, y)
         if at is not None:
             self._send(at, partial(self.ground[sysid].give, event))
 
@@ -371,11 +366,11 @@ class World:
         if not self._ripe:
             answer = True, _AGREES
         if answer is not None:
-            self._at(now + answer[1], partial(self.ground[sysid].answer, question, answer[0]))
+            self.plan_at(now + answer[1], partial(self.ground[sysid].answer, question, answer[0]))
 
     def _status(self, view: AuthorityView, now: int) -> None:
         """AUTHORITY_STATUS to all, and the lease to the guard."""
-        changed, self._view = view != self._view, view
+        changed, self.view = view != self.view, view
         companion = self.companion
         if companion is not None and companion.runs:
             recovering = view.lease is LeaseState.RECOVERING
@@ -385,17 +380,17 @@ class World:
             for sysid in self.ground:
                 self._down(sysid, heard, now)
         if changed:
-            self._flows_changed(now)
+            self.flows_changed(now)
             self._ripens(now)
             self._phase_changed(view.phase, now)
 
     # ---- what watches the leases -------------------------------------------------------------------------------------
 
-    def _flows_changed(self, now: int) -> None:
+    def flows_changed(self, now: int) -> None:
         """Leases and heartbeats of the commander reach the autopilot, or do not any more."""
         companion = self.companion
         runs = self.cable and (companion is None or companion.runs)
-        held, lease = self._view.commander is not None, self._view.lease
+        held, lease = self.view.commander is not None, self.view.lease
         arbiter = None if companion is None else companion.arbiter
         self.guard.heed(runs, lease, 0.0 if arbiter is None else arbiter.alone_s(self.core_s(now)), now)
         self.log.cable.set(now, self.cable)
@@ -412,7 +407,7 @@ class World:
             times = counted[phase] = counted.get(phase, 0) + 1
             for strike in self.plan.strikes:
                 if strike.phase is phase and strike.nth == times and strike.late is late:
-                    self._at(max(now + 1, now + strike.after), partial(self._strike, strike))
+                    self.plan_at(max(now + 1, now + strike.after), partial(self._strikes.strike, strike))
 
     def _ripens(self, now: int) -> None:
         """Late faults strike from now on, if it is late enough and the handovers lie behind; or if it is very late."""
@@ -423,7 +418,7 @@ class World:
         self._border_strikes += tuple(strike for strike in late if strike.border)
         for strike in late:
             if strike.phase is None and not strike.border:
-                self._at(max(now + 1, now + strike.after), partial(self._strike, strike))
+                self.plan_at(max(now + 1, now + strike.after), partial(self._strikes.strike, strike))
 
     # ---- the autopilot -----------------------------------------------------------------------------------------------
 
@@ -442,7 +437,7 @@ class World:
         self._tries_left -= 1
         if insists is Insists.LIFTS:
             companion.desk.lift(ruling, in_seconds(now))
-        self._at(now + in_ticks(ANEW_S), again)
+        self.plan_at(now + in_ticks(ANEW_S), again)
 
     def _wants_on(self, now: int) -> None:
         """It was stopped, or turned back: whoever commands may have it go on."""
@@ -450,36 +445,36 @@ class World:
             return
         self._wishes_left -= 1
         self._wish_waits = True
-        self._at(now + in_ticks(self.plan.resumes_after_s), self._sends_on)
+        self.plan_at(now + in_ticks(self.plan.resumes_after_s), self._sends_on)
 
     def _sends_on(self, now: int) -> None:
         """The operator of whoever takes itself for the commander sends AUTO."""
         self._wish_waits = False
-        sysid = self._view.commander
+        sysid = self.view.commander
         if sysid is None or self.ground[sysid].core is None:
             return
         x, y, _z = self.aircraft.at(now)
-        at = self._uplinks[sysid].arrives(now, x, y)
+        at = self.uplinks[sysid].arrives(now, x, y)
         if at is not None:
-            self._at(at, partial(self._sent_on, sysid))
+            self.plan_at(at, partial(self._sent_on, sysid))
 
     def _sent_on(self, sysid: int, now: int) -> None:
         """AUTO of a station has come."""
         companion, aircraft = self.companion, self.aircraft
         assert companion is not None
-        if not self._passes(sysid) or aircraft.mode not in (Mode.PAUSE, Mode.RTL):
+        if not self.passes(sysid) or aircraft.mode not in (Mode.PAUSE, Mode.RTL):
             return
         ruling = companion.commanded_on(sysid, now)
         if ruling is None or not ruling.passes:
             self._refused(ruling, self._sends_on, now)
             return
         self.log.obeyed.append((now, sysid, True))
-        self._tell(events.HandSeen(Hand.COMMANDER, Flown.MISSION), now)
+        self.tell(events.HandSeen(Hand.COMMANDER, Flown.MISSION), now)
         if not self.failsafes.no_position:
             aircraft.resume("commander", now)
 
     def _begin_start(self, now: int) -> None:
-        self._at(now + _START_TAKES, self._take_off)
+        self.plan_at(now + _START_TAKES, self._take_off)
 
     def _take_off(self, now: int) -> None:
         if self.companion is None or not self.companion.runs or not self.cable:
@@ -489,8 +484,8 @@ class World:
             self._over_at = now + _LONGEST
             self._ripe_at, self._ripe_by = (now + in_ticks(each) for each in self.plan.ripe_s)
             for at in (self._ripe_at, self._ripe_by):
-                self._at(at, self._ripens)
-            self._tell(events.StartFinished(True), now)
+                self.plan_at(at, self._ripens)
+            self.tell(events.StartFinished(True), now)
 
     def _order(self, action: FlightAction, now: int) -> None:
         """An order of the companion."""
@@ -525,256 +520,15 @@ class World:
         before = self.aircraft.mode
         self.guard.look(now)
         if self.failsafes.act(now) or self.aircraft.mode is not before:
-            self.pace.stir(now, _LONG_S)
+            self.pace.stir(now, LONG_S)
         self._after_piece(now)
 
     def _failsafe(self, now: int) -> None:
         """One of the autopilot's failsafes acts, and it says so."""
         if self.cable:
-            self._tell(events.HandSeen(Hand.FAILSAFE), now)
+            self.tell(events.HandSeen(Hand.FAILSAFE), now)
 
-    # ---- faults ------------------------------------------------------------------------------------------------------
-
-    def _whom(self, target: Target) -> list[int]:
-        everybody = list(self.ground)
-        commander = self._view.commander
-        if target is Target.COMMANDER:
-            return everybody[:1] if commander is None else [commander]
-        if target is Target.NEXT:
-            companion = self.companion
-            assert companion is not None
-            x, y = self._leaves_at(commander)
-            others = [s for s in self.plan.stations if s.sysid != commander]
-            return [max(others, key=lambda s: s.zone.margin_m(x, y)).sysid]
-        return everybody if target is Target.ALL else []
-
-    def _leaves_at(self, commander: int | None) -> tuple[float, float]:
-        """Where the way ahead leaves the commander's zone; where the aircraft is, if that is not to be said."""
-        x, y, _z = self.aircraft.at(self.now)
-        way = self.aircraft.way_ahead()
-        if commander is None or not way or self.plan.zones[commander].margin_m(x, y) <= 0.0:
-            return x, y
-        left = left_at((Spot(x, y), *way), self.plan.zones[commander])
-        return (x, y) if left is None else (left[1].x_m, left[1].y_m)
-
-    def _strike(self, strike: Strike, now: int) -> None:
-        """A fault strikes; its end is planned with it."""
-        self.pace.stir(now, _LONG_S)
-        whom = self._whom(strike.target)
-        names = " ".join(s.name for s in self.plan.stations if s.sysid in whom)
-        self.log.note(now, f"FAULT {strike.words} {names}".rstrip())
-        end = self._fault(strike, whom, now)
-        if end is not None and strike.lasts < NEVER:
-            self._at(now + max(1, strike.lasts), partial(self._ends, strike, end))
-
-    def _ends(self, strike: Strike, end: Callable[[int], None], now: int) -> None:
-        self.pace.stir(now, _LONG_S)
-        self.log.note(now, f"over: {strike.fault.name.lower().replace('_', ' ')}")
-        end(now)
-
-    def _fault(self, strike: Strike, whom: list[int], now: int) -> Callable[[int], None] | None:
-        """Make it so; returns what ends it."""
-        match strike.fault:
-            case Fault.DEAD:
-                return self._stations_die(whom, now)
-            case Fault.DEAF:
-                return self._cut([self._downlinks[each] for each in whom], whom, now)
-            case Fault.MUTE:
-                return self._cut([self._uplinks[each] for each in whom], whom, now)
-            case Fault.BURST:
-                both = [link for each in whom for link in (self._uplinks[each], self._downlinks[each])]
-                return self._cut(both, whom, now)
-            case Fault.WEAK:
-                return self._weaken(whom, now)
-            case Fault.ATTACK:
-                return self._judge_links(whom, attacked=True, now=now)
-            case Fault.ROGUE:
-                self._rogue(now + strike.lasts, now)
-                return None
-            case Fault.KILLED:
-                self._companion_dies(now)
-                return self._companion_restarts
-            case Fault.GONE:
-                self._companion_dies(now)
-                return None
-            case Fault.STALLED:
-                return self._companion_stalls(strike, now)
-            case Fault.BLIND:
-                return self._cut_cable(now)
-            case Fault.NO_GUARD:
-                self.guard.stop(False)
-                return lambda _now: self.guard.stop(True)
-            case Fault.NO_FIX:
-                return self._lose_fix(now)
-            case Fault.SAG:
-                self._sag(strike, now)
-                return None
-            case Fault.DRIFT | Fault.BREACH:
-                return self._drift(strike, now)
-            case Fault.GUST:
-                return self._gust(strike, now)
-            case Fault.LIFT:
-                self.aircraft.carried((0.0, 0.0), now, 3.0 + 3.0 * strike.amount)
-                return partial(self.aircraft.carried, (0.0, 0.0))
-            case Fault.PILOT:
-                if not self.plan.truth.radio:
-                    return None
-                self.aircraft.taken(now)
-                return self._pilot_gives_back
-            case Fault.DISOBEYS:
-                self.log.obeys.set(now, False)
-                return lambda now: self.log.obeys.set(now, True)
-            case Fault.STUCK:
-                self.aircraft.stuck(True, now)
-                return partial(self.aircraft.stuck, False)
-            case _:
-                assert_never(strike.fault)
-
-    def _stations_die(self, whom: list[int], now: int) -> Callable[[int], None]:
-        for each in whom:
-            self.ground[each].dies(now)
-            self.log.working[each].set(now, False)
-
-        def end(now: int) -> None:
-            for each in whom:
-                self.ground[each].starts(now)
-            self._know_working(whom, now)
-
-        return end
-
-    def _know_working(self, whom: list[int], now: int) -> None:
-        for each in whom:
-            cut = self._uplinks[each].cut or self._downlinks[each].cut
-            self.log.working[each].set(now, self.ground[each].core is not None and not cut)
-
-    def _cut(self, links: list[Link], whom: list[int], now: int) -> Callable[[int], None]:
-        for link in links:
-            link.cut += 1
-        self._know_working(whom, now)
-
-        def end(now: int) -> None:
-            for link in links:
-                link.cut -= 1
-            self._know_working(whom, now)
-
-        return end
-
-    def _weaken(self, whom: list[int], now: int) -> Callable[[int], None]:
-        links = [link for each in whom for link in (self._uplinks[each], self._downlinks[each])]
-        for link in links:
-            link.loss += WEAK_LOSS
-        over = self._judge_links(whom, weak=True, now=now + 2 * SECOND)
-
-        def end(now: int) -> None:
-            for link in links:
-                link.loss = max(0.0, link.loss - WEAK_LOSS)
-            over(now)
-
-        return end
-
-    def _judge_links(
-        self, whom: list[int], *, weak: bool = False, attacked: bool = False, now: int
-    ) -> Callable[[int], None]:
-        """What the companion's measuring says of these links, and that it says so no more."""
-        text = "a third of all messages is lost" if weak else "bad signatures"
-
-        def judged(begins: bool, now: int) -> None:
-            for each in whom:
-                wrong = self._links_wrong.setdefault(each, [0, 0])
-                for number, is_so in enumerate((weak, attacked)):
-                    wrong[number] += is_so if begins else -is_so
-                self.pace.worry(wrong[0] > 0, (each,))
-                self._tell(events.LinkJudged(each, wrong[0] > 0, wrong[1] > 0, text), now)
-
-        self._at(now + 1, partial(judged, True))
-        return lambda now: self._at(now + 3 * SECOND, partial(judged, False))
-
-    def _rogue(self, until: int, now: int) -> None:
-        """Whoever does not command sends the aircraft home or down, twice a second."""
-        for each in self.ground:
-            if each != self._view.commander and self._passes(each):
-                self.log.obeyed.append((now, each, False))
-                self.aircraft.land(f"station {each}", now)
-        if now + SECOND // 2 < until:
-            self._at(now + SECOND // 2, partial(self._rogue, until))
-
-    def _passes(self, sysid: int) -> bool:
+    def passes(self, sysid: int) -> bool:
         """Whether the gate lets a command of this station through."""
         companion = self.companion
         return companion is not None and companion.runs and self.cable and companion.view.commander == sysid
-
-    def _companion_dies(self, now: int) -> None:
-        assert self.companion is not None
-        self.companion.dies(now)
-        self._flows_changed(now)
-
-    def _companion_restarts(self, now: int) -> None:
-        assert self.companion is not None
-        self.pace.stir(now, _LONG_S)
-        self.companion.restarts(now)
-        self._flows_changed(now)
-        if self.aircraft.flying:  # it knows its mission from its state
-            return
-        self._tell(events.MissionLoaded(DIGEST, self.plan.route), now)
-
-    def _companion_stalls(self, strike: Strike, now: int) -> Callable[[int], None] | None:
-        """A short one is over by itself; a longer one is ended by the supervisor."""
-        self._companion_dies(now)
-        self._at(now + min(strike.lasts, _SUPERVISED) + _FORKED, self._companion_restarts)
-        return None
-
-    def _cut_cable(self, now: int) -> Callable[[int], None]:
-        self.cable = False
-        self._flows_changed(now)
-
-        def end(now: int) -> None:
-            self.cable = True
-            self._flows_changed(now)
-
-        return end
-
-    def _lose_fix(self, now: int) -> Callable[[int], None]:
-        assert self.companion is not None
-        companion = self.companion
-        companion.fix = False
-        self.log.fix.set(now, False)
-        self.failsafes.position(there=False, now=now)
-
-        def end(now: int) -> None:
-            companion.fix = True
-            self.failsafes.position(there=True, now=now)
-            self.log.fix.set(now, True)
-
-        return end
-
-    def _sag(self, strike: Strike, now: int) -> None:
-        assert self.companion is not None
-        left_wh = max(self.companion.budget_home_wh(now) * strike.amount, self.aircraft.down_wh(now))
-        self.aircraft.sag(left_wh / self.plan.truth.gauge, now)
-        self.companion.places.stir(now)
-        self.failsafes.look_anew()
-
-    def _drift(self, strike: Strike, now: int) -> Callable[[int], None] | None:
-        """Wind from the side; for a breach it blows away from the middle."""
-        aircraft, breach = self.aircraft, strike.fault is Fault.BREACH
-        if aircraft.mode is not Mode.AUTO:
-            return None
-        x, y, _z = aircraft.at(now)
-        vx, vy, _up = aircraft.velocity
-        across = 10.0 + 3.0 * strike.amount if breach else 3.0 + 4.0 * strike.amount
-        angle = radians(bearing_deg(x, y) if breach else bearing_deg(vx, vy) + (90.0 if strike.amount > 0.5 else -90.0))
-        aircraft.carried((across * sin(angle), across * cos(angle)), now)
-        return lambda now: aircraft.carried((0.0, 0.0), now)
-
-    def _gust(self, strike: Strike, now: int) -> Callable[[int], None] | None:
-        """It makes half of its speed, or next to none."""
-        aircraft, part = self.aircraft, 0.5 + 0.5 * strike.amount
-        if aircraft.mode is not Mode.AUTO:
-            return None
-        vx, vy, _up = aircraft.velocity
-        aircraft.carried((-part * vx, -part * vy), now)
-        return lambda now: aircraft.carried((0.0, 0.0), now)
-
-    def _pilot_gives_back(self, now: int) -> None:
-        if self.aircraft.mode is Mode.PILOT:
-            self.aircraft.resume("pilot", now)

@@ -1,0 +1,310 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What strikes a flight: each fault made so in its world, and made good again when it is over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from math import cos, radians, sin
+from typing import Protocol
+
+from mavproxy_handover.core import events
+from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.core.never import assert_never
+from sitl.campaign.aircraft import Aircraft, Mode
+from sitl.campaign.companion import DIGEST, Companion
+from sitl.campaign.failsafes import Failsafes
+from sitl.campaign.faults import Fault, Strike, Target
+from sitl.campaign.guard import Guard
+from sitl.campaign.links import WEAK_LOSS, Link
+from sitl.campaign.log import FlightLog
+from sitl.campaign.pace import LONG_S, Pace
+from sitl.campaign.plan import FlightPlan, left_at
+from sitl.campaign.plane import Spot, bearing_deg
+from sitl.campaign.stations import Ground
+from sitl.campaign.times import NEVER, SECOND, in_ticks
+
+__all__ = ["Strikes"]
+
+#: a main loop that stands still is killed after this long, and a new one goes round so much later
+_SUPERVISED, _FORKED = in_ticks(1.2), in_ticks(0.6)
+
+
+class Struck(Protocol):
+    """What there is to be struck, and how it is told and planned: a world."""
+
+    plan: FlightPlan
+    log: FlightLog
+    aircraft: Aircraft
+    guard: Guard
+    failsafes: Failsafes
+    pace: Pace
+    ground: dict[int, Ground]
+    uplinks: dict[int, Link]
+    downlinks: dict[int, Link]
+    companion: Companion | None
+    view: AuthorityView
+    now: int
+    #: companion and autopilot are connected
+    cable: bool
+
+    def plan_at(self, when: int, job: Callable[[int], None]) -> None:
+        """Have that done then."""
+
+    def tell(self, event: events.Event, now: int) -> None:
+        """The rules hear of it."""
+
+    def flows_changed(self, now: int) -> None:
+        """Leases and heartbeats reach the autopilot, or do not any more."""
+
+    def passes(self, sysid: int) -> bool:
+        """Whether the gate lets a command of this station through."""
+
+
+class Strikes:
+    """Lets faults strike one world."""
+
+    def __init__(self, world: Struck) -> None:
+        self._world = world
+        #: how many faults make a station's links weak, and how many attack it
+        self._links_wrong: dict[int, list[int]] = {}
+
+    def strike(self, strike: Strike, now: int) -> None:
+        """A fault strikes; its end is planned with it."""
+        self._world.pace.stir(now, LONG_S)
+        whom = self._whom(strike.target)
+        names = " ".join(s.name for s in self._world.plan.stations if s.sysid in whom)
+        self._world.log.note(now, f"FAULT {strike.words} {names}".rstrip())
+        end = self._fault(strike, whom, now)
+        if end is not None and strike.lasts < NEVER:
+            self._world.plan_at(now + max(1, strike.lasts), partial(self._ends, strike, end))
+
+    def _ends(self, strike: Strike, end: Callable[[int], None], now: int) -> None:
+        self._world.pace.stir(now, LONG_S)
+        self._world.log.note(now, f"over: {strike.fault.name.lower().replace('_', ' ')}")
+        end(now)
+
+    def _whom(self, target: Target) -> list[int]:
+        everybody = list(self._world.ground)
+        commander = self._world.view.commander
+        if target is Target.COMMANDER:
+            return everybody[:1] if commander is None else [commander]
+        if target is Target.NEXT:
+            companion = self._world.companion
+            assert companion is not None
+            x, y = self._leaves_at(commander)
+            others = [s for s in self._world.plan.stations if s.sysid != commander]
+            return [max(others, key=lambda s: s.zone.margin_m(x, y)).sysid]
+        return everybody if target is Target.ALL else []
+
+    def _leaves_at(self, commander: int | None) -> tuple[float, float]:
+        """Where the way ahead leaves the commander's zone; where the aircraft is, if that is not to be said."""
+        x, y, _z = self._world.aircraft.at(self._world.now)
+        way = self._world.aircraft.way_ahead()
+        if commander is None or not way or self._world.plan.zones[commander].margin_m(x, y) <= 0.0:
+            return x, y
+        left = left_at((Spot(x, y), *way), self._world.plan.zones[commander])
+        return (x, y) if left is None else (left[1].x_m, left[1].y_m)
+
+    def _fault(self, strike: Strike, whom: list[int], now: int) -> Callable[[int], None] | None:
+        """Make it so; returns what ends it."""
+        match strike.fault:
+            case Fault.DEAD:
+                return self._stations_die(whom, now)
+            case Fault.DEAF:
+                return self._cut([self._world.downlinks[each] for each in whom], whom, now)
+            case Fault.MUTE:
+                return self._cut([self._world.uplinks[each] for each in whom], whom, now)
+            case Fault.BURST:
+                both = [link for each in whom for link in (self._world.uplinks[each], self._world.downlinks[each])]
+                return self._cut(both, whom, now)
+            case Fault.WEAK:
+                return self._weaken(whom, now)
+            case Fault.ATTACK:
+                return self._judge_links(whom, attacked=True, now=now)
+            case Fault.ROGUE:
+                self._rogue(now + strike.lasts, now)
+                return None
+            case Fault.KILLED:
+                self._companion_dies(now)
+                return self._companion_restarts
+            case Fault.GONE:
+                self._companion_dies(now)
+                return None
+            case Fault.STALLED:
+                return self._companion_stalls(strike, now)
+            case Fault.BLIND:
+                return self._cut_cable(now)
+            case Fault.NO_GUARD:
+                self._world.guard.stop(False)
+                return lambda _now: self._world.guard.stop(True)
+            case Fault.NO_FIX:
+                return self._lose_fix(now)
+            case Fault.SAG:
+                self._sag(strike, now)
+                return None
+            case Fault.DRIFT | Fault.BREACH:
+                return self._drift(strike, now)
+            case Fault.GUST:
+                return self._gust(strike, now)
+            case Fault.LIFT:
+                self._world.aircraft.carried((0.0, 0.0), now, 3.0 + 3.0 * strike.amount)
+                return partial(self._world.aircraft.carried, (0.0, 0.0))
+            case Fault.PILOT:
+                if not self._world.plan.truth.radio:
+                    return None
+                self._world.aircraft.taken(now)
+                return self._pilot_gives_back
+            case Fault.DISOBEYS:
+                self._world.log.obeys.set(now, False)
+                return lambda now: self._world.log.obeys.set(now, True)
+            case Fault.STUCK:
+                self._world.aircraft.stuck(True, now)
+                return partial(self._world.aircraft.stuck, False)
+            case _:
+                assert_never(strike.fault)
+
+    def _stations_die(self, whom: list[int], now: int) -> Callable[[int], None]:
+        for each in whom:
+            self._world.ground[each].dies(now)
+            self._world.log.working[each].set(now, False)
+
+        def end(now: int) -> None:
+            for each in whom:
+                self._world.ground[each].starts(now)
+            self._know_working(whom, now)
+
+        return end
+
+    def _know_working(self, whom: list[int], now: int) -> None:
+        for each in whom:
+            cut = self._world.uplinks[each].cut or self._world.downlinks[each].cut
+            self._world.log.working[each].set(now, self._world.ground[each].core is not None and not cut)
+
+    def _cut(self, links: list[Link], whom: list[int], now: int) -> Callable[[int], None]:
+        for link in links:
+            link.cut += 1
+        self._know_working(whom, now)
+
+        def end(now: int) -> None:
+            for link in links:
+                link.cut -= 1
+            self._know_working(whom, now)
+
+        return end
+
+    def _weaken(self, whom: list[int], now: int) -> Callable[[int], None]:
+        links = [link for each in whom for link in (self._world.uplinks[each], self._world.downlinks[each])]
+        for link in links:
+            link.loss += WEAK_LOSS
+        over = self._judge_links(whom, weak=True, now=now + 2 * SECOND)
+
+        def end(now: int) -> None:
+            for link in links:
+                link.loss = max(0.0, link.loss - WEAK_LOSS)
+            over(now)
+
+        return end
+
+    def _judge_links(
+        self, whom: list[int], *, weak: bool = False, attacked: bool = False, now: int
+    ) -> Callable[[int], None]:
+        """What the companion's measuring says of these links, and that it says so no more."""
+        text = "a third of all messages is lost" if weak else "bad signatures"
+
+        def judged(begins: bool, now: int) -> None:
+            for each in whom:
+                wrong = self._links_wrong.setdefault(each, [0, 0])
+                for number, is_so in enumerate((weak, attacked)):
+                    wrong[number] += is_so if begins else -is_so
+                self._world.pace.worry(wrong[0] > 0, (each,))
+                self._world.tell(events.LinkJudged(each, wrong[0] > 0, wrong[1] > 0, text), now)
+
+        self._world.plan_at(now + 1, partial(judged, True))
+        return lambda now: self._world.plan_at(now + 3 * SECOND, partial(judged, False))
+
+    def _rogue(self, until: int, now: int) -> None:
+        """Whoever does not command sends the aircraft home or down, twice a second."""
+        for each in self._world.ground:
+            if each != self._world.view.commander and self._world.passes(each):
+                self._world.log.obeyed.append((now, each, False))
+                self._world.aircraft.land(f"station {each}", now)
+        if now + SECOND // 2 < until:
+            self._world.plan_at(now + SECOND // 2, partial(self._rogue, until))
+
+    def _companion_dies(self, now: int) -> None:
+        assert self._world.companion is not None
+        self._world.companion.dies(now)
+        self._world.flows_changed(now)
+
+    def _companion_restarts(self, now: int) -> None:
+        assert self._world.companion is not None
+        self._world.pace.stir(now, LONG_S)
+        self._world.companion.restarts(now)
+        self._world.flows_changed(now)
+        if self._world.aircraft.flying:  # it knows its mission from its state
+            return
+        self._world.tell(events.MissionLoaded(DIGEST, self._world.plan.route), now)
+
+    def _companion_stalls(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+        """A short one is over by itself; a longer one is ended by the supervisor."""
+        self._companion_dies(now)
+        self._world.plan_at(now + min(strike.lasts, _SUPERVISED) + _FORKED, self._companion_restarts)
+        return None
+
+    def _cut_cable(self, now: int) -> Callable[[int], None]:
+        self._world.cable = False
+        self._world.flows_changed(now)
+
+        def end(now: int) -> None:
+            self._world.cable = True
+            self._world.flows_changed(now)
+
+        return end
+
+    def _lose_fix(self, now: int) -> Callable[[int], None]:
+        assert self._world.companion is not None
+        companion = self._world.companion
+        companion.fix = False
+        self._world.log.fix.set(now, False)
+        self._world.failsafes.position(there=False, now=now)
+
+        def end(now: int) -> None:
+            companion.fix = True
+            self._world.failsafes.position(there=True, now=now)
+            self._world.log.fix.set(now, True)
+
+        return end
+
+    def _sag(self, strike: Strike, now: int) -> None:
+        assert self._world.companion is not None
+        left_wh = max(self._world.companion.budget_home_wh(now) * strike.amount, self._world.aircraft.down_wh(now))
+        self._world.aircraft.sag(left_wh / self._world.plan.truth.gauge, now)
+        self._world.companion.places.stir(now)
+        self._world.failsafes.look_anew()
+
+    def _drift(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+        """Wind from the side; for a breach it blows away from the middle."""
+        aircraft, breach = self._world.aircraft, strike.fault is Fault.BREACH
+        if aircraft.mode is not Mode.AUTO:
+            return None
+        x, y, _z = aircraft.at(now)
+        vx, vy, _up = aircraft.velocity
+        across = 10.0 + 3.0 * strike.amount if breach else 3.0 + 4.0 * strike.amount
+        angle = radians(bearing_deg(x, y) if breach else bearing_deg(vx, vy) + (90.0 if strike.amount > 0.5 else -90.0))
+        aircraft.carried((across * sin(angle), across * cos(angle)), now)
+        return lambda now: aircraft.carried((0.0, 0.0), now)
+
+    def _gust(self, strike: Strike, now: int) -> Callable[[int], None] | None:
+        """It makes half of its speed, or next to none."""
+        aircraft, part = self._world.aircraft, 0.5 + 0.5 * strike.amount
+        if aircraft.mode is not Mode.AUTO:
+            return None
+        vx, vy, _up = aircraft.velocity
+        aircraft.carried((-part * vx, -part * vy), now)
+        return lambda now: aircraft.carried((0.0, 0.0), now)
+
+    def _pilot_gives_back(self, now: int) -> None:
+        if self._world.aircraft.mode is Mode.PILOT:
+            self._world.aircraft.resume("pilot", now)
