@@ -18,6 +18,7 @@ from math import inf
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH
 from sitl.report.evidence import NOBODY, Evidence
+from sitl.report.journal_reader import Entry
 from sitl.report.loss import Heard
 from sitl.report.matching import Match, describe, last_line, matches
 from sitl.report.record import Verdict
@@ -119,6 +120,39 @@ class Number(Expectation):
         limits = [f"above {low:g}"] * (self.above is not None) + [f"below {high:g}"] * (self.below is not None)
         wanted = f"{self.key} {' and '.join(limits)}: {describe(self.who, self.event, self.match)}"
         return Verdict(held, wanted, ", ".join(map(str, found)) or "no such entry")
+
+
+@dataclass(frozen=True, slots=True)
+class Follows(Expectation):
+    """Every entry with this source, this event and these values, of which there is at least one, comes within so many
+    seconds of the wall clock behind another event of that source.
+
+    That is the last `after` before it that tells of the same station, where that event tells of one, and of item
+    `number`, if one is given.
+    """
+
+    event: str
+    after: str
+    within_s: float
+    who: str = ""
+    number: int | None = None
+    match: Match = field(default_factory=Match)
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        of = self.after.replace("_", " ") + (f" {self.number}" if self.number is not None else "")
+        wanted = f"{describe(self.who, self.event, self.match)} within {self.within_s:g} s after {of}"
+        delays: list[float | None] = []
+        for entry in evidence.entries:
+            if matches(entry, self.who, self.event, self.match):
+                before = [other.t for other in evidence.of(entry.who, self.after) if self._leads(other, entry)]
+                delays.append(entry.t - before[-1] if before else None)
+        held = bool(delays) and all(delay is not None and delay <= self.within_s for delay in delays)
+        shown = ["never before it" if delay is None else f"after {delay:.3f} s" for delay in delays]
+        return Verdict(held, wanted, ", ".join(shown) or "no such entry")
+
+    def _leads(self, other: Entry, entry: Entry) -> bool:
+        same = other.get("station") in (None, entry.get("station"))
+        return other.t <= entry.t and same and self.number in (None, other.get("number"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,6 +420,7 @@ EXPECTATIONS: Mapping[str, type[Expectation]] = {
     "handovers": Handovers,
     "count": Count,
     "number": Number,
+    "follows": Follows,
     "memory": Memory,
     "commands": Commands,
     "modes": Modes,

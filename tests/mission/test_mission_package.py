@@ -96,7 +96,7 @@ def test_policies_and_files_cannot_be_changed(small):
 # --- round trip ---
 
 
-@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge"])
+@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test"])
 def test_shipped_missions_survive_the_way_over_a_link(name):
     sent = load(MISSIONS / name)
     data = sent.to_bytes()

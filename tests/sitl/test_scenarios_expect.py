@@ -20,6 +20,7 @@ from sitl.script.expect import (
     Count,
     Emergencies,
     Expectation,
+    Follows,
     Handovers,
     ItemsReached,
     Landed,
@@ -56,6 +57,7 @@ def with_entry(t: float, who: str, event: str, text: str = "", **fields: object)
         Landed(1.0, ("home",)),
         Emergencies(()),
         Count("transfer_begun", VEHICLE_NAME, count=4),
+        Follows("transfer_committed", "transfer_begun", 0.23, VEHICLE_NAME),
         *ALWAYS,
     ],
     ids=lambda expectation: type(expectation).__name__,
@@ -118,6 +120,51 @@ def test_a_handover_that_takes_too_long_fails() -> None:
     verdict = Handovers(4, within_s=0.2).judge(evidence())
     assert not verdict.held
     assert verdict.wanted == "handovers: 4 committed within 0.2 s, 0 aborted"
+
+
+def border(t: float, station: str = "GCSB") -> Entry:
+    return Entry(t, VEHICLE_NAME, "zone_entered", "", {"station": station})
+
+
+def committed(t: float, station: str = "GCSB") -> Entry:
+    return Entry(t, VEHICLE_NAME, "transfer_committed", "", {"station": station})
+
+
+def item(t: float, number: int, who: str = VEHICLE_NAME) -> Entry:
+    return Entry(t, who, "reached", "", {"number": number})
+
+
+PROMPT = Follows("transfer_committed", "zone_entered", 0.5)
+BEHIND = Follows("transfer_committed", "reached", 0.5, number=11)
+
+
+@pytest.mark.parametrize(
+    ("expectation", "entries", "held", "seen"),
+    [
+        (PROMPT, [border(1.0), committed(1.5)], True, "after 0.500 s"),
+        (PROMPT, [border(1.0), committed(1.75)], False, "after 0.750 s"),
+        # each commit, and by the last border before it
+        (PROMPT, [border(1.0), committed(1.25), border(9.0), committed(9.25)], True, "after 0.250 s, after 0.250 s"),
+        (PROMPT, [border(1.0), committed(1.25), committed(9.0)], False, "after 0.250 s, after 8.000 s"),
+        (PROMPT, [border(1.0, "GCSA"), committed(1.25)], False, "never before it"),
+        (PROMPT, [border(1.0), border(1.2, "GCSA"), committed(1.25)], True, "after 0.250 s"),
+        (PROMPT, [committed(1.0), border(1.25)], False, "never before it"),
+        (PROMPT, [border(1.0)], False, "no such entry"),
+        (BEHIND, [item(1.0, 11), committed(1.25)], True, "after 0.250 s"),
+        (BEHIND, [item(1.0, 10), committed(1.25)], False, "never before it"),
+        (BEHIND, [item(1.0, 11), item(1.2, 12), committed(1.75)], False, "after 0.750 s"),
+        # the clock of another program is not the companion's word
+        (BEHIND, [item(1.0, 11, "vehicle"), committed(1.25)], False, "never before it"),
+    ],
+)
+def test_what_follows_has_to_follow_in_time(expectation: Follows, entries: list[Entry], held: bool, seen: str) -> None:
+    verdict = expectation.judge(evidence(entries))
+    assert (verdict.held, verdict.seen) == (held, seen)
+
+
+def test_what_should_follow_is_told_in_words() -> None:
+    verdict = Follows("transfer_committed", "reached", 5.0, "drone-1", 11).judge(evidence([]))
+    assert verdict.wanted == "transfer committed (drone-1) within 5 s after reached 11"
 
 
 def test_who_loses_authority_loses_it_under_the_epoch_that_it_had() -> None:
