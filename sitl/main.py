@@ -26,6 +26,7 @@ from sitl.report.record import RecordError, load_run
 from sitl.run.fleet import others_of
 from sitl.run.runner import Order, Result, run
 from sitl.run.story import Story
+from sitl.script.moved import moved, read_place
 from sitl.script.own import own_scenario
 from sitl.script.places import SetupError, mission_folder
 from sitl.script.scenario import (
@@ -54,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     parser = _parser()
     try:
-        arguments = parser.parse_args(argv)
+        arguments = parser.parse_args(_joined(sys.argv[1:] if argv is None else argv))
     except SystemExit as stop:
         return int(stop.code or 0)
     if arguments.list:
@@ -76,6 +77,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         print(json.dumps(_summary(result, report), ensure_ascii=False))
     return 0 if result.held else 1
+
+
+def _joined(argv: Sequence[str]) -> list[str]:
+    """A place in the south or west begins as options do: it is joined to the option that it is for."""
+    found: list[str] = []
+    for word in argv:
+        if found and found[-1] == "--home" and word[:1] == "-" and word[1:2].isdigit():
+            found[-1] = f"--home={word}"
+        else:
+            found.append(word)
+    return found
 
 
 def _stop_like_ctrl_c() -> None:
@@ -101,6 +113,11 @@ def _parser() -> argparse.ArgumentParser:
     what.add_argument("--mission", type=Path, metavar="DIR", help="fly this mission package as its check says")
     parser.add_argument("--faults", type=int, metavar="SEED", help="with --mission: something goes wrong, by chance")
     parser.add_argument("--anyway", action="store_true", help="with --mission: even if its check finds errors")
+    parser.add_argument(
+        "--home",
+        metavar="LAT,LON[,ALT[,HEADING]]",
+        help="fly the same mission there: its places keep their way from home",
+    )
     parser.add_argument("--list", action="store_true", help="list the scenarios and end")
     parser.add_argument(
         "--vehicle",
@@ -152,16 +169,23 @@ def _order(arguments: argparse.Namespace) -> Order:
             vehicle = "arducopter" if found else "builtin"
         elif found is None:
             raise SetupError("no arducopter found: give --arducopter PATH, set $ARDUCOPTER, or take --vehicle builtin")
-    mission = mission_folder(scenario.mission)
-    package = packages.load(mission)
+    package = packages.load(mission_folder(scenario.mission))
     _check_names(scenario, package)
+    place = None if arguments.home is None else read_place(arguments.home)
+    if place is not None:
+        if scenario.fleet:
+            raise SetupError(f"--home moves one mission: scenario {scenario.name} has several aircraft")
+        package = moved(package, place)
     scenario = with_opening(scenario, package)
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = (arguments.out or Path("runs") / f"{stamp}-{scenario.name}-{vehicle}").resolve()
     if any(character in str(folder) for character in UNUSABLE):
         raise SetupError(f"{folder}: MAVProxy cannot take a path with spaces, quotes or ';': give another --out")
     others = others_of(scenario, package)
-    return Order(scenario, package, mission, vehicle, speedup, folder, arguments.arducopter, others=others)
+    heading_deg = 0.0 if place is None else place.heading_deg
+    return Order(
+        scenario, package, vehicle, speedup, folder, arguments.arducopter, others=others, heading_deg=heading_deg
+    )
 
 
 def _scenario(arguments: argparse.Namespace) -> Scenario:

@@ -47,7 +47,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["DETECTORS", "MISSION_FILE", "MissionPackage", "StationEntry", "from_bytes", "load"]
+__all__ = ["DETECTORS", "MISSION_FILE", "MissionPackage", "StationEntry", "from_bytes", "from_texts", "load"]
 
 MISSION_FILE = "mission.toml"
 DETECTORS = ("circles", "polygons", "waypoints")
@@ -178,9 +178,15 @@ def load(folder: str | Path) -> MissionPackage:
     texts = {MISSION_FILE: mission_text}
     for name in _referenced(_toml(mission_text)):
         texts[name] = _read_file(folder, name)
+    return from_texts(texts, str(folder))
+
+
+def from_texts(texts: Mapping[str, str], source: str) -> MissionPackage:
+    """The package of these files, by name: mission.toml and those that it names. Raises MissionError; `source` is for
+    its words."""
     package = _build(texts)
     if len(package.to_bytes()) > MAX_PACKED_BYTES:
-        raise MissionError(f"{folder}: larger than {MAX_PACKED_BYTES} bytes when packed: it could not be sent")
+        raise MissionError(f"{source}: larger than {MAX_PACKED_BYTES} bytes when packed: it could not be sent")
     return package
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import os
 import select
-import shutil
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -57,11 +56,10 @@ _COMPANION_CHANNEL = 1
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """What to run. `folder` is new or empty; `mission` is the package's folder."""
+    """What to run. `folder` is new or empty."""
 
     scenario: Scenario
     package: MissionPackage
-    mission: Path
     vehicle: str
     speedup: float
     folder: Path
@@ -70,6 +68,8 @@ class Order:
     instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
     #: further vehicles
     others: tuple[Craft, ...] = ()
+    #: of the aircraft before the flight, clockwise from north
+    heading_deg: float = 0.0
 
 
 @dataclass(slots=True)
@@ -110,7 +110,10 @@ def _prepare_folder(order: Order) -> None:
         order.folder.mkdir(parents=True, exist_ok=True)
         if any(order.folder.iterdir()):
             raise SetupError(f"{order.folder} is not empty: give --out another folder")
-        shutil.copytree(order.mission, order.folder / "mission")
+        mission = order.folder / "mission"
+        mission.mkdir()
+        for name, data in order.package.files.items():
+            (mission / name).write_bytes(data)
     except OSError as error:
         raise SetupError(f"{order.folder}: {error.strerror}") from None
 
@@ -245,7 +248,7 @@ class _Flight:
         order, home = self.order, craft.package.route.home
         script, parameters = guard_files()
         spec = VehicleSpec(
-            home=(home.lat_deg, home.lon_deg, home.alt_m, 0.0),
+            home=(home.lat_deg, home.lon_deg, home.alt_m, order.heading_deg),
             sysid=craft.sysid,
             speedup=order.speedup,
             scripts=(script, *wiring.card),

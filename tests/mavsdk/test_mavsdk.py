@@ -35,15 +35,13 @@ def entries(folder: Path, name: str, event: str) -> list[dict[str, Any]]:
 
 def test_the_observer_is_refused_at_once_and_the_commander_flies(mavsdk: Mavsdk, tmp_path: Path) -> None:
     scenario = load_scenario(HERE / "flight.toml")
-    mission = mission_folder(scenario.mission)
-    package = packages.load(mission)
+    package = packages.load(mission_folder(scenario.mission))
     definitions = Path(mavproxy_handover.__file__).parent / "wire" / "operator_control.xml"
     program = (mavsdk.python, "-I", str(HERE / "station.py"), "--control", str(definitions))
     folder = tmp_path / "run"
     order = Order(
         with_opening(scenario, package),
         package,
-        mission,
         "builtin",
         SPEEDUP,
         folder,
