@@ -26,6 +26,7 @@ from sitl.report.record import RecordError, load_run
 from sitl.run.fleet import others_of
 from sitl.run.runner import Order, Result, run
 from sitl.run.story import Story
+from sitl.run.watchers import read_address
 from sitl.script.moved import moved, read_place
 from sitl.script.own import own_scenario
 from sitl.script.places import SetupError, mission_folder
@@ -118,6 +119,13 @@ def _parser() -> argparse.ArgumentParser:
         metavar="LAT,LON[,ALT[,HEADING]]",
         help="fly the same mission there: its places keep their way from home",
     )
+    parser.add_argument(
+        "--watch",
+        action="append",
+        default=[],
+        metavar="udp:HOST:PORT",
+        help="show the flight to a ground station program there, which can read and command nothing; once for each",
+    )
     parser.add_argument("--list", action="store_true", help="list the scenarios and end")
     parser.add_argument(
         "--vehicle",
@@ -184,7 +192,15 @@ def _order(arguments: argparse.Namespace) -> Order:
     others = others_of(scenario, package)
     heading_deg = 0.0 if place is None else place.heading_deg
     return Order(
-        scenario, package, vehicle, speedup, folder, arguments.arducopter, others=others, heading_deg=heading_deg
+        scenario,
+        package,
+        vehicle,
+        speedup,
+        folder,
+        arguments.arducopter,
+        others=others,
+        watchers=tuple(map(read_address, arguments.watch)),
+        heading_deg=heading_deg,
     )
 
 

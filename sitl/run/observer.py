@@ -7,6 +7,7 @@ things, under the vehicle's own system id and a free component id, addressed to 
 passed on to other ports: the firmware's version and the landed state at 5 Hz. The question is needed for more than
 its answer: ArduPilot sends STATUSTEXT only to ports on which it has heard something. The streams themselves come from
 the vehicle's parameters. Where a scenario changes the world (wind, say) it sets the simulation's parameter, likewise.
+Who watches along (`watchers.py`) is shown all that comes, and may read the autopilot's parameters and missions.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import math
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from sitl.report.journal_reader import Entry
 from sitl.report.watch import Watch
+from sitl.run.watchers import Watchers
 
 __all__ = ["Observer"]
 
@@ -33,8 +35,10 @@ _LANDED_STATE_INTERVAL_US = 200_000
 class Observer:
     """Connection to the vehicle plus the journal. `watch` is the aircraft as last heard of."""
 
-    def __init__(self, address: str, sysid: int, speedup: float, journal: Path) -> None:
-        """Connect to `tcp:HOST:PORT`. Raises OSError when nothing listens there."""
+    def __init__(
+        self, address: str, sysid: int, speedup: float, journal: Path, watchers: Sequence[tuple[str, int]] = ()
+    ) -> None:
+        """Connect to `tcp:HOST:PORT`; `watchers`: see `watchers.py`. Raises OSError when nothing listens there."""
         _, host, port = address.split(":")
         self.watch = Watch(sysid, speedup)
         self._sysid = sysid
@@ -43,6 +47,7 @@ class Observer:
         self._parser: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=_COMPONENT)
         self._parser.robust_parsing = True
         self._journal = journal.open("w", encoding="utf-8", buffering=1)
+        self._watchers = Watchers(watchers)
         self._ask_at = 0.0
         #: parameters of the simulation that were set: what is wanted, and what the vehicle says
         self._wanted: dict[str, float] = {}
@@ -68,12 +73,16 @@ class Observer:
             if not data:
                 self.connected = False
                 break
-            for message in self._parser.parse_buffer(data) or ():
+            messages = self._parser.parse_buffer(data) or ()
+            self._watchers.show(messages)
+            for message in messages:
                 found += self.watch.take(message, now)
                 if message.get_type() == "PARAM_VALUE" and message.param_id in self._wanted:
                     self._said[message.param_id] = message.param_value
         self._ask()
         self._set()
+        for frame in self._watchers.asked():
+            self._write(frame)
         for entry in found:
             self._journal.write(entry.to_line() + "\n")
         return found
@@ -118,8 +127,11 @@ class Observer:
         )
 
     def _send(self, message: Any) -> None:
+        self._write(message.pack(self._parser))
+
+    def _write(self, frame: bytes) -> None:
         try:
-            self._socket.send(message.pack(self._parser))
+            self._socket.send(frame)
         except OSError:
             self.connected = False
 
@@ -127,4 +139,5 @@ class Observer:
         """Close connection and journal."""
         self.connected = False
         self._socket.close()
+        self._watchers.close()
         self._journal.close()

@@ -68,6 +68,8 @@ class Order:
     instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
     #: further vehicles
     others: tuple[Craft, ...] = ()
+    #: host and port of each ground station program that watches
+    watchers: tuple[tuple[str, int], ...] = ()
     #: of the aircraft before the flight, clockwise from north
     heading_deg: float = 0.0
 
@@ -263,7 +265,7 @@ class _Flight:
             first, *rest = str(error).strip().splitlines()
             raise SetupError(f"{first} {rest[-1].strip()}" if rest else first) from None
         try:
-            return vehicle, Observer(vehicle.monitor, craft.sysid, order.speedup, seen)
+            return vehicle, Observer(vehicle.monitor, craft.sysid, order.speedup, seen, order.watchers)
         except OSError:
             vehicle.stop()
             raise

@@ -77,9 +77,7 @@ def read_place(text: str) -> Place:
             raise SetupError(f"--home {text!r}: {name} {number:g} (allowed: {low:g} to {high:g})")
         numbers.append(number)
     if numbers[:2] == [0.0, 0.0]:
-        raise SetupError(
-            f"--home {text!r}: at latitude 0, longitude 0 an item means wherever the aircraft is"
-        )
+        raise SetupError(f"--home {text!r}: at latitude 0, longitude 0 an item means wherever the aircraft is")
     return Place(*numbers)
 
 
