@@ -25,8 +25,6 @@ _STRANGERS + _TAKEN + _GENUINE.
 
 from __future__ import annotations
 
-import errno
-import os
 import select
 import socket
 import time
@@ -34,6 +32,7 @@ from collections import Counter
 from typing import Final
 
 from mavproxy_handover.link.base import PEER_HOLD_S, Backoff, Clock, Device, OutBuffer, reason
+from mavproxy_handover.link.dialling import Dialling, tune
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
 from mavproxy_handover.wire.frames import Frame, FrameSplitter
 
@@ -43,9 +42,6 @@ _READ_BYTES: Final = 8192
 #: of a connection that has not proved genuine, and of all of these but newcomers together
 _STRANGER_READ_BYTES: Final = 512
 _STRANGERS_READ_BYTES: Final = 8192
-_SEND_BUFFER_BYTES: Final = 16384
-_CONNECT_TIMEOUT_S: Final = 5.0
-_UNACKNOWLEDGED_MS: Final = 5000
 #: connections that wait for the next `read`; the system turns away what is more
 _BACKLOG: Final = 128
 #: connections taken in one `read`
@@ -54,26 +50,6 @@ _TAKEN: Final = 32
 _STRANGERS: Final = 32
 _GENUINE: Final = 4
 _UNPROVEN_S: Final = 10.0
-
-
-def _tune(sock: socket.socket) -> None:
-    """No waiting for more bytes, little waiting in the system, and a dead peer noticed. As far as the system has it."""
-    sock.setblocking(False)
-    options = [
-        (socket.IPPROTO_TCP, "TCP_NODELAY", 1),
-        (socket.SOL_SOCKET, "SO_SNDBUF", _SEND_BUFFER_BYTES),
-        (socket.SOL_SOCKET, "SO_KEEPALIVE", 1),
-        (socket.IPPROTO_TCP, "TCP_KEEPIDLE", 2),
-        (socket.IPPROTO_TCP, "TCP_KEEPINTVL", 1),
-        (socket.IPPROTO_TCP, "TCP_KEEPCNT", 3),
-        (socket.IPPROTO_TCP, "TCP_USER_TIMEOUT", _UNACKNOWLEDGED_MS),
-    ]
-    for level, name, value in options:
-        if hasattr(socket, name):
-            try:
-                sock.setsockopt(level, getattr(socket, name), value)
-            except OSError:
-                pass
 
 
 class _Lost(Exception):
@@ -137,15 +113,10 @@ class TcpOut(Device):
         """Raises LinkError: unknown host."""
         assert spec.kind is Kind.TCP_OUT
         super().__init__(spec.text, clock)
-        try:
-            self._address = (socket.gethostbyname(spec.host), spec.port)
-        except (OSError, UnicodeError) as error:
-            raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
         self._backoff = Backoff()
-        self._connecting: socket.socket | None = None
-        self._connect_by = 0.0
         self._connection: _Connection | None = None
-        self._connect()
+        self._dialling = Dialling(spec, self._backoff, self._give_up)
+        self._dialling.begin(self._clock())
 
     @property
     def open(self) -> bool:
@@ -159,8 +130,7 @@ class TcpOut(Device):
         return -1 if self._connection is None else self._connection.socket.fileno()
 
     def descriptors(self) -> list[int]:
-        connecting = [] if self._connecting is None else [self._connecting.fileno()]
-        return connecting + super().descriptors()
+        return self._dialling.descriptors() + super().descriptors()
 
     def read(self, once: bool = False) -> list[Frame]:
         if self._closed:
@@ -184,41 +154,11 @@ class TcpOut(Device):
             return self._refused()
         return self._sent(data)
 
-    def _connect(self) -> None:
-        now = self._clock()
-        self._backoff.tried(now)
-        self._connect_by = now + _CONNECT_TIMEOUT_S
-        try:
-            sock = self._connecting = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-            _tune(sock)
-            result = sock.connect_ex(self._address)
-        except OSError as error:
-            self._give_up(reason(error))
-            return
-        if result not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
-            self._give_up(os.strerror(result))
-
     def _see_to_connecting(self) -> None:
         now = self._clock()
-        if self._connecting is None:
-            if self._backoff.due(now):
-                self._connect()
-            return
-        poll = select.poll()
-        poll.register(self._connecting, select.POLLOUT)
-        if not poll.poll(0):
-            if now >= self._connect_by:
-                self._give_up("no answer")
-            return
-        result = self._connecting.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-        if result:
-            self._give_up(os.strerror(result))
-        elif self._connecting.getsockname() == self._connecting.getpeername():
-            # on one machine an attempt can meet itself, and would then hold the port that the station wants
-            self._give_up("nobody listens")
-        else:
-            self._connection = _Connection(self._connecting, now, self._address[0])
-            self._connecting = None
+        made = self._dialling.look(now)
+        if made is not None:
+            self._connection = _Connection(made, now, self._dialling.address[0])
             self.counters.connects += 1
             self.trouble = ""
 
@@ -228,9 +168,7 @@ class TcpOut(Device):
         self._shut()
 
     def _shut(self) -> None:
-        if self._connecting is not None:
-            self._connecting.close()
-            self._connecting = None
+        self._dialling.shut()
         if self._connection is not None:
             self._connection.socket.close()
             self._connection = None
@@ -392,7 +330,7 @@ class TcpIn(Device):
             except OSError as error:  # it was gone again, or no descriptor is left
                 self._failed(error)
                 break
-            _tune(sock)
+            tune(sock)
             self.counters.connects += 1
             self.trouble = ""
             taken.append(_Connection(sock, now, address[0]))

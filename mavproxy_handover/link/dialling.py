@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A TCP connection that is made again and again, without waiting for it; attempts grow rarer.
+
+It ends at the connected socket: what is said over it, and when it is lost, is its owner's matter.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+from collections.abc import Callable
+from typing import Final
+
+from mavproxy_handover.link.base import Backoff, reason
+from mavproxy_handover.link.forms import DeviceSpec, LinkError
+
+__all__ = ["Dialling", "tune"]
+
+_CONNECT_TIMEOUT_S: Final = 5.0
+_SEND_BUFFER_BYTES: Final = 16384
+_UNACKNOWLEDGED_MS: Final = 5000
+
+
+def tune(sock: socket.socket) -> None:
+    """No waiting for more bytes, little waiting in the system, and a dead peer noticed. As far as the system has it."""
+    sock.setblocking(False)
+    options = [
+        (socket.IPPROTO_TCP, "TCP_NODELAY", 1),
+        (socket.SOL_SOCKET, "SO_SNDBUF", _SEND_BUFFER_BYTES),
+        (socket.SOL_SOCKET, "SO_KEEPALIVE", 1),
+        (socket.IPPROTO_TCP, "TCP_KEEPIDLE", 2),
+        (socket.IPPROTO_TCP, "TCP_KEEPINTVL", 1),
+        (socket.IPPROTO_TCP, "TCP_KEEPCNT", 3),
+        (socket.IPPROTO_TCP, "TCP_USER_TIMEOUT", _UNACKNOWLEDGED_MS),
+    ]
+    for level, name, value in options:
+        if hasattr(socket, name):
+            try:
+                sock.setsockopt(level, getattr(socket, name), value)
+            except OSError:
+                pass
+
+
+class Dialling:
+    """Attempts to reach `HOST:PORT`, one at a time. `failed` is told in words why one came to nothing."""
+
+    def __init__(self, spec: DeviceSpec, backoff: Backoff, failed: Callable[[str], None]) -> None:
+        """Raises LinkError: unknown host."""
+        try:
+            self.address = (socket.gethostbyname(spec.host), spec.port)
+        except (OSError, UnicodeError) as error:
+            raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
+        self._backoff = backoff
+        self._failed = failed
+        self._socket: socket.socket | None = None
+        self._by = 0.0
+
+    def descriptors(self) -> list[int]:
+        """What is open now."""
+        return [] if self._socket is None else [self._socket.fileno()]
+
+    def begin(self, now: float) -> None:
+        """Make an attempt, due or not."""
+        self._backoff.tried(now)
+        self._by = now + _CONNECT_TIMEOUT_S
+        try:
+            sock = self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+            tune(sock)
+            result = sock.connect_ex(self.address)
+        except OSError as error:
+            self._give_up(reason(error))
+            return
+        if result not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
+            self._give_up(os.strerror(result))
+
+    def look(self, now: float) -> socket.socket | None:
+        """The connected socket, once, when an attempt has come to something; makes the next one when that is due."""
+        if self._socket is None:
+            if self._backoff.due(now):
+                self.begin(now)
+            return None
+        poll = select.poll()
+        poll.register(self._socket, select.POLLOUT)
+        if not poll.poll(0):
+            if now >= self._by:
+                self._give_up("no answer")
+            return None
+        result = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if result:
+            self._give_up(os.strerror(result))
+            return None
+        try:
+            itself = self._socket.getsockname() == self._socket.getpeername()
+        except OSError as error:  # it was gone again
+            self._give_up(reason(error))
+            return None
+        if itself:
+            # on one machine an attempt can meet itself, and would then hold the port that the other side wants
+            self._give_up("nobody listens")
+            return None
+        made, self._socket = self._socket, None
+        return made
+
+    def shut(self) -> None:
+        """Break off the attempt that is under way."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _give_up(self, why: str) -> None:
+        self.shut()
+        self._failed(why)
