@@ -79,6 +79,9 @@ class VehicleCommands:
         digest = arbiter.mission_digest
         self._show(f"mission   {'none' if not digest else digest.hex()[:16]}")
         self._show(f"zone      {arbiter.name(arbiter.zone()) if arbiter.zone() else 'none'}")
+        box = companion.autopilot.positions.words(now)
+        if box:
+            self._show(f"position  by the {companion.config.position.source}; {box}")
         self._show(f"energy    {companion.autopilot.energy.words()}")
         place = companion.autopilot.places.words()
         if place:

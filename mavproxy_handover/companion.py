@@ -27,6 +27,7 @@ from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.briefing import Briefing
 from mavproxy_handover.autopilot.orders import commanded
 from mavproxy_handover.autopilot.overrides import Overrides
+from mavproxy_handover.autopilot.position_watch import Box
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.config.vehicle import VehicleConfig
@@ -100,13 +101,14 @@ _ROUTE_WRITES: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """What the companion stands on: the way to the autopilot (whole frames), the console, the clocks, and a number that
-    makes this run recognisable (never 0)."""
+    """What the companion stands on: the way to the autopilot (whole frames), the console, the clocks, a number that
+    makes this run recognisable (never 0), and the position box, where there is one."""
 
     write_autopilot: Callable[[bytes], None]
     show: Callable[[str], None]
     clocks: Clocks
     nonce: int
+    box: Box | None = None
 
 
 class Companion:
@@ -139,7 +141,7 @@ class Companion:
         self._announcer = Announcer(self._voice)
         self._control = OperatorControl(self._voice, self.narrator, self.handle)
         try:
-            self.autopilot = Autopilot(config, self._ties(edge.clocks), edge.nonce)
+            self.autopilot = Autopilot(config, self._ties(edge.clocks), edge.nonce, edge.box)
         except Exception:
             self._restart.close()
             self.journal.close()
@@ -367,6 +369,7 @@ class Companion:
         """To be called often (the module: 20 times a second). What fails in here stops nothing else in here."""
         self._attempt("gate", self.gate.tick, now)
         self._attempt("autopilot", self.autopilot.tick, now)
+        self._attempt("position box", self.autopilot.look_at_box, now)
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)
         self._attempt("briefing", self._briefing.tick, now)

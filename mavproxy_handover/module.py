@@ -44,6 +44,7 @@ from mavproxy_handover.config.files import (
 )
 from mavproxy_handover.hosting import SharedLog, guarded, why
 from mavproxy_handover.lifeline import lifeline
+from mavproxy_handover.link.box_line import BoxLine
 from mavproxy_handover.link.devices import Device
 from mavproxy_handover.main_loop import STAY_S, TALKING_S, end, ends, poller, readable, waited_for
 from mavproxy_handover.must_load import loaded, not_loaded
@@ -85,8 +86,12 @@ class HandoverModule(mp_module.MPModule):
         ports: dict[int, StationPort],
         lock: VehicleLock,
         clocks: Clocks,
+        box: BoxLine | None = None,
     ) -> None:
-        """`lock`: the vehicle's. Raises OSError, KeysError, MissionError: what the configuration names is no good."""
+        """`lock`: the vehicle's; `box`: its position box, where there is one.
+
+        Raises OSError, KeysError, MissionError: what the configuration names is no good.
+        """
         super().__init__(mpstate, "handover", "authority handover (companion)", public=True, multi_vehicle=True)
         self.lock = lock
         mp_util.child_fd_list_add(lock.descriptor)  # or a map's process would keep it
@@ -99,7 +104,9 @@ class HandoverModule(mp_module.MPModule):
         autopilot = None if key is None else SignedPeer(key, keeps_sent=True)
         self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot, clocks)
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
-        self.companion = Companion(config, ports, Edge(self._to_autopilot.write, self._show, clocks, nonce))
+        self.companion = Companion(config, ports, Edge(self._to_autopilot.write, self._show, clocks, nonce, box))
+        self._box = box
+        self._box_holds: list[int] = []
         self._commands = VehicleCommands(self.companion, self._show)
         self._links = [(port, link) for port in ports.values() for link in port.links]
         self._idle_at = 0.0
@@ -203,6 +210,9 @@ class HandoverModule(mp_module.MPModule):
                 mp_util.child_fd_list_remove(descriptor)
         self._links.clear()
         self._by_descriptor = {}
+        if self._box is not None:
+            self._box.close()
+            self._hold_box()
         self._unload_question.give_back()
         self.remove_command("handover")
         self.mpstate.public_modules.pop("handover", None)
@@ -274,6 +284,7 @@ class HandoverModule(mp_module.MPModule):
                 self._serve(port, link)
         self._schedule.run(now)
         self.companion.tick(now)
+        self._guarded("position box", self._hold_box)
         self._guarded("tlog", partial(self._to_autopilot.tick, now))
         if self._replay is not None:
             self._guarded("replay state", partial(self._replay.tick, now))
@@ -314,6 +325,16 @@ class HandoverModule(mp_module.MPModule):
         self._by_descriptor = {
             self._watched[link][0]: (port, link) for port, link in self._links if link in self._watched
         }
+
+    def _hold_box(self) -> None:
+        """The box is read in the companion's ticks; a map's process must not keep its connection."""
+        holds = [] if self._box is None else self._box.descriptors()
+        if holds != self._box_holds:
+            for descriptor in self._box_holds:
+                mp_util.child_fd_list_remove(descriptor)
+            for descriptor in holds:
+                mp_util.child_fd_list_add(descriptor)
+            self._box_holds = holds
 
     def _close_side_doors(self, *, tell: bool = True) -> None:
         for setting, value in self._doors:
@@ -366,6 +387,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         return _not_loaded(mpstate, "module handover_gcs is loaded here: vehicle and station need a MAVProxy each")
     ports: dict[int, StationPort] = {}
     lock: VehicleLock | None = None
+    box: BoxLine | None = None
     try:
         path = find_vehicle_config(path_argument("config", config) or _last.get("config"))
         settings = load_vehicle(path)
@@ -384,12 +406,15 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         _lock_lines(mpstate)
         clocks = Clocks(time.time, time.monotonic)
         ports = open_ports(settings.stations, settings.sysid, clocks)
-        module = HandoverModule(mpstate, settings, ports, lock, clocks)
+        box = BoxLine(settings.position.box, clocks.monotonic) if settings.position.box else None
+        module = HandoverModule(mpstate, settings, ports, lock, clocks, box)
     except Exception as error:  # whatever: MAVProxy would not live through it when it loads its default modules
         for port in ports.values():
             for link in port.links:
                 mpstate.select_extra.pop(link.fileno(), None)
             port.close()
+        if box is not None:
+            box.close()
         if lock is not None:
             mp_util.child_fd_list_remove(lock.descriptor)
             lock.release()

@@ -379,6 +379,11 @@ class Narrator:
             waypoint=waypoint,
         )
 
+    def position_source(self, text: str, source: str, standing: str) -> None:
+        """How it stands with the position box; `source`: whose position counts."""
+        self._journal.write("position_source", text, source=source, standing=standing)
+        self._tell_sentence(text)
+
     def energy(self, fact: EnergyFact, *, aloud: bool) -> None:
         """What is left, and what flying costs. `aloud`: something about it is odd, and that is news."""
         model = fact.model

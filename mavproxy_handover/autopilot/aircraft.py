@@ -40,8 +40,14 @@ class Aircraft:
         self.foreign = ""
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
         self.landed_state_at = -math.inf
+        #: the position that counts, and when it came
         self.position: Any | None = None
         self.position_at = -math.inf
+        #: the autopilot's own word of it
+        self.own_position: Any | None = None
+        self.own_position_at = -math.inf
+        #: whether that is the one that counts (`position_watch.py`)
+        self.trusts_own = True
         self.heartbeat_at = -math.inf
         self.status_text = ""
         self._attitude: Any | None = None
@@ -75,8 +81,15 @@ class Aircraft:
         self.foreign = "" if ours else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}"
 
     def _take_position(self, m: Any, now: float) -> None:
-        if m.lat != 0 or m.lon != 0:  # both 0: no position yet
-            self.position, self.position_at = m, now
+        if m.lat == 0 and m.lon == 0:  # no position yet
+            return
+        self.own_position, self.own_position_at = m, now
+        if self.trusts_own:
+            self.placed(m, now)
+
+    def placed(self, position: Any, now: float) -> None:
+        """It is here, by the word that counts: a GLOBAL_POSITION_INT, of the autopilot or made of another's word."""
+        self.position, self.position_at = position, now
 
     def _take_attitude(self, m: Any, _now: float) -> None:
         self._attitude = m
@@ -120,8 +133,13 @@ class Aircraft:
         """Course over ground (deg) and ground speed (m/s)."""
         if self.position is None:
             return 0.0, 0.0
-        north, east = self.position.vx / 100.0, self.position.vy / 100.0
+        north, east = _over_ground(self.position)
         return math.degrees(math.atan2(east, north)) % 360.0, math.hypot(north, east)
+
+    @property
+    def own_speed_mps(self) -> float:
+        """Ground speed by the autopilot's own word."""
+        return 0.0 if self.own_position is None else math.hypot(*_over_ground(self.own_position))
 
     @property
     def where(self) -> tuple[float, float, float] | None:
@@ -174,6 +192,11 @@ class Aircraft:
             int(self.armed),
             self.custom_mode,
         )
+
+
+def _over_ground(position: Any) -> tuple[float, float]:
+    """Velocity to the north and to the east (m/s)."""
+    return position.vx / 100.0, position.vy / 100.0
 
 
 def _words(enum: str, value: int) -> str:

@@ -26,6 +26,7 @@ from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWri
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.autopilot.places import PlaceWatch
+from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
@@ -67,9 +68,14 @@ _OLD_S: Final = 0.2
 class Autopilot:
     """The autopilot of the vehicle of `config`. Times are monotonic seconds."""
 
-    def __init__(self, config: VehicleConfig, ties: Ties, nonce: int) -> None:
-        """`nonce`: of this run's leases, never 0. Raises KeysError, MissionError: what the configuration names."""
+    def __init__(self, config: VehicleConfig, ties: Ties, nonce: int, box: Box | None = None) -> None:
+        """`nonce`: of this run's leases, never 0; `box`: the position box, where there is one.
+
+        Raises KeysError, MissionError: what the configuration names.
+        """
         self.aircraft = Aircraft()
+        #: whose word of where it is counts
+        self.positions = PositionWatch(config.position, self.aircraft, box, ties)
         #: what the guard said last of itself
         self.guard_status: GuardStatus | None = None
         #: a position came that no zone was compared to yet
@@ -178,9 +184,10 @@ class Autopilot:
     def check_zones(self, now: float) -> None:
         """Tell the arbiter where the last position is with respect to every zone."""
         self.position_waits = False
-        if now - self.aircraft.position_at > _OLD_S or self.aircraft.dead_reckoning:
+        if now - self.aircraft.position_at > _OLD_S:
             return
-        self._streams.position_seen()
+        if self.aircraft.dead_reckoning and not self.positions.by_box:
+            return
         self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact()), now)
         self.route.look(now)
 
@@ -204,8 +211,18 @@ class Autopilot:
         self._execution.text(message.text, now)
 
     def _on_position(self, _message: Any, now: float) -> None:
-        # the second: that message held no position
-        if now - self._zones_at >= _ZONE_CHECK_S and self.aircraft.position_at == now:
+        if self.aircraft.own_position_at == now:  # else that message held no position
+            self._streams.position_seen()
+        if self.aircraft.position_at == now:
+            self._placed(now)
+
+    def look_at_box(self, now: float) -> None:
+        """Read the position box, if there is one; to be called often."""
+        if self.positions.look(now):
+            self._placed(now)
+
+    def _placed(self, now: float) -> None:
+        if now - self._zones_at >= _ZONE_CHECK_S:
             self._zones_at, self.position_waits = now, True
 
     def _on_tunnel(self, message: Any, now: float) -> None:
@@ -323,6 +340,7 @@ class Autopilot:
         """Telemetry, streams that are missing, the mission on board, the checks before flight; `view`: in force."""
         arbiter, aircraft = self._ties.arbiter, self.aircraft
         grounded = arbiter.grounded(now)
+        self.positions.each_second(now)
         self._telemetry.each_second(view, now)
         self._streams.each_second(aircraft, now)
         if self._changed_aloft and grounded:

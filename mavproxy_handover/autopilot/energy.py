@@ -160,11 +160,11 @@ class EnergyWatch:
             learner.carry(False)
 
     def _learn(self, aircraft: Aircraft, now: float) -> None:
-        position, attitude = aircraft.position, self._attitude
+        position, attitude = aircraft.own_position, self._attitude
         if self._learner is None or self._batteries is None or position is None or attitude is None:
             return
         message, at = attitude
-        if not aircraft.flying or now - at > _FRESH_S or now - aircraft.position_at > _FRESH_S:
+        if not aircraft.flying or now - at > _FRESH_S or now - aircraft.own_position_at > _FRESH_S:
             return
         lean, towards = thrust_direction(message.roll, message.pitch, message.yaw)
         speeds = (position.vx / 100.0, position.vy / 100.0, -position.vz / 100.0)

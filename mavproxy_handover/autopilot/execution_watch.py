@@ -77,13 +77,13 @@ class ExecutionWatch:
     def each_second(self, now: float) -> None:
         """Motion."""
         aircraft = self._aircraft
-        if not aircraft.flying or aircraft.position is None:
+        if not aircraft.flying or aircraft.own_position is None:
             return
         fresh = now - aircraft.waypoint_distance_at < _STOPPED_S
         left_m = aircraft.waypoint_distance_m if fresh and aircraft.custom_mode == RTL else None
-        if now - aircraft.position_at < _STOPPED_S:
-            climb_mps = -aircraft.position.vz / 100.0
-            self._ties.handle(MotionSeen(aircraft.track[1], climb_mps, left_m), now)
+        if now - aircraft.own_position_at < _STOPPED_S:
+            climb_mps = -aircraft.own_position.vz / 100.0
+            self._ties.handle(MotionSeen(aircraft.own_speed_mps, climb_mps, left_m), now)
 
     def breach(self, now: float) -> str:
         """What is wrong with the fence, in words; "" if nothing is known to be.

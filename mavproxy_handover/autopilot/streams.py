@@ -43,7 +43,7 @@ class Streams:
         self._positions = 0
 
     def position_seen(self) -> None:
-        """A position has arrived."""
+        """A position of the autopilot has arrived."""
         self._positions += 1
 
     def renew(self) -> None:
@@ -61,7 +61,7 @@ class Streams:
             wanted.add(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
         if now - aircraft.landed_state_at > _NO_LANDED_STATE_S:
             wanted.add(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
-        if not self._asked or now - aircraft.position_at > _NO_POSITION_S:
+        if not self._asked or now - aircraft.own_position_at > _NO_POSITION_S:
             wanted.update(STREAMS)
         if wanted and now >= self._again_at:
             self._again_at, self._asked = now + _PAUSE_S, True

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Final
 
+from mavproxy_handover.config.position import POSITION_RANGES, PositionSettings, position_settings
 from mavproxy_handover.config.route import ROUTE_RANGES, route_limits
 from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tables, list_of_tables, read_toml
 from mavproxy_handover.core.limits import Limits
@@ -77,6 +78,8 @@ class VehicleConfig:
     route: RouteLimits = field(default_factory=RouteLimits)
     #: what becomes of a command that would leave a limit, where that is not the table's word
     commands: Mapping[Limit, str] = field(default_factory=dict)
+    #: whose word of where the aircraft is counts
+    position: PositionSettings = field(default_factory=PositionSettings)
 
 
 # ---- limits -------------------------------------------------------------------------------------------------------
@@ -190,6 +193,7 @@ def _check_ranges() -> None:
         (ObserverLimits, {*OBSERVER_RANGES}),
         (EnergySettings, {*ENERGY_KEYS}),
         (RouteLimits, {*ROUTE_RANGES}),
+        (PositionSettings, {*POSITION_RANGES, "source", "box", "check"}),
     )
     for limits, names in described:
         known = {entry.name for entry in fields(limits)}
@@ -212,6 +216,7 @@ _TABLES: Final = (
     "energy",
     "route",
     "commands",
+    "position",
 )
 _VEHICLE_KEYS: Final = (
     "name",
@@ -267,6 +272,7 @@ def load_vehicle(path: Path) -> VehicleConfig:
         energy=_energy(data, path),
         route=route_limits(data, path),
         commands=_commands(data, path),
+        position=position_settings(data, path),
     )
 
 

@@ -18,6 +18,7 @@ from mavproxy_handover.config.files import (
     load_vehicle,
     path_argument,
 )
+from mavproxy_handover.config.position import POSITION_RANGES, PositionSettings
 from mavproxy_handover.config.route import ROUTE_RANGES
 from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER_RANGES
 from mavproxy_handover.core.limits import Limits
@@ -83,6 +84,12 @@ off_clear_s = 4
 
 [policy]
 out_of_coverage = "land"
+
+[position]
+source = "box"
+box = "tcp:192.168.2.30:4001"
+check = "armed"
+apart_m = 40
 """
 
 STATION = """\
@@ -141,6 +148,7 @@ def test_everything_a_vehicle_can_say(file: Path) -> None:
     assert (a.limits, b.limits) == (links, links)
     assert loaded.observers == ObserverLimits(message_hz=2.0, bytes_per_s=1000.0, silence_s=60.0)
     assert loaded.route == RouteLimits(off_route_m=12.0, off_heading_deg=45.0, off_hold_s=1.5, off_clear_s=4.0)
+    assert loaded.position == PositionSettings("box", "tcp:192.168.2.30:4001", "armed", apart_m=40.0)
 
 
 def test_the_least_a_vehicle_must_say(file: Path) -> None:
@@ -155,6 +163,7 @@ def test_the_least_a_vehicle_must_say(file: Path) -> None:
     assert [entry.limits for entry in loaded.stations] == [LinkLimits()]
     assert loaded.observers == ObserverLimits()
     assert loaded.route == RouteLimits(off_route_m=30.0, off_heading_deg=60.0, off_hold_s=3.0, off_clear_s=3.0)
+    assert (loaded.position.source, loaded.position.box, loaded.position.check) == ("autopilot", "", "always")
 
 
 def test_everything_a_station_can_say(file: Path) -> None:
@@ -227,9 +236,10 @@ def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(fi
     assert {entry.limits for entry in loaded.stations} == {LinkLimits()}
     assert loaded.observers == ObserverLimits()
     assert loaded.commands == {}
+    assert loaded.position == PositionSettings(box=loaded.position.box)
     tables = tomllib.loads(file.read_text())
     for table, (ranges, _) in RANGES.items():
-        assert list(tables[table]) == list(ranges), "the sample names every limit"
+        assert list(tables[table]) == [*WORDS.get(table, []), *ranges], "the sample names every limit"
     assert list(tables["energy"]) == list(ENERGY_KEYS), "and every number of energy"
     assert list(tables["commands"]) == [limit.value for limit in Limit], "and every limit of commands"
 
@@ -237,6 +247,27 @@ def test_a_sample_with_every_comment_taken_away_is_sound_and_has_the_defaults(fi
 # ---- mistakes of the vehicle's file -------------------------------------------------------------------------------
 
 VEHICLE_MISTAKES: dict[str, tuple[str, str, str]] = {
+    "a source that nobody knows": (
+        'source = "box"',
+        'source = "gps"',
+        "[position] source: 'gps' must be one of autopilot, box",
+    ),
+    "a box that is nowhere": (
+        'box = "tcp:192.168.2.30:4001"\n',
+        "",
+        "[position] box: is missing: where is the box? It must be tcp:HOST:PORT",
+    ),
+    "a box that is no TCP server": (
+        "tcp:192.168.2.30:4001",
+        "udpin:0.0.0.0:4001",
+        "[position] box: 'udpin:0.0.0.0:4001' must be tcp:HOST:PORT: the box is a TCP server",
+    ),
+    "a check that is never made": (
+        'check = "armed"',
+        'check = "never"',
+        "[position] check: 'never' must be one of always, armed",
+    ),
+    "a limit that is none": ("apart_m = 40", "apart_m = 1001", "[position] apart_m: 1001 must be 2 to 1000"),
     "no name": ('name = "drone-1"\n', "", "[vehicle] name: is missing; it must be a text"),
     "name of the wrong kind": ('"drone-1"', "5", "[vehicle] name: 5 must be a text"),
     "name too long": ('"drone-1"', '"' + "x" * 21 + '"', "[vehicle] name: 'xxxxxxxxxxxxxxxxxxxxx' must be 1 to 20 "),
@@ -489,7 +520,10 @@ RANGES = {
     "links": (LINK_RANGES, LinkLimits()),
     "observers": (OBSERVER_RANGES, ObserverLimits()),
     "route": (ROUTE_RANGES, RouteLimits()),
+    "position": (POSITION_RANGES, PositionSettings()),
 }
+#: keys of a table that are no numbers
+WORDS = {"position": ["source", "box", "check"]}
 
 
 @pytest.mark.parametrize(("table", "key"), [(table, key) for table, (ranges, _) in RANGES.items() for key in ranges])

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -249,3 +250,20 @@ def test_a_slow_drain_is_late_for_as_long_as_it_lasts() -> None:
     lateness.of(0.0, 100.0)
     late = [lateness.of(0.1 * number, 100.0 + 0.2 * number) for number in range(1, 51)]
     assert late[-1] == pytest.approx(5.0, abs=0.05)
+
+
+# ---- the page for users ---------------------------------------------------------------------------------------------
+
+
+def test_the_page_has_the_table_of_fields() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "position-box.md").read_text(encoding="utf-8")
+    told = page.partition("<!-- record:begin -->")[2].partition("<!-- record:end -->")[0].split("\n")[3:-1]
+    kinds, begin, rows = {"d": "double", "f": "float"}, 0, []
+    for field in FIELDS:
+        ends = f"{field.low:g} | {field.high:g}"
+        rows.append(f"| {begin} | `{field.name}` | {kinds[field.code]} | {field.unit} | {ends} | {field.says} |")
+        begin += struct.calcsize(f"<{field.code}")
+    assert told == rows
+    assert f'"{FORMAT}"' in page
+    names = ", ".join(field.name for field in FIELDS[:3]), ", ".join(field.name for field in FIELDS[3:])
+    assert "double {}; float {};".format(*names) in page

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Two words of where the aircraft is, held against each other: the position box's and the autopilot's.
+
+Theory of operation
+-------------------
+Nobody can tell which of the two is wrong, only that one is. So:
+
+* A pair that is further apart than a limit is not used, neither for `apart_s` nor at all: one wrong position would be
+  enough to enter a zone by.
+* Pairs that stay so for `apart_s` are a disagreement. It is over when they are within CLOSE of every limit for
+  `agree_s`: what wanders along a limit does not flicker.
+* While there is nothing to compare nothing changes: a disagreement is not forgotten because one of them falls silent.
+
+It is pure: time is an argument.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from mavproxy_handover.config.position import PositionSettings
+from mavproxy_handover.mission.geodesy import distance_m
+
+__all__ = ["CLOSE", "CrossCheck", "Difference", "Place"]
+
+#: this part of a limit is well within it
+CLOSE: Final = 2.0 / 3.0
+_TEXTS: Final = (
+    "{:.0f} m apart (limit {:g} m)",
+    "{:.0f} m apart in height (limit {:g} m)",
+    "{:.1f} m/s apart in speed (limit {:g} m/s)",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """One word of it: degrees, metres above sea level, metres a second over ground."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_m: float
+    north_mps: float
+    east_mps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How far two places are apart."""
+
+    over_ground_m: float
+    height_m: float
+    speed_mps: float
+
+    @classmethod
+    def between(cls, one: Place, other: Place) -> Difference:
+        """Of these two."""
+        return cls(
+            distance_m(one.lat_deg, one.lon_deg, other.lat_deg, other.lon_deg),
+            abs(one.alt_m - other.alt_m),
+            math.hypot(one.north_mps - other.north_mps, one.east_mps - other.east_mps),
+        )
+
+
+class CrossCheck:
+    """Of one vehicle. Times are monotonic seconds."""
+
+    def __init__(self, settings: PositionSettings) -> None:
+        self._limits = (settings.apart_m, settings.apart_height_m, settings.apart_mps)
+        self._apart_s = settings.apart_s
+        self._agree_s = settings.agree_s
+        #: the last pair was beyond a limit
+        self.beyond = False
+        #: they disagree
+        self.apart = False
+        self.last: Difference | None = None
+        #: since when it looks as if that changes
+        self._since: float | None = None
+
+    @property
+    def sound(self) -> bool:
+        """Whether the last pair may be used."""
+        return not self.beyond and not self.apart
+
+    @property
+    def words(self) -> str:
+        """What was measured last that is worst, with its limit; "" before anything was."""
+        if self.last is None:
+            return ""
+        measured = (self.last.over_ground_m, self.last.height_m, self.last.speed_mps)
+        worst = max(range(3), key=lambda each: measured[each] / self._limits[each])
+        return _TEXTS[worst].format(measured[worst], self._limits[worst])
+
+    def look(self, difference: Difference, now: float) -> None:
+        """Judge a new pair."""
+        self.last = difference
+        measured = (difference.over_ground_m, difference.height_m, difference.speed_mps)
+        part = max(value / limit for value, limit in zip(measured, self._limits, strict=True))
+        self.beyond = not part <= 1.0
+        changes = part <= CLOSE if self.apart else self.beyond
+        if not changes:
+            self._since = None
+            return
+        self._since = now if self._since is None else self._since
+        if now - self._since >= (self._agree_s if self.apart else self._apart_s):
+            self.apart, self._since = not self.apart, None

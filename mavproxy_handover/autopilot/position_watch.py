@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Where the aircraft is: by the autopilot's word, or by the position box's, and whether that word counts.
+
+Rules:
+
+1. One source counts, the one that is configured (`[position]`). There is no falling back to the other one: when two
+   disagree nobody knows which is right, and when one falls silent people have to know.
+2. A position that does not count is not used at all: no zone, route, gap or border is judged by it, no station is told
+   it. The position grows old by that, and what is done about that is the cause `position_stale`'s matter, as ever.
+3. The box counts while its records come, in time, with a position, and agree with the autopilot's own
+   (`cross_check.py`); for `unchecked_s` without anything to compare, once they have agreed. A position of the autopilot
+   without a fix is nothing to compare: it is a guess.
+4. Where the autopilot is the source and there is a box, a disagreement takes the autopilot's word away as well. A box
+   that is silent does not: nothing says that anything is wrong. What a silent box said last is forgotten on the ground.
+5. `check = "armed"`: a box is believed without the autopilot as long as the autopilot says that it is disarmed, for an
+   aircraft that is carried, or stands under a roof.
+6. What keeps the autopilot's own motion (does it do what was ordered, what does it draw) goes by its own word.
+7. Everybody is told when a source stops counting, and when it counts again.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import Any, Final, Protocol
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.cross_check import CrossCheck, Difference, Place
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.config.position import ARMED, BOX, PositionSettings
+from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.link.box_line import Fix
+from mavproxy_handover.wire.box_record import BoxRecord
+
+__all__ = ["Box", "PositionWatch", "Standing"]
+
+#: positions of the autopilot come 20 times a second; one older than this is no match for a record that has just come
+_FRESH_S: Final = 0.5
+#: as `autopilot.py`: what an older heartbeat has said of arming does not count
+_HEARTBEAT_S: Final = 2.5
+#: without a record for so long a box is silent
+_SILENT_S: Final = 1.0
+#: what has changed is told so long after the last word at the earliest; and so long a box is waited for at first
+_PAUSE_S: Final = 5.0
+_UNKNOWN_HEADING: Final = 0xFFFF
+
+
+class Box(Protocol):
+    """The line to the box, as far as it is needed here (`link/box_line.py`)."""
+
+    trouble: str
+
+    def read(self) -> Fix | None:
+        """The newest record since the last call."""
+
+
+class Standing(Enum):
+    """How it stands with the box; in the words of the journal."""
+
+    WAITED_FOR = "waited_for"
+    SILENT = "silent"
+    NO_POSITION = "no_position"
+    LATE = "late"
+    UNCHECKED = "unchecked"
+    #: the last pair was too far apart, and not for long enough yet to be a disagreement
+    BEYOND = "beyond"
+    APART = "apart"
+    SOUND = "sound"
+
+
+class PositionWatch:
+    """Of one vehicle; `box` None: there is none. Times are monotonic seconds."""
+
+    def __init__(self, settings: PositionSettings, aircraft: Aircraft, box: Box | None, ties: Ties) -> None:
+        self._settings = settings
+        self._aircraft = aircraft
+        self._box = box
+        self._ties = ties
+        self._check = CrossCheck(settings)
+        #: the box is the source
+        self.by_box = settings.source == BOX
+        self._standing = self._told = Standing.WAITED_FOR
+        self._told_at = -math.inf
+        #: it is waited for until then, if it is not heard before
+        self._waits_until = math.inf
+        self._heard_at = -math.inf
+        self._late_s = 0.0
+        #: when the two agreed last
+        self._agreed_at = -math.inf
+        #: home, in metres above sea level, by the autopilot
+        self._home_alt_m: float | None = None
+        aircraft.trusts_own = not self.by_box
+
+    # ---- what comes -------------------------------------------------------------------------------------------------
+
+    def look(self, now: float) -> bool:
+        """Read the box; whether there is a new position of the aircraft by it. To be called often."""
+        if self._box is None:
+            return False
+        fix = self._box.read()
+        if fix is None:
+            self._forget(now)
+            return False
+        self._heard_at, self._late_s = now, fix.late_s
+        self._standing = self._judge(fix, now)
+        self._aircraft.trusts_own = not self.by_box and self._check.sound
+        if not self.by_box or not self._counts(now):
+            return False
+        self._aircraft.placed(self._position(fix.record), now)
+        return True
+
+    def _judge(self, fix: Fix, now: float) -> Standing:
+        if not fix.record.position_known:
+            return Standing.NO_POSITION
+        if fix.late_s > self._settings.box_age_s:
+            return Standing.LATE
+        own = self._own(now)
+        if own is not None:
+            record = fix.record
+            theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
+            self._check.look(Difference.between(theirs, own), now)
+            if self._check.sound:
+                self._agreed_at = now
+        if not self._check.sound:
+            return Standing.APART if self._check.apart else Standing.BEYOND
+        return Standing.SOUND if now - self._agreed_at <= self._settings.unchecked_s else Standing.UNCHECKED
+
+    def _counts(self, now: float) -> bool:
+        """Whether the box's last record is where the aircraft is."""
+        if self._standing in (Standing.UNCHECKED, Standing.BEYOND, Standing.APART):
+            return self._lenient(now)
+        return self._standing is Standing.SOUND
+
+    def _own(self, now: float) -> Place | None:
+        """The autopilot's word, where it is one to go by."""
+        aircraft, position = self._aircraft, self._aircraft.own_position
+        if position is None or now - aircraft.own_position_at > _FRESH_S or aircraft.dead_reckoning:
+            return None
+        self._home_alt_m = (position.alt - position.relative_alt) / 1000.0
+        return Place(
+            position.lat / 1e7,
+            position.lon / 1e7,
+            position.alt / 1000.0,
+            position.vx / 100.0,
+            position.vy / 100.0,
+        )
+
+    def _lenient(self, now: float) -> bool:
+        """Whether the box is believed whatever the autopilot says of the position."""
+        aircraft = self._aircraft
+        known = now - aircraft.heartbeat_at < _HEARTBEAT_S
+        return self._settings.check == ARMED and known and not aircraft.armed
+
+    def _forget(self, now: float) -> None:
+        """Rule 4: a box that only checks, and is silent, on the ground."""
+        if self.by_box or self._check.sound or now - self._heard_at < _SILENT_S or self._aircraft.armed:
+            return
+        self._check = CrossCheck(self._settings)
+        self._aircraft.trusts_own = True
+
+    def _position(self, record: BoxRecord) -> Any:
+        """The record in the form of the autopilot's own message, with the autopilot's home and time."""
+        own = self._aircraft.own_position
+        if self._home_alt_m is None:  # the first that is known: it stands on the ground
+            self._home_alt_m = record.alt_m
+        heading = record.heading_deg
+        return mavlink.MAVLink_global_position_int_message(
+            0 if own is None else own.time_boot_ms,
+            round(record.lat_deg * 1e7),
+            round(record.lon_deg * 1e7),
+            round(record.alt_m * 1000.0),
+            round((record.alt_m - self._home_alt_m) * 1000.0),
+            round(record.north_mps * 100.0),
+            round(record.east_mps * 100.0),
+            round(record.down_mps * 100.0),
+            _UNKNOWN_HEADING if math.isnan(heading) else round(heading * 100.0) % 36_000,
+        )
+
+    # ---- what is told -----------------------------------------------------------------------------------------------
+
+    def standing(self, now: float) -> Standing:
+        """How it stands with the box now."""
+        if now - self._heard_at <= _SILENT_S:
+            return self._standing
+        return Standing.WAITED_FOR if self._heard_at == -math.inf and now < self._waits_until else Standing.SILENT
+
+    def each_second(self, now: float) -> None:
+        """Tell everybody what has changed."""
+        if self._box is None:
+            return
+        if self._waits_until == math.inf:
+            self._waits_until = now + _PAUSE_S
+        standing, before = self.standing(now), self._told
+        if standing in (before, Standing.BEYOND) or now - self._told_at < _PAUSE_S:
+            return
+        self._told, self._told_at = standing, now
+        text = self.words(now)
+        self._ties.narrator.position_source(text, self._settings.source, standing.value)
+        if before is Standing.WAITED_FOR and standing is Standing.SOUND:  # as it should be: nobody has to be told
+            return
+        severity = mavlink.MAV_SEVERITY_NOTICE if standing is Standing.SOUND else mavlink.MAV_SEVERITY_WARNING
+        for port in self._ties.voice.ports.values():
+            self._ties.voice.say(port, text, severity)
+
+    def words(self, now: float) -> str:
+        """How it stands with the box, for people; "" without one."""
+        if self._box is None:
+            return ""
+        standing = self.standing(now)
+        why = f" ({self._box.trouble})" if self._box.trouble else ""
+        match standing:
+            case Standing.WAITED_FOR:
+                text = f"not heard yet{why}"
+            case Standing.SILENT:
+                text = f"silent{why}"
+            case Standing.NO_POSITION:
+                text = "has no position"
+            case Standing.LATE:
+                text = f"{self._late_s:.1f} s late (limit {self._settings.box_age_s:g} s)"
+            case Standing.UNCHECKED:
+                text = "cannot be checked by the autopilot's position"
+            case Standing.BEYOND | Standing.APART:
+                text = f"and autopilot {self._check.words}"
+            case Standing.SOUND:
+                last = self._check.last
+                near = "" if last is None else f", {last.over_ground_m:.1f} m from the autopilot's position"
+                text = f"in order{near}"
+            case _:
+                assert_never(standing)
+        return f"position box {text}{self._consequence(standing, now)}"
+
+    def _consequence(self, standing: Standing, now: float) -> str:
+        if self.by_box:
+            silent = standing in (Standing.WAITED_FOR, Standing.SILENT)
+            return ": no position counts" if silent or not self._counts(now) else ""
+        return "" if self._check.sound else ": no position counts"
