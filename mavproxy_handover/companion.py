@@ -480,13 +480,18 @@ class Companion:
             case events.Record():
                 self.narrator.record(action, now)
             case events.Fly():
-                self.autopilot.orders.fly(action.action, now)
+                self._fly(action, now)
             case events.Announce():
                 self._announce(action, now)
             case events.BeginStart():
                 self.autopilot.orders.start(now)
             case events.StartRefused():
                 self.autopilot.orders.refuse_start(action.needs, now)
+            case events.RehearsalMoved():
+                self.narrator.rehearsal(action)
+                self._announcer.rehearsal(action)
+            case events.RehearsalRefused():
+                self._say(action.station, f"rehearsal refused: {'; '.join(action.needs)}", now)
             case events.ControlAnswer():
                 self._control.answer(self.ports[action.station], action.result, action.text, now)
             case events.NotifyOwner():
@@ -494,6 +499,12 @@ class Companion:
                 self._control.ask_owner(self.ports[action.station], action, name, self.view.handover_id)
             case _:
                 assert_never(action)
+
+    def _fly(self, action: events.Fly, now: float) -> None:
+        if self.view.rehearsal:  # the rules order nothing in one; whoever carries the aircraft has his hands on it
+            self.fault("order in a rehearsal", f"{action.action.name} is not commanded")
+            return
+        self.autopilot.orders.fly(action.action, now)
 
     def _announce(self, told: events.Announce, now: float) -> None:
         self.narrator.decision(told)

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import Announce, Record
+from mavproxy_handover.core.events import Announce, Record, RehearsalMoved
 from mavproxy_handover.core.messages import TransferMessage
 from mavproxy_handover.core.model import AuthorityView, FlightAction, Phase, Reason
 from mavproxy_handover.core.safety.commands import Ruling
@@ -54,9 +54,9 @@ _STREAMS = {
     State.ENDED: "{kind} of {station} has ended",
 }
 #: what the arbiter says of a station each time that it is asked
-_ANSWERS = ("control", "start_refused")
+_ANSWERS = ("control", "start_refused", "rehearsal_refused")
 #: what is in the journal alone: steps of a transfer, and what a sentence of a decision says better
-_UNSPOKEN = ("step", "emergency", "emergency_over", "warning", "warning_over", "order", "helm")
+_UNSPOKEN = ("step", "emergency", "would", "emergency_over", "warning", "warning_over", "order", "helm")
 
 
 def _rounded(value: float | None) -> float | None:
@@ -190,6 +190,11 @@ class Narrator:
         )
         self._tell_sentence(told.text)
 
+    def rehearsal(self, moved: RehearsalMoved) -> None:
+        """A rehearsal has begun, or is over."""
+        self._journal.write("rehearsal", moved.text, on=moved.on, reason=moved.reason.name.lower())
+        self._tell_sentence(moved.text)
+
     def view(self, view: AuthorityView, reason: Reason) -> None:
         """A new view is in force."""
         self._journal.write(
@@ -200,6 +205,7 @@ class Narrator:
             epoch=view.epoch,
             lease=view.lease.name.lower(),
             reason=reason.name.lower(),
+            rehearsal=view.rehearsal or None,
         )
 
     def message(
@@ -225,11 +231,11 @@ class Narrator:
         """The commander is asked by the standard's command."""
         self._journal.write("notified", f"{station} is asked: may {requester} have control?", station=station)
 
-    def restarted(self, owner: str, epoch: int, *, proven: bool) -> None:
-        """This run goes on where the one before it ended, in flight."""
-        self._journal.write("restarted", f"restarted in flight; {owner} had authority", epoch=epoch, proven=proven)
+    def restarted(self, owner: str, epoch: int, where: str, *, proven: bool) -> None:
+        """This run goes on where the one before it ended; `where`: in flight, or in a rehearsal."""
+        self._journal.write("restarted", f"restarted in {where}; {owner} had authority", epoch=epoch, proven=proven)
         waits = f"waiting for {owner}" if proven else f"{owner} has to show that it still has authority"
-        self.tell(f"Restarted in flight, epoch {epoch}: {waits}.")
+        self.tell(f"Restarted in {where}, epoch {epoch}: {waits}.")
 
     def kept_elsewhere(self, text: str) -> None:
         """The state is not kept as it should be."""

@@ -82,7 +82,8 @@ class Restart:
         self.save(arbiter.snapshot())  # the epoch has risen: if this run ends soon, the next one must begin above it
         if restored.phase is Phase.ON_LOAD:
             return None
-        narrator.restarted(arbiter.name(restored.owner), arbiter.view.epoch, proven=restored.proven)
+        where = "a rehearsal" if restored.rehearsal else "flight"
+        narrator.restarted(arbiter.name(restored.owner), arbiter.view.epoch, where, proven=restored.proven)
         package = self._store.load_package(restored.digest) if restored.digest else None
         if restored.digest and package is None:
             narrator.package_lost()

@@ -109,6 +109,7 @@ LIMIT_RANGES: Final[Ranges] = {
     "hold_s": (0, 3600),
     "obey_s": (2, 30),
     "stuck_s": (10, 600),
+    "rehearsal_lost_s": (10, 3600),
     "link_weak_s": (0, 60),
     "link_steady_s": (0, 600),
     "position_stale_s": (0.2, 30),

@@ -8,8 +8,8 @@ It takes every event to the part of the rules that it belongs to, and decides wh
 * `contacts.py`, `presence.py`: which stations are there, both ways, with the same mission package.
 * `candidates.py`, `zones.py`, `links.py`: which of them could take the aircraft, and which should.
 * `conductor.py`, `transfer.py`, `results.py`: how authority moves; `requests.py`, `control.py`: by the standard.
-* `flight.py`: what the aircraft said; `start.py`: how a flight begins; `safety.py`: what is done when something goes
-  wrong.
+* `flight.py`: what the aircraft said; `start.py`: how a flight begins; `rehearsal.py`: how one is rehearsed on the
+  ground; `safety.py`: what is done when something goes wrong.
 
 Rules that live here
 --------------------
@@ -50,6 +50,8 @@ from mavproxy_handover.core.events import (
     PlaceJudged,
     PositionSeen,
     Record,
+    RehearsalAsked,
+    RehearsalMoved,
     SignsSeen,
     StartFinished,
     StartRequested,
@@ -73,6 +75,7 @@ from mavproxy_handover.core.model import (
 )
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.phases import PhaseCause
+from mavproxy_handover.core.rehearsal import Rehearsal
 from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.safety.causes import CAUSES
 from mavproxy_handover.core.safety.causes import Cause as Wrong
@@ -114,6 +117,7 @@ class Arbiter:
         self._conductor = Conductor(self._authority, self._flight, self._presence, self._candidates, self._limits)
         self._requests = Requests(self._authority, self._presence, self._candidates, self._conductor)
         self._start = Start(self._authority, self._flight, self._candidates, self._conductor)
+        self._rehearsal = Rehearsal(self._authority, self._flight, self._conductor, self._start, self._limits)
         self._emergency = Emergency(self._limits)
         self._lookout = Lookout(self._authority, self._flight, self._candidates, self._limits)
         self._execution = Execution(self._authority, self._flight, self._candidates, self._lookout, self._emergency)
@@ -125,6 +129,7 @@ class Arbiter:
         self.dropped: Counter[str] = Counter()
 
     def _restore(self, restored: Snapshot) -> None:
+        self._flight.rehearsing = restored.rehearsal and restored.phase is not Phase.ON_LOAD
         self._authority.restore(restored)
         if restored.phase is not Phase.ON_LOAD:
             self._candidates.hold(Mission(restored.digest, restored.route, restored.route_at))
@@ -161,6 +166,7 @@ class Arbiter:
             self._emergency.out_of_coverage,
             self._lookout.crossing.since,
             authority.claimant is None,
+            self._flight.rehearsing,
         )
 
     def name(self, sysid: int | None) -> str:
@@ -240,6 +246,10 @@ class Arbiter:
         """What any other command of this station that arms or takes off still lacks: what START does."""
         return self._start.needs(station, now, by_hand=True)
 
+    def rehearsal_needs(self, station: int, now: float) -> tuple[str, ...]:
+        """What a rehearsal by this station's word still lacks, in words; empty when it may begin."""
+        return self._rehearsal.needs(station, now)
+
     # ---- the two entry points -------------------------------------------------------------------------------------
 
     def handle(self, event: Event, now: float) -> list[Action]:
@@ -284,6 +294,9 @@ class Arbiter:
                 self._on_mission(event, actions)
             case StartRequested():
                 self._start.requested(event.station, now, actions)
+            case RehearsalAsked():
+                if self._rehearsal.asked(event, now, actions):
+                    self._end_rehearsal(f"ended by {self.name(event.station)}", Reason.OPERATOR, now, actions)
             case TakeOffPassed():
                 self._start.by_hand(now, actions)
             case StartFinished():
@@ -300,6 +313,7 @@ class Arbiter:
                 assert_never(event)
         self._conductor.speak(now, actions)
         self._judge_safety(now, actions)
+        self._rehearsal.look(now)
         self._contacts.ask(self._authority, self.mission_digest, now, actions)
         return actions
 
@@ -316,6 +330,7 @@ class Arbiter:
             self._emergency.due_at(),
             self._execution.tells_at(),
             self._lookout.due_at(),
+            self._rehearsal.due_at(),
         )
         return min([*times, *(time for time in others if time is not None)], default=None)
 
@@ -404,7 +419,8 @@ class Arbiter:
         authority = self._authority
         was_armed = self._flight.armed
         self._flight.autopilot_said(event, now)
-        if not event.armed and authority.phase is not Phase.ON_LOAD:
+        self._look_at_rehearsal(now, actions)
+        if not event.armed and authority.phase is not Phase.ON_LOAD and not self._flight.rehearsing:
             self._land(now, actions)
         elif self._flight.flying and authority.phase is Phase.ON_LOAD and not authority.starting:
             self._start.enter_mission("airborne", now, actions)
@@ -415,12 +431,29 @@ class Arbiter:
     def _land(self, now: float, actions: list[Action]) -> None:
         self._conductor.move(Cause.CANCELLED, now, actions)
         self._authority.land()
+        self._forget_flight()
+        actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
+        self._authority.refresh(Reason.LANDED, actions)
+
+    def _forget_flight(self) -> None:
         self._emergency.landed()
         self._lookout.landed()
         self._lookout.supervision.over()
         self._candidates.hold(replace(self._candidates.mission, at=0))
-        actions.append(Record("landed", "disarmed: the flight is over", Reason.LANDED))
-        self._authority.refresh(Reason.LANDED, actions)
+
+    def _look_at_rehearsal(self, now: float, actions: list[Action]) -> None:
+        over = self._rehearsal.over(now)
+        if over is not None:
+            self._end_rehearsal(*over, now, actions)
+
+    def _end_rehearsal(self, why: str, reason: Reason, now: float, actions: list[Action]) -> None:
+        """Nothing that was decided in it counts from here on: if it is a flight by now, all is judged anew."""
+        self._conductor.move(Cause.CANCELLED, now, actions)
+        self._execution.rehearsal_over(actions)
+        self._rehearsal.end()
+        self._forget_flight()
+        self._authority.refresh(reason, actions)
+        actions.append(RehearsalMoved(False, f"REHEARSAL OVER: {why}", reason))
 
     def _on_guard(self, event: GuardSeen, now: float, actions: list[Action]) -> None:
         before = self.guard(now)
@@ -453,6 +486,7 @@ class Arbiter:
         if authority.recover_until is not None and now >= authority.recover_until and authority.owner is not None:
             authority.wait_no_longer(authority.owner, now, actions)
             self._conductor.seek(now, actions)
+        self._look_at_rehearsal(now, actions)
 
     def _lose_owner(self, owner: int, now: float, actions: list[Action]) -> None:
         self._conductor.move(Cause.COMMANDER_LOST, now, actions)
@@ -499,8 +533,10 @@ class Arbiter:
             text = f"{CAUSES[decision.cause].words}: {self._lookout.crossing.words(now)}"
             actions.append(Record("gap", text, news.reason, authority.owner))
         else:
-            text = f"{CAUSES[decision.cause].words}: {decision.action.name.lower()}"
-            actions.append(Record("warning" if news.warning else "emergency", text, news.reason, authority.owner))
+            kind = "warning" if news.warning else "would" if self._flight.rehearsing else "emergency"
+            would = "would " if kind == "would" else ""
+            text = f"{CAUSES[decision.cause].words}: {would}{decision.action.name.lower()}"
+            actions.append(Record(kind, text, news.reason, authority.owner))
         if decision is not None and decision.action >= FlightAction.RETURN:
             self._come_home(decision.cause, now, actions)
         else:  # what is left to warn of is no emergency

@@ -283,8 +283,17 @@ class Authority:
 
     def land(self) -> None:
         """Disarmed: the flight is over. The view follows with the next `refresh`."""
-        self.move_phase(PhaseCause.DISARMED)
+        self._ground(PhaseCause.DISARMED)
+
+    def end_rehearsal(self) -> None:
+        """The aircraft is not carried any more. The view follows with the next `refresh`."""
+        self._ground(PhaseCause.REHEARSAL_OVER)
+
+    def _ground(self, cause: PhaseCause) -> None:
+        self.move_phase(cause)
         self.takeover_allowed = self.alone = False
+        if self._flight.armed is not False:  # a rehearsal has ended: whoever has to show something has to go on
+            return
         if self.claimant is not None:  # on the ground nobody needs to show anything: the parent is there
             self.owner = self.claimant = self.recover_until = None
             self.lost = False
@@ -316,11 +325,12 @@ class Authority:
             partner=None if self.transfer is None else self.transfer.key.to_station,
             epoch=self.epoch,
             lease=lease,
-            armed=self._flight.armed is not False,
+            armed=self._flight.armed is not False or self._flight.rehearsing,
             handover_id=self.handover_id,
             takeover_allowed=self.takeover_allowed,
             why=Reason.NONE if self.transfer is None else self.transfer.reason,
             crossing=0 if self.transfer is None else self.transfer.crossing,
+            rehearsal=self._flight.rehearsing,
         )
         if view != self.view:
             self.view = view

@@ -48,6 +48,9 @@ __all__ = [
     "PlaceJudged",
     "PositionSeen",
     "Record",
+    "RehearsalAsked",
+    "RehearsalMoved",
+    "RehearsalRefused",
     "Send",
     "SignsSeen",
     "StartFinished",
@@ -218,6 +221,14 @@ class StartRequested:
 
 
 @dataclass(frozen=True, slots=True)
+class RehearsalAsked:
+    """A station asks for a rehearsal on the ground to begin, or to end."""
+
+    station: int
+    begin: bool
+
+
+@dataclass(frozen=True, slots=True)
 class TakeOffPassed:
     """A command of the commander that arms or takes off goes to the autopilot: it has all that START needs."""
 
@@ -286,6 +297,7 @@ Event = (
     | PlaceJudged
     | MissionLoaded
     | StartRequested
+    | RehearsalAsked
     | TakeOffPassed
     | StartFinished
     | Cancel
@@ -354,6 +366,24 @@ class StartRefused:
     needs: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class RehearsalMoved:
+    """A rehearsal has begun, or is over: everybody is told, in these words. The view says so already."""
+
+    on: bool
+    text: str
+    reason: Reason
+
+
+@dataclass(frozen=True, slots=True)
+class RehearsalRefused:
+    """Tell the station that no rehearsal begins, or ends, by its word; `needs`: what that lacks, in words."""
+
+    station: int
+    begin: bool
+    needs: tuple[str, ...]
+
+
 class ControlResult(IntEnum):
     """Answer to a request of operator control, numbered as MAV_RESULT."""
 
@@ -391,4 +421,16 @@ class Record:
     duration_s: float | None = None
 
 
-Action = Send | ViewChanged | Fly | Announce | BeginStart | StartRefused | ControlAnswer | NotifyOwner | Record
+Action = (
+    Send
+    | ViewChanged
+    | Fly
+    | Announce
+    | BeginStart
+    | StartRefused
+    | RehearsalMoved
+    | RehearsalRefused
+    | ControlAnswer
+    | NotifyOwner
+    | Record
+)

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What autopilot, position and guard last said, and whether that still counts."""
+"""What autopilot, position and guard last said, and whether that still counts.
+
+An aircraft that is carried in a rehearsal counts as flying to all that goes by `flying`; whether it really is off the
+ground is `aloft`.
+"""
 
 from __future__ import annotations
 
@@ -24,18 +28,22 @@ class Flight:
         "_limits",
         "_position_at",
         "_stale_told",
+        "aloft",
         "armed",
         "energy_short",
-        "flying",
         "foreign",
         "gaps_lack",
+        "rehearsing",
     )
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         #: None until the autopilot has said it
         self.armed: bool | None = None
-        self.flying = False
+        #: off the ground as far as the autopilot knows
+        self.aloft = False
+        #: it is carried along its route
+        self.rehearsing = False
         #: what the aircraft is, in words, if it is no ArduCopter
         self.foreign = ""
         #: what the loaded mission lacks in energy, in words
@@ -49,11 +57,16 @@ class Flight:
         self._guard_ours = False
         self._guard_at = -inf
 
+    @property
+    def flying(self) -> bool:
+        """The rules of a flight count."""
+        return self.rehearsing or self.aloft
+
     def autopilot_said(self, event: AutopilotState, now: float) -> None:
         """A heartbeat of the autopilot."""
         self._autopilot_at = now
         self.armed = event.armed
-        self.flying = event.armed and event.flying
+        self.aloft = event.armed and event.flying
         self.foreign = event.foreign
 
     def position_seen(self, now: float) -> None:

@@ -69,6 +69,8 @@ class Limits:
     policies: Mapping[Cause, str] = field(default_factory=dict)
     hold_off_s: Mapping[Cause, float] = field(default_factory=dict)
     clear_s: Mapping[Cause, float] = field(default_factory=dict)
+    #: nobody has commanded for so long in a rehearsal on the ground: it is over
+    rehearsal_lost_s: float = 300.0
     #: older position, autopilot heartbeat and guard status count as lost
     position_stale_s: float = 2.0
     autopilot_lost_s: float = 3.0

@@ -216,7 +216,8 @@ class AuthorityView:
     """All that the gate needs to judge a frame. Immutable: swapped whole at every change of authority.
 
     `commander` is the sysid whose commands pass, None when nobody's do. `partner` is set during a transfer.
-    `armed`: the autopilot has not said that it is disarmed; what is locked while armed stays locked until it has.
+    `armed`: the autopilot has not said that it is disarmed; what is locked while armed stays locked until it has, and
+    in a rehearsal.
     """
 
     phase: Phase = Phase.ON_LOAD
@@ -232,6 +233,8 @@ class AuthorityView:
     why: Reason = Reason.NONE
     #: and for which border, if that was foreseen (`core/foresight.py`), else 0
     crossing: int = 0
+    #: the aircraft is carried along its route (`core/rehearsal.py`): nothing arms, and nothing is commanded
+    rehearsal: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,9 @@ is being brought home. An emergency on the ground is a warning and no phase: the
 nothing. EMERGENCY ends when its causes are gone (the flight mode stays as it is: the commander decides what comes
 next) or on the ground.
 
+A rehearsal (`rehearsal.py`) goes through the same phases with an aircraft that is carried: it begins on the ground, and
+leads back there from whatever phase it has come to.
+
 PHASES is the whole of it; what is missing changes nothing.
 """
 
@@ -30,6 +33,8 @@ class PhaseCause(Enum):
     EMERGENCY = "emergency"
     RECOVERED = "emergency over"
     DISARMED = "disarmed"
+    REHEARSED = "rehearsal begun"
+    REHEARSAL_OVER = "rehearsal over"
 
 
 PHASES: dict[tuple[Phase, PhaseCause], Phase] = {
@@ -42,4 +47,8 @@ PHASES: dict[tuple[Phase, PhaseCause], Phase] = {
     (Phase.ON_HANDOVER, PhaseCause.DISARMED): Phase.ON_LOAD,
     (Phase.EMERGENCY, PhaseCause.RECOVERED): Phase.ON_MISSION,
     (Phase.EMERGENCY, PhaseCause.DISARMED): Phase.ON_LOAD,
+    (Phase.ON_LOAD, PhaseCause.REHEARSED): Phase.ON_MISSION,
+    (Phase.ON_MISSION, PhaseCause.REHEARSAL_OVER): Phase.ON_LOAD,
+    (Phase.ON_HANDOVER, PhaseCause.REHEARSAL_OVER): Phase.ON_LOAD,
+    (Phase.EMERGENCY, PhaseCause.REHEARSAL_OVER): Phase.ON_LOAD,
 }

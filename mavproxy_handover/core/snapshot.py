@@ -39,3 +39,5 @@ class Snapshot:
     gap_since: float | None = None
     #: there was no change of authority after it
     proven: bool = True
+    #: it was no flight, but a rehearsal on the ground
+    rehearsal: bool = False

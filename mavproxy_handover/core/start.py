@@ -26,7 +26,7 @@ class StartFacts:
     """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft.
 
     `foreign`: what the autopilot says that it is, in words, if that is no ArduCopter. `energy_short`: what the
-    loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do.
+    loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do. `rehearsing`: the aircraft is carried.
     """
 
     station: str
@@ -41,6 +41,7 @@ class StartFacts:
     in_zone: bool
     energy_short: str = ""
     gaps_lack: str = ""
+    rehearsing: bool = False
 
 
 def start_needs(facts: StartFacts) -> tuple[str, ...]:
@@ -48,7 +49,9 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
     needs = []
     if not facts.commands:
         needs.append(f"{facts.station} does not command")
-    if not facts.on_ground:
+    if facts.rehearsing:
+        needs.append("a rehearsal is under way: nothing arms")
+    elif not facts.on_ground:
         needs.append("the vehicle is already flying or starting")
     if not facts.mission_loaded:
         needs.append("no mission loaded")
@@ -87,13 +90,15 @@ class Start:
         self._candidates = candidates
         self._conductor = conductor
 
-    def needs(self, station: int, now: float, *, by_hand: bool = False) -> tuple[str, ...]:
+    def needs(self, station: int, now: float, *, by_hand: bool = False, carried: bool = False) -> tuple[str, ...]:
         """What START from this station still lacks, in words; empty when the aircraft may take off.
 
-        `by_hand`: not START, but a command that is a part of it; the one before may have armed already.
+        `by_hand`: not START, but a command that is a part of it; the one before may have armed already. `carried`: it
+        is to be a rehearsal, which takes no energy, and no time of the guard's to cross a gap.
         """
         authority, flight = self._authority, self._flight
         loaded = bool(self._candidates.mission.digest)
+        flown = loaded and not carried
         on_ground = authority.phase is Phase.ON_LOAD and not authority.starting
         return start_needs(
             StartFacts(
@@ -107,8 +112,9 @@ class Start:
                 guarded=flight.guarded(now),
                 position_known=flight.position_known(now),
                 in_zone=self._candidates.zones.holds(station),
-                energy_short=flight.energy_short if loaded else "",
-                gaps_lack=flight.gaps_lack if loaded else "",
+                energy_short=flight.energy_short if flown else "",
+                gaps_lack=flight.gaps_lack if flown else "",
+                rehearsing=flight.rehearsing,
             )
         )
 
@@ -139,11 +145,13 @@ class Start:
             text = f"START failed: {event.text}"
             actions.append(Record("start_failed", text, Reason.NOT_READY, self._authority.owner))
 
-    def enter_mission(self, how: str, now: float, actions: list[Action]) -> None:
-        """The aircraft flies, or is about to."""
+    def enter_mission(
+        self, how: str, now: float, actions: list[Action], cause: PhaseCause = PhaseCause.STARTED
+    ) -> None:
+        """The aircraft flies, or is about to; or it is carried."""
         authority = self._authority
         self._conductor.take_off(now, actions)
-        authority.move_phase(PhaseCause.STARTED)
+        authority.move_phase(cause)
         authority.resume_transfer_phase()
         self._candidates.zones.forget_entries()
         actions.append(Record("started", f"on mission: {how}", Reason.STARTED, authority.owner))

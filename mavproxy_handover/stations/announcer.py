@@ -7,7 +7,8 @@ knows it again, so it is repeated while the decision is in force: a link may los
 Who commands is a text alone: AUTHORITY_STATUS and CONTROL_STATUS say it all the time.
 
 Programs choose by the severity what they speak and how they colour it (QGroundControl speaks NOTICE and graver).
-`SEVERITIES` is all there is of it; why something is refused is a WARNING to the station that asked (`voice.py`).
+`SEVERITIES` and `REHEARSAL` are all there is of it; why something is refused is a WARNING to the station that asked
+(`voice.py`).
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Announce
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.events import Announce, RehearsalMoved
+from mavproxy_handover.core.model import FlightAction, Reason
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire import status
 
-__all__ = ["COMMANDER", "SEVERITIES", "Announcer"]
+__all__ = ["COMMANDER", "REHEARSAL", "SEVERITIES", "Announcer"]
 
 #: every other second, and how often the end of it all is said
 _AGAIN_S: Final = 1.5
@@ -39,6 +40,13 @@ SEVERITIES: Final[Mapping[FlightAction | None, int]] = {
     FlightAction.CONTINUE: mavlink.MAV_SEVERITY_WARNING,
     FlightAction.RETURN: mavlink.MAV_SEVERITY_CRITICAL,
     FlightAction.LAND: mavlink.MAV_SEVERITY_CRITICAL,
+}
+
+#: of a rehearsal: whether it has begun, and whether an operator has said so -> how grave it is
+REHEARSAL: Final[Mapping[tuple[bool, bool], int]] = {
+    (True, True): mavlink.MAV_SEVERITY_WARNING,
+    (False, True): mavlink.MAV_SEVERITY_NOTICE,
+    (False, False): mavlink.MAV_SEVERITY_CRITICAL,
 }
 
 
@@ -71,6 +79,11 @@ class Announcer:
         number = "" if handover_id is None else f" (handover {handover_id})"
         for port in self._voice.ports.values():
             self._voice.say(port, f"{name or 'nobody'} commands now{number}", COMMANDER)
+
+    def rehearsal(self, moved: RehearsalMoved) -> None:
+        """Tell everybody that a rehearsal has begun, or is over."""
+        for port in self._voice.ports.values():
+            self._voice.say(port, moved.text, REHEARSAL[moved.on, moved.reason is Reason.OPERATOR])
 
     def _send(self, now: float) -> None:
         assert self._told is not None

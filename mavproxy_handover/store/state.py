@@ -32,7 +32,7 @@ from mavproxy_handover.store.durable import sync_folder
 
 __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
-_FORMAT = 4
+_FORMAT = 5
 _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
@@ -71,6 +71,7 @@ def pack(kept: Kept, vehicle: str) -> bytes:
         "out_of_coverage": snapshot.out_of_coverage,
         "gap_since": snapshot.gap_since,
         "proven": snapshot.proven,
+        "rehearsal": snapshot.rehearsal,
     }
     return json.dumps({"body": body, "sha256": _checksum(body)}, indent=1).encode("utf-8")
 
@@ -138,10 +139,7 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
     digest = bytes.fromhex(body["digest"])
     if len(digest) not in (0, _DIGEST_BYTES):
         raise ValueError(f"digest: {len(digest)} bytes, must be {_DIGEST_BYTES}, or none")
-    takeover_allowed, proven = body["takeover_allowed"], body["proven"]
-    for key, value in (("takeover_allowed", takeover_allowed), ("proven", proven)):
-        if not isinstance(value, bool):
-            raise ValueError(f"{key}: {value!r} must be true or false")
+    takeover_allowed, proven, rehearsal = (_flag(key, body[key]) for key in ("takeover_allowed", "proven", "rehearsal"))
     owner, policy = body["owner"], body["out_of_coverage"]
     return Snapshot(
         owner=None if owner is None else _whole("owner", owner, 1, _MAX_SYSID),
@@ -155,7 +153,14 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         out_of_coverage=None if policy is None else _policy(policy),
         gap_since=_since(body["gap_since"]),
         proven=proven,
+        rehearsal=rehearsal,
     )
+
+
+def _flag(key: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"{key}: {value!r} must be true or false")
+    return value
 
 
 def _whole(key: str, value: object, least: int, most: int) -> int:

@@ -242,6 +242,8 @@ class Companion:
                 self._log.note(now, refused("START", action.needs))
             case events.ControlAnswer() | events.NotifyOwner():  # of stations of the standard: none here
                 pass
+            case events.RehearsalMoved() | events.RehearsalRefused():  # nobody asks for one: the campaign flies
+                pass
             case events.Announce():
                 self._log.note(now, action.text)
             case events.Record():

@@ -20,6 +20,10 @@ EXPECTED = {
     ("ON_HANDOVER", "DISARMED"): "ON_LOAD",
     ("EMERGENCY", "RECOVERED"): "ON_MISSION",
     ("EMERGENCY", "DISARMED"): "ON_LOAD",
+    ("ON_LOAD", "REHEARSED"): "ON_MISSION",
+    ("ON_MISSION", "REHEARSAL_OVER"): "ON_LOAD",
+    ("ON_HANDOVER", "REHEARSAL_OVER"): "ON_LOAD",
+    ("EMERGENCY", "REHEARSAL_OVER"): "ON_LOAD",
 }
 
 
@@ -31,13 +35,14 @@ def test_every_pair_of_phase_and_cause(phase: Phase, cause: PhaseCause) -> None:
 
 
 def test_the_table_has_no_other_entries() -> None:
-    assert len(PHASES) == len(EXPECTED) == 9
+    assert len(PHASES) == len(EXPECTED) == 13
 
 
 def test_no_emergency_on_the_ground() -> None:
     assert (Phase.ON_LOAD, PhaseCause.EMERGENCY) not in PHASES
 
 
-def test_disarmed_ends_every_flight() -> None:
-    ends = {PHASES[phase, PhaseCause.DISARMED] for phase in Phase if phase is not Phase.ON_LOAD}
+@pytest.mark.parametrize("cause", [PhaseCause.DISARMED, PhaseCause.REHEARSAL_OVER], ids=lambda cause: cause.name)
+def test_disarmed_ends_every_flight_and_every_rehearsal_has_an_end(cause: PhaseCause) -> None:
+    ends = {PHASES[phase, cause] for phase in Phase if phase is not Phase.ON_LOAD}
     assert ends == {Phase.ON_LOAD}

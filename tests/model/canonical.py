@@ -38,6 +38,7 @@ from mavproxy_handover.core.foresight import Foresight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
 from mavproxy_handover.core.presence import Presence
+from mavproxy_handover.core.rehearsal import Rehearsal
 from mavproxy_handover.core.requests import Requests
 from mavproxy_handover.core.results import Results, _Pending
 from mavproxy_handover.core.safety.causes import Cause, CauseWatch
@@ -243,11 +244,12 @@ class _Fixed(_Kind):
 
 
 class _Never(_Fixed):
-    """What the exploration never sets off: nobody is told of borders ahead (tests/core/test_foresight.py)."""
+    """What the exploration never sets off: nobody is told of borders ahead (tests/core/test_foresight.py), and nothing
+    is rehearsed (tests/core/test_rehearsal.py)."""
 
     def pack(self, value: Any, shift: Shift) -> Any:
         if value != self._make():
-            raise TypeError(f"an exploration in which borders are foreseen says here what {value!r} is")
+            raise TypeError(f"an exploration that comes by this says here what {value!r} is")
 
 
 class _Shared(_Kind):
@@ -361,6 +363,9 @@ def _share(arbiter: Arbiter) -> None:
     arbiter._requests._conductor = conductor
     arbiter._start._authority, arbiter._start._flight, arbiter._start._candidates = authority, flight, candidates
     arbiter._start._conductor = conductor
+    rehearsal = arbiter._rehearsal
+    rehearsal._authority, rehearsal._flight, rehearsal._conductor = authority, flight, conductor
+    rehearsal._start = arbiter._start
     lookout, execution = arbiter._lookout, arbiter._execution
     for part in (lookout, execution._figures):
         part._authority, part._flight, part._candidates = authority, flight, candidates
@@ -437,7 +442,8 @@ class Packer:
             Flight,
             _limits=the_limits,
             armed=plain,
-            flying=plain,
+            aloft=plain,
+            rehearsing=_Never(lambda: False),
             foreign=plain,
             energy_short=plain,
             gaps_lack=plain,
@@ -522,6 +528,15 @@ class Packer:
             Requests, _authority=_Shared(), _presence=_Shared(), _candidates=_Shared(), _conductor=_Shared()
         )
         start = _Class(Start, _authority=_Shared(), _flight=_Shared(), _candidates=_Shared(), _conductor=_Shared())
+        rehearsal = _Class(
+            Rehearsal,
+            _authority=_Shared(),
+            _conductor=_Shared(),
+            _flight=_Shared(),
+            _limits=the_limits,
+            _nobody_since=_Never(lambda: None),
+            _start=_Shared(),
+        )
         fresh = Emergency(limits)
         watch = _Class(
             CauseWatch,
@@ -610,6 +625,7 @@ class Packer:
             _conductor=_Object(conductor),
             _requests=_Object(requests),
             _start=_Object(start),
+            _rehearsal=_Object(rehearsal),
             _emergency=_Object(emergency),
             _interrupted=plain,
             dropped=_Fixed(Counter),

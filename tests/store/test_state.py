@@ -70,7 +70,7 @@ def signed(body: Any) -> bytes:
 
 def good_body() -> dict[str, Any]:
     return {
-        "format": 4,
+        "format": 5,
         "vehicle": "drone-1",
         "boot": "b1",
         "serial": 12,
@@ -85,6 +85,7 @@ def good_body() -> dict[str, Any]:
         "out_of_coverage": "land",
         "gap_since": None,
         "proven": True,
+        "rehearsal": False,
     }
 
 
@@ -99,6 +100,7 @@ class TestKept:
             replace(BEFORE, proven=False),
             replace(BEFORE, gap_since=1234.5),
             replace(BEFORE, gap_since=-1e9),
+            replace(BEFORE, rehearsal=True),
         ],
     )
     def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:
@@ -304,6 +306,8 @@ class TestNotTrusted:
             {"serial": True},
             {"serial": None},
             {"proven": 1},
+            {"rehearsal": 1},
+            {"rehearsal": None},
             {"proven": None},
         ],
         ids=str,

@@ -8,10 +8,13 @@ repeated, one that the autopilot does not follow.
 
 A return is told a moment after it is ordered, and told anew where it goes elsewhere: its place is looked at once more
 when it is ordered, and what has made it necessary, a station that is lost, may just have made another place the best.
+
+In a rehearsal all of it is told, as what would be done, and nothing is commanded: so there is nothing to watch either.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 from typing import Final
 
@@ -34,6 +37,8 @@ __all__ = ["Execution"]
 _TAKES: Final = {Change.PILOT: Hand.PILOT, Change.COMMANDER: Hand.COMMANDER, Change.FAILSAFE: Hand.FAILSAFE}
 #: the mode of an order, which needs no order where it is flown
 _SAME: Final = {FlightAction.RETURN: (Flown.RETURN,), FlightAction.LAND: (Flown.LAND,)}
+#: what is commanded, or left out in its place
+_COMMANDED: Final = (FlightAction.HOLD, FlightAction.CONTINUE, FlightAction.RETURN, FlightAction.LAND)
 #: what is commanded again and again is told so often (s)
 _AGAIN_TOLD_S: Final = 10.0
 
@@ -83,7 +88,7 @@ class Execution:
 
     def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
         """The autopilot has said its mode."""
-        self._changed(self._helm.seen(event, self._flight.flying, now), actions)
+        self._changed(self._helm.seen(event, self._flight.aloft, now), actions)
 
     def hand_seen(self, event: HandSeen, now: float, actions: list[Action]) -> None:
         """Somebody has, or may have, chosen the mode."""
@@ -120,9 +125,11 @@ class Execution:
         returns = decision is not None and decision.action is FlightAction.RETURN
         self._tells_at = now if returns else None
         if decision is None:
-            actions.append(over(news.before))
+            self._say(over(news.before), actions)
         elif not returns:
             self._tell_decision(decision, now, actions, crosses=news.continues)
+        if self._flight.rehearsing:
+            return
         if news.resumes:
             self._supervision.over()
             actions.append(Fly(FlightAction.CONTINUE, news.reason))
@@ -138,7 +145,20 @@ class Execution:
         if crosses:
             figures += f"; {self._lookout.crossing.words(now)}"
         self._told_place = "" if place is None else place.name
-        actions.append(sentence(decision, figures, place))
+        self._say(sentence(decision, figures, place), actions)
+
+    def _say(self, told: Announce, actions: list[Action]) -> None:
+        """A sentence to everybody; in a rehearsal it says that it is one, and what would be commanded."""
+        if self._flight.rehearsing:
+            would = "would " if told.action in _COMMANDED else ""
+            told = replace(told, text=f"REHEARSAL: {would}{told.text}")
+        actions.append(told)
+
+    def rehearsal_over(self, actions: list[Action]) -> None:
+        """What would be done is in force no more."""
+        self._tells_at = None
+        if self._emergency.told is not None:
+            actions.append(Announce("OVER: the rehearsal", None, Reason.NONE))
 
     def place_seen(self, now: float, actions: list[Action]) -> None:
         """Where a return goes has been judged: who was told another place is told that."""
@@ -194,6 +214,6 @@ class Execution:
     def _tell(self, text: str, action: FlightAction, decision: Decision | None, actions: list[Action]) -> None:
         cause: Cause | None = None if decision is None else decision.cause
         if cause is None:
-            actions.append(Announce(text, action, Reason.NONE))
+            self._say(Announce(text, action, Reason.NONE), actions)
         else:
-            actions.append(Announce(f"{text} ({CAUSES[cause].words})", action, CAUSES[cause].reason))
+            self._say(Announce(f"{text} ({CAUSES[cause].words})", action, CAUSES[cause].reason), actions)

@@ -16,6 +16,8 @@ a partner is commanded from where no station should command.
 A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
 Weak links are no sign while one is crossed.
 
+In a rehearsal the aircraft is carried, disarmed: its flight mode says nothing of who flies it.
+
 What the autopilot was commanded in vain (`supervision.py`) is none of the things that can be done: then it cannot hold,
 and no place can be reached.
 """
@@ -184,7 +186,7 @@ class Lookout:
         self._in_gap = self.may_cross(now)
         hurried = now < authority.hurry_until(self._limits.forced_timeout_s)
         unable = self.supervision.unable
-        found = self.helm.facts()
+        found = set() if flight.rehearsing else self.helm.facts()
         if FlightAction.RETURN not in unable and (self.place is None or self.place.reachable):
             found.add(Fact.PLACE)
         if self._in_gap:
