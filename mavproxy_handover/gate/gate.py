@@ -175,13 +175,9 @@ class Gate:
         verdict = judge(frame, port.identity, self.view, self._vehicle)
         if verdict.access is _STREAM:
             verdict = self._latent.limit(frame, verdict, port.sysid, now)
-            if (
-                self.view.phase is Phase.ON_LOAD
-                and not self.view.armed
-                and verdict.fate is Fate.FORWARD
-                and arms(frame)
-            ):
-                verdict = verdict._replace(fate=Fate.DROP, reason=GateReason.NOT_ARMED)
+            reason = self._keeps_sticks()
+            if reason is not None and verdict.fate is Fate.FORWARD and arms(frame):
+                verdict = verdict._replace(fate=Fate.DROP, reason=reason)
             if self._latent.untold:
                 self._tell_stations(now)
             if frame.msgid in TARGET_MESSAGES and verdict.fate is Fate.FORWARD and self.view.phase is not Phase.ON_LOAD:
@@ -205,6 +201,12 @@ class Gate:
         elif verdict.reason is GateReason.OBSERVER_RATES:
             self._grant_rates(port, frame, now)
         return verdict
+
+    def _keeps_sticks(self) -> GateReason | None:
+        """Why nobody's sticks pass now; None: the commander's do."""
+        if self.view.rehearsal:
+            return GateReason.REHEARSAL
+        return GateReason.NOT_ARMED if self.view.phase is Phase.ON_LOAD and not self.view.armed else None
 
     def release(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> Verdict:
         """Pass on a frame of the commander that was the companion's matter first; how it is judged then."""

@@ -20,6 +20,8 @@ Rules, in this order; the first that applies decides:
 7. In flight, the commander's commands that could leave energy, fence or coverage (`intent`) are the companion's matter:
    it has them passed on, or refused, when it has seen what they would leave. So is every upload of a mission or a
    fence (`STAGED`), which ends at the companion.
+8. In a rehearsal nobody's START, arming, take-off or motor test passes; that is the reason it is refused for, whoever
+   sent it: with control it would not pass either.
 
 Frames of further system ids behind a station (its `sysids`) are judged as the station's own, except heartbeats:
 only the station's own may keep the autopilot's GCS failsafe quiet, or a tracker would vouch for a dead operator.
@@ -38,7 +40,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import AuthorityView, Phase
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
-from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, Access, Row, classify, takes_off
+from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, Access, Row, classify, moves, takes_off
 from mavproxy_handover.wire.frames import Frame, field_int, target, target_places
 from mavproxy_handover.wire.ids import COMPANION_COMPID, MISSION_START
 
@@ -79,6 +81,7 @@ class GateReason(Enum):
     NOT_ARMED = "not armed: sticks could arm"  #: on the ground; to arm needs what START needs
     RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
+    REHEARSAL = "rehearsal: nothing arms"  #: the aircraft is carried (`core/rehearsal.py`)
     SITUATION = "it would leave energy, fence or coverage"  #: in flight, or not to be judged by now
 
     #: as in `Access`
@@ -236,6 +239,8 @@ def _decide(
     if row.access is None:
         return Fate.REFUSE, GateReason.UNKNOWN_COMMAND
 
+    if view.rehearsal and moves(frame, row):
+        return Fate.REFUSE, GateReason.REHEARSAL
     commands = station.sysid == view.commander
     if row.access is Access.LIVENESS and frame.sysid != station.sysid:
         commands = False

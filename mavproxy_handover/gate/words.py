@@ -218,6 +218,7 @@ _REASONS: Final[Mapping[GateReason, str]] = {
     GateReason.LOCKED_WHILE_ARMED: "locked while armed",
     GateReason.MAINTENANCE_ONLY: "maintenance only, over no radio link",
     GateReason.UNKNOWN_COMMAND: "not known to this vehicle",
+    GateReason.REHEARSAL: "a rehearsal is under way: nothing arms",
     GateReason.COMPANION_TARGET: "the companion takes none, ask the autopilot",
 }
 

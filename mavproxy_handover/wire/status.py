@@ -11,7 +11,7 @@ from typing import Any
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.events import Announce
-from mavproxy_handover.core.model import AuthorityView, GuardState, Phase, Reason
+from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState, Phase, Reason
 from mavproxy_handover.wire.lease import Lease, pack_lease
 
 __all__ = ["LEASE_INTERVAL_S", "LeaseSequence", "authority_status", "control_status", "decision", "heartbeat"]
@@ -39,10 +39,16 @@ class LeaseSequence:
         """The next lease, as the TUNNEL message to the autopilot. `alone_s`: what is left of a gap.
 
         A second that has begun is a whole one, so that the guard is not the first to act at the end of the gap.
+        In a rehearsal the lease has the state by which the guard permits no arming and commands nothing: authority
+        that is being recovered. Without a commander it is LOST as ever, and so it is in a gap, which nobody flies.
         """
+        state = view.lease
+        if view.rehearsal:
+            state = LeaseState.LOST if view.commander is None else LeaseState.RECOVERING
+            alone_s = 0.0
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
         left_s = min(ceil(max(0.0, alone_s)), _MOST_S)
-        lease = Lease(view.lease, view.commander or 0, self.nonce, self.sequence, view.epoch, _LEASE_TTL_MS, left_s)
+        lease = Lease(state, view.commander or 0, self.nonce, self.sequence, view.epoch, _LEASE_TTL_MS, left_s)
         return pack_lease(lease, vehicle, self._key)
 
 

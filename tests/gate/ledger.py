@@ -76,6 +76,9 @@ JUDGED_MESSAGES = ["MISSION_SET_CURRENT"]
 #: NAV_TAKEOFF, NAV_TAKEOFF_LOCAL, NAV_VTOL_TAKEOFF, SOLO_BTN_FLY_HOLD: they start a flight
 TAKE_OFF_COMMANDS = [22, 24, 84, 42002]
 
+#: DO_MOTOR_TEST, ACTUATOR_TEST, DO_ENGINE_CONTROL, PREFLIGHT_CALIBRATION: motors may turn by them on the ground
+TURNING_COMMANDS = [209, 310, 223, 241]
+
 # --- the commander's alone, and while the vehicle is armed nobody's
 #: PREFLIGHT_STORAGE, DO_SET_PARAMETER, BATTERY_RESET, PREFLIGHT_REBOOT_SHUTDOWN
 SAFEGUARD_COMMANDS = [245, 180, 42651, 246]
@@ -298,6 +301,7 @@ ALL_COMMANDS = sorted(n for n, e in mavlink.enums["MAV_CMD"].items() if e.name !
 
 PASS, BULK, TOLD, SAFEGUARD = "pass", "bulk", "told", "safeguard"
 SILENT, RATE, START, TAKE_OFF, HELD = "silent", "rate", "start", "take off", "held"
+TURNING = "turning"
 HANDOVER, CONTROL, LIVENESS = "handover", "control", "liveness"
 JUDGED, CALLED_OFF = "judged", "called off"
 MAINTENANCE, NEVER, UNKNOWN = "maintenance", "never", "unknown"
@@ -319,6 +323,7 @@ OUTCOMES = {
     CALLED_OFF: (_ALLOWED, _ALLOWED),
     START: (_ALLOWED, _NOT_IN_CONTROL),
     TAKE_OFF: (_ALLOWED, _NOT_IN_CONTROL),
+    TURNING: (_ALLOWED, _NOT_IN_CONTROL),
     SAFEGUARD: (_ALLOWED, _NOT_IN_CONTROL),
     SILENT: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
     HELD: (_ALLOWED, (Fate.DROP, GateReason.NOT_IN_CONTROL)),
@@ -347,6 +352,7 @@ ACCESS = {
     CALLED_OFF: Access.READ,
     START: Access.COMMAND,
     TAKE_OFF: Access.COMMAND,
+    TURNING: Access.COMMAND,
     SAFEGUARD: Access.SAFEGUARD,
     SILENT: Access.STREAM,
     HELD: Access.STREAM,
@@ -421,6 +427,7 @@ def kind_of_command(number: int, commands: Collection[int] = ALL_COMMANDS) -> st
         (SAFEGUARD, SAFEGUARD_COMMANDS),
         (START, [300]),
         (TAKE_OFF, TAKE_OFF_COMMANDS),
+        (TURNING, TURNING_COMMANDS),
         (JUDGED, JUDGED_COMMANDS),
     ]
     found = [kind for kind, numbers in lists if number in numbers]
@@ -557,6 +564,9 @@ VIEWS = [
     AuthorityView(Phase.EMERGENCY, GCSA, None, 2, LeaseState.HELD, armed=True),
     AuthorityView(Phase.EMERGENCY, None, None, 2, LeaseState.LOST, armed=True),
     AuthorityView(Phase.ON_MISSION, None, None, 3, LeaseState.RECOVERING, armed=True),
+    AuthorityView(Phase.ON_MISSION, GCSA, None, 1, LeaseState.HELD, armed=True, rehearsal=True),
+    AuthorityView(Phase.ON_HANDOVER, GCSB, GCSA, 2, LeaseState.TRANSFER, armed=True, rehearsal=True),
+    AuthorityView(Phase.EMERGENCY, None, None, 2, LeaseState.LOST, armed=True, rehearsal=True),
 ]
 
 #: (station whose link it comes by, system id in the frame, MAVLink version, what is wrong with the sender)
@@ -584,6 +594,8 @@ def expected(
     """What becomes of a frame that is aimed at the vehicle's autopilot."""
     if wrong is not None:
         return Fate.DROP, wrong
+    if view.rehearsal and kind in (START, TAKE_OFF, TURNING):
+        return Fate.REFUSE, GateReason.REHEARSAL
     commands = view.commander is not None and view.commander == station.sysid
     if kind == LIVENESS and sysid in (TRACKER_OF_A, TRACKER_OF_B):
         commands = False
@@ -593,6 +605,8 @@ def expected(
         return Fate.CONSUME, GateReason.COMPANION
     if kind in (START, JUDGED, CALLED_OFF) and view.phase is not Phase.ON_LOAD:
         return Fate.CONSUME, GateReason.COMPANION
+    if kind == HELD and view.rehearsal:
+        return Fate.DROP, GateReason.REHEARSAL
     if kind == HELD and view.phase is Phase.ON_LOAD and not view.armed:
         return Fate.DROP, GateReason.NOT_ARMED
     return ARMED.get(kind, OUTCOMES[kind][0]) if view.armed else OUTCOMES[kind][0]

@@ -104,6 +104,20 @@ def test_what_is_locked_is_said_to_the_commander_too(door: Door, make: Make) -> 
     ]
 
 
+def test_in_a_rehearsal_everybody_is_told_that_nothing_arms(door: Door, make: Make) -> None:
+    door.change(replace(OF_A, rehearsal=True))
+    door.up(A, make("COMMAND_LONG", sysid=GCSA, command=300))
+    door.up(A, make("COMMAND_LONG", sysid=GCSA, command=400, param1=1.0))
+    door.up(B, make("COMMAND_LONG", sysid=GCSB, command=22))
+    door.up(B, make("COMMAND_LONG", sysid=GCSB, command=21))
+    assert door.said == [
+        (GCSA, "START refused: a rehearsal is under way: nothing arms"),
+        (GCSA, "arm refused: a rehearsal is under way: nothing arms"),
+        (GCSB, "take-off refused: a rehearsal is under way: nothing arms"),
+        (GCSB, "LAND refused: GCSA commands"),
+    ]
+
+
 def test_when_nobody_commands_it_says_so(door: Door, make: Make) -> None:
     door.change(replace(OF_A, commander=None, lease=LeaseState.LOST))
     door.up(A, make("COMMAND_LONG", sysid=GCSA, command=21))

@@ -61,6 +61,18 @@ def test_arming_needs_a_commander_in_office(bench: Bench, state: int, commander:
     assert bench.refusal == refusal
 
 
+def test_what_says_that_authority_is_being_recovered_lets_nobody_arm_and_touches_nothing(bench: Bench) -> None:
+    """The lease of a rehearsal: armed all the same, by force, the aircraft is left to whoever has armed it."""
+    bench.companion.state, bench.companion.commander = RECOVERING, 251
+    bench.with_lease()
+    assert not bench.may_arm
+    bench.vehicle.armed = True
+    bench.run(2000)
+    bench.vehicle.flying = True
+    bench.run(10_000)
+    assert (bench.vehicle.armed, bench.vehicle.disarms, bench.vehicle.mode_requests) == (True, 0, [])
+
+
 def test_refusals_fit_the_arming_message(bench: Bench) -> None:
     bench.companion.component = 255
     bench.vehicle.parameters["HNDO_CHAN"] = 15.0

@@ -168,3 +168,24 @@ def test_any_bytes_are_a_status_or_none(payload: bytes) -> None:
     assert status is None or (len(payload) == 20 and payload[0] == 1 and payload[1] <= 4)
     lease = unpack_lease(payload)
     assert lease is None or (len(payload) == 20 and payload[0] == 1 and 1 <= payload[1] <= 4)
+
+
+@pytest.mark.parametrize(
+    ("phase", "commander", "lease", "told"),
+    [
+        (Phase.ON_MISSION, 251, LeaseState.HELD, (LeaseState.RECOVERING, 251)),
+        (Phase.ON_HANDOVER, 251, LeaseState.TRANSFER, (LeaseState.RECOVERING, 251)),
+        (Phase.EMERGENCY, 251, LeaseState.HELD, (LeaseState.RECOVERING, 251)),
+        (Phase.ON_MISSION, None, LeaseState.LOST, (LeaseState.LOST, 0)),
+        (Phase.ON_MISSION, None, LeaseState.RECOVERING, (LeaseState.LOST, 0)),
+        (Phase.ON_MISSION, None, LeaseState.ALONE, (LeaseState.LOST, 0)),
+    ],
+)
+def test_no_lease_of_a_rehearsal_permits_arming(
+    phase: Phase, commander: int | None, lease: LeaseState, told: tuple[LeaseState, int]
+) -> None:
+    view = AuthorityView(phase, commander, None, 1, lease, armed=True, rehearsal=True)
+    message = LeaseSequence(9).next(view, 1, 12.0)
+    sent = unpack_lease(bytes(message.payload)[: message.payload_length])
+    assert sent is not None
+    assert (sent.state, sent.commander, sent.left_s) == (*told, 0)

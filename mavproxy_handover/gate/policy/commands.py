@@ -16,6 +16,7 @@ __all__ = [
     "JUDGED_RULES",
     "MODE_BITS",
     "TAKE_OFF_RULES",
+    "TURNING",
     "TURTLE",
     "JudgedRule",
     "TakeOffRule",
@@ -55,6 +56,10 @@ TAKE_OFF_RULES: Final = (
     TakeOffRule("NAV_VTOL_TAKEOFF", "takes off"),
     TakeOffRule("SOLO_BTN_FLY_HOLD", "on the ground ArduCopter arms and takes off by it"),
 )
+
+#: By these motors turn on the ground, or are about to, with nothing armed; compass calibration with throttle is one of
+#: the kinds of PREFLIGHT_CALIBRATION. Who carries the aircraft in a rehearsal has his hands on it.
+TURNING: Final = names("DO_MOTOR_TEST ACTUATOR_TEST ACTUATOR_GROUP_TEST DO_ENGINE_CONTROL PREFLIGHT_CALIBRATION")
 
 
 @dataclass(frozen=True, slots=True)

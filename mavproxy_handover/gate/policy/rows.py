@@ -21,7 +21,7 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.policy.access import ANY
-from mavproxy_handover.gate.policy.commands import MODE_BITS, TAKE_OFF_RULES, TURTLE, TakeOffRule
+from mavproxy_handover.gate.policy.commands import MODE_BITS, TAKE_OFF_RULES, TURNING, TURTLE, TakeOffRule
 from mavproxy_handover.gate.policy.files import file_rule
 from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
 from mavproxy_handover.gate.policy.parts import MISSION_READ_MESSAGES, MISSION_TYPE_MESSAGES
@@ -38,13 +38,14 @@ from mavproxy_handover.gate.policy.tables import (
     Rule,
 )
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
-from mavproxy_handover.wire.ids import FTP_OPCODES, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
+from mavproxy_handover.wire.ids import FTP_OPCODES, GUARD_STATUS_TUNNEL, LEASE_TUNNEL, MISSION_START
 
 __all__ = [
     "MESSAGE_ROWS",
     "Access",
     "Row",
     "classify",
+    "moves",
     "TAKE_OFF_MESSAGES",
     "takes_off",
 ]
@@ -165,6 +166,10 @@ _TAKE_OFFS: Final[dict[int, TakeOffRule]] = {
     for rule in TAKE_OFF_RULES
     if hasattr(mavlink, f"MAV_CMD_{rule.name}")
 }
+_COMMANDS: Final = frozenset((_IDS["COMMAND_LONG"], _IDS["COMMAND_INT"]))
+_TURNING: Final = frozenset(
+    getattr(mavlink, f"MAV_CMD_{name}") for name in TURNING if hasattr(mavlink, f"MAV_CMD_{name}")
+)
 
 
 #: Messages, not commands, that may begin a flight: what is in them decides.
@@ -183,6 +188,15 @@ def takes_off(frame: Frame, row: Row) -> bool:
     if rule.values and isfinite(value) and _keeps(int(value), rule.bits) not in rule.values:
         return False
     return rule.unless_zero is None or field_float(frame, f"param{rule.unless_zero}") != 0.0
+
+
+def moves(frame: Frame, row: Row) -> bool:
+    """Whether motors may turn by a frame, whose row this is, of an aircraft that is carried: by START, by what arms or
+    takes off, and by tests."""
+    if row.access is not Access.COMMAND:
+        return False
+    turns = frame.msgid in _COMMANDS and (row.part == MISSION_START or row.part in _TURNING)
+    return turns or takes_off(frame, row)
 
 
 def _keeps(number: int, bits: int) -> int:
