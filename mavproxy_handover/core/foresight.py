@@ -163,7 +163,8 @@ class Foresight:
         owner = self._authority.owner
         if owner is None:
             return None
-        holding = frozenset(self._candidates.zones.inside())
+        zones = self._candidates.zones
+        holding = frozenset(station for station in zones.inside() if zones.open(station))
         for border in borders:
             if owner in border.holding:
                 partners, soon_s = border.holding - holding - {owner}, 0.0
@@ -192,7 +193,7 @@ class Foresight:
         ahead, authority = self._ahead, self._authority
         if ahead is None or self._in_use():
             return
-        holds = self._candidates.zones.holds(ahead.key.to_station)
+        holds = self._candidates.zones.open(ahead.key.to_station)
         same = (ahead.key.from_station, ahead.key.epoch) == (authority.owner, authority.epoch)
         same = same and ahead.digest == self._candidates.mission.digest
         late = now >= ahead.seen_at + _SAME_S

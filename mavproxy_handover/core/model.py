@@ -256,6 +256,9 @@ class ZoneFact:
     ends_s: float | None = None
     #: system ids of the stations whose zones hold the place where it leaves then
     beyond: frozenset[int] = frozenset()
+    #: a waypoint of the station has still to be reached before its zone is a reason to move authority to it; the zone
+    #: covers the aircraft all the same
+    awaits: bool = False
 
 
 @dataclass(frozen=True, slots=True)

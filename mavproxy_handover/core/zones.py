@@ -12,6 +12,8 @@ Rules
   good links one to go where the zone ends within `link_steady_s`: that would call it back.
 * After a change of authority only a zone entered since then counts as entered, and nothing moves during the dwell
   time unless the commander's zone has ended: no ping-pong inside one handover region.
+* A zone whose station awaits the aircraft at a waypoint (`ZoneFact.awaits`) counts as entered when that is reached.
+  Until then it calls nobody; but it covers the aircraft, also where the commander is lost or its zone ends.
 * Where several stations would do: the next one on the route, then the one that keeps the aircraft longest.
 """
 
@@ -52,7 +54,7 @@ class ZoneTracker:
     def update(self, facts: Iterable[ZoneFact], now: float) -> ZoneChange:
         """Take in the facts of one position."""
         entered, left = [], []
-        self._facts = {}
+        before, self._facts = self._facts, {}
         for fact in facts:
             # a station with several zones is covered by the best of them
             known = self._facts.get(fact.station)
@@ -69,10 +71,15 @@ class ZoneTracker:
                     self._inside.discard(station)
                     self._fresh.discard(station)
                     left.append(station)
+                elif fact.awaits:
+                    self._fresh.discard(station)
+                elif station in before and before[station].awaits:  # its waypoint has been reached
+                    self._fresh.add(station)
             elif fact.margin_m >= self._limits.enter_margin_m:
                 self._inside.add(station)
-                self._fresh.add(station)
                 entered.append(station)
+                if not fact.awaits:
+                    self._fresh.add(station)
         if self._inside or not self._facts:
             self.out_since = None
         elif self.out_since is None:
@@ -82,6 +89,10 @@ class ZoneTracker:
     def holds(self, station: int | None) -> bool:
         """Whether this station's zone holds the aircraft."""
         return station in self._inside
+
+    def open(self, station: int) -> bool:
+        """Whether this station's zone holds the aircraft, and awaits it at no waypoint any more."""
+        return station in self._inside and not self._facts[station].awaits
 
     def inside(self, first: int | None = None) -> tuple[int, ...]:
         """Stations whose zones hold the aircraft, `first` at the head if it is one of them."""

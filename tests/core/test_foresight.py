@@ -15,7 +15,7 @@ from mavproxy_handover.core.events import BordersSeen
 from mavproxy_handover.core.foresight import Foresight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import CrossingKey, HandoverAhead, OkAhead
-from mavproxy_handover.core.model import BorderFact, Consent, Reason
+from mavproxy_handover.core.model import BorderFact, Consent, Reason, ZoneFact
 from tests.core.network import Network, lossy, perfect
 
 A, B, C = 251, 252, 253
@@ -339,6 +339,27 @@ class TestWhichBorder:
         for station in (99, 0):
             foresight.seen(BordersSeen((BorderFact(0, 20.0, frozenset({A, station})),)), 20.0, [])
             assert foresight.key is None
+
+    def test_a_zone_that_awaits_the_aircraft_at_a_waypoint_begins_there(self) -> None:
+        """It holds the aircraft long before; who else has it already is asked at no border of it."""
+        for awaits in (True, False):
+            _flown, foresight = self.foreseen(visits={A: [(0, 300)], B: [(0, 300)]})
+            foresight._candidates.zones.update([ZoneFact(A, 50, None), ZoneFact(B, 50, None, awaits=awaits)], 20.0)
+            foresight.seen(BordersSeen((BorderFact(0, 20.0, frozenset({A, B})),)), 20.0, [])
+            assert (foresight.key is not None) is awaits
+
+    def test_and_is_not_reached_before(self) -> None:
+        _flown, foresight = self.foreseen(visits={A: [(0, 300)], B: [(0, 300)]})
+        zones = foresight._candidates.zones
+        zones.update([ZoneFact(A, 50, None), ZoneFact(B, 50, None, awaits=True)], 20.0)
+        foresight.seen(BordersSeen((BorderFact(0, 20.0, frozenset({A, B})),)), 20.0, [])
+        reached = []
+        for awaits in (True, False):
+            zones.update([ZoneFact(A, 50, None), ZoneFact(B, 50, None, awaits=awaits)], 39.0)
+            foresight.speak(39.0, [])
+            assert foresight._ahead is not None
+            reached.append(foresight._ahead.reached)
+        assert reached == [False, True]
 
     def test_where_the_way_leaves_every_zone_nothing_behind_it_counts(self) -> None:
         _flown, foresight = self.foreseen()

@@ -10,7 +10,7 @@ from math import nan
 import pytest
 
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import RANKS, ZoneFact
+from mavproxy_handover.core.model import RANKS, Reason, ZoneFact
 from mavproxy_handover.core.zones import ZoneChange, ZoneTracker
 
 A, B, C = 251, 252, 253
@@ -274,6 +274,81 @@ def test_a_better_link_calls_no_station_whose_zone_ends_before_it_was_worth_it(
     zones.update((fact(A, 50.0), fact(B, 50.0, left_s)), 0.0)
     zones.moved(0.0)
     assert next_commander(zones, A, [B], None, 100.0, better=[B]) == called
+
+
+class TestAwaitedAtAWaypoint:
+    """A station that awaits the aircraft at a waypoint: its zone covers, and calls when that is reached."""
+
+    AWAITS = ZoneFact(B, 500.0, None, awaits=True)
+    REACHED = ZoneFact(B, 500.0, None)
+
+    def test_its_zone_calls_nobody_until_the_waypoint_is_reached(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), fact(B, -50)], 0.0)
+        zones.moved(0.0)
+        for second in range(10, 60):
+            zones.update([fact(A, 500), self.AWAITS], float(second))
+            assert next_commander(zones, A, (B,), B, float(second)) is None
+        zones.update([fact(A, 500), self.REACHED], 60.0)
+        assert next_commander(zones, A, (B,), B, 60.0) == B
+
+    def test_entering_it_is_told_as_ever_and_reaching_the_waypoint_is_no_second_entry(self) -> None:
+        zones = tracker()
+        assert zones.update([self.AWAITS], 0.0) == ZoneChange((B,), ())
+        assert zones.update([self.REACHED], 1.0) == NOTHING
+
+    def test_it_holds_the_aircraft_and_is_not_open(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), self.AWAITS], 0.0)
+        assert zones.inside() == (A, B)
+        assert (zones.open(A), zones.open(B), zones.open(C)) == (True, False, False)
+        zones.update([fact(A, 500), self.REACHED], 1.0)
+        assert zones.open(B)
+        zones.update([fact(A, 500), fact(B, -500)], 2.0)
+        assert not zones.open(B)
+
+    def test_where_the_commanders_zone_ends_no_waypoint_is_waited_for(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 50, 8.0), self.AWAITS], 10.0)
+        assert zones.reasons(A, (B,), 10.0) == {B: Reason.ZONE_ENDS}
+
+    def test_nor_when_its_links_are_the_better_ones(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), self.AWAITS], 10.0)
+        assert zones.reasons(A, (B,), 10.0, better=(B,)) == {B: Reason.LINK_QUALITY}
+
+    def test_a_waypoint_reached_outside_its_zone_counts_when_the_zone_is_entered(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), ZoneFact(B, -50.0, None, awaits=True)], 0.0)
+        zones.update([fact(A, 500), fact(B, -50)], 10.0)
+        assert next_commander(zones, A, (B,), B, 10.0) is None
+        zones.update([fact(A, 500), fact(B, 50)], 11.0)
+        assert next_commander(zones, A, (B,), B, 11.0) == B
+
+    def test_a_station_that_awaits_it_once_more_calls_no_more(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), self.REACHED], 0.0)
+        zones.update([fact(A, 500), self.AWAITS], 1.0)
+        assert next_commander(zones, A, (B,), B, 10.0) is None
+        zones.update([fact(A, 500), self.REACHED], 11.0)
+        assert next_commander(zones, A, (B,), B, 11.0) == B
+
+    def test_each_waypoint_calls_once(self) -> None:
+        """Given away again behind it, authority stays there: the waypoint was reached before that."""
+        zones = tracker()
+        zones.update([fact(A, 500), self.AWAITS], 0.0)
+        zones.update([fact(A, 500), self.REACHED], 1.0)
+        zones.moved(1.0)
+        zones.moved(20.0)
+        zones.update([fact(A, 500), self.REACHED], 100.0)
+        assert next_commander(zones, A, (B,), B, 100.0) is None
+
+    def test_on_the_ground_an_awaited_zone_is_not_forgotten_but_still_awaited(self) -> None:
+        zones = tracker()
+        zones.update([fact(A, 500), self.AWAITS], 0.0)
+        zones.forget_entries()
+        zones.update([fact(A, 500), self.REACHED], 50.0)
+        assert next_commander(zones, A, (B,), B, 50.0) == B
 
 
 class TestBeyondTheBorder:

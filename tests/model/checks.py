@@ -89,8 +89,10 @@ class Books:
     asked: frozenset[int] = frozenset()
     #: ticks since the partner's DRONE_CONNECTED in the present transfer
     connected: int | None = None
-    #: stations whose zone holds the aircraft, and those of them entered since authority last changed
+    #: stations whose zone holds the aircraft, and those of them entered since authority last changed: where a station
+    #: awaits it at a waypoint, by reaching that
     zones: frozenset[int] = frozenset()
+    awaiting: frozenset[int] = frozenset()
     entered: frozenset[int] = frozenset()
     #: zones that are about to end
     ending: frozenset[int] = frozenset()
@@ -177,13 +179,14 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
         books = replace(books, weak=books.weak - {event.station} | ({event.station} if event.weak else set()))
     if isinstance(event, PositionSeen):
         zones = frozenset(fact.station for fact in event.zones if fact.margin_m > 0)
-        entered = (books.entered | (zones - books.zones)) & zones
+        awaiting = frozenset(fact.station for fact in event.zones if fact.awaits)
+        entered = ((books.entered | (zones - books.zones) | books.awaiting) & zones) - awaiting
         if not books.placed:
-            entered = zones - {books.had} if books.interrupted else frozenset()
+            entered = zones - {books.had} - awaiting if books.interrupted else frozenset()
         ending = frozenset(fact.station for fact in event.zones if fact.exit_s is not None)
         entered = entered if books.flying else frozenset()
         gap = event.gap is not None
-        books = replace(books, zones=zones, entered=entered, ending=ending, placed=True, gap=gap)
+        books = replace(books, zones=zones, awaiting=awaiting, entered=entered, ending=ending, placed=True, gap=gap)
     key = _key(view, books.had)
     if isinstance(event, StationMessage) and key is not None and getattr(event.message, "key", None) == key:
         connected = books.connected

@@ -70,7 +70,7 @@ class Setting:
 
     A position is written as the letters of the stations whose zones hold the aircraft; a small letter: that zone is
     about to end along the track, and behind its border are the zones of the next position. "=" before them: the mission
-    declares a gap there.
+    declares a gap there. "?" behind one: that station awaits the aircraft at a waypoint.
     """
 
     name: str

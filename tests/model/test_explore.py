@@ -8,6 +8,7 @@ And the test of that test: faults planted in the rules are found.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -19,7 +20,7 @@ from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.messages import DisconnectHandover
-from mavproxy_handover.core.model import Consent, Outcome, Reason
+from mavproxy_handover.core.model import Consent, Outcome, Reason, ZoneFact
 from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.transfer import Cause, End, Step
@@ -38,6 +39,7 @@ LATE = Setting("late", path=("A", "AB", "A", "AB"), faults=1, kinds=frozenset({F
 OPERATOR = Setting("operator", operators="A", faults=0)
 GAP = Setting("gap", path=("A", "=", "B"), faults=1, kinds=frozenset({Fault.KILL_STATION}))
 GAP_TWICE = Setting("gap, twice", path=("A", "="), faults=2, kinds=frozenset({Fault.KILL_STATION}))
+AWAITED = Setting("awaited", path=("A", "AB?", "AB"), faults=0)
 STATE_LOST = Setting("state file lost", path=("A", "_A", "AB"), faults=1, kinds=BLANK)
 
 
@@ -162,6 +164,28 @@ def the_first_position_counts_as_entry(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(zones.ZoneTracker, "forget_entries", lambda self: None)
 
 
+def seen_with(change: Callable[[ZoneFact, dict[int, ZoneFact]], ZoneFact]) -> Callable[[pytest.MonkeyPatch], None]:
+    """The tracker sees other facts than it is told; `change`: of a fact, and what it was told before."""
+
+    def plant(patch: pytest.MonkeyPatch) -> None:
+        original = zones.ZoneTracker.update
+
+        def other(self: zones.ZoneTracker, facts: Any, now: float) -> Any:
+            return original(self, [change(fact, self._facts) for fact in facts], now)
+
+        patch.setattr(zones.ZoneTracker, "update", other)
+
+    return plant
+
+
+def called_before_its_waypoint(patch: pytest.MonkeyPatch) -> None:
+    seen_with(lambda fact, _before: replace(fact, awaits=False))(patch)
+
+
+def not_called_at_its_waypoint(patch: pytest.MonkeyPatch) -> None:
+    seen_with(lambda fact, before: replace(fact, awaits=fact.awaits or fact.station in before))(patch)
+
+
 def an_epoch_that_is_never_learnt(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Authority, "learn", lambda self, station, answer, actions: None)
 
@@ -235,6 +259,8 @@ PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
     lost_too_soon: (TRANSFER, "station 251 lost authority, heard 3 s ago"),
     lost_and_nobody_takes_it: (TRANSFER, "nobody commands, though [252] live"),
     the_first_position_counts_as_entry: (TRANSFER, "authority wanders to station 25"),
+    called_before_its_waypoint: (AWAITED, "authority wanders to station 252"),
+    not_called_at_its_waypoint: (AWAITED, "station 251 commands on, though the zones of [252] were entered"),
     an_epoch_that_is_never_learnt: (STATE_LOST, "believes 251 commands"),
     told_before_the_gate: (TRANSFER, "is told of epoch"),
     station_believes_anything: (MESSAGE_LOST, "a station's epoch fell"),

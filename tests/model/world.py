@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 from gcs_module import core as gcs
@@ -173,9 +174,8 @@ class World:
             ending = letter.lower() in place.lstrip("_")
             holds = ending or letter in place
             margin_m = 50.0 if holds else -50.0
-            facts.append(
-                ZoneFact(sysid, margin_m, SOON_S, SOON_S, beyond) if ending else ZoneFact(sysid, margin_m, None)
-            )
+            fact = ZoneFact(sysid, margin_m, SOON_S, SOON_S, beyond) if ending else ZoneFact(sysid, margin_m, None)
+            facts.append(replace(fact, awaits=f"{letter}?" in place))
         return tuple(facts)
 
     def _cut(self, draft: Draft, sender: int, receiver: int) -> bool:
