@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Orders from a scenario to the proxies of a run (`sitl.run.bad_links`), by name or by pattern, and their answers."""
+"""Orders from a scenario to helper processes of a run, and their answers; to proxies by name or by pattern."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from sitl.run.processes import Child, ProcessGone
 from sitl.script.steps import StepFailed
 
-__all__ = ["give_orders"]
+__all__ = ["give_orders", "type_orders"]
 
 
 def give_orders(child: Child, links: Sequence[str], orders: Sequence[str]) -> Callable[[], bool]:
@@ -25,6 +25,14 @@ def give_orders(child: Child, links: Sequence[str], orders: Sequence[str]) -> Ca
         if not meant:
             raise StepFailed(f"{order!r}: no link through the proxy is called so: {', '.join(links)}")
         lines += [" ".join((what, link, *rest)) for link in meant]
+    return type_orders(child, lines)
+
+
+def type_orders(child: Child, lines: Sequence[str]) -> Callable[[], bool]:
+    """Type lines at a helper process, which answers each by `ok` and the same.
+
+    The function tells whether all are carried out. Both raise StepFailed.
+    """
     answered = len(child.console())
     try:
         for line in lines:

@@ -34,10 +34,10 @@ from sitl.run.fleet import FIRST, Craft, Flown, first_of
 from sitl.run.memory import memory_of_a_run
 from sitl.run.observer import Observer
 from sitl.run.processes import Processes, ProcessGone, ending
-from sitl.run.proxy import give_orders
+from sitl.run.proxy import give_orders, type_orders
 from sitl.run.story import Story
 from sitl.run.transmitter import Transmitter
-from sitl.run.wiring import COMPANION, IMPAIRMENT, LINES, Program, Wiring, lay_out
+from sitl.run.wiring import BOX, COMPANION, IMPAIRMENT, LINES, Program, Wiring, lay_out
 from sitl.script.expect import ALWAYS, Loss, OfVehicle
 from sitl.script.places import SetupError, guard_files
 from sitl.script.scenario import Scenario, Step
@@ -212,6 +212,12 @@ class _Flight:
             given.append(give_orders(self.processes[IMPAIRMENT], self._impaired, others))
         return lambda: all(done() for done in given)
 
+    def box(self, order: str) -> Callable[[], bool]:
+        self._begin_anew()
+        if BOX not in self.processes:
+            raise StepFailed("there is no position box: say so by [box]")
+        return type_orders(self.processes[BOX], [order])
+
     def change_world(self, name: str, value: float) -> Callable[[], bool]:
         self._begin_anew()
         assert self._observer is not None
@@ -242,7 +248,7 @@ class _Flight:
                 folder = order.folder / craft.name
                 started = self._start_vehicle(wiring, craft, folder, folder / "vehicle" / "seen.jsonl")
                 self._others[craft.name] = Flown(craft.name, *started)
-            self._start_programs(wiring, self.vehicle.companion_master)
+            self._start_programs(wiring, self.vehicle)
         except (ConfigError, KeysError, OSError) as error:
             raise SetupError(" ".join(str(error).split())) from None
 
@@ -270,9 +276,10 @@ class _Flight:
             vehicle.stop()
             raise
 
-    def _start_programs(self, wiring: Wiring, master: str) -> None:
+    def _start_programs(self, wiring: Wiring, vehicle: RunningVehicle) -> None:
         self._impaired = wiring.impaired
-        between = wiring.programs_between(master)
+        master = vehicle.companion_master
+        between = wiring.programs_between(master, vehicle.address(0))
         for program in between:
             self._start(program)
         self._await_up(between)

@@ -5,6 +5,9 @@
     vehicle  <- TCP ->  companion  - UDP ->  each station's own ports (the station listens, the companion speaks first)
     station  - UDP ->  every other station's ground port
 
+Where the scenario asks for it a position box stands beside the vehicle: it has a port of the vehicle's own, and the
+companion connects to it.
+
 Where the scenario asks for it a serial line stands in the place of the vehicle's or a station's link, with noise on it.
 Where the scenario asks for it the proxy stands in these links, or the rogue in the vehicle's: both listen where the one
 end sends and pass on to where the other one listens. The files are the ones a real vehicle and a real station have, and
@@ -34,6 +37,7 @@ from sitl.script.scenario import AUTOPILOT, Scenario
 from sitl.script.weather import Weather
 
 __all__ = [
+    "BOX",
     "COMPANION",
     "COMPANION_NAME",
     "IMPAIRMENT",
@@ -49,6 +53,8 @@ __all__ = [
 COMPANION, COMPANION_NAME = "companion", FIRST[0]
 #: names of the processes that stand in links
 IMPAIRMENT, ROGUE, LINES = "impairment", "rogue", "lines"
+#: name of the position box's process
+BOX = "box"
 SYSID = FIRST[1]
 #: lies in the folder of each of our stations: what MAVProxy can be told to load, a mission that nobody flies among it
 _TO_LOAD = {
@@ -138,13 +144,11 @@ class Wiring:
             name, tuple(supervised_argv(config, master, home / f"{name}.tlog")), home, home / f"{COMPANION}.jsonl"
         )
 
-    def programs_between(self, master: str) -> tuple[Program, ...]:
-        """What stands in links, with the autopilot at `master`."""
+    def programs_between(self, master: str, truth: str) -> tuple[Program, ...]:
+        """What stands in links and beside the vehicle; `master`: the autopilot's port, `truth`: another one of it."""
         port = ("--autopilot", master.rsplit(":", 1)[1]) if self.line else ()
-        return tuple(
-            replace(program, argv=(*program.argv, *port)) if program.name == LINES else program
-            for program in self.between
-        )
+        more = {LINES: port, BOX: ("--vehicle", truth)}
+        return tuple(replace(program, argv=(*program.argv, *more.get(program.name, ()))) for program in self.between)
 
     def companion(self, master: str) -> Program:
         """The companion, supervised, with the autopilot at `master`."""
@@ -243,6 +247,7 @@ def lay_out(
     grounds = [{"name": entry.name, "sysid": entry.sysid, "target": ground[entry.name]} for entry in package.stations]
     keys = _make_keys(folder / "keys", package) if scenario.signed else {}
     guard_key, card = _guard_keys(folder, scenario)
+    box = f"{LOOPBACK}:{ports.tcp()}" if scenario.box else ""
     entries, stations = [], []
     beside = [_Beside.laid(craft, folder, ports, signed=scenario.signed) for craft in others]
     for station in package.stations:
@@ -294,9 +299,9 @@ def lay_out(
     to_autopilot = between.line(AUTOPILOT)
     return Wiring(
         folder,
-        _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(first, scenario, entries, guard_key)),
+        _write(folder / COMPANION / f"{COMPANION}.toml", _vehicle(first, scenario, entries, guard_key, box)),
         tuple(stations),
-        between.programs(folder, grounds),
+        (*between.programs(folder, grounds), *_boxes(folder, box)),
         tuple(proxy["name"] for proxy in between.proxies),
         card,
         on_slow_disk(folder / COMPANION, scenario.fsync_s) if scenario.fsync_s else (),
@@ -350,6 +355,7 @@ def _vehicle(
     scenario: Scenario,
     stations: list[dict[str, Any]],
     guard_key: Path | None,
+    box: str = "",
 ) -> dict[str, Any]:
     vehicle: dict[str, Any] = {
         "name": craft.name,
@@ -369,7 +375,15 @@ def _vehicle(
         tables["limits"] = scenario.limits
     if scenario.policy:
         tables["policy"] = scenario.policy
+    if box:
+        tables["position"] = {**scenario.box, "box": f"tcp:{box}"}
     return tables
+
+
+def _boxes(folder: Path, address: str) -> tuple[Program, ...]:
+    """The position box, if there is one."""
+    argv = (sys.executable, "-m", "sitl.run.data_box", "--listen", address)
+    return (Program(BOX, argv, folder / BOX),) if address else ()
 
 
 def _station(

@@ -156,6 +156,35 @@ class Follows(Expectation):
 
 
 @dataclass(frozen=True, slots=True)
+class Quiet(Expectation):
+    """No entry with this source, one of these events and these values from one moment to another, both named by labels
+    of steps."""
+
+    event: tuple[str, ...]
+    after: str
+    until: str
+    who: str = ""
+    match: Match = field(default_factory=Match)
+
+    def labels(self) -> tuple[str, ...]:
+        return (self.after, self.until)
+
+    def judge(self, evidence: Evidence) -> Verdict:
+        events = " or ".join(describe(self.who, event, self.match) for event in self.event)
+        wanted = f"no {events} from '{self.after}' to '{self.until}'"
+        begin, end = (evidence.notes.marks.get(label) for label in self.labels())
+        if begin is None or end is None:
+            return Verdict(False, wanted, "one of the two never came")
+        found = [
+            entry
+            for entry in evidence.entries
+            if begin <= entry.t < end and any(matches(entry, self.who, event, self.match) for event in self.event)
+        ]
+        seen = ", ".join(f"{entry.event.replace('_', ' ')} after {entry.t - begin:.1f} s" for entry in found)
+        return Verdict(not found, wanted, seen or f"none in {end - begin:.1f} s")
+
+
+@dataclass(frozen=True, slots=True)
 class Memory(Expectation):
     """The companion's memory grows by less than so much from one moment to another, both named by labels of steps."""
 
@@ -421,6 +450,7 @@ EXPECTATIONS: Mapping[str, type[Expectation]] = {
     "count": Count,
     "number": Number,
     "follows": Follows,
+    "quiet": Quiet,
     "memory": Memory,
     "commands": Commands,
     "modes": Modes,

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The words of a scenario's timeline that break things, and mend them: processes, links, and the world around.
+"""The words of a scenario's timeline that break things, and mend them: processes, links, the world around.
 
 Links are known by name where `[impair]` puts the proxy between the two ends: `air-GCSA` from the vehicle to a station
 (`air-GCSA-wifi` where it has several), `ground-GCSA-GCSB` from one station to another, one direction only. A `*` in a
@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from sitl.script.box_orders import parse_order
 from sitl.script.steps import Deed, Running, Stage, done_at_once
 
-__all__ = ["FAULT_STEPS", "Crash", "Impair", "Kill", "Restart", "World"]
+__all__ = ["FAULT_STEPS", "Box", "Crash", "Impair", "Kill", "Restart", "World"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +109,22 @@ class World(Deed):
 
 
 @dataclass(frozen=True, slots=True)
+class Box(Deed):
+    """The position box gets an order: "stall", "restart 3", "drift 0 4", and the others of `sitl/run/data_box.py`."""
+
+    value: str
+
+    def __post_init__(self) -> None:
+        parse_order(self.value)
+
+    def describe(self) -> str:
+        return f"position box: {self.value}"
+
+    def begin(self, stage: Stage) -> Running:
+        return Running(stage.box(self.value))
+
+
+@dataclass(frozen=True, slots=True)
 class Guard(Deed):
     """The guard is switched off (false) or on, past everybody who commands."""
 
@@ -145,6 +162,7 @@ FAULT_STEPS: Mapping[str, type[Deed]] = {
     "restart": Restart,
     "impair": Impair,
     "world": World,
+    "box": Box,
     "guard": Guard,
     "pilot": Transmit,
 }

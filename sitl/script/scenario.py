@@ -22,6 +22,7 @@ Before the steps stands what the flight is made of, where that differs from the 
     impair = {links = ["air", "ground"], seed = 7, loss = 0.2}   through the proxy; any value of Weather
     serial = [{lines = ["GCSA", "autopilot"], baud = 57600, damage = 0.0005, bursts_per_s = 2}]   lines with noise
     rogue = ["GCSB"]               somebody sits in this station's link to the vehicle
+    box = {source = "box"}         a position box; [position] of the vehicle's configuration, without where the box is
     fsync_s = 2.0                  each time that the companion waits for its disk takes so long
     fleet = {drone-2 = "linear"}   further vehicles, each with a mission of its own and the same stations
 
@@ -42,11 +43,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from mavproxy_handover.config.files import ConfigError
+from mavproxy_handover.config.position import position_settings
 from mavproxy_handover.gate.tongues import POLICIES
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.report.matching import Match
 from sitl.script.expect import EXPECTATIONS, Expectation, OfVehicle
-from sitl.script.fault_steps import FAULT_STEPS
+from sitl.script.fault_steps import FAULT_STEPS, Box
 from sitl.script.opening import BEGINNINGS, opening
 from sitl.script.places import SCENARIOS
 from sitl.script.steps import STEPS, Deed
@@ -80,6 +83,8 @@ WORDS: Mapping[str, type[Deed]] = {**STEPS, **FAULT_STEPS}
 AUTOPILOT = "autopilot"
 #: what goes through the proxy: links of the vehicle, links between stations
 IMPAIRED = ("air", "ground")
+#: stands for the address of a position box, which the run chooses
+_SOMEWHERE = "tcp:127.0.0.1:1"
 _KEYS = (
     "name",
     "description",
@@ -96,6 +101,7 @@ _KEYS = (
     "impair",
     "serial",
     "rogue",
+    "box",
     "fsync_s",
     "fleet",
     "limits",
@@ -115,6 +121,7 @@ _NOT_OF_A_FLEET = (
     "rogue",
     "impair",
     "guard_key",
+    "box",
     "fsync_s",
     "on_board",
 )
@@ -216,6 +223,8 @@ class Scenario:
     serial: tuple[SerialLines, ...] = ()
     #: stations in whose links to the vehicle the rogue sits
     rogue: tuple[str, ...] = ()
+    #: [position] of the vehicle's configuration, without the address, where there is a box
+    box: Mapping[str, str | float] = field(default_factory=dict)
     #: how long the companion's disk takes, if it is a slow one
     fsync_s: float = 0.0
     #: further vehicles: name -> mission
@@ -293,9 +302,12 @@ def parse_scenario(text: str, file: str) -> Scenario:
             for number, table in enumerate(reader.tables(data, "serial"), 1)
         ),
         rogue=reader.value(data, "rogue", tuple[str, ...], ()),
+        box=_box(reader, data),
         fsync_s=fsync_s,
         fleet=reader.at("fleet").words(reader.table(data, "fleet", {})),
     )
+    if not scenario.box and any(isinstance(step.deed, Box) for step in steps):
+        raise reader.error("box", "a step gives the position box an order, and there is none")
     _check_lines(reader, scenario)
     _check_fleet(reader, scenario)
     return scenario
@@ -326,6 +338,19 @@ def _check_fleet(reader: Reader, scenario: Scenario) -> None:
     for name in about:
         if name not in scenario.fleet:
             raise reader.error("vehicle", f"{name!r} is not in [fleet]: {', '.join(scenario.fleet) or 'there is none'}")
+
+
+def _box(reader: Reader, data: Mapping[str, Any]) -> Mapping[str, str | float]:
+    """[position] of the vehicle's configuration, sound but for where the box is: the run says that."""
+    box = reader.table(data, "box", {})
+    if "box" in data:
+        try:
+            position_settings({"position": {"box": _SOMEWHERE, **box}}, Path(reader.file))
+        except ConfigError as error:
+            raise reader.error("box", str(error).partition("] ")[2]) from None
+        if not box or "box" in box:
+            raise reader.error("box", 'must say whose position counts, and not where the box is: {source = "box"}')
+    return box
 
 
 def _word(reader: Reader, data: Mapping[str, Any], key: str, words: tuple[str, ...]) -> str:

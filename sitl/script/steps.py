@@ -76,6 +76,9 @@ class Stage(Protocol):
     def change_world(self, name: str, value: float) -> Callable[[], bool]:
         """Set a parameter of the simulation; the function tells whether it is set. Raises StepFailed."""
 
+    def box(self, order: str) -> Callable[[], bool]:
+        """Give the position box an order; the function tells whether it is carried out. Both raise StepFailed."""
+
     def transmit(self, position: int | None) -> None:
         """Move the switch of the pilot's transmitter; None: off. Raises StepFailed."""
 

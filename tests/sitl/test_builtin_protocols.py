@@ -441,6 +441,16 @@ def test_position_is_zero_before_the_receiver_has_a_fix() -> None:
     assert (bench.last("GLOBAL_POSITION_INT").lat, bench.last("GPS_RAW_INT").fix_type) == (526790000, 6)
 
 
+def test_the_simulations_own_state_is_told_without_a_fix_too() -> None:
+    bench = Bench({"SIM_GPS1_ENABLE": 0})
+    bench.run(1.0)
+    bench.command(512, 108)
+    bench.run(0.2)
+    state = bench.last("SIM_STATE")
+    assert (state.lat_int, state.lon_int, state.alt) == (526790000, 59240000, 10.0)
+    assert (state.vn, state.ve, state.vd) == (0.0, 0.0, 0.0)
+
+
 def test_landed_state_follows_the_flight(bench: Bench) -> None:
     bench.command(511, 245, 100000)
     bench.fly(10.0)

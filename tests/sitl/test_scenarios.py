@@ -60,6 +60,7 @@ PROMISED = {
     *("off-route", "planned-gap", "rally-choice", "rally-choice-guard", "battery-land"),
     *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
     *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return", "commands-judged"),
+    *("tcp-provider", "tcp-provider-drift"),
     *("refusal-texts", "two-vehicles", "linear", "field-test"),
 }
 
@@ -233,3 +234,36 @@ def test_the_name_is_that_of_the_file(tmp_path) -> None:  # type: ignore[no-unty
     path.write_text(HEAD + STEP + EXPECT, encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"other\.toml: name: 'x' must be the file's name, 'other'"):
         load_scenario(path)
+
+
+# ---- the position box -----------------------------------------------------------------------------------------------
+
+BOX = '[box]\nsource = "box"\napart_m = 40\n'
+ORDER = '[[step]]\nbox = "drift 0 4"\n'
+
+
+def test_a_position_box_is_configured_as_the_vehicle_has_it_but_for_its_address() -> None:
+    scenario = parse_scenario(HEAD + BOX + ORDER + EXPECT, "x.toml")
+    assert scenario.box == {"source": "box", "apart_m": 40}
+    assert scenario.steps[0].deed.describe() == "position box: drift 0 4"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (HEAD + ORDER + EXPECT, "box: a step gives the position box an order, and there is none"),
+        (HEAD + BOX.replace("apart_m", "apart") + ORDER + EXPECT, "box: apart: unknown key; did you mean 'apart_s'?"),
+        (HEAD + BOX.replace("40", "4000") + ORDER + EXPECT, "box: apart_m: 4000 must be 2 to 1000"),
+        (
+            HEAD + BOX + 'box = "tcp:127.0.0.1:9"\n' + ORDER + EXPECT,
+            "box: must say whose position counts, and not where",
+        ),
+        (HEAD + "[box]\n" + ORDER + EXPECT, "box: must say whose position counts"),
+        (HEAD + BOX + ORDER.replace("drift", "drfit") + EXPECT, "'drfit 0 4' must be one of stall, resume, cut"),
+        (HEAD + BOX + ORDER.replace("0 4", "4") + EXPECT, "drift takes 2 numbers"),
+        (HEAD + BOX + ORDER.replace("drift 0 4", "restart 601") + EXPECT, "must be 0 to 600 s"),
+        (HEAD + BOX + ORDER + EXPECT + '[fleet]\ndrone-2 = "linear"\n', "fleet: does not go together with box"),
+    ],
+)
+def test_a_box_that_cannot_be_is_refused(text: str, says: str) -> None:
+    assert says in refusal(text)

@@ -33,6 +33,7 @@ from sitl.script.expect import (
     Number,
     OfVehicle,
     OneCommander,
+    Quiet,
     Said,
 )
 from tests.sitl.synthetic import VEHICLE_NAME, evidence, nominal, wall
@@ -392,3 +393,33 @@ def test_what_is_judged_of_one_vehicle_is_nothing_of_another_one() -> None:
 
 def of_second(expectation: Expectation) -> Expectation:
     return OfVehicle("drone-2", expectation)
+
+
+# ---- silence between two moments ------------------------------------------------------------------------------------
+
+QUIET = Quiet(("zone_entered", "transfer_committed"), "apart", "truth", VEHICLE_NAME)
+
+
+def marked(entries: list[Entry], **marks: float) -> Evidence:
+    found = evidence(entries)
+    found.notes.marks.update(marks)
+    return found
+
+
+def test_what_comes_before_and_behind_does_not_break_the_silence() -> None:
+    entries = [border(9.9), border(20.0), committed(20.1), Entry(15.0, "GCSA", "zone_entered"), item(15.0, 3)]
+    verdict = QUIET.judge(marked(entries, apart=10.0, truth=20.0))
+    assert verdict.held, verdict
+    assert verdict.seen == "none in 10.0 s"
+
+
+@pytest.mark.parametrize("entry", [border(10.0), committed(19.9)])
+def test_one_entry_breaks_it(entry: Entry) -> None:
+    verdict = QUIET.judge(marked([entry], apart=10.0, truth=20.0))
+    assert not verdict.held
+    assert verdict.seen == f"{entry.event.replace('_', ' ')} after {entry.t - 10.0:.1f} s"
+
+
+def test_silence_until_a_moment_that_never_came_is_none() -> None:
+    assert not QUIET.judge(marked([], apart=10.0)).held
+    assert QUIET.labels() == ("apart", "truth")

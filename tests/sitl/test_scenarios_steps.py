@@ -11,7 +11,7 @@ import pytest
 from sitl.report.journal_reader import Entry
 from sitl.report.matching import Match
 from sitl.report.watch import Sample, Watch
-from sitl.script.fault_steps import Crash, Guard, Impair, Kill, Restart, Transmit, World
+from sitl.script.fault_steps import Box, Crash, Guard, Impair, Kill, Restart, Transmit, World
 from sitl.script.steps import (
     Pause,
     Steady,
@@ -73,6 +73,10 @@ class FakeStage:
         self.deeds.append(("world", f"{name} {value:g}"))
         return lambda: len(self.journal) > 0
 
+    def box(self, order: str) -> Callable[[], bool]:
+        self.deeds.append(("box", order))
+        return lambda: len(self.journal) > 0
+
     def note(self, event: str, **fields: object) -> None:
         self.journal.append(Entry(float(len(self.journal)), "drone-1", event, "", fields))
 
@@ -120,6 +124,14 @@ def test_the_world_has_changed_when_the_vehicle_says_so(stage: FakeStage) -> Non
     assert stage.deeds == [("world", "SIM_WIND_SPD 17")]
     assert not running.done()
     stage.note("anything")
+    assert running.done()
+
+
+def test_the_position_box_has_done_it_when_it_says_so(stage: FakeStage) -> None:
+    running = Box("drift 0 4").begin(stage)
+    assert stage.deeds == [("box", "drift 0 4")]
+    assert not running.done()
+    stage.note("answered")
     assert running.done()
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from mavproxy_handover.config.files import load_station, load_vehicle
+from mavproxy_handover.config.position import PositionSettings
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.keys import load_key
 from sitl.run.bad_links import load_plans
@@ -111,7 +112,7 @@ def test_serial_lines_stand_in_the_place_of_links_for_station_and_autopilot(tmp_
     b = station(wiring, "GCSB")
     assert [word for word in b.program().argv if word.startswith("--master=")] == [f"--master={far},57600"]
     assert companion_ports(wiring, "GCSA") == list(station(wiring, "GCSA").masters)
-    (program,) = wiring.programs_between("tcp:127.0.0.1:5762")
+    (program,) = wiring.programs_between("tcp:127.0.0.1:5762", "tcp:127.0.0.1:5760")
     assert program.argv[-2:] == ("--autopilot", "5762")
     to_station, to_autopilot = load_lines(Path(program.argv[-3]))
     assert (to_station.near, to_station.far, to_station.baud, to_station.seed) == (near, far, 57600, "7")
@@ -121,9 +122,20 @@ def test_serial_lines_stand_in_the_place_of_links_for_station_and_autopilot(tmp_
     assert f"--master={to_autopilot.near},115200" in wiring.companion("tcp:127.0.0.1:5762").argv
 
 
+def test_a_position_box_stands_beside_the_vehicle_and_the_companion_goes_to_it(tmp_path: Path) -> None:
+    wiring = wired(tmp_path, '[box]\nsource = "box"\napart_m = 40\n')
+    (program,) = wiring.programs_between("tcp:127.0.0.1:5762", "tcp:127.0.0.1:5760")
+    assert program.name == "box"
+    assert program.argv[-2:] == ("--vehicle", "tcp:127.0.0.1:5760")
+    listens = program.argv[program.argv.index("--listen") + 1]
+    position = load_vehicle(wiring.companion_config).position
+    assert position == PositionSettings("box", f"tcp:{listens}", apart_m=40.0)
+    assert load_vehicle(wired(tmp_path / "without").companion_config).position == PositionSettings()
+
+
 def test_without_a_serial_line_the_companion_goes_to_the_autopilot_itself(tmp_path: Path) -> None:
     wiring = wired(tmp_path)
-    assert wiring.programs_between("tcp:127.0.0.1:5762") == ()
+    assert wiring.programs_between("tcp:127.0.0.1:5762", "tcp:127.0.0.1:5760") == ()
     assert "--master=tcp:127.0.0.1:5762" in wiring.companion("tcp:127.0.0.1:5762").argv
 
 

@@ -324,6 +324,33 @@ def gps_global_origin(a: Autopilot) -> Message | None:
     )
 
 
+def sim_state(a: Autopilot) -> Message:
+    """Where the simulation truly has it, whatever the receiver says. Latitude and longitude are in 1e-7 degrees in both
+    pairs of fields, as ArduPilot has it."""
+    body, place = a.copter.body, a.copter.location()
+    roll, pitch = body.roll_pitch_rad()
+    yaw = math.radians((body.heading_deg + 180) % 360 - 180)
+    vn, ve, vu = body.velocity
+    return dialect.MAVLink_sim_state_message(
+        *([math.nan] * 4),
+        roll,
+        pitch,
+        yaw,
+        *([0.0] * 5),
+        math.radians(body.yaw_rate_deg_s),
+        float(place.lat_e7),
+        float(place.lon_e7),
+        place.alt_m,
+        0.0,
+        0.0,
+        vn,
+        ve,
+        -vu,
+        place.lat_e7,
+        place.lon_e7,
+    )
+
+
 def autopilot_version(a: Autopilot) -> Message:
     version = struct.unpack(">I", bytes((*FIRMWARE, 0)))[0]
     custom = list(b"builtin\0")
@@ -387,6 +414,7 @@ BUILDERS: dict[int, Callable[[Autopilot], Message | None]] = {
     dialect.MAVLINK_MSG_ID_HOME_POSITION: home_position,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: gps_global_origin,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: autopilot_version,
+    dialect.MAVLINK_MSG_ID_SIM_STATE: sim_state,
 }
 
 

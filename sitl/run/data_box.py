@@ -1,0 +1,301 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A position box for a simulated vehicle: a TCP server that sends 56-byte records of where the aircraft truly is.
+
+Started as `python -m sitl.run.data_box --vehicle tcp:HOST:PORT --listen HOST:PORT [--sysid N]`. It asks the vehicle for
+SIM_STATE, which is the simulation's own state and not the autopilot's estimate, and sends a record for each that comes.
+Records leave in two pieces, cut at another byte each time. Its clock is the wall's, from its own beginning.
+
+What is typed at it, each answered by `ok` and the same, or by `error:` and why:
+
+    stall               nothing is sent any more; connections stay
+    resume              it is again
+    cut                 all connections are closed; who comes again is served
+    restart SECONDS     the box is gone for so long, and its clock begins anew
+    drift NORTH EAST    where it says the aircraft is drifts away, m/s; 0 0: it stays where it has drifted to
+    true                it says the truth again
+    garbage             a hundred bytes that are no record, to everybody, in the midst of the stream
+
+When it listens and has heard the vehicle it prints `ready`; at the end, which is the end of its standard input, what it
+sent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import select
+import socket
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from mavproxy_handover.mission.geodesy import offset
+from mavproxy_handover.wire.box_record import SIZE, BoxRecord, pack_record
+from sitl.run.ending import Orders
+from sitl.script.box_orders import parse_order
+
+__all__ = ["DataBox", "main"]
+
+_INTERVAL_US: Final = 40_000
+_ASK_S: Final = 1.0
+_COMPONENT: Final = mavlink.MAV_COMP_ID_USER2
+#: a client that does not read is left behind
+_MOST_WAITING: Final = 64 * SIZE
+_GARBAGE: Final = bytes(range(0x80, 0xE4))
+_BAD_USAGE: Final = 2
+
+
+class DataBox:
+    """The server. `clock` gives monotonic seconds."""
+
+    def __init__(self, host: str, port: int, clock: Callable[[], float] = time.monotonic) -> None:
+        """Listen. Raises OSError."""
+        self._address = (host, port)
+        self._clock = clock
+        self._began = clock()
+        self._listener: socket.socket | None = self._listen()
+        self._address = self._listener.getsockname() if self._listener is not None else self._address
+        self._clients: dict[socket.socket, bytearray] = {}
+        self._stalls = False
+        self._back_at: float | None = None
+        #: north, east: what has come together, and how fast it grows
+        self._off_m = (0.0, 0.0)
+        self._drift_mps = (0.0, 0.0)
+        self._moved_at = clock()
+        self._cut = 0
+        self.sent = self.clients = 0
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self._address[1])
+
+    @property
+    def descriptors(self) -> list[int]:
+        """To wait for: who comes, and who goes."""
+        listening = [] if self._listener is None else [self._listener.fileno()]
+        return listening + [client.fileno() for client in self._clients]
+
+    def _listen(self) -> socket.socket:
+        listener = socket.create_server(self._address)
+        listener.setblocking(False)
+        return listener
+
+    def readable(self) -> None:
+        """Somebody comes, or goes."""
+        if self._listener is not None:
+            try:
+                client, _ = self._listener.accept()
+            except (BlockingIOError, InterruptedError, ConnectionError):
+                pass
+            else:
+                client.setblocking(False)
+                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                self._clients[client] = bytearray()
+                self.clients += 1
+        for client in list(self._clients):
+            try:
+                gone = not client.recv(4096)
+            except (BlockingIOError, InterruptedError):
+                continue
+            except OSError:
+                gone = True
+            if gone:
+                self._part(client)
+
+    def turn(self) -> None:
+        """Time has passed: it may be back."""
+        if self._back_at is not None and self._clock() >= self._back_at:
+            self._back_at = None
+            self._began = self._clock()
+            self._listener = self._listen()
+
+    def take(self, message: Any) -> None:
+        """The simulation's state: send it."""
+        now = self._clock()
+        passed_s, self._moved_at = now - self._moved_at, now
+        north, east = (off + speed * passed_s for off, speed in zip(self._off_m, self._drift_mps, strict=True))
+        self._off_m = (north, east)
+        if self._stalls or self._listener is None:
+            return
+        lat, lon = offset(message.lat_int / 1e7, message.lon_int / 1e7, east, north)
+        record = BoxRecord(
+            now - self._began,
+            lat,
+            lon,
+            message.alt,
+            message.vn + self._drift_mps[0],
+            message.ve + self._drift_mps[1],
+            message.vd,
+            message.roll,
+            message.pitch,
+            math.degrees(message.yaw) % 360.0,
+            math.nan,
+        )
+        self._cut = (self._cut + 1) % SIZE
+        data = pack_record(record)
+        for piece in (data[: self._cut], data[self._cut :]):
+            self._send(piece)
+        self.sent += 1
+
+    def _send(self, data: bytes) -> None:
+        for client, waiting in list(self._clients.items()):
+            waiting.extend(data)
+            try:
+                del waiting[: client.send(waiting)]
+            except (BlockingIOError, InterruptedError):
+                pass
+            except OSError:
+                self._part(client)
+                continue
+            if len(waiting) > _MOST_WAITING:
+                self._part(client)
+
+    def _part(self, client: socket.socket) -> None:
+        client.close()
+        del self._clients[client]
+
+    def order(self, line: str) -> str:
+        """Carry out a line that was typed; returns the answer."""
+        try:
+            word, numbers = parse_order(line)
+        except ValueError as error:
+            return f"error: {error}"
+        match word:
+            case "stall" | "resume":
+                self._stalls = word == "stall"
+            case "cut":
+                self._part_with_all()
+            case "restart":
+                self._part_with_all()
+                if self._listener is not None:
+                    self._listener.close()
+                    self._listener = None
+                self._back_at = self._clock() + numbers[0]
+            case "drift":
+                self._drift_mps = (numbers[0], numbers[1])
+            case "true":
+                self._drift_mps = self._off_m = (0.0, 0.0)
+            case "garbage":
+                self._send(_GARBAGE)
+        return f"ok {line}"
+
+    def _part_with_all(self) -> None:
+        for client in list(self._clients):
+            self._part(client)
+
+    def close(self) -> None:
+        """Give everything back."""
+        self._part_with_all()
+        if self._listener is not None:
+            self._listener.close()
+
+
+class _Vehicle:
+    """The vehicle's port, from which the simulation's state comes. It must not disturb what it looks at, so it sends no
+    heartbeat, and asks the autopilot alone."""
+
+    def __init__(self, address: tuple[str, int], sysid: int) -> None:
+        """Raises OSError."""
+        self._sysid = sysid
+        self._socket = socket.create_connection(address, timeout=10.0)
+        self._socket.setblocking(False)
+        self._mav: Any = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=_COMPONENT)
+        self._mav.robust_parsing = True
+        self._ask_at = -math.inf
+        self.heard = False
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def ask(self, now: float) -> None:
+        """Ask for the state, until it comes."""
+        if self.heard or now < self._ask_at:
+            return
+        self._ask_at = now + _ASK_S
+        wish = (mavlink.MAVLINK_MSG_ID_SIM_STATE, _INTERVAL_US, 0, 0, 0, 0, 0)
+        target = (self._sysid, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        message = mavlink.MAVLink_command_long_message(*target, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, *wish)
+        self._socket.send(message.pack(self._mav))
+
+    def read(self) -> list[Any]:
+        """The states that have come. Raises OSError, also at the vehicle's end."""
+        try:
+            data = self._socket.recv(65536)
+        except (BlockingIOError, InterruptedError):
+            return []
+        if not data:
+            raise ConnectionError("the vehicle has gone")
+        found = [m for m in self._mav.parse_buffer(data) or () if m.get_type() == "SIM_STATE"]
+        self.heard = self.heard or bool(found)
+        return found
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the box until standard input ends. Exit codes: 2, wrong usage or an address that cannot be used; 1, the
+    vehicle has gone."""
+    parser = argparse.ArgumentParser(prog="python -m sitl.run.data_box", description="A position box, simulated.")
+    parser.add_argument("--vehicle", type=_address, required=True, metavar="tcp:HOST:PORT", help="of the simulation")
+    parser.add_argument("--listen", type=_address, required=True, metavar="HOST:PORT", help="where clients connect")
+    parser.add_argument("--sysid", type=int, default=1, metavar="N", help="the vehicle's system id (default: 1)")
+    arguments = parser.parse_args(argv)
+    try:
+        vehicle = _Vehicle(arguments.vehicle, arguments.sysid)
+        box = DataBox(*arguments.listen)
+    except OSError as error:
+        print(f"data box: {error}", file=sys.stderr)
+        return _BAD_USAGE
+    orders = Orders()
+    try:
+        _serve(vehicle, box, orders)
+    except OSError as error:
+        print(f"data box: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        pass
+    finally:
+        box.close()
+        vehicle.close()
+        print(f"{box.sent} records sent, to {box.clients} connections", flush=True)
+    return 0
+
+
+def _address(text: str) -> tuple[str, int]:
+    """Raises ArgumentTypeError."""
+    host, _, port = text.removeprefix("tcp:").partition(":")
+    if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} must be HOST:PORT")
+    return host, int(port)
+
+
+def _serve(vehicle: _Vehicle, box: DataBox, orders: Orders) -> None:
+    told = False
+    while True:
+        vehicle.ask(time.monotonic())
+        box.turn()
+        waited_for = [*orders.descriptors, vehicle.fileno(), *box.descriptors]
+        readable, _, _ = select.select(waited_for, [], [], 0.2)
+        for message in vehicle.read()[-1:]:  # of those that come at once the newest: a box has no two at one time
+            box.take(message)
+        if vehicle.heard and not told:
+            told = True
+            print("ready", flush=True)
+        box.readable()
+        for descriptor in readable:
+            if descriptor in orders.descriptors:
+                typed = orders.read(descriptor)
+                if typed is None:
+                    return
+                for line in typed:
+                    print(box.order(line), flush=True)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a scenario can have the position box do. What each means is told at the head of `sitl/run/data_box.py`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+__all__ = ["parse_order"]
+
+#: order -> how many numbers follow
+_ORDERS: Final[Mapping[str, int]] = {
+    "stall": 0,
+    "resume": 0,
+    "cut": 0,
+    "restart": 1,
+    "drift": 2,
+    "true": 0,
+    "garbage": 0,
+}
+
+
+def parse_order(line: str) -> tuple[str, tuple[float, ...]]:
+    """An order and its numbers. Raises ValueError: none of these."""
+    word, *rest = line.split() or [""]
+    if word not in _ORDERS:
+        raise ValueError(f"{line!r} must be one of {', '.join(_ORDERS)}")
+    try:
+        numbers = tuple(float(each) for each in rest)
+    except ValueError:
+        numbers = ()
+    if len(numbers) != _ORDERS[word] or not all(map(math.isfinite, numbers)) or len(rest) != len(numbers):
+        raise ValueError(f"{line!r}: {word} takes {_ORDERS[word] or 'no'} numbers")
+    if word == "restart" and not 0.0 <= numbers[0] <= 600.0:
+        raise ValueError(f"{line!r}: must be 0 to 600 s")
+    return word, numbers
