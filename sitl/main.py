@@ -40,6 +40,7 @@ from sitl.script.scenario import (
     with_opening,
 )
 from sitl.vehicles import KINDS, LaunchError, find_arducopter
+from sitl.vehicles.fetched import PUBLISHED, fetch
 
 __all__ = ["main"]
 
@@ -65,6 +66,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     stream = sys.stderr if arguments.json else sys.stdout
     _stop_like_ctrl_c()
     try:
+        if arguments.fetch_arducopter:
+            fetch(lambda line: print(line, file=stream, flush=True))
+            return 0
         order = _order(arguments)
         result = _fly(order, stream)
     except (SetupError, ScenarioError, MissionError, LaunchError) as error:
@@ -134,7 +138,14 @@ def _parser() -> argparse.ArgumentParser:
         help="builtin: the copter model that ships here; arducopter: ArduPilot's own SITL program; auto: arducopter "
         "if there is one (default: builtin)",
     )
-    parser.add_argument("--arducopter", metavar="PATH", help="the SITL program (else $ARDUCOPTER, PATH, ~/ardupilot)")
+    parser.add_argument(
+        "--arducopter", metavar="PATH", help="the SITL program (else $ARDUCOPTER, PATH, ~/ardupilot, the one fetched)"
+    )
+    parser.add_argument(
+        "--fetch-arducopter",
+        action="store_true",
+        help=f"bring ArduPilot's published ArduCopter {PUBLISHED.version} for this (Linux, x86_64), and end",
+    )
     parser.add_argument(
         "--speedup",
         type=float,
@@ -176,7 +187,10 @@ def _order(arguments: argparse.Namespace) -> Order:
         if vehicle == "auto":
             vehicle = "arducopter" if found else "builtin"
         elif found is None:
-            raise SetupError("no arducopter found: give --arducopter PATH, set $ARDUCOPTER, or take --vehicle builtin")
+            raise SetupError(
+                "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, bring one with --fetch-arducopter, or "
+                "take --vehicle builtin"
+            )
     package = packages.load(mission_folder(scenario.mission))
     _check_names(scenario, package)
     place = None if arguments.home is None else read_place(arguments.home)

@@ -17,13 +17,15 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+from sitl.vehicles.fetched import here
 from sitl.vehicles.spec import LaunchError, VehicleSpec
 
 __all__ = ["command", "find_arducopter"]
 
 
 def find_arducopter(explicit: str | None = None) -> Path | None:
-    """The SITL program: `explicit`, `$ARDUCOPTER`, `arducopter` on PATH, ~/ardupilot/build/sitl/bin; None if nowhere.
+    """The SITL program: `explicit`, `$ARDUCOPTER`, `arducopter` on PATH, ~/ardupilot/build/sitl/bin, the one that was
+    fetched (`fetched.py`); None if nowhere.
 
     Raises:
         LaunchError: `explicit` or `$ARDUCOPTER` names something that cannot be run.
@@ -38,7 +40,7 @@ def find_arducopter(explicit: str | None = None) -> Path | None:
     if found:
         return Path(found).resolve()
     built = Path.home() / "ardupilot" / "build" / "sitl" / "bin" / "arducopter"
-    return built if os.access(built, os.X_OK) else None
+    return built if os.access(built, os.X_OK) else here()
 
 
 def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path]) -> tuple[list[str], dict[str, str]]:
@@ -50,7 +52,8 @@ def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path])
     program = find_arducopter(spec.arducopter)
     if program is None:
         raise LaunchError(
-            "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, or build it in ~/ardupilot (waf copter)"
+            "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, build it in ~/ardupilot (waf copter), or "
+            "bring it with handover sim --fetch-arducopter"
         )
     latitude, longitude, altitude, heading = spec.home
     arguments = [
