@@ -30,6 +30,7 @@ from mavproxy_handover.doctor.host import clock, disk, service
 from mavproxy_handover.doctor.mission import missions
 from mavproxy_handover.doctor.patient import Patient, admit
 from mavproxy_handover.doctor.ports import ports
+from mavproxy_handover.doctor.position_box import position_box
 from mavproxy_handover.doctor.programs import programs
 from mavproxy_handover.doctor.settings import configuration, keys
 from mavproxy_handover.doctor.stations import stations
@@ -49,6 +50,7 @@ CHECKS: Final[dict[str, Callable[[Patient], Iterator[Finding]]]] = {
     "mission": missions,
     "ports": ports,
     "autopilot": autopilot,
+    "position box": position_box,
     "stations": stations,
     "vehicles": air,
 }

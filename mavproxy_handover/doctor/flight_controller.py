@@ -214,6 +214,8 @@ class _Visit:
             yield warning("firmware", "it does not tell its version", do)
         if self._ahead_s is None:
             self.talk.ask(_message(sysid, "SYSTEM_TIME"))
+        if self._vehicle.position.box and self._aircraft.own_position is None:
+            self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
         self._patient.tell(f"reading {len(preflight.NAMES)} parameters")
         parameters = self.talk.ask(preflight.reading(sysid)).result or {}

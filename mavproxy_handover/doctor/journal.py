@@ -18,7 +18,7 @@ from mavproxy_handover.doctor.finding import Finding, error, ok, unseen
 from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.store.flights import LATEST
 
-__all__ = ["autopilot_by_journal", "links_by_journal"]
+__all__ = ["autopilot_by_journal", "links_by_journal", "position_box_by_journal"]
 
 _TAIL_BYTES: Final = 8 << 20
 _DO: Final = "Type 'handover status' in the companion, or look at its journal."
@@ -80,6 +80,23 @@ def links_by_journal(patient: Patient) -> Iterator[Finding]:
                 yield error(what, f"{'; '.join(over.values())} (journal, {path})", do)
             else:
                 yield ok(what, f"no trouble, by the companion that runs (journal, {path})")
+
+
+def position_box_by_journal(patient: Patient) -> Iterator[Finding]:
+    """How it stood with the position box last, by the companion."""
+    path, entries = _entries(patient)
+    said = [entry for entry in entries if entry.get("event") == "position_source"]
+    if path is None or not said:
+        why = "its journal is not found" if path is None else f"has not told of it yet ({path})"
+        yield unseen("position box", f"the companion runs, and {why}", _DO)
+        return
+    found = f"{str(said[-1].get('text', '')).removeprefix('position box ')} (journal, {path})"
+    if said[-1].get("standing") == "sound":
+        yield ok("position box", found)
+    else:
+        yield error(
+            "position box", found, "Type 'handover status' in the companion; docs/position-box.md has the rest."
+        )
 
 
 def _entries(patient: Patient) -> tuple[Path | None, list[Mapping[str, Any]]]:

@@ -156,3 +156,30 @@ def test_a_state_file_that_is_damaged(machine: Machine, capsys: pytest.CaptureFi
     (said,) = machine.doctor(capsys).lines("error")
     assert "mission: state: " in said
     assert "not to be trusted" in said
+
+
+# ---- the position box -----------------------------------------------------------------------------------------------
+
+
+def with_box(machine: Machine, port: int) -> None:
+    text = f'\n[position]\nsource = "box"\nbox = "tcp:127.0.0.1:{port}"\n'
+    machine.config.write_text(machine.config.read_text() + text)
+
+
+@pytest.mark.parametrize(
+    ("standing", "level"), [("sound", "ok"), ("apart", "error"), ("silent", "error"), ("", "warning")]
+)
+def test_the_position_box_is_told_by_the_journal_and_not_connected_to(
+    machine: Machine, standing: str, level: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    box = Speaker(lambda: b"")
+    try:
+        with_box(machine, int(box.device.rpartition(":")[2]))
+        told = ("position_source", {"text": "position box as it stands", "standing": standing, "source": "box"})
+        before = ("position_source", {"text": "position box as it stood", "standing": "late", "source": "box"})
+        journal(machine, LOADED, FITS, *([before, told] if standing else []))
+        (said,) = machine.doctor(capsys).of("position box", level)
+        assert ("position box: as it stands (journal, " if standing else "has not told of it yet") in said
+        assert box.visits == 0
+    finally:
+        box.close()

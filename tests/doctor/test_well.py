@@ -5,6 +5,9 @@
 from __future__ import annotations
 
 import shutil
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -121,3 +124,29 @@ def test_what_does_not_fit_in_the_autopilot(
     assert said.startswith(f"autopilot: {words}")
     assert do in said
     assert found.code == 1
+
+
+def test_a_position_box_is_where_the_autopilot_is(
+    vehicle: RunningVehicle, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    machine = companion(tmp_path, vehicle.companion_master, {"GCSA": 9, "GCSB": 10})
+    position = f'\n[position]\nsource = "box"\nbox = "tcp:127.0.0.1:{port}"\n'
+    machine.config.write_text(machine.config.read_text() + position)
+    argv = [sys.executable, "-m", "sitl.run.data_box", "--vehicle", vehicle.address(0), "--listen", f"127.0.0.1:{port}"]
+    with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as box:
+        try:
+            assert box.stdout is not None
+            assert box.stdout.readline() == "ready\n"
+            until = time.monotonic() + 40.0
+            while True:  # until the receiver has a fix
+                found = machine.doctor(capsys, "--no-links")
+                if not [each for each in found.of("position box", "warning") if "the autopilot has told none" in each]:
+                    break
+                assert time.monotonic() < until
+        finally:
+            box.kill()
+    sends, place = found.of("position box", "ok")
+    assert " records a second, " in sends
+    assert place.endswith(": 0.0 m and 0.0 m in height from the autopilot's")
+    assert len(found.of("position box")) == 2

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The position box: is it there, do records come, in time, with a position, and is that where the autopilot has it?
+
+It is listened to by the companion's own client, and nothing is sent to it. A companion that runs has its connection,
+and a box may serve one alone: so then its journal is read.
+"""
+
+from __future__ import annotations
+
+import select
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from mavproxy_handover.autopilot.cross_check import CrossCheck, Difference, Place
+from mavproxy_handover.config.position import BOX
+from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
+from mavproxy_handover.doctor.journal import position_box_by_journal
+from mavproxy_handover.doctor.patient import Patient
+from mavproxy_handover.link.box_line import BoxCounters, BoxLine, Fix
+from mavproxy_handover.link.forms import LinkError
+
+__all__ = ["position_box"]
+
+_LISTEN_S: Final = 3.0
+_WAIT_S: Final = 0.02
+#: records a second; fewer, and a position is old before the next one comes
+_FEWEST: Final = 2.0
+_NAME: Final = "position box"
+_LAYOUT: Final = "Compare what it sends with the table of docs/position-box.md, and its order of bytes."
+
+
+@dataclass(slots=True)
+class _Heard:
+    """What came in that time."""
+
+    fix: Fix | None = None
+    latest_s: float = 0.0
+    for_s: float = 0.0
+    trouble: str = ""
+    #: one thing that went wrong, though others may have followed
+    first_trouble: str = ""
+    counters: BoxCounters = field(default_factory=BoxCounters)
+
+
+def position_box(patient: Patient) -> Iterator[Finding]:
+    """The findings of this check; none without a box."""
+    vehicle = patient.vehicle
+    if vehicle is None or not vehicle.position.box:
+        return
+    if patient.running is not None:
+        yield from position_box_by_journal(patient)
+        return
+    what = f"{_NAME}, {vehicle.position.box}"
+    try:
+        line = BoxLine(vehicle.position.box, patient.clocks.monotonic)
+    except LinkError as fault:
+        yield error(what, str(fault), "Name it by its address, or have this machine know the name (/etc/hosts).")
+        return
+    try:
+        patient.tell(f"listening to the position box on {line.device}, {_LISTEN_S:g} s")
+        heard = _listen(patient, line)
+    finally:
+        line.close()
+    yield from _findings(patient, vehicle, what, heard)
+
+
+def _listen(patient: Patient, line: BoxLine) -> _Heard:
+    heard = _Heard(counters=line.counters)
+    begun = now = patient.clocks.monotonic()
+    while now < begun + _LISTEN_S:
+        fix = line.read()
+        if fix is not None:
+            heard.fix = fix
+            heard.latest_s = max(heard.latest_s, fix.late_s)
+        heard.first_trouble = heard.first_trouble or line.trouble
+        waiting = select.poll()
+        if line.fileno() >= 0:
+            waiting.register(line.fileno(), select.POLLIN)
+        waiting.poll(_WAIT_S * 1000.0)
+        now = patient.clocks.monotonic()
+    heard.for_s, heard.trouble = now - begun, line.trouble
+    return heard
+
+
+def _findings(patient: Patient, vehicle: VehicleConfig, what: str, heard: _Heard) -> Iterator[Finding]:
+    wrong = error if vehicle.position.source == BOX else warning
+    counters, fix = heard.counters, heard.fix
+    if not counters.connects:
+        do = "Look at its power and its cable, and at [position] box: it must be a TCP server at that address."
+        yield wrong(what, f"cannot be reached ({heard.trouble or 'no answer'})", do)
+        return
+    if fix is None and counters.bytes_in:
+        yield wrong(what, f"what it sends is no record: {heard.first_trouble or 'none was whole'}", _LAYOUT)
+        return
+    if fix is None:
+        do = "Look whether it has started, whether it serves a second client, and what else listens on that port."
+        why = f" ({heard.first_trouble})" if heard.first_trouble else ""
+        yield wrong(what, f"connects, and sends nothing in {heard.for_s:.0f} s{why}", do)
+        return
+    rate = counters.records / heard.for_s
+    found = f"{rate:.0f} records a second, {heard.latest_s * 1000:.0f} ms late at most"
+    limit_s = vehicle.position.box_age_s
+    if counters.errors:
+        found = f"{found}, and {counters.errors} times in doubt or cut off: {heard.first_trouble}"
+        yield warning(what, found, _LAYOUT)
+    elif rate < _FEWEST:
+        yield warning(what, found, "Have it send ten records a second or more.")
+    elif heard.latest_s > limit_s:
+        do = f"Look at the network between, or at box_age_s ({limit_s:g} s): what is later is not used."
+        yield warning(what, found, do)
+    else:
+        yield ok(what, found)
+    if not fix.record.position_known:
+        yield wrong("its position", "it does not know one", "Give it a view of the sky, and look again.")
+        return
+    yield _compared(patient, vehicle, fix)
+
+
+def _compared(patient: Patient, vehicle: VehicleConfig, fix: Fix) -> Finding:
+    """Whether it is where the autopilot has it; an aircraft that may move is not compared."""
+    what, own, record = "its position", patient.aircraft.own_position, fix.record
+    where = f"{record.lat_deg:.6f} {record.lon_deg:.6f}, {record.alt_m:.0f} m above sea level"
+    if patient.aircraft.armed:
+        return unseen(what, f"{where}, and the vehicle is armed", "Look again when it is disarmed.")
+    if own is None:
+        do = "Have the autopilot on its line and with a fix, and look again: without that the box does not count."
+        return unseen(what, f"{where}, and the autopilot has told none", do)
+    check = CrossCheck(vehicle.position)
+    theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
+    ours = Place(own.lat / 1e7, own.lon / 1e7, own.alt / 1000.0, own.vx / 100.0, own.vy / 100.0)
+    check.look(Difference.between(theirs, ours), patient.clocks.monotonic())
+    assert check.last is not None
+    if check.sound:
+        near = f"{check.last.over_ground_m:.1f} m and {check.last.height_m:.1f} m in height from the autopilot's"
+        return ok(what, f"{where}: {near}")
+    do = "Find out which of the two is right; heights may count from the ellipsoid in one, from sea level in the other."
+    return error(what, f"{where}: box and autopilot {check.words}", do)
