@@ -139,7 +139,8 @@ class VehicleCommands:
             where = (
                 f"inside, {fact.margin_m:.0f} m to its border" if fact.margin_m > 0 else f"{-fact.margin_m:.0f} m away"
             )
-            self._show(f"{name}: {where}{ends}")
+            awaits = ", awaits it at a waypoint" if fact.awaits else ""
+            self._show(f"{name}: {where}{ends}{awaits}")
 
     def _override(self, limit: str) -> None:
         self._companion.autopilot.desk.lift(Limit(limit), CONSOLE, time.monotonic())

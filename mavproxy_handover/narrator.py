@@ -365,9 +365,12 @@ class Narrator:
         """The autopilot flies to another waypoint."""
         self._journal.write("waypoint", f"flying to waypoint {number}", number=number)
 
-    def reached(self, number: int, *, delivery: bool) -> None:
-        """A waypoint was reached; `delivery`: it is the delivery point."""
-        self._journal.write("reached", f"waypoint {number} reached", number=number)
+    def reached(self, number: int, owner: int | None, *, delivery: bool) -> None:
+        """A waypoint was reached; `owner`: the station that it belongs to, if it does; `delivery`: it is the delivery
+        point."""
+        station = self._name(owner)
+        of = "" if station is None else f" of {station}"
+        self._journal.write("reached", f"waypoint {number}{of} reached", number=number, station=station)
         if delivery:
             self._journal.write("delivery", f"delivery point (waypoint {number}) reached", number=number)
             self.tell(f"Delivery point reached, waypoint {number}.")

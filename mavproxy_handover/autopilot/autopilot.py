@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -33,6 +34,7 @@ from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.autopilot.waypoints import WaypointWatch
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.events import AutopilotState, GuardSeen, MissionLoaded, PositionSeen, SignsSeen
 from mavproxy_handover.core.model import AuthorityView, ZoneFact
@@ -96,6 +98,7 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
+        self._waypoints = WaypointWatch(self.aircraft)
         self._borders = BorderWatch(config.limits.operator_timeout_s, self.aircraft, ties)
         self._execution = ExecutionWatch(self.aircraft, ties, lambda: self._preflight.radio_watched)
         #: where a return goes
@@ -152,7 +155,11 @@ class Autopilot:
             return ()
         lat_deg, lon_deg, alt_m = where
         way = self._loader.way(self.aircraft.waypoint) if self.aircraft.custom_mode == AUTO else ()
-        return finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m, way)
+        facts = finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m, way)
+        awaiting = self._waypoints.awaiting()
+        if not awaiting:
+            return facts
+        return tuple(replace(fact, awaits=True) if fact.station in awaiting else fact for fact in facts)
 
     # ---- what it says ---------------------------------------------------------------------------------------------
 
@@ -170,6 +177,7 @@ class Autopilot:
                 self._mode_changed(now)
         if aircraft.waypoint != waypoint:
             narrator.waypoint(aircraft.waypoint)
+            self._waypoints.flies_on()
         heed = self._heed.get(message.get_type())
         if heed is not None:
             heed(message, now)
@@ -246,7 +254,8 @@ class Autopilot:
         self._energy.adopt(package.energy, way, now)
 
     def _on_reached(self, message: Any, _now: float) -> None:
-        self._ties.narrator.reached(message.seq, delivery=message.seq == self._loader.delivery)
+        owner = self._waypoints.reached(message.seq)
+        self._ties.narrator.reached(message.seq, owner, delivery=message.seq == self._loader.delivery)
 
     # ---- what is wanted of it -------------------------------------------------------------------------------------
 
@@ -289,6 +298,7 @@ class Autopilot:
             None if package is None else Ahead(package.route, package.zone_finder(), package.cruise_speed_mps)
         )
         self._lies_along(along)
+        self._waypoints.adopt(None if package is None else package.belonging, now)
         self._gaps.judge(self._preflight.parameters, now)
         self.places.adopt(package, now)
         self._preflight.planned(None if route is None else plan_facts(route), self._gaps.longest_s)
@@ -308,6 +318,7 @@ class Autopilot:
         """The autopilot holds the mission that its commander has sent in flight; None: nobody knows what it holds."""
         self._changed_aloft = True
         self._gaps.adopt(())  # what is declared is a gap of the package
+        self._waypoints.adopt(None, now)  # and so is a waypoint
         self._borders.adopt(None if rerouted is None else rerouted.way)
         self._flies(None if rerouted is None else rerouted.ahead.route)
         self.desk.ahead = None if rerouted is None else rerouted.ahead

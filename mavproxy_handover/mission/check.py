@@ -37,6 +37,8 @@ __all__ = ["CheckReport", "Finding", "Severity", "check", "main", "report_text"]
 TRANSFER_S = 3.0
 #: what an operator who is asked may take to answer, if nothing else is configured
 OPERATOR_S = Limits().operator_timeout_s
+#: so long before the commander's zone ends authority moves, whatever else is waited for
+EXIT_SOON_S = Limits().exit_soon_s
 #: a rally point farther than this from every place of the route is no help
 REACH_M = 5000.0
 #: a way that climbs is compared to the ground in pieces of this length (m)
@@ -106,6 +108,7 @@ def check(
         *_gaps(package, walk),
         *_declared(package, crossed),
         *_handovers(package, walk, crossed, transfer_s),
+        *_waypoints(package, walk),
         *_operators(walk, transfer_s, operator_s),
         *_lonely_zones(package, crossed),
         *_rally(package, walk, reach_m),
@@ -177,6 +180,26 @@ def _handovers(package: MissionPackage, walk: Walk, crossed: Sequence[Stretch], 
     for station in package.stations:
         if station.sysid not in flown:
             yield Finding(Severity.WARNING, f"station {station.name} never commands on this route")
+
+
+def _waypoints(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
+    """Handovers for which no waypoint is waited for, where waypoints should decide."""
+    belonging = package.belonging
+    if belonging is None:
+        return
+    for number, handover in enumerate(walk.handovers, 1):
+        name, seq = f"handover {number} {_pair(package, handover)}", handover.seq
+        if not belonging.returns.isdisjoint((seq, seq + 1)):
+            continue
+        if belonging.owner(seq) != handover.to_station:
+            text = f"{name}: on the way to {seq} the zone of the first ends, before a waypoint of the second is reached"
+            yield Finding(Severity.WARNING, text)
+        elif handover.overlap_s < EXIT_SOON_S:
+            text = (
+                f"{name}: the zone of the first ends {handover.overlap_s:.1f} s behind waypoint {seq}: authority moves "
+                f"{EXIT_SOON_S:g} s before that end, and not when the waypoint is reached"
+            )
+            yield Finding(Severity.WARNING, text)
 
 
 def _operators(walk: Walk, transfer_s: float, operator_s: float) -> Iterator[Finding]:

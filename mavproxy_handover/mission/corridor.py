@@ -6,7 +6,8 @@ A station lists the items of the route that it covers. Its zone is all places wi
 and of the legs between those that follow one another on the route. So two stations that share one waypoint have a
 handover region of at least twice that width around it, and two that share two waypoints one along the whole leg. From
 here on such a zone is an area like any other: finder, check and map need no second set of rules, and an aircraft blown
-off its route leaves the zone as it should.
+off its route leaves the zone as it should. Where each waypoint belongs to one station and decides by being reached
+(`reached.py`), the areas are made the same way.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 """Where zones begin and end on the way of a mission, and how soon the aircraft is there.
 
+Where a station awaits the aircraft at a waypoint (`reached.py`), its zone begins there.
+
 The way is walked once, when the mission is loaded (`walk.py`): that finds every border. In flight nothing is left but
 to measure how far it is to the end of the leg, so a look costs little, however many zones there are. Times are those of
 the walk: at the speed that the mission flies, without wind, and without what corners cost.
@@ -38,9 +40,9 @@ class WayAhead:
         #: the end of the way to each item
         self._ends: dict[int, Sample] = {sample.seq: sample for sample in walk.samples}
         self._borders = tuple(
-            _Border(after.distance_along_m, after.time_s, after.holding)
+            _Border(after.distance_along_m, after.time_s, after.open)
             for before, after in pairwise(walk.samples)
-            if before.holding != after.holding
+            if before.open != after.open
         )
 
     def borders(self, waypoint: int, lat_deg: float, lon_deg: float, within_s: float) -> tuple[BorderFact, ...]:

@@ -37,6 +37,7 @@ from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stre
 from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import Route, read_route
+from mavproxy_handover.mission.reached import Belonging, belonging_of
 from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, relief_of
 from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Walk, commanders_along, legs_of
@@ -50,7 +51,9 @@ else:
 __all__ = ["DETECTORS", "MISSION_FILE", "MissionPackage", "StationEntry", "from_bytes", "from_texts", "load"]
 
 MISSION_FILE = "mission.toml"
-DETECTORS = ("circles", "polygons", "waypoints")
+DETECTORS = ("circles", "polygons", "waypoints", "reached")
+#: those for which stations list waypoints
+_LISTED = ("waypoints", "reached")
 
 MAX_PACKED_BYTES = 64 * 1024
 MAX_PLAIN_BYTES = 1024 * 1024
@@ -91,8 +94,8 @@ _KEYS = (
 
 @dataclass(frozen=True, slots=True)
 class StationEntry:
-    """A station of the mission; `sysid` is its MAVLink system id, `waypoints` the items it covers (detector
-    "waypoints" only)."""
+    """A station of the mission; `sysid` is its MAVLink system id, `waypoints` the items that it covers (detector
+    "waypoints") or that belong to it ("reached")."""
 
     name: str
     sysid: int
@@ -107,10 +110,12 @@ class MissionPackage:
     description: str
     #: in the order of mission.toml; the first is the parent, which starts the flight
     stations: tuple[StationEntry, ...]
-    #: "circles", "polygons" or "waypoints"
+    #: "circles", "polygons", "waypoints" or "reached"
     detector: str
     #: one zone a station, in the order of `stations`
     zones: tuple[Zone, ...]
+    #: with detector "reached": whose each waypoint is
+    belonging: Belonging | None
     route: Route
     expected_handovers: int
     #: what the mission, or else its plan, says; DEFAULT_CRUISE_MPS where neither does
@@ -152,7 +157,11 @@ class MissionPackage:
     def walk(self) -> Walk:
         """The route walked through the zones: commanders in order, handovers, gaps."""
         return commanders_along(
-            self.route, self.zone_finder(), self.parent.sysid, cruise_speed_mps=self.cruise_speed_mps
+            self.route,
+            self.zone_finder(),
+            self.parent.sysid,
+            cruise_speed_mps=self.cruise_speed_mps,
+            belonging=self.belonging,
         )
 
     def stretches(self, walk: Walk, wind: Wind | None = None) -> tuple[Stretch, ...]:
@@ -301,13 +310,16 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     terrain = _terrain(mission.get("terrain"), texts)
     description = mission.get("description")
     files = {name: text.encode() for name, text in texts.items()}
-    zones = _zones(where, mission, texts, detector=detector, stations=stations, route=route)
+    listed = [(station.sysid, station.waypoints) for station in stations]
+    belonging = belonging_of(where, route, listed) if detector == "reached" else None
+    zones = _zones(where, mission, texts, detector=detector, stations=stations, route=route, belonging=belonging)
     return MissionPackage(
         name=where.text(where.need(mission, "name"), "name", 40),
         description="" if description is None else where.text(description, "description", 400),
         stations=stations,
         detector=detector,
         zones=zones,
+        belonging=belonging,
         route=with_return(route, zones, terrain),
         expected_handovers=where.whole(where.need(mission, "expected_handovers"), "expected_handovers", 0, 1000),
         cruise_speed_mps=where.number(speed, "cruise_speed_mps", 0.1, 100.0),
@@ -334,7 +346,7 @@ def _stations(where: Where, value: object, detector: str) -> tuple[StationEntry,
     for number, entry in enumerate(entries, 1):
         inside = where.at(f"station {number}")
         table = inside.table(entry, "the station")
-        inside.known_keys(table, ("name", "sysid", "waypoints") if detector == "waypoints" else ("name", "sysid"))
+        inside.known_keys(table, ("name", "sysid", "waypoints") if detector in _LISTED else ("name", "sysid"))
         name = inside.need(table, "name")
         if not isinstance(name, str) or not _STATION_NAME.fullmatch(name):
             raise inside.error("name is not a station's name (allowed: 1 to 16 letters, digits, - and _)")
@@ -345,7 +357,7 @@ def _stations(where: Where, value: object, detector: str) -> tuple[StationEntry,
             if other.sysid == sysid:
                 raise inside.error(f"sysid {sysid} is taken by station '{other.name}'")
         waypoints: tuple[int, ...] = ()
-        if detector == "waypoints":
+        if detector in _LISTED:
             listed = inside.array(inside.need(table, "waypoints"), "waypoints")
             if not listed:
                 raise inside.error("no waypoints (allowed: 1 or more items of the route)")
@@ -362,22 +374,29 @@ def _zones(
     detector: str,
     stations: tuple[StationEntry, ...],
     route: Route,
+    belonging: Belonging | None,
 ) -> tuple[Zone, ...]:
     home = (route.home.lat_deg, route.home.lon_deg)
-    if detector == "waypoints":
+    if detector in _LISTED:
         if "zones" in mission:
-            raise where.error("key 'zones' does not go with detector 'waypoints' (the zones follow the route)")
+            raise where.error(f"key 'zones' does not go with detector '{detector}' (the zones follow the route)")
         width = where.number(where.need(mission, "corridor_m"), "corridor_m", 5.0, 10000.0)
         return tuple(
             Zone(
                 station.sysid,
                 station.name,
-                covered_area(where.at(f"station {number}"), route, station.waypoints, width),
+                covered_area(
+                    where.at(f"station {number}"),
+                    route,
+                    station.waypoints if belonging is None else belonging.covers(station.sysid, route),
+                    width,
+                ),
             )
             for number, station in enumerate(stations, 1)
         )
     if "corridor_m" in mission:
-        raise where.error(f"key 'corridor_m' does not go with detector '{detector}' (allowed: with 'waypoints')")
+        listed = ", ".join(f"'{each}'" for each in _LISTED)
+        raise where.error(f"key 'corridor_m' does not go with detector '{detector}' (allowed: with {listed})")
     zones_file = str(where.need(mission, "zones"))
     ids = {station.name: station.sysid for station in stations}
     return read_zones(zones_file, texts[zones_file], ids, detector, home)

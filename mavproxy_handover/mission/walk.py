@@ -8,7 +8,8 @@ notes at each which zones hold it, and moves authority by the rule of the core:
 
 * while inside the commander's zone, entering another station's zone moves authority to that station;
 * authority also moves when the commander's zone ends and another zone holds the aircraft;
-* of several stations that could take over, the one that keeps the aircraft longest does.
+* of several stations that could take over, the one that keeps the aircraft longest does;
+* where waypoints belong to stations (`reached.py`), a zone is entered when its station awaits the aircraft no more.
 
 Times come from the cruise speed and ArduCopter's default vertical speeds, without the time that speeding up, slowing
 down and corners cost: the aircraft has at least the time told here. Wind is left out.
@@ -34,6 +35,7 @@ from mavproxy_handover.mission.items import (
     MissionItem,
 )
 from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.reached import Belonging
 from mavproxy_handover.mission.zones import ZoneFinder
 
 __all__ = [
@@ -110,6 +112,8 @@ class Sample:
     seq: int
     holding: frozenset[int]
     commander: int
+    #: those of `holding` that await it at no waypoint, or have not since their zone was entered
+    open: frozenset[int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +121,9 @@ class Handover:
     """A change of commander expected on the route; stations by system id.
 
     The place is where it starts: the entry of the handover region, or the end of the commander's zone where the other
-    zone was entered before. `overlap_length_m` and `overlap_s` are what the route offers inside both zones; 0 when
-    they do not overlap there.
+    zone was entered before, or the waypoint at which the other station awaits the aircraft. `overlap_length_m` and
+    `overlap_s` are what the route offers inside both zones, from that waypoint on where there is one; 0 when they do
+    not overlap there.
     """
 
     from_station: int
@@ -279,6 +284,8 @@ class _Place:
     position: tuple[float, float, float]
     seq: int
     holding: frozenset[int]
+    #: the item is reached here, all that belongs to it behind the aircraft
+    reached: bool = False
 
 
 def commanders_along(
@@ -288,21 +295,35 @@ def commanders_along(
     *,
     cruise_speed_mps: float | None = None,
     step_m: float = STEP_M,
+    belonging: Belonging | None = None,
 ) -> Walk:
-    """Walk `route` through the zones of `finder`, from take-off under `parent` (a system id) to landing."""
-    return walk_legs(legs_of(route, cruise_speed_mps), finder, parent, step_m)
+    """Walk `route` through the zones of `finder`, from take-off under `parent` (a system id) to landing.
+
+    `belonging`: whose its waypoints are, where that decides.
+    """
+    return walk_legs(legs_of(route, cruise_speed_mps), finder, parent, step_m, belonging)
 
 
-def walk_legs(legs: tuple[Leg, ...], finder: ZoneFinder, parent: int, step_m: float = STEP_M) -> Walk:
+def walk_legs(
+    legs: tuple[Leg, ...],
+    finder: ZoneFinder,
+    parent: int,
+    step_m: float = STEP_M,
+    belonging: Belonging | None = None,
+) -> Walk:
     """The same for a path of at least one leg, whose beginning is under `parent`."""
     places = list(_places(legs, finder, max(step_m, sum(leg.size_m for leg in legs) / MOST_STEPS)))
     order = [zone.station for zone in finder.zones]
-    commander, waiting = parent, frozenset[int]()
+    next_items = [place.seq + place.reached for place in places]
+    awaiting = {seq: frozenset[int]() if belonging is None else belonging.awaiting(seq) for seq in set(next_items)}
+    open_to = [place.holding - awaiting[seq] for place, seq in zip(places, next_items, strict=True)]
+    commander, waiting, opened = parent, frozenset[int](), frozenset[int]()
     handovers: list[Handover] = []
     samples: list[Sample] = []
     for number, place in enumerate(places):
-        entered = place.holding - places[number - 1].holding if number else frozenset[int]()
-        waiting = (waiting & place.holding) | (entered - {commander})
+        entered = open_to[number] - open_to[number - 1] if number else frozenset[int]()
+        waiting = (waiting & open_to[number]) | (entered - {commander})
+        opened = (opened & place.holding) | open_to[number]
         beyond = places[number + 1].holding if number + 1 < len(places) else place.holding
         if commander not in place.holding:
             possible = place.holding
@@ -314,10 +335,18 @@ def walk_legs(legs: tuple[Leg, ...], finder: ZoneFinder, parent: int, step_m: fl
             possible = frozenset()
         if possible:
             taker = max((s for s in order if s in possible), key=lambda s: _stay_m(places, number, s))
-            handovers.append(_handover(places, number, commander, taker))
+            handovers.append(_handover(places, open_to, number, commander, taker))
             commander, waiting = taker, frozenset()
         samples.append(
-            Sample(place.distance_along_m, place.time_s, *place.position, place.seq, place.holding, commander)
+            Sample(
+                place.distance_along_m,
+                place.time_s,
+                *place.position,
+                place.seq,
+                place.holding,
+                commander,
+                opened,
+            )
         )
     return Walk(tuple(samples), tuple(handovers), tuple(_gaps(places)))
 
@@ -328,7 +357,8 @@ def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterato
     lat, lon, alt = legs[0].start
     before = finder.holding(lat, lon, alt)
     yield _Place(along, time, (lat, lon, alt), legs[0].seq, before)
-    for leg in legs:
+    for number, leg in enumerate(legs, 1):
+        ends = number == len(legs) or legs[number].seq != leg.seq  # the way to its item
         size = leg.size_m
         steps = max(1, math.ceil(size / step_m))
         part = 0.0
@@ -342,12 +372,19 @@ def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterato
                 yield _Place(along + part * leg.length_m, time + part * leg.duration_s, leg.at(part), leg.seq, before)
             if part < target:
                 part = target
-                yield _Place(along + part * leg.length_m, time + part * leg.duration_s, leg.at(part), leg.seq, before)
+                yield _Place(
+                    along + part * leg.length_m,
+                    time + part * leg.duration_s,
+                    leg.at(part),
+                    leg.seq,
+                    before,
+                    reached=ends and step == steps and leg.hold_s == 0.0,
+                )
         along += leg.length_m
         time += leg.duration_s
         if leg.hold_s > 0.0:
             time += leg.hold_s
-            yield _Place(along, time, leg.end, leg.seq, before)
+            yield _Place(along, time, leg.end, leg.seq, before, reached=ends)
 
 
 def _border(
@@ -371,11 +408,11 @@ def _stay_m(places: list[_Place], number: int, station: int) -> float:
     return last.distance_along_m - places[number].distance_along_m
 
 
-def _handover(places: list[_Place], number: int, commander: int, taker: int) -> Handover:
+def _handover(places: list[_Place], open_to: list[frozenset[int]], number: int, commander: int, taker: int) -> Handover:
     both = {commander, taker}
     first = last = number
     if both <= places[number].holding:
-        while first > 0 and both <= places[first - 1].holding:
+        while first > 0 and both <= places[first - 1].holding and taker in open_to[first - 1]:
             first -= 1
         while last + 1 < len(places) and both <= places[last].holding:
             last += 1

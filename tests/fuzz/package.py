@@ -74,6 +74,7 @@ def seeds() -> Iterator[bytes]:
     yield _as_plan(TOML, plan, zones)
     yield _as_plan(TOML.replace('"polygons"', '"circles"'), plan, json.dumps(CIRCLES))
     yield _as_plan(CORRIDOR, plan)
+    yield _as_plan(CORRIDOR.replace('"waypoints"', '"reached"').replace("[2, 3]", "[3]"), plan)
     yield _as_plan(TOML.replace("small.plan", "small.waypoints"), "", zones, WAYPOINTS)
     yield _as_plan(TOML + "\n[policy]\non_out_of_coverage = 'land'\n", plan, zones)
     yield _as_plan("a" + ".a" * 40 + " = 1\n" + TOML, plan, zones)

@@ -16,7 +16,7 @@ MISSIONS = Path(__file__).parents[2] / "missions"
 FOREVER = 1e9
 
 
-@pytest.fixture(scope="module", params=["delivery", "linear", "corridor", "ridge"])
+@pytest.fixture(scope="module", params=["delivery", "linear", "corridor", "ridge", "waypoints"])
 def walked(request):
     package = load(MISSIONS / request.param)
     walk = package.walk()
@@ -25,9 +25,16 @@ def walked(request):
 
 def changes(walk):
     """Places of the walk right behind a border."""
-    return [
-        after for before, after in zip(walk.samples, walk.samples[1:], strict=False) if before.holding != after.holding
-    ]
+    return [after for before, after in zip(walk.samples, walk.samples[1:], strict=False) if before.open != after.open]
+
+
+def test_without_waypoints_that_decide_a_zone_is_open_where_it_holds_the_aircraft(walked):
+    package, walk, _way = walked
+    if package.belonging is None:
+        assert all(sample.open == sample.holding for sample in walk.samples)
+    else:
+        assert all(sample.open <= sample.holding for sample in walk.samples)
+        assert any(sample.open < sample.holding for sample in walk.samples)
 
 
 def test_from_take_off_all_of_them_are_ahead_in_order(walked):
@@ -35,7 +42,7 @@ def test_from_take_off_all_of_them_are_ahead_in_order(walked):
     first = walk.samples[0]
     seq = next(sample.seq for sample in walk.samples if sample.distance_along_m > 0.0)
     found = way.borders(seq, first.lat_deg, first.lon_deg, FOREVER)
-    assert [border.holding for border in found] == [sample.holding for sample in changes(walk)]
+    assert [border.holding for border in found] == [sample.open for sample in changes(walk)]
     assert [border.number for border in found] == list(range(len(found)))
     assert [border.in_s for border in found] == sorted(border.in_s for border in found)
 
@@ -55,7 +62,7 @@ def test_along_the_way_each_is_as_far_ahead_as_the_walk_has_it_and_gone_behind_i
         near = [border for border in changes(walk) if abs(border.distance_along_m - here.distance_along_m) <= 0.5]
         assert len(ahead) <= len(found) <= len(ahead) + len(near)
         for border, expected in zip(reversed(found), reversed(ahead), strict=False):
-            assert border.holding == expected.holding
+            assert border.holding == expected.open
             assert border.in_s == pytest.approx(expected.time_s - here.time_s, abs=1.0)
 
 

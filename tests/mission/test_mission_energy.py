@@ -343,7 +343,7 @@ def test_a_wind_that_is_none_is_bad_usage(small, capsys, option):
     assert "allowed: " in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test"])
+@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints"])
 @pytest.mark.parametrize("wind", [None, Wind(5.0, 0.0), Wind(5.0, 90.0), Wind(5.0, 180.0), Wind(5.0, 270.0)])
 def test_the_missions_that_ship_close_their_budget(missions, name, wind):
     report = check(load(missions / name), wind=wind)

@@ -96,7 +96,7 @@ def test_policies_and_files_cannot_be_changed(small):
 # --- round trip ---
 
 
-@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test"])
+@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints"])
 def test_shipped_missions_survive_the_way_over_a_link(name):
     sent = load(MISSIONS / name)
     data = sent.to_bytes()
@@ -194,7 +194,7 @@ def test_refuses_a_route_outside_the_folder(small):
 
 def test_refuses_an_unknown_detector(small):
     small.toml = small.toml.replace('"polygons"', '"polygon"')
-    assert refusal(small) == "mission.toml: detector is 'polygon' (allowed: circles, polygons, waypoints)"
+    assert refusal(small) == "mission.toml: detector is 'polygon' (allowed: circles, polygons, waypoints, reached)"
 
 
 def test_refuses_no_stations(small):
@@ -356,7 +356,7 @@ def test_refuses_zones_with_waypoints(small):
 def test_refuses_a_corridor_with_polygons(small):
     small.toml = "corridor_m = 100\n" + small.toml
     assert refusal(small) == (
-        "mission.toml: key 'corridor_m' does not go with detector 'polygons' (allowed: with 'waypoints')"
+        "mission.toml: key 'corridor_m' does not go with detector 'polygons' (allowed: with 'waypoints', 'reached')"
     )
 
 

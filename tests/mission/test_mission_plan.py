@@ -99,7 +99,7 @@ def test_shipped_delivery_is_the_route_of_the_thesis(missions):
     assert route.warnings == ()
 
 
-@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test"])
+@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints"])
 def test_shipped_plans_have_what_qgroundcontrol_wants_of_every_item(missions, name):
     plan = json.loads((missions / name / f"{name}.plan").read_text())
     assert plan["groundStation"] == "QGroundControl"

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which stations await the aircraft at a waypoint, by what the autopilot says of its mission (`mission/reached.py`).
+
+Rules
+-----
+* MISSION_ITEM_REACHED of the item that is flown to counts at once; MISSION_CURRENT says the same up to half a second
+  later, when it names the next one. Of any other item it is old, or doubled, and counts for nothing.
+* Only AUTO has a next waypoint: in any other mode, on a way back for one, coverage alone counts.
+* After a start of the companion nothing counts as reached until mode and MISSION_CURRENT are heard: what they say then
+  is news, so a waypoint that was reached meanwhile is not lost.
+* Where MISSION_CURRENT is missing for `MISSING_S`, coverage alone counts: nobody would be told of a waypoint reached.
+* A mission that is not the package's has other waypoints: coverage alone counts.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.mission.reached import Belonging
+from mavproxy_handover.wire.ids import COPTER_AUTO
+
+__all__ = ["MISSING_S", "WaypointWatch"]
+
+#: the autopilot is asked for two a second
+MISSING_S: Final = 5.0
+
+
+class WaypointWatch:
+    """The waypoints of one vehicle. Times are monotonic seconds."""
+
+    def __init__(self, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self._belonging: Belonging | None = None
+        #: since when the autopilot holds this mission, as far as is known
+        self._since = 0.0
+        #: the item that is flown to is reached
+        self._reached = False
+
+    def adopt(self, belonging: Belonging | None, now: float) -> None:
+        """The autopilot holds a mission whose waypoints belong to stations; None: another one, or an unknown one."""
+        self._belonging, self._since, self._reached = belonging, now, False
+
+    def flies_on(self) -> None:
+        """It flies to another item than before."""
+        self._reached = False
+
+    def reached(self, seq: int) -> int | None:
+        """It has reached an item; whose that is, None if it is nobody's."""
+        self._reached = self._reached or seq == self._aircraft.waypoint
+        return None if self._belonging is None else self._belonging.owner(seq)
+
+    def awaiting(self) -> frozenset[int]:
+        """The stations that await the aircraft of the last position."""
+        aircraft, belonging = self._aircraft, self._belonging
+        if belonging is None or aircraft.foreign:
+            return frozenset()
+        mode_known = aircraft.heartbeat_at > -math.inf
+        if mode_known and aircraft.custom_mode != COPTER_AUTO:
+            return frozenset()
+        if aircraft.position_at - max(aircraft.waypoint_at, self._since) > MISSING_S:
+            return frozenset()
+        if not mode_known or aircraft.waypoint_at < self._since:
+            return belonging.stations
+        return belonging.awaiting(aircraft.waypoint + self._reached)
