@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Tests the campaign: python -m tests.sitl.plant_in_strategy [--runs N] [--jobs M] [--seed S] [part of a name] ...
+"""Tests the campaign: python -m tests.sitl.plant_in_strategy [--by-others] [--runs N] [--jobs M] [part of a name] ...
 
 Ten faults, each of a kind that people make, are planted in a copy of the rules, one at a time, and a campaign is flown
 over each copy: it must find every one of them, and nothing without one. Exit code 1 otherwise. They were chosen by what
@@ -150,14 +150,18 @@ def unsafe_flights(folder: Path, planted: Planted | None, options: Sequence[str]
 
 def main(arguments: Sequence[str]) -> int:
     """Plant, fly, tell; 1 if a fault was not found, or something was found without any."""
+    from tests.sitl.planted_by_others import PLANTED_BY_OTHERS  # it is written in the terms of this file
+
     options = argparse.ArgumentParser(prog="plant_in_strategy", description=__doc__)
     options.add_argument("--runs", type=int, default=2000, help="flights for each fault (2000)")
     options.add_argument("--jobs", type=int, default=2, help="processes (2)")
     options.add_argument("--seed", type=int, default=500_000, help="of the first flight (500000)")
+    options.add_argument("--by-others", action="store_true", help="the ten of planted_by_others.py in place of these")
     options.add_argument("parts", nargs="*", metavar="PART", help="only faults with one of these in their name")
     chosen = options.parse_args(arguments)
     campaign = [f"--runs={chosen.runs}", f"--jobs={chosen.jobs}", f"--seed={chosen.seed}"]
-    wanted = [fault for fault in PLANTED if not chosen.parts or any(part in fault.name for part in chosen.parts)]
+    planted = PLANTED_BY_OTHERS if chosen.by_others else PLANTED
+    wanted = [fault for fault in planted if not chosen.parts or any(part in fault.name for part in chosen.parts)]
     wrong = 0
     for fault in (None, *wanted):
         begun = time.monotonic()
