@@ -142,6 +142,8 @@ class Aircraft:
         self.chart = Chart(f"handover {vehicle.sysid}", partial(maps_of, host.mpstate), self._fault)
         #: name, latitude and longitude (degrees) of where a return goes, as the vehicle said last
         self._place: tuple[str, float, float] | None = None
+        #: it is carried, in a rehearsal on the ground
+        self.rehearsal = False
         self.commands = StationCommands(self, host.settings_of_ours)
         self._other_name = ""
 
@@ -205,6 +207,7 @@ class Aircraft:
             ahead.at - now if ahead is not None else math.inf,
             core.asked_ahead is not None,
             self.of,
+            self.rehearsal,
         )
 
     def links_in_words(self) -> str:
@@ -291,17 +294,24 @@ class Aircraft:
             self._handle(AuthorityHeard(phase, *transfer, recovering, why, zone, ends_s, alone, left_s, border))
             self._place = place_of(message)
             self._route_changed(bool(message.route_changed))
+            self._rehearses(bool(message.rehearsal))
         elif kind == "HANDOVER_TELEMETRY":
             self._on_telemetry(message)
         elif kind == "HANDOVER_DECISION":
             self._notice(self.decisions.on_message(message, self._who))
-        elif kind == "HANDOVER_OVERRIDE":
+        elif kind in ("HANDOVER_OVERRIDE", "HANDOVER_REHEARSAL"):
             self.commands.on_message(message, self._now())
         elif kind == "HANDOVER_BRIEFING":
             if message.target_system == self.config.station.sysid:
                 self._on_briefing(message, self._now())
         else:
             self._on_transfer(message)
+
+    def _rehearses(self, rehearsal: bool) -> None:
+        """What has begun, or is over, was told in a text of its own; when it is over, there is a report."""
+        was, self.rehearsal = self.rehearsal, rehearsal
+        if was and not rehearsal:
+            self.commands.rehearsal_report()
 
     def _on_transfer(self, message: Any) -> None:
         decoded = codec.decode(message)

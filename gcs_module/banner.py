@@ -32,7 +32,7 @@ class Situation:
     `action`: what is done about what is wrong; `left_s`: what is left for an operator who is asked, inf: nobody is;
     `alone`: nobody commands because the mission declares a gap there; `ahead`: who is to take the aircraft at a border
     ahead, `ahead_s`: how soon, `asked`: this station's operator is asked beforehand; `of`: what the station calls the
-    vehicle, "" where there is no other one.
+    vehicle, "" where there is no other one; `rehearsal`: the aircraft is carried, and nothing is commanded.
     """
 
     vehicle: str
@@ -49,6 +49,7 @@ class Situation:
     ahead_s: float = inf
     asked: bool = False
     of: str = ""
+    rehearsal: bool = False
 
     @property
     def old(self) -> bool:
@@ -68,6 +69,8 @@ def age(seconds: float) -> str:
 def banner(now: Situation) -> tuple[str, Level]:
     """The words of the status row, and how grave they are."""
     words, level = _banner(now)
+    if now.rehearsal and not now.old:
+        words, level = f"REHEARSAL - {words}", max(level, Level.ADVISORY)
     return named(now.of, words), level
 
 

@@ -34,6 +34,11 @@ from mavproxy_handover.wire.ids import (
 
 __all__ = ["StationCommands"]
 
+#: what may stand behind `handover rehearse`
+_REHEARSAL: Final = ("end", "report")
+#: what that asks for: nothing that is accepted or refused
+_REPORT: Final = "REPORT"
+
 _PAUSE = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 #: less than texts of the companion wait (`texts.py`)
 _WHY_S = 0.4
@@ -58,6 +63,7 @@ class Host(Protocol):
     narrator: FlightNarrator
     faults: Counter[str]
     disarmed: bool
+    rehearsal: bool
 
     def operator(self, event: Event) -> None:
         """An operator's word to the core."""
@@ -85,6 +91,10 @@ class StationCommands:
         self._table: dict[str, tuple[str, Callable[[], None]]] = {
             "status": ("who commands, this station's part, telemetry, links", self._status),
             "share": ("send the mission package to the vehicle and to the other stations", self._share),
+            "rehearse": (
+                "on the ground, disarmed: carry the aircraft through its zones, nothing arms; under way: its report",
+                self._rehearse,
+            ),
             "start": ("START: arm and fly the mission", lambda: self._command("START", MISSION_START)),
             "stop": ("STOP: hold where the aircraft is", lambda: self._command("STOP", _PAUSE, 0)),
             "continue": ("CONTINUE the mission", lambda: self._command("CONTINUE", _PAUSE, 1)),
@@ -105,6 +115,7 @@ class StationCommands:
         self._named: dict[str, tuple[str, Callable[[str], None]]] = {
             "give": ("STATION: hand the aircraft to it now", self._give),
             "override": ("energy|fence|coverage: let commands leave this limit for a minute", self._override),
+            "rehearse": ("end|report: of the rehearsal", self._of_rehearsal),
             "take": ("MISSION: make a mission that another station has offered this station's own", self._take),
         }
 
@@ -120,6 +131,7 @@ class StationCommands:
             "<" + "|".join(self._table) + ">",
             f"give <{peers}>",
             f"override <{limits}>",
+            f"rehearse <{'|'.join(_REHEARSAL)}>",
             "take",
             "set (HANDOVERSETTING)",
         ]
@@ -141,7 +153,8 @@ class StationCommands:
             return
         if args and args[0] != "help":
             show(f"handover: unknown command {' '.join(args)!r}")
-        show("usage: handover <" + "|".join([*self._table, *self._named, "set"]) + ">")
+        words = [*self._table, *(name for name in self._named if name not in self._table), "set"]
+        show("usage: handover <" + "|".join(words) + ">")
         for name, (text, _run) in self._table.items():
             show(f"  {name:9} {text}")
         for name, (text, _named) in self._named.items():
@@ -206,8 +219,35 @@ class StationCommands:
         self._talks[word] = Conversation(asking, self._module.to_vehicle, now)
         self._module.narrator.command_sent(word)
 
+    def _rehearse(self) -> None:
+        """Whoever commands may begin one; while one is under way, anybody is told of it."""
+        if self._module.rehearsal:
+            self.rehearsal_report()
+        else:
+            self._ask_rehearsal("REHEARSE", mavlink.HANDOVER_REHEARSAL_WISH_BEGIN)
+
+    def _of_rehearsal(self, word: str) -> None:
+        if word == "end":
+            self._ask_rehearsal("REHEARSE END", mavlink.HANDOVER_REHEARSAL_WISH_END)
+        elif word == "report":
+            self.rehearsal_report()
+        else:
+            self._module.view.show(f"handover rehearse: no {word!r}; there are {', '.join(_REHEARSAL)}")
+
+    def rehearsal_report(self) -> None:
+        """What was seen in the rehearsal under way, or in the last one; the lines come when all of them are here."""
+        self._ask_rehearsal(_REPORT, mavlink.HANDOVER_REHEARSAL_WISH_REPORT)
+
+    def _ask_rehearsal(self, word: str, wish: int) -> None:
+        now = time.monotonic()
+        nonce = int(now * 1e6) & 0xFFFFFFFF
+        asking = _rehearsal_asking(self._module.sysid, wish, nonce)
+        self._talks[word] = Conversation(asking, self._module.to_vehicle, now)
+        if word != _REPORT:
+            self._module.narrator.command_sent(word)
+
     def on_message(self, message: Any, now: float) -> None:
-        """A COMMAND_ACK or heartbeat of the autopilot, or the vehicle's HANDOVER_OVERRIDE."""
+        """A COMMAND_ACK or heartbeat of the autopilot, or the vehicle's HANDOVER_OVERRIDE or HANDOVER_REHEARSAL."""
         for talk in list(self._talks.values()):
             talk.on_message(message, now)
 
@@ -228,7 +268,10 @@ class StationCommands:
 
     def _ended(self, word: str, talk: Conversation, now: float) -> None:
         narrator = self._module.narrator
-        if talk.failure is not None:
+        if word == _REPORT:
+            for line in talk.result or ("no report of the rehearsal: no answer of the vehicle",):
+                self._module.view.show(line)
+        elif talk.failure is not None:
             narrator.command_ended(word, "no answer", f"{word}: no answer of the vehicle.")
         elif talk.result == mavlink.MAV_RESULT_ACCEPTED:
             narrator.command_ended(word, "accepted", f"{word} accepted.")
@@ -292,6 +335,8 @@ class StationCommands:
         show = module.view.show
         name = f"{module.of}: " if module.of else ""
         show(f"vehicle   {name}{'connected' if core.vehicle_alive(now) else 'not heard'}, {core.phase.name}")
+        if module.rehearsal:
+            show("rehearsal the aircraft is carried: nothing arms ('handover rehearse' for its report)")
         show(f"commander {core.name(core.commander)}, epoch {core.epoch}; this station is {core.role.value}")
         if module.decisions.text:
             show(f"decision  {module.decisions.text}")
@@ -333,6 +378,23 @@ def _override_asking(vehicle: int, limit: int, nonce: int) -> Asking:
 
     seconds = yield Ask("the override", (message,), answer, timeout_s=1.0, tries=5)
     return mavlink.MAV_RESULT_ACCEPTED if seconds else mavlink.MAV_RESULT_DENIED
+
+
+def _rehearsal_asking(vehicle: int, wish: int, nonce: int) -> Asking:
+    """Its end is a result, or the lines of the report."""
+    message = mavlink.MAVLink_handover_rehearse_message(vehicle, COMPANION_COMPID, vehicle, wish, nonce)
+    lines: dict[int, str] = {}
+
+    def answer(m: Any) -> Any:
+        if m.get_type() != "HANDOVER_REHEARSAL" or m.nonce != nonce or m.wish != wish:
+            return None
+        if not m.line:
+            return mavlink.MAV_RESULT_ACCEPTED if m.accepted else mavlink.MAV_RESULT_DENIED
+        lines[m.line] = m.text
+        whole = len(lines) == m.lines and all(number in lines for number in range(1, m.lines + 1))
+        return tuple(lines[number] for number in sorted(lines)) if whole else None
+
+    return (yield Ask("the rehearsal", (message,), answer, timeout_s=1.0, tries=5))
 
 
 def _ack(command: int, *, final: bool = False) -> Callable[[Any], Any]:

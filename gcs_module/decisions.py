@@ -22,6 +22,8 @@ from mavproxy_handover.core.model import FlightAction
 
 __all__ = ["Decisions", "Who", "told"]
 
+#: how the vehicle begins what it says in a rehearsal
+_REHEARSED: Final = "REHEARSAL: "
 _OVER: Final[int] = mavlink.HANDOVER_ACTION_NONE
 #: words that were told of late, as STATUSTEXT brings them too
 _TOLD: Final = 8
@@ -98,4 +100,6 @@ class Decisions:
         self.action = action = FlightAction(m.action) if m.action in list(FlightAction) else None
         if action is None:  # of a newer version: its own words have to do
             return Notice("decision", text, DECISIONS[FlightAction.RETURN])
+        if text.startswith(_REHEARSED):  # of what is not done, they say it best
+            return Notice("decision", text, DECISIONS[action])
         return Notice("decision", told(action, _text(m.figures) or text, _text(m.place), who), DECISIONS[action])

@@ -23,6 +23,8 @@ ENTRIES: Final = (
     ("Give to", "give"),
     ("Release", "release"),
     ("Acknowledge alarms", "ack"),
+    ("Rehearse on the ground", "rehearse"),
+    ("End rehearsal", "rehearse end"),
     ("Status", "status"),
 )
 _NAME, _WHERE = "Handover", "menu"

@@ -29,6 +29,7 @@ class VehicleCommands:
             "status": ("phase, commander, epoch, lease, guard, mission, energy", self._status),
             "stations": ("every station: link, liveness, what the gate did", self._stations),
             "zones": ("zones of the loaded mission and where the aircraft is", self._zones),
+            "rehearsal": ("what was seen in the rehearsal on the ground, or in the last one", self._rehearsal),
             "cancel": ("call the present transfer off; the commander stays", self._cancel),
         }
         #: those that take a word: which there are, text, what is done
@@ -65,6 +66,8 @@ class VehicleCommands:
         companion, now = self._companion, time.monotonic()
         arbiter, view = companion.arbiter, companion.view
         self._show(f"phase     {view.phase.name}{'  (INTERNAL FAULT: nobody commands)' if companion.failed else ''}")
+        if view.rehearsal:
+            self._show("rehearsal the aircraft is carried: nothing arms, and nothing is commanded")
         partner = f", transfer to {arbiter.name(view.partner)}" if view.partner else ""
         self._show(f"commander {arbiter.name(view.commander)}, epoch {view.epoch}, lease {view.lease.name}{partner}")
         guard = arbiter.guard(now)
@@ -141,6 +144,10 @@ class VehicleCommands:
             )
             awaits = ", awaits it at a waypoint" if fact.awaits else ""
             self._show(f"{name}: {where}{ends}{awaits}")
+
+    def _rehearsal(self) -> None:
+        for line in self._companion.rehearsal.lines(time.monotonic()):
+            self._show(line)
 
     def _override(self, limit: str) -> None:
         self._companion.autopilot.desk.lift(Limit(limit), CONSOLE, time.monotonic())

@@ -51,6 +51,8 @@ from mavproxy_handover.schedule import Schedule
 from mavproxy_handover.stations.announcer import Announcer
 from mavproxy_handover.stations.operator_control import OperatorControl
 from mavproxy_handover.stations.port import StationPort
+from mavproxy_handover.stations.rehearsal import RehearsalDesk, Surroundings
+from mavproxy_handover.stations.rehearsal_book import Foreseen
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.store.journal import Journal, strangers_path
 from mavproxy_handover.store.keeper import StateKeeper
@@ -147,6 +149,9 @@ class Companion:
             self.journal.close()
             self._strangers.close()
             raise
+        around = Surroundings(lambda: self.view, self._place, self._where, self._foreseen)
+        told_by = self._voice, self.narrator, self._announcer
+        self.rehearsal = RehearsalDesk(config.sysid, self.arbiter, self.handle, *told_by, around)
         self._briefing = Briefing(self.arbiter, self.autopilot, ports, self.fault)
         self.gate.targets.judge = self.autopilot.desk.target
         self.gate.copter = lambda: not self.autopilot.aircraft.foreign
@@ -183,6 +188,23 @@ class Companion:
             narrator=self.narrator,
             voice=self._voice,
             clocks=clocks,
+        )
+
+    def _place(self) -> str:
+        """The zones that hold the aircraft, by name."""
+        held = sorted(fact.station for fact in self.autopilot.zone_facts() if fact.margin_m > 0.0)
+        return "+".join(self.arbiter.name(station) for station in held) or "no zone"
+
+    def _where(self) -> tuple[float, float] | None:
+        where = self.autopilot.aircraft.where
+        return None if where is None else where[:2]
+
+    def _foreseen(self) -> tuple[Foreseen, ...]:
+        """The handovers that the check of the mission has."""
+        name = self.arbiter.name
+        return tuple(
+            Foreseen(name(h.from_station), name(h.to_station), (h.lat_deg, h.lon_deg), h.seq, h.overlap_s)
+            for h in self.autopilot.foreseen
         )
 
     @property
@@ -239,6 +261,7 @@ class Companion:
                 kind, answered = (frame.msgid, verdict.reason), verdict.fate is Fate.REFUSE
                 proven = port.proves(frame)
                 self.narrator.refused(port.name, kind, verdict.what, verdict.reason.value, answered, proven, now)
+                self.rehearsal.turned_away(port.name, verdict.what, verdict.reason.value)
             case _:
                 assert_never(verdict.fate)
 
@@ -314,6 +337,7 @@ class Companion:
         refused = self.gate.turn_down(port, frame, verdict, now)
         kind, proven = (frame.msgid, refused.reason), port.proves(frame)
         self.narrator.refused(port.name, kind, refused.what, refused.reason.value, True, proven, now)
+        self.rehearsal.turned_away(port.name, refused.what, refused.reason.value)
 
     def _on_transfer(self, port: StationPort, frame: Frame, message: Any, now: float) -> None:
         port.spoke(frame.compid)
@@ -321,6 +345,9 @@ class Companion:
         kind = message.get_type()
         if kind.startswith("MISSION_"):
             self.autopilot.on_package(port, message, now)
+            return
+        if kind == "HANDOVER_REHEARSE":
+            self.rehearsal.take(port, message, now)
             return
         if kind == "HANDOVER_OVERRIDE":
             if message.vehicle == self.config.sysid:
@@ -373,6 +400,7 @@ class Companion:
         if self._arbiter_is_due(now):
             self.handle(events.Tick(), now)
         self._attempt("briefing", self._briefing.tick, now)
+        self._attempt("rehearsal", self.rehearsal.tick, now)
         self._schedule.run(now)
 
     def _arbiter_is_due(self, now: float) -> bool:
@@ -479,6 +507,7 @@ class Companion:
                 self._on_view(action, now)
             case events.Record():
                 self.narrator.record(action, now)
+                self.rehearsal.record(action, now)
             case events.Fly():
                 self._fly(action, now)
             case events.Announce():
@@ -488,10 +517,9 @@ class Companion:
             case events.StartRefused():
                 self.autopilot.orders.refuse_start(action.needs, now)
             case events.RehearsalMoved():
-                self.narrator.rehearsal(action)
-                self._announcer.rehearsal(action)
+                self.rehearsal.moved(action, now)
             case events.RehearsalRefused():
-                self._say(action.station, f"rehearsal refused: {'; '.join(action.needs)}", now)
+                self.rehearsal.refused(action, now)
             case events.ControlAnswer():
                 self._control.answer(self.ports[action.station], action.result, action.text, now)
             case events.NotifyOwner():
@@ -510,6 +538,7 @@ class Companion:
         self.narrator.decision(told)
         self._announcer.tell(told, now)
         self._briefing.decided(told.text, now, over=told.action is None)
+        self.rehearsal.told(told, now)
 
     def _send(self, action: events.Send, now: float) -> None:
         port = self.ports[action.station]

@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
+from typing import Any
 
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.events import Announce, Record, RehearsalMoved
@@ -194,6 +195,12 @@ class Narrator:
         """A rehearsal has begun, or is over."""
         self._journal.write("rehearsal", moved.text, on=moved.on, reason=moved.reason.name.lower())
         self._tell_sentence(moved.text)
+
+    def rehearsal_report(self, lines: Sequence[str], values: Mapping[str, Any]) -> None:
+        """What was seen in a rehearsal, so far or in the end; `lines`: for the console."""
+        self._journal.write("rehearsal_report", **values)
+        for line in lines:
+            self._show(line)
 
     def view(self, view: AuthorityView, reason: Reason) -> None:
         """A new view is in force."""

@@ -44,7 +44,7 @@ from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.energy import released_at
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import speed_at
+from mavproxy_handover.mission.walk import Handover, speed_at
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.wire.conversation import Conversation, Conversations
@@ -123,6 +123,8 @@ class Autopilot:
         self._flown: Route | None = None
         #: the commander has changed it in flight: on the ground no package is loaded any more
         self._changed_aloft = False
+        #: the handovers that the check of the package has
+        self.foreseen: tuple[Handover, ...] = ()
         #: what the arbiter was told last of what looks wrong
         self._signs = SignsSeen()
         self._second_manager_told = False
@@ -309,6 +311,7 @@ class Autopilot:
         self._energy.released_at = None if route is None else released_at(route)
 
     def _lies_along(self, along: Along) -> None:
+        self.foreseen = along.handovers
         self._gaps.adopt(along.stretches)
         self._borders.adopt(along.way)
         if self.desk.ahead is not None:
@@ -317,6 +320,7 @@ class Autopilot:
     def _rerouted(self, rerouted: Rerouted | None, now: float) -> None:
         """The autopilot holds the mission that its commander has sent in flight; None: nobody knows what it holds."""
         self._changed_aloft = True
+        self.foreseen = ()
         self._gaps.adopt(())  # what is declared is a gap of the package
         self._waypoints.adopt(None, now)  # and so is a waypoint
         self._borders.adopt(None if rerouted is None else rerouted.way)

@@ -27,7 +27,7 @@ from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import legs_of
+from mavproxy_handover.mission.walk import Handover, legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Conversation, Conversations
@@ -59,6 +59,8 @@ class Along:
 
     stretches: tuple[Stretch, ...] = ()
     way: WayAhead | None = None
+    #: the changes of commander that are expected on it
+    handovers: tuple[Handover, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,7 @@ class Prepared:
 def prepare(package: MissionPackage) -> Prepared:
     """Walk the route through the zones. Takes as long as the package makes it: not for the main loop."""
     walk = package.walk()
-    along = Along(package.stretches(walk), WayAhead(walk))
+    along = Along(package.stretches(walk), WayAhead(walk), walk.handovers)
     return Prepared(package, package.zone_finder(), walk.commanders, way_of(package), along)
 
 

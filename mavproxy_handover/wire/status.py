@@ -14,7 +14,16 @@ from mavproxy_handover.core.events import Announce
 from mavproxy_handover.core.model import AuthorityView, GuardState, LeaseState, Phase, Reason
 from mavproxy_handover.wire.lease import Lease, pack_lease
 
-__all__ = ["LEASE_INTERVAL_S", "LeaseSequence", "authority_status", "control_status", "decision", "heartbeat"]
+__all__ = [
+    "LEASE_INTERVAL_S",
+    "LeaseSequence",
+    "authority_status",
+    "briefing",
+    "control_status",
+    "decision",
+    "heartbeat",
+    "rehearsal",
+]
 
 LEASE_INTERVAL_S = 0.2
 _LEASE_TTL_MS = 3000
@@ -22,8 +31,10 @@ _LEASE_TTL_MS = 3000
 _MOST_S = 0xFFFF
 #: and this in 8
 _MOST_LEFT_S = 0xFF
-#: texts hold so many bytes: the name of a place, here and in HANDOVER_DECISION, the others of that, HANDOVER_BRIEFING's
+#: texts hold so many bytes: the name of a place, here and in HANDOVER_DECISION, the others of that, and a line
+#: of HANDOVER_BRIEFING and HANDOVER_REHEARSAL
 _PLACE_BYTES, _FIGURES_BYTES, _TEXT_BYTES, _LINE_BYTES = 20, 60, 160, 120
+_MOST_LINES = 0xFF
 _NO_ACTION = mavlink.HANDOVER_ACTION_NONE
 
 
@@ -94,6 +105,7 @@ def authority_status(
         round(lat_deg * 1e7),
         round(lon_deg * 1e7),
         _cut(name, _PLACE_BYTES),
+        int(view.rehearsal),
     )
 
 
@@ -115,6 +127,18 @@ def briefing(target: tuple[int, int], number: int, lines: Sequence[str]) -> list
     return [
         mavlink.MAVLink_handover_briefing_message(*target, number, line, len(lines), _cut(text, _LINE_BYTES))
         for line, text in enumerate(lines, 1)
+    ]
+
+
+def rehearsal(
+    target: tuple[int, int], vehicle: int, wish: int, nonce: int, accepted: bool, lines: Sequence[str] = ()
+) -> list[Any]:
+    """HANDOVER_REHEARSAL of this dialect: the answer to HANDOVER_REHEARSE, one message, or one for each line."""
+    told = [(line, _cut(text, _LINE_BYTES)) for line, text in enumerate(lines[:_MOST_LINES], 1)] or [(0, b"")]
+    count = min(len(lines), _MOST_LINES)
+    return [
+        mavlink.MAVLink_handover_rehearsal_message(*target, vehicle, wish, nonce, int(accepted), line, count, text)
+        for line, text in told
     ]
 
 

@@ -11,10 +11,11 @@ from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
 
 USAGE = [
-    "usage: handover <status|stations|zones|cancel|override>",
+    "usage: handover <status|stations|zones|rehearsal|cancel|override>",
     "  status    phase, commander, epoch, lease, guard, mission, energy",
     "  stations  every station: link, liveness, what the gate did",
     "  zones     zones of the loaded mission and where the aircraft is",
+    "  rehearsal what was seen in the rehearsal on the ground, or in the last one",
     "  cancel    call the present transfer off; the commander stays",
     "  override  energy|fence|coverage: let commands leave this limit for a minute, as whoever commands may",
 ]
@@ -52,7 +53,7 @@ def test_unknown_words_are_named_and_the_usage_shown(bench: Bench, words: str) -
 def test_completion_offers_the_words_of_the_usage(bench: Bench) -> None:
     bench.load()
     assert bench.mpstate.completions["handover"] == [
-        "<status|stations|zones|cancel|override>",
+        "<status|stations|zones|rehearsal|cancel|override>",
         "override <energy|fence|coverage>",
     ]
     assert bench.mpstate.command_map["handover"][1].startswith("authority handover"), "what MAVProxy's help shows"

@@ -277,6 +277,8 @@ def test_each_entry_types_what_the_operator_could_type(station: StationBench) ->
         "Give to GCSB": "# handover give GCSB",
         "Release": "# handover release",
         "Acknowledge alarms": "# handover ack",
+        "Rehearse on the ground": "# handover rehearse",
+        "End rehearsal": "# handover rehearse end",
         "Status": "# handover status",
     }
     for line in entries(console.menus["Handover"]).values():
