@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -98,7 +97,7 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
-        self._waypoints = WaypointWatch(self.aircraft)
+        self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
         self._borders = BorderWatch(config.limits.operator_timeout_s, self.aircraft, ties)
         self._execution = ExecutionWatch(self.aircraft, ties, lambda: self._preflight.radio_watched)
         #: where a return goes
@@ -157,11 +156,7 @@ class Autopilot:
             return ()
         lat_deg, lon_deg, alt_m = where
         way = self._loader.way(self.aircraft.waypoint) if self.aircraft.custom_mode == AUTO else ()
-        facts = finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m, way)
-        awaiting = self._waypoints.awaiting()
-        if not awaiting:
-            return facts
-        return tuple(replace(fact, awaits=True) if fact.station in awaiting else fact for fact in facts)
+        return self._waypoints.marked(finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m, way))
 
     # ---- what it says ---------------------------------------------------------------------------------------------
 

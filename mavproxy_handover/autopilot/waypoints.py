@@ -7,6 +7,8 @@ Rules
 * MISSION_ITEM_REACHED of the item that is flown to counts at once; MISSION_CURRENT says the same up to half a second
   later, when it names the next one. Of any other item it is old, or doubled, and counts for nothing.
 * Only AUTO has a next waypoint: in any other mode, on a way back for one, coverage alone counts.
+* Where coverage begins to count alone no waypoint has been reached: a station that awaits the aircraft then, inside its
+  zone, does so until that zone is left. Else authority would go back and forth with the mode.
 * After a start of the companion nothing counts as reached until mode and MISSION_CURRENT are heard: what they say then
   is news, so a waypoint that was reached meanwhile is not lost.
 * Where MISSION_CURRENT is missing for `MISSING_S`, coverage alone counts: nobody would be told of a waypoint reached.
@@ -16,9 +18,11 @@ Rules
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.reached import Belonging
 from mavproxy_handover.wire.ids import COPTER_AUTO
 
@@ -31,13 +35,17 @@ MISSING_S: Final = 5.0
 class WaypointWatch:
     """The waypoints of one vehicle. Times are monotonic seconds."""
 
-    def __init__(self, aircraft: Aircraft) -> None:
+    def __init__(self, leave_margin_m: float, aircraft: Aircraft) -> None:
+        """`leave_margin_m`: a zone is left so far outside its border."""
+        self._leave_margin_m = leave_margin_m
         self._aircraft = aircraft
         self._belonging: Belonging | None = None
         #: since when the autopilot holds this mission, as far as is known
         self._since = 0.0
         #: the item that is flown to is reached
         self._reached = False
+        #: who awaited the aircraft of the position before
+        self._awaited: frozenset[int] = frozenset()
 
     def adopt(self, belonging: Belonging | None, now: float) -> None:
         """The autopilot holds a mission whose waypoints belong to stations; None: another one, or an unknown one."""
@@ -52,16 +60,27 @@ class WaypointWatch:
         self._reached = self._reached or seq == self._aircraft.waypoint
         return None if self._belonging is None else self._belonging.owner(seq)
 
-    def awaiting(self) -> frozenset[int]:
-        """The stations that await the aircraft of the last position."""
+    def marked(self, facts: tuple[ZoneFact, ...]) -> tuple[ZoneFact, ...]:
+        """The facts of the last position, with whose stations await the aircraft."""
+        awaiting = self._told()
+        if awaiting is None:
+            outside = {fact.station for fact in facts if fact.margin_m <= -self._leave_margin_m}
+            awaiting = self._awaited - outside
+        self._awaited = awaiting
+        if not awaiting:
+            return facts
+        return tuple(replace(fact, awaits=True) if fact.station in awaiting else fact for fact in facts)
+
+    def _told(self) -> frozenset[int] | None:
+        """Who awaits the aircraft by what the autopilot says; None: coverage alone counts."""
         aircraft, belonging = self._aircraft, self._belonging
         if belonging is None or aircraft.foreign:
-            return frozenset()
+            return None
         mode_known = aircraft.heartbeat_at > -math.inf
         if mode_known and aircraft.custom_mode != COPTER_AUTO:
-            return frozenset()
+            return None
         if aircraft.position_at - max(aircraft.waypoint_at, self._since) > MISSING_S:
-            return frozenset()
+            return None
         if not mode_known or aircraft.waypoint_at < self._since:
             return belonging.stations
         return belonging.awaiting(aircraft.waypoint + self._reached)

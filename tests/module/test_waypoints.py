@@ -79,7 +79,7 @@ def flight(bench: Bench, package: MissionPackage) -> Bench:
     return bench
 
 
-def fly(bench: Bench, item: int, place: tuple[float, float], seconds: float = 8.0) -> None:
+def fly(bench: Bench, item: int | None, place: tuple[float, float], seconds: float = 8.0) -> None:
     """On the way to this item, at this place, for longer than the dwell time."""
     bench.autopilot.waypoint, bench.autopilot.position = item, place
     bench.run(seconds)
@@ -180,17 +180,43 @@ class TestCoverageAlone:
     """What no waypoint is waited for."""
 
     @pytest.mark.parametrize("mode", [RTL, GUIDED])
-    def test_in_another_mode_than_auto(self, flight: Bench, mode: int) -> None:
+    def test_in_another_mode_than_auto_authority_moves_where_a_zone_is_entered(self, flight: Bench, mode: int) -> None:
         flight.autopilot.mode = mode
-        flight.run(2.0)
+        fly(flight, 3, IN_A)
+        fly(flight, 3, BEFORE, 2.0)
+        assert (commander(flight), reasons(flight)) == (B, ["zone"])
+
+    @pytest.mark.parametrize("mode", [RTL, GUIDED])
+    def test_the_change_of_mode_alone_moves_nothing(self, flight: Bench, mode: int) -> None:
+        for _ in range(2):
+            for now in (mode, AUTO):
+                flight.autopilot.mode = now
+                flight.run(10.0)
+        assert reasons(flight) == []
+
+    @pytest.mark.parametrize("mode", [RTL, GUIDED])
+    def test_nor_behind_the_waypoint(self, flight: Bench, mode: int) -> None:
+        """The zone of the one before holds the aircraft still: it does not get it back for that."""
+        reaches(flight, 3)
+        fly(flight, 4, BEHIND, 1.0)
+        flight.autopilot.mode = mode
+        flight.run(20.0)
         assert (commander(flight), reasons(flight)) == (B, ["zone"])
 
     def test_and_in_auto_again_it_stays_with_who_has_it(self, flight: Bench) -> None:
         flight.autopilot.mode = GUIDED
-        flight.run(8.0)
+        fly(flight, 3, IN_A)
+        fly(flight, 3, BEFORE)
         flight.autopilot.mode = AUTO
         flight.run(20.0)
         assert (commander(flight), len(flight.journal("transfer_committed"))) == (B, 1)
+
+    def test_on_a_way_back_it_moves_where_the_zone_of_the_one_before_is_entered(self, flight: Bench) -> None:
+        reaches(flight, 3)
+        flight.autopilot.mode = RTL
+        fly(flight, 4, IN_B)
+        fly(flight, 4, BEHIND, 2.0)
+        assert (commander(flight), reasons(flight)) == (A, ["zone", "zone"])
 
     def test_on_the_way_back_by_the_missions_own_return(self, flight: Bench) -> None:
         reaches(flight, 3)
@@ -200,9 +226,11 @@ class TestCoverageAlone:
 
     def test_where_mission_current_is_missing(self, flight: Bench) -> None:
         flight.autopilot.waypoint = None
-        flight.run(4.0)
+        fly(flight, None, IN_A, 3.0)
+        fly(flight, None, BEFORE, 1.0)
         assert commander(flight) == A
-        flight.run(2.0)
+        fly(flight, None, IN_A, 6.0)
+        fly(flight, None, BEFORE, 2.0)
         assert (commander(flight), reasons(flight)) == (B, ["zone"])
 
     def test_where_the_commanders_zone_ends(self, flight: Bench) -> None:
@@ -219,7 +247,11 @@ class TestCoverageAlone:
         way = [waypoint(0, 526840000, 59100000, 0.0), *(waypoint(n, 526842700, 59221250) for n in (1, 2, 3))]
         way.append(waypoint(4, 526842700, 59221250, 0.0, command=21))
         assert Program(flight, way).send() == 0
-        flight.until(lambda: commander(flight) == B, 10.0)
+        flight.run(10.0)
+        assert commander(flight) == A
+        fly(flight, 3, IN_A)
+        fly(flight, 3, BEFORE, 2.0)
+        assert (commander(flight), reasons(flight)) == (B, ["zone"])
 
 
 class TestRestart:
@@ -247,9 +279,10 @@ class TestRestart:
     def test_without_mission_current_coverage_alone_counts_after_a_while(self, flight: Bench) -> None:
         flight.autopilot.waypoint = None
         restart(flight)
-        flight.run(4.0)
+        flight.run(10.0)
         assert commander(flight) == A
-        flight.run(4.0)
+        fly(flight, None, IN_A)
+        fly(flight, None, BEFORE, 2.0)
         assert commander(flight) == B
 
 
