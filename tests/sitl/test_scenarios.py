@@ -61,7 +61,7 @@ PROMISED = {
     *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
     *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return", "commands-judged"),
     *("tcp-provider", "tcp-provider-drift"),
-    *("refusal-texts", "two-vehicles", "linear", "field-test", "waypoints"),
+    *("refusal-texts", "two-vehicles", "linear", "field-test", "waypoints", "waypoints-restart"),
 }
 
 
