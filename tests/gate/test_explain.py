@@ -94,7 +94,7 @@ def test_one_rows_meaning_is_printed_with_it(capsys: pytest.CaptureFixture[str])
 def test_a_class_can_be_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(printed(capsys, "--class", "liveness", "--class", "transfer", "--json"))
     assert {row["class"] for row in rows} == {"liveness", "transfer"}
-    assert len(rows) == 12
+    assert len(rows) == 13
     assert rows[0]["commander"] == "passes"
     assert rows[0]["others"] == "noticed by the companion"
 
