@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Tests the campaign: python -m tests.sitl.plant_in_strategy [--by-others] [--runs N] [--jobs M] [part of a name] ...
+"""Tests the campaign: python -m tests.sitl.plant_in_strategy [options] [part of a name] ...
 
 Ten faults, each of a kind that people make, are planted in a copy of the rules, one at a time, and a campaign is flown
 over each copy: it must find every one of them, and nothing without one. Exit code 1 otherwise. They were chosen by what
@@ -25,12 +25,15 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 __all__ = ["PLANTED", "Planted"]
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("mavproxy_handover", "gcs_module", "sitl", "missions")
 CORE = "mavproxy_handover/core/"
+#: flights at a time where no more are flown than it takes
+PIECE = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,16 +123,39 @@ def planted_copy(folder: Path, planted: Planted | None) -> Path:
     return folder
 
 
-def unsafe_flights(folder: Path, planted: Planted | None, options: Sequence[str]) -> tuple[int, Counter[str], str]:
-    """Fly a campaign over such a copy: flights, how many of them for each kind of what was unsafe, and a seed of each.
+def unsafe_flights(
+    folder: Path, planted: Planted | None, first: int, runs: int, jobs: int, *, until_found: bool = False
+) -> tuple[int, Counter[str], str]:
+    """Fly a campaign over such a copy: flights, how many of them for each kind of what was unsafe, and in words: the
+    first of them, and a seed of each kind. `until_found`: no further than the PIECE in which that first one is.
 
     Raises RuntimeError if the campaign itself does not end.
     """
     home = planted_copy(folder / "product", planted)
+    pieces = range(first, first + runs, PIECE if until_found else runs)
+    lines: list[dict[str, Any]] = []
+    for seed in pieces:
+        lines += _flown(home, folder / f"campaign-{seed}", seed, min(pieces.step, first + runs - seed), jobs)
+        if any(line["unsafe"] for line in lines):
+            break
+    rows: Counter[str] = Counter()
+    seeds: dict[str, int] = {}
+    for line in lines:
+        for row in {found[0] for found in line["unsafe"]}:
+            rows[row] += 1
+            seeds[row] = min(line["seed"], seeds.get(row, line["seed"]))
+    if not rows:
+        return len(lines), rows, ""
+    kinds = ", ".join(f"{row}: {count}, as in {seeds[row]}" for row, count in rows.most_common())
+    return len(lines), rows, f"first in flight {min(seeds.values()) - first + 1}; {kinds}"
+
+
+def _flown(home: Path, out: Path, first: int, runs: int, jobs: int) -> list[dict[str, Any]]:
+    """The outcomes of these flights with the product that stands in `home`."""
     command = "import sys; from sitl.campaign.main import main; sys.exit(main(sys.argv[1:]))"
-    out = folder / "campaign"
+    options = [f"--runs={runs}", f"--jobs={jobs}", f"--seed={first}", f"--out={out}"]
     flown = subprocess.run(
-        [sys.executable, "-c", command, *options, "--out", str(out)],
+        [sys.executable, "-c", command, *options],
         cwd=home,
         env={**os.environ, "PYTHONPATH": str(home)},
         capture_output=True,
@@ -138,14 +164,7 @@ def unsafe_flights(folder: Path, planted: Planted | None, options: Sequence[str]
     )
     if flown.returncode not in (0, 1):
         raise RuntimeError(flown.stderr[-2000:])
-    lines = [json.loads(line) for line in (out / "flights.jsonl").read_text(encoding="utf-8").splitlines()]
-    rows: Counter[str] = Counter()
-    first: dict[str, int] = {}
-    for line in lines:
-        for row in {found[0] for found in line["unsafe"]}:
-            rows[row] += 1
-            first.setdefault(row, line["seed"])
-    return len(lines), rows, ", ".join(f"{row}: {count}, as in {first[row]}" for row, count in rows.most_common())
+    return [json.loads(line) for line in (out / "flights.jsonl").read_text(encoding="utf-8").splitlines()]
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -156,17 +175,19 @@ def main(arguments: Sequence[str]) -> int:
     options.add_argument("--runs", type=int, default=2000, help="flights for each fault (2000)")
     options.add_argument("--jobs", type=int, default=2, help="processes (2)")
     options.add_argument("--seed", type=int, default=500_000, help="of the first flight (500000)")
+    options.add_argument("--until-found", action="store_true", help=f"{PIECE} flights at a time, until it is found")
     options.add_argument("--by-others", action="store_true", help="the ten of planted_by_others.py in place of these")
     options.add_argument("parts", nargs="*", metavar="PART", help="only faults with one of these in their name")
     chosen = options.parse_args(arguments)
-    campaign = [f"--runs={chosen.runs}", f"--jobs={chosen.jobs}", f"--seed={chosen.seed}"]
     planted = PLANTED_BY_OTHERS if chosen.by_others else PLANTED
     wanted = [fault for fault in planted if not chosen.parts or any(part in fault.name for part in chosen.parts)]
     wrong = 0
     for fault in (None, *wanted):
         begun = time.monotonic()
         with tempfile.TemporaryDirectory() as folder:
-            flights, rows, words = unsafe_flights(Path(folder), fault, campaign)
+            flights, rows, words = unsafe_flights(
+                Path(folder), fault, chosen.seed, chosen.runs, chosen.jobs, until_found=chosen.until_found
+            )
         name = "without a fault" if fault is None else fault.name
         good = bool(rows) is (fault is not None)
         wrong += not good

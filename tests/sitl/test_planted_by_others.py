@@ -6,7 +6,6 @@ for."""
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -35,7 +34,8 @@ def test_a_fault_of_others_has_a_place_and_is_one_that_can_be_run(planted: Plant
 def test_they_are_flown_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     flown: list[Planted | None] = []
 
-    def fly(folder: Path, planted: Planted | None, options: Sequence[str]) -> tuple[int, Counter[str], str]:
+    def fly(_folder: Path, planted: Planted | None, *_: int, until_found: bool) -> tuple[int, Counter[str], str]:
+        assert not until_found
         flown.append(planted)
         rows = Counter[str]() if planted is None else Counter({"unsafe": 1})
         return 1, rows, ""
@@ -46,3 +46,24 @@ def test_they_are_flown_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch)
     flown.clear()
     assert plant_in_strategy.main([]) == 0
     assert flown == [None, *PLANTED]
+
+
+def test_no_more_is_flown_than_it_takes_to_find_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pieces: list[tuple[int, int]] = []
+
+    def fly(_home: Path, _out: Path, first: int, runs: int, _jobs: int) -> list[dict[str, object]]:
+        pieces.append((first, runs))
+        unsafe = [["battery empty", 1.0, "it was"]]
+        return [{"seed": seed, "unsafe": unsafe if seed == 7130 else []} for seed in range(first, first + runs)]
+
+    monkeypatch.setattr(plant_in_strategy, "planted_copy", lambda folder, planted: folder)
+    monkeypatch.setattr(plant_in_strategy, "_flown", fly)
+    found = plant_in_strategy.unsafe_flights(tmp_path, None, 7000, 350, 1, until_found=True)
+    assert found == (200, Counter({"battery empty": 1}), "first in flight 131; battery empty: 1, as in 7130")
+    assert pieces == [(7000, 100), (7100, 100)]
+    pieces.clear()
+    assert plant_in_strategy.unsafe_flights(tmp_path, None, 7131, 350, 1, until_found=True) == (350, Counter(), "")
+    assert pieces == [(7131, 100), (7231, 100), (7331, 100), (7431, 50)]
+    pieces.clear()
+    assert plant_in_strategy.unsafe_flights(tmp_path, None, 7000, 350, 1)[0] == 350
+    assert pieces == [(7000, 350)]
