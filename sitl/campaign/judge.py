@@ -27,7 +27,7 @@ from sitl.campaign.aircraft import Mode
 from sitl.campaign.gaps import CONTACT_S
 from sitl.campaign.log import FlightLog
 from sitl.campaign.plan import FlightPlan
-from sitl.campaign.plane import Spot, bearing_deg
+from sitl.campaign.plane import Spot, bearing_deg, segment_m
 from sitl.campaign.times import SECOND
 
 __all__ = ["CLASSES", "UNSAFE", "Found", "Unsafe", "ended", "judge"]
@@ -58,6 +58,13 @@ REACTS_S: Final = 5
 OBEYED_S: Final = 8
 #: what is farther outside than that is outside for the rules (m)
 _LEFT_M: Final = 6.0
+#: so long (s) a station works, or does not, until the vehicle knows: 5 s until it is lost, or has not answered for too
+#: long, 1 s between two questions, and 2 s for rounding
+_HEARD_S: Final = 8
+#: over the border of the last coverage that counts (s): it is to stop before that, and may roll on
+ROLLS_S: Final = 2
+#: whoever is farther beside its way was carried there (m)
+_CARRIED_M: Final = 20.0
 #: the energy that is left beyond the way home falls no faster than so many times the power in the air
 _FALLS: Final = 6.0
 #: landed this near to a place is landed there (m)
@@ -155,13 +162,18 @@ def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
 def _whole_s(log: FlightLog, at: int) -> float:
     """How long (s) companion, cable, position and obedience had been whole then, in a flight that neither a pilot nor
     an operator has changed of late; 0: something is not."""
-    needed = (log.companion, log.cable, log.fix, log.obeys)
-    if not all(series.at(at) for series in needed):
-        return 0.0
     begun, _mode, by = log.mode_at(at)
     if by == "commander":  # his word stands until something new is wrong
         return 0.0
-    return (at - max(begun, *(series.since(at) for series in needed))) / SECOND
+    return min(_parts_whole_s(log, at), (at - begun) / SECOND)
+
+
+def _parts_whole_s(log: FlightLog, at: int) -> float:
+    """How long (s) companion, cable, position and obedience had been whole then, whoever flew."""
+    needed = (log.companion, log.cable, log.fix, log.obeys)
+    if not all(series.at(at) for series in needed):
+        return 0.0
+    return (at - max(series.since(at) for series in needed)) / SECOND
 
 
 def _gap_s(plan: FlightPlan, mode: str, x: float, y: float) -> float:
@@ -260,8 +272,7 @@ def _outside(plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> 
     )
     if found is None:
         return None
-    name = next(s.name for s in plan.stations if s.sysid == found.commander)
-    return Found("commands outside", found.at, f"{name} commanded for {OUTSIDE_S} s outside its zone")
+    return Found("commands outside", found.at, f"{_name(plan, found)} commanded for {OUTSIDE_S} s outside its zone")
 
 
 def _ping_pong(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
@@ -344,6 +355,59 @@ def _outside_all(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...])
     if found is None:
         return None
     return Found("outside, not noticed", found.at, f"{REACTS_S} s outside every zone with all whole, and it flew on")
+
+
+def _dead_zone(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    def wrong(moment: Moment) -> bool:
+        return _left(moment) and not moment.heard and not moment.behind_gap and _stations_settled(log, moment.at)
+
+    found = _unnoticed(log, moments, wrong)
+    if found is None:
+        return None
+    text = f"{REACTS_S} s outside the zone of {_name(plan, found)}, where no station works, and it flew on"
+    return Found("dead zone, not noticed", found.at, text)
+
+
+def _over_border(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    """Flown over the border of the last coverage that counts, though nobody behind it had taken the aircraft.
+
+    Not where two other stations are: while a transfer to one of them is under way, the other is there to take it.
+    """
+
+    def wrong(moment: Moment) -> bool:
+        if moment.mode != Mode.AUTO.name or not _left(moment) or moment.gap_s or moment.behind_gap:
+            return False
+        whole = _parts_whole_s(log, moment.at) >= _SETTLED_S and _stations_settled(log, moment.at)
+        # what the companion itself has sent on after a hold is its own doing
+        by_itself = log.mode_at(moment.at)[2] in ("start", "companion")
+        return whole and by_itself and len(moment.heard) < 2 and _on_its_leg(plan, moment)
+
+    found = _longest(moments, ROLLS_S, wrong)
+    if found is None:
+        return None
+    text = f"flown out of the zone of {_name(plan, found)} for {ROLLS_S} s with all whole, and nobody else had taken it"
+    return Found("over the border", found.at, text)
+
+
+def _left(moment: Moment) -> bool:
+    """Whether its commander's zone does not hold the aircraft any more."""
+    return moment.commander is not None and moment.margin_m < -_LEFT_M
+
+
+def _name(plan: FlightPlan, moment: Moment) -> str:
+    """Its commander's."""
+    return next(station.name for station in plan.stations if station.sysid == moment.commander)
+
+
+def _stations_settled(log: FlightLog, at: int) -> bool:
+    """Whether all stations had worked, or not, for so long that the vehicle knew."""
+    return all(at - series.since(at) >= _HEARD_S * SECOND for series in log.working.values())
+
+
+def _on_its_leg(plan: FlightPlan, moment: Moment) -> bool:
+    """Whether it is on its way, and was not carried beside it."""
+    x, y, _z = moment.place
+    return any(segment_m(x, y, start, end) <= _CARRIED_M for start, end in pairwise(plan.way))
 
 
 def _lost(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
@@ -459,6 +523,22 @@ UNSAFE: Final = (
         f"{REACTS_S} s",
         _outside_all,
         *(_OUT,),
+        lifted=Limit.COVERAGE,
+    ),
+    _row(
+        "dead zone, not noticed",
+        "all is whole, the commander's zone has ended and no station works where the aircraft is, and it flies on",
+        f"{REACTS_S} s",
+        _dead_zone,
+        *(_OUT, _NONE),
+        lifted=Limit.COVERAGE,
+    ),
+    _row(
+        "over the border",
+        "all is whole, and the aircraft is flown out of its commander's zone with nobody who has taken it",
+        f"{ROLLS_S} s",
+        _over_border,
+        *(Cause.COVERAGE_ENDS,),
         lifted=Limit.COVERAGE,
     ),
     _row(

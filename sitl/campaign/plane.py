@@ -15,7 +15,7 @@ from typing import Final
 
 from mavproxy_handover.mission.geodesy import LocalPlane
 
-__all__ = ["HOME", "Circle", "Spot", "bare_spans", "bearing_deg", "on_earth"]
+__all__ = ["HOME", "Circle", "Spot", "bare_spans", "bearing_deg", "on_earth", "segment_m"]
 
 _PLANE: Final = LocalPlane(0.0, 5.92)
 
@@ -77,6 +77,15 @@ def bare_spans(start: Spot, end: Spot, circles: Iterable[Circle], more_m: float 
         if covered_to >= length:
             return
     yield covered_to, length
+
+
+def segment_m(x_m: float, y_m: float, start: Spot, end: Spot) -> float:
+    """How far a place is from the straight way between two others."""
+    east, north = end.x_m - start.x_m, end.y_m - start.y_m
+    square = east * east + north * north
+    part = 0.0 if square == 0.0 else ((x_m - start.x_m) * east + (y_m - start.y_m) * north) / square
+    part = min(1.0, max(0.0, part))
+    return hypot(start.x_m + part * east - x_m, start.y_m + part * north - y_m)
 
 
 def on_earth(x_m: float, y_m: float) -> tuple[float, float]:
