@@ -199,6 +199,7 @@ class RehearsalDesk:
     def _look(self, now: float) -> None:
         assert self.book is not None
         self._look_at = now + _LOOK_S
+        self.book.expects(self._around.foreseen())
         links = [_seen(port, now) for port in self._voice.ports.values()]
         self.book.saw(now, self._around.place(), self._around.where(), [each for port in links for each in port])
 

@@ -126,6 +126,12 @@ class RehearsalBook:
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
 
+    def expects(self, foreseen: Sequence[Foreseen]) -> None:
+        """What the check of the mission has, where that was not known when the book was begun: after a restart the way
+        is walked a while later."""
+        if not self._foreseen and not self._handovers:
+            self._foreseen = tuple(foreseen)
+
     def saw(self, now: float, place: str, where: _Where | None, links: Sequence[LinkSeen]) -> None:
         """The links at this moment; to be called more than once a second."""
         seconds, self._seen_at = now - self._seen_at, now

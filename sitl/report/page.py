@@ -19,6 +19,7 @@ from sitl.report.exchange import Exchange, exchanges
 from sitl.report.journal_reader import Entry
 from sitl.report.palette import colours
 from sitl.report.record import RecordError, RunRecord, load_run
+from sitl.report.rehearsal import books, tables
 
 __all__ = ["STYLE", "main_report", "write_report"]
 
@@ -49,6 +50,7 @@ def write_report(record: RunRecord) -> Path:
         _handovers(record.evidence, transfers, pictures),
         _refusals(record.evidence),
         _decisions(record.evidence),
+        _rehearsals(record.evidence),
         _files(record),
     ]
     title = f"{record.title}: handover report"
@@ -196,7 +198,7 @@ def _decisions(evidence: Evidence) -> str:
         "authority", "authority_lost", "emergency", "emergency_over", "warning", "gap", "gap_over",
         "warning_over", "fly", "guard", "start_refused", "start_failed",
         "started", "transfer_aborted", "partner_unfit", "position_stale", "off_route", "on_route",
-        "failed_closed", "landed", "fault",
+        "failed_closed", "landed", "fault", "would", "rehearsal", "rehearsal_refused",
     }  # fmt: skip
     rows = [
         ("", (_clock(evidence, entry), entry.who, entry.text or entry.event.replace("_", " ")))
@@ -204,6 +206,20 @@ def _decisions(evidence: Evidence) -> str:
         if entry.event in words and entry.who not in {station.name for station in evidence.package.stations}
     ]
     return _section("Decisions and emergencies", _table(("at", "who", "what"), rows)) if rows else ""
+
+
+def _rehearsals(evidence: Evidence) -> str:
+    sections = []
+    for book in books(evidence.entries):
+        again = ", seen since a restart of the companion" if book.get("restarted") else ""
+        text = f"<p>{escape(str(book.get('why', '')))}, {escape(str(book.get('seconds', '')))} s{again}</p>"
+        for table in tables(book):
+            if table.rows:
+                text += f"<p><b>{escape(table.caption)}</b></p>" + _table(
+                    table.heads, [("", row) for row in table.rows]
+                )
+        sections.append(text)
+    return _section("Rehearsal on the ground", "".join(sections)) if sections else ""
 
 
 def _files(record: RunRecord) -> str:

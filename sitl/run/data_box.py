@@ -13,6 +13,9 @@ What is typed at it, each answered by `ok` and the same, or by `error:` and why:
     cut                 all connections are closed; who comes again is served
     restart SECONDS     the box is gone for so long, and its clock begins anew
     drift NORTH EAST    where it says the aircraft is drifts away, m/s; 0 0: it stays where it has drifted to
+    carry NORTH EAST PACE
+                        where it says the aircraft is goes straight to so many metres from where it truly is, at so
+                        many m/s, and stays there: somebody carries it
     true                it says the truth again
     garbage             a hundred bytes that are no record, to everybody, in the midst of the stream
 
@@ -65,6 +68,8 @@ class DataBox:
         #: north, east: what has come together, and how fast it grows
         self._off_m = (0.0, 0.0)
         self._drift_mps = (0.0, 0.0)
+        #: where that ends, as somebody carries the aircraft there; None: it does not
+        self._carried_to: tuple[float, float] | None = None
         self._moved_at = clock()
         self._cut = 0
         self.sent = self.clients = 0
@@ -118,8 +123,8 @@ class DataBox:
         """The simulation's state: send it."""
         now = self._clock()
         passed_s, self._moved_at = now - self._moved_at, now
-        north, east = (off + speed * passed_s for off, speed in zip(self._off_m, self._drift_mps, strict=True))
-        self._off_m = (north, east)
+        self._move(passed_s)
+        north, east = self._off_m
         if self._stalls or self._listener is None:
             return
         lat, lon = offset(message.lat_int / 1e7, message.lon_int / 1e7, east, north)
@@ -141,6 +146,21 @@ class DataBox:
         for piece in (data[: self._cut], data[self._cut :]):
             self._send(piece)
         self.sent += 1
+
+    def _move(self, passed_s: float) -> None:
+        to, (north, east) = self._carried_to, self._off_m
+        if to is not None and math.dist(to, self._off_m) <= math.hypot(*self._drift_mps) * passed_s:
+            self._off_m, self._drift_mps, self._carried_to = to, (0.0, 0.0), None
+            return
+        self._off_m = (north + self._drift_mps[0] * passed_s, east + self._drift_mps[1] * passed_s)
+
+    def _carry(self, to: tuple[float, float], pace_mps: float) -> None:
+        away_m = math.dist(to, self._off_m)
+        self._carried_to = to
+        towards = (
+            [(there - here) / away_m for there, here in zip(to, self._off_m, strict=True)] if away_m else [0.0, 0.0]
+        )
+        self._drift_mps = (towards[0] * pace_mps, towards[1] * pace_mps)
 
     def _send(self, data: bytes) -> None:
         for client, waiting in list(self._clients.items()):
@@ -177,9 +197,12 @@ class DataBox:
                     self._listener = None
                 self._back_at = self._clock() + numbers[0]
             case "drift":
-                self._drift_mps = (numbers[0], numbers[1])
+                self._drift_mps, self._carried_to = (numbers[0], numbers[1]), None
+            case "carry":
+                self._carry((numbers[0], numbers[1]), numbers[2])
             case "true":
                 self._drift_mps = self._off_m = (0.0, 0.0)
+                self._carried_to = None
             case "garbage":
                 self._send(_GARBAGE)
         return f"ok {line}"

@@ -17,6 +17,7 @@ _ORDERS: Final[Mapping[str, int]] = {
     "cut": 0,
     "restart": 1,
     "drift": 2,
+    "carry": 3,
     "true": 0,
     "garbage": 0,
 }
@@ -33,6 +34,8 @@ def parse_order(line: str) -> tuple[str, tuple[float, ...]]:
         numbers = ()
     if len(numbers) != _ORDERS[word] or not all(map(math.isfinite, numbers)) or len(rest) != len(numbers):
         raise ValueError(f"{line!r}: {word} takes {_ORDERS[word] or 'no'} numbers")
+    if word == "carry" and not 0.1 <= numbers[2] <= 50.0:
+        raise ValueError(f"{line!r}: the pace must be 0.1 to 50 m/s")
     if word == "restart" and not 0.0 <= numbers[0] <= 600.0:
         raise ValueError(f"{line!r}: must be 0 to 600 s")
     return word, numbers

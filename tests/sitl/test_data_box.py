@@ -123,6 +123,23 @@ def test_it_drifts_and_finds_back(bench: Bench) -> None:
     assert (fix.record.lat_deg, fix.record.lon_deg) == pytest.approx(HOME, abs=1e-7)
 
 
+def test_it_is_carried_to_a_place_at_a_pace_and_stays_there(bench: Bench) -> None:
+    bench.run(1.0)
+    assert bench.box.order("carry 30 -40 5") == "ok carry 30 -40 5"
+    fix = bench.run(4.0)
+    assert fix is not None
+    assert distance_m(*HOME, fix.record.lat_deg, fix.record.lon_deg) == pytest.approx(20.0, abs=0.5)
+    assert (fix.record.north_mps, fix.record.east_mps) == pytest.approx((4.0, -2.0))
+    fix = bench.run(8.0)
+    assert fix is not None
+    assert distance_m(*HOME, fix.record.lat_deg, fix.record.lon_deg) == pytest.approx(50.0, abs=0.01)
+    assert (fix.record.north_mps, fix.record.east_mps) == (1.0, 2.0)
+    bench.box.order("carry 30 0 10")
+    fix = bench.run(2.0)
+    assert fix is not None
+    assert distance_m(*HOME, fix.record.lat_deg, fix.record.lon_deg) == pytest.approx((30**2 + 20**2) ** 0.5, abs=0.7)
+
+
 def test_it_babbles(bench: Bench) -> None:
     bench.run(1.0)
     bench.box.order("garbage")
@@ -141,7 +158,10 @@ def test_a_client_that_does_not_read_is_left_behind(bench: Bench) -> None:
     assert len(bench.box.descriptors) == 1
 
 
-@pytest.mark.parametrize("line", ["", "fly", "drift", "drift 1", "drift a b", "drift nan 1", "stall 3", "restart -1"])
+@pytest.mark.parametrize(
+    "line",
+    ["", "fly", "drift", "drift 1", "drift a b", "drift nan 1", "stall 3", "restart -1", "carry 1 2", "carry 1 2 0"],
+)
 def test_what_is_no_order_is_told_and_changes_nothing(bench: Bench, line: str) -> None:
     assert bench.box.order(line).startswith("error: ")
     with pytest.raises(ValueError, match=r"must be|takes"):

@@ -101,6 +101,17 @@ class TestHandovers:
         assert seen.lines(120.0)[2] == ("  1: GCSB -> GCSC at 12 s, took 0.50 s (given); the check has none here")
         assert seen.entry(120.0)["handovers"][0]["item"] is None
 
+    def test_what_the_check_has_may_be_known_later(self) -> None:
+        seen = book(())
+        seen.expects(())
+        seen.expects(CHECK)
+        seen.expects(CHECK[:1])
+        assert seen.lines(101.0)[1] == "handovers 0, 0 of 2 that the check has"
+        late = book(())
+        late.handover("GCSA", "GCSB", 101.0, 0.1, "zone", distance_m)
+        late.expects(CHECK)
+        assert late.entry(102.0)["foreseen"] == 0, "which of them was made cannot be told any more"
+
     def test_one_that_is_left_out_is_missed(self) -> None:
         seen = book()
         seen.handover("GCSB", "GCSA", 112.0, 0.5, "zone", distance_m)
