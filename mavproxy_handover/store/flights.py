@@ -8,6 +8,8 @@ Rules that live here
   by the supervisor is the same run. The name begins with the time by UTC, for people; it is only a name: a clock that
   was not set yet, or is set back, makes no two of one, as what is there already is counted past.
 * `latest` leads to the newest one that was begun.
+* A run that ended before it wrote anything (a key that others may read, no autopilot at the other end) leaves nothing
+  when the next one of its name begins: a service manager tries every few seconds, for as long as nobody looks.
 * A folder is held for as long as anything of its run lives (a lock that children and successors keep), and what is held
   is never deleted. Of the others the oldest go first, and only whole ones.
 """
@@ -57,6 +59,8 @@ def begin(base: Path, who: str, utc: datetime, about: Mapping[str, Any], config:
     """
     base.mkdir(parents=True, exist_ok=True)
     who = re.sub(r"[^\w.-]", "_", who)
+    with suppress(OSError):  # what cannot be taken away stays
+        _forget(base, who, config.name)
     stem = f"{utc.astimezone(timezone.utc):%Y%m%dT%H%M%SZ}-{who}"
     for number in range(1, _TRIES):
         folder = base / (stem if number == 1 else f"{stem}+{number}")
@@ -75,6 +79,23 @@ def begin(base: Path, who: str, utc: datetime, about: Mapping[str, Any], config:
     shutil.copyfile(config, folder / config.name)
     _lead_to(base, folder)
     return folder
+
+
+def _forget(base: Path, who: str, config: str) -> None:
+    """Delete the newest folder of that name if its run is over and has written nothing. Raises OSError."""
+    begun = [
+        (named["time"], int(named["count"] or 1), named.string)
+        for named in map(_NAME.fullmatch, os.listdir(base))
+        if named and named["who"] == who
+    ]
+    if not begun:
+        return
+    path = base / max(begun)[2]
+    if path.is_symlink() or not path.is_dir():
+        return
+    written = (each.stat().st_size for each in path.iterdir() if each.name not in (_HELD, _ABOUT, config))
+    if not any(written) and not _is_held(path):
+        _delete(path)
 
 
 def _lead_to(base: Path, folder: Path) -> None:
@@ -144,6 +165,10 @@ def to_go(found: Iterable[Flight], now: datetime, keep_days: float, keep_bytes: 
 
 def delete(flight: Flight) -> None:
     """The whole folder; under another name first, so that what is cut short is no half flight. Raises OSError."""
-    doomed = flight.path.with_name(f".gone-{flight.path.name}")
-    flight.path.replace(doomed)
+    _delete(flight.path)
+
+
+def _delete(path: Path) -> None:
+    doomed = path.with_name(f".gone-{path.name}")
+    path.replace(doomed)
     shutil.rmtree(doomed)

@@ -77,6 +77,44 @@ def test_the_list_is_in_the_order_in_which_they_began(tmp_path: Path, config: Pa
     assert len(names) == 13
 
 
+def test_starts_that_fail_one_after_the_other_leave_one_folder(tmp_path: Path, config: Path) -> None:
+    """As a service manager starts a station whose key others may read, every two seconds for a night."""
+    base = tmp_path / "flights"
+    other = begin(base, "GCSB", NOON + timedelta(seconds=1), {}, config)
+    (base / "20260517T110000Z-GCSA").write_text("a file")
+    for number in range(4):
+        folder = _begun_and_over(base, "GCSA", NOON + timedelta(seconds=2 * number), config)
+        (folder / "GCSA.tlog").touch()
+    assert [each.path.name for each in flights(base)] == [other.name, "20260517T120006Z-GCSA"]
+    assert (base / "latest").resolve().name == "20260517T120006Z-GCSA"
+
+
+@pytest.mark.parametrize("written", ["GCSA.jsonl", "GCSA.tlog", "mission/plan.waypoints"])
+def test_what_a_run_wrote_stays_when_the_next_one_begins(written: str, tmp_path: Path, config: Path) -> None:
+    folder = _begun_and_over(tmp_path, "GCSA", NOON, config)
+    (folder / written).parent.mkdir(exist_ok=True)
+    (folder / written).write_text("{}")
+    _begun_and_over(tmp_path, "GCSA", NOON + timedelta(seconds=2), config)
+    assert (folder / written).read_text() == "{}"
+
+
+def test_a_run_that_has_written_nothing_yet_and_lives_stays(tmp_path: Path, config: Path) -> None:
+    living = begin(tmp_path, "GCSA", NOON, {}, config)
+    begin(tmp_path, "GCSA", NOON + timedelta(seconds=2), {}, config)
+    assert living.is_dir()
+
+
+def _begun_and_over(base: Path, who: str, utc: datetime, config: Path) -> Path:
+    """A run that begins and ends: by another process, as nothing but its end lets go of a folder."""
+    code = (
+        "import sys; from datetime import datetime; from pathlib import Path; "
+        "from mavproxy_handover.store.flights import begin; "
+        "print(begin(Path(sys.argv[1]), sys.argv[2], datetime.fromisoformat(sys.argv[3]), {}, Path(sys.argv[4])))"
+    )
+    words = [sys.executable, "-c", code, str(base), who, utc.isoformat(), str(config)]
+    return Path(subprocess.run(words, check=True, capture_output=True, text=True).stdout.strip())
+
+
 def test_a_folder_is_held_as_long_as_anything_of_its_run_lives(tmp_path: Path, config: Path) -> None:
     """The process that begins it becomes another one, as `handover station` does."""
     program = (
