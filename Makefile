@@ -1,8 +1,9 @@
 # Two commands do everything: `make demo` and `make test`. They need Python 3.10+ and a package registry.
 
 PYTHON ?= python3
-# tests of one file stay together: several of them start processes
-PYTEST_ARGS ?= -n 2 --dist loadfile
+# tests of one file stay together: several of them start processes. As they stand, the longest are in the middle, and
+# both workers end at one time; in the order of xdist, by the number of tests, the flights are the last
+PYTEST_ARGS ?= -n 2 --dist loadfile --no-loadscope-reorder
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua -type f -not -path '*/__pycache__/*') \
@@ -21,7 +22,7 @@ help:
 	@echo "make mutants plant faults in gate and core, see the tests find them"
 	@echo "make scenarios  fly every scenario on every vehicle there is"
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up; ARGS='--arducopter PATH ...': on each of these"
-	@echo "make flights fly the guard in every situation on ArduPilot (ARGS as above), write the table into its page"
+	@echo "make flights fly guard and energy in every situation on ArduPilot (ARGS as above), write the guard's table"
 	@echo "make mavsdk  fly with programs of MAVSDK as stations, 3 and the newest (installs both, apart from the rest)"
 	@echo "make picture draw docs/architecture.svg from the imports"
 	@echo "make format  format the Python files"
@@ -79,7 +80,8 @@ soak: $(VENV)/installed
 	$(BIN)/python -m tests.sitl.soak_guard $(ARGS)
 
 flights: $(VENV)/installed
-	$(BIN)/pytest -n 2 -m sitl $(sort $(wildcard tests/sitl/test_guard_*.py)) --flown ardupilot_lua/handover_guard.md $(ARGS)
+	$(BIN)/pytest -n 2 -m sitl --long $(sort $(wildcard tests/sitl/test_guard_*.py)) tests/sitl/test_energy_arducopter.py \
+	  --flown ardupilot_lua/handover_guard.md $(ARGS)
 
 # each in an environment of its own: the two have one name, and nothing in common
 $(VENV)/mavsdk-3 $(VENV)/mavsdk-newest:

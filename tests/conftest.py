@@ -36,6 +36,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--mavsdk", action="append", metavar="PYTHON", help="a Python that has MAVSDK; several may be given"
     )
+    group.addoption("--long", action="store_true", help="fly those too that `make flights` flies")
     group.addoption("--flown", metavar="PAGE", type=Path, help="write the guard's table of flights into this page")
 
 
@@ -43,6 +44,14 @@ def pytest_configure(config: pytest.Config) -> None:
     page = config.getoption("--flown")
     if page is not None and not hasattr(config, "workerinput"):
         config.pluginmanager.register(Recorder(page, GUARD, PARAMETERS))
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not config.getoption("--long"):
+        skip = pytest.mark.skip(reason="flown by `make flights` (--long)")
+        for item in items:
+            if item.get_closest_marker("long") is not None:
+                item.add_marker(skip)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -30,6 +30,7 @@ from tests.sitl.guard_flight import (
     target,
 )
 from tests.sitl.guard_log import GCS, actions_logged, mode_changes
+from tests.sitl.guard_suite import EVERY_TIME
 
 #: an outcome in words
 Outcome = str
@@ -59,7 +60,13 @@ def flights(cases: Sequence[Case]) -> Callable[..., None]:
     """The test that flies these cases on every program there is, and says what came of them."""
 
     @pytest.mark.sitl
-    @pytest.mark.parametrize("case", [pytest.param(case, id=case.name) for case in cases])
+    @pytest.mark.parametrize(
+        "case",
+        [
+            pytest.param(case, id=case.name, marks=() if case.name in EVERY_TIME else (pytest.mark.long,))
+            for case in cases
+        ],
+    )
     def test(case: Case, arducopter: Firmware, tmp_path: Path, request: pytest.FixtureRequest) -> None:
         recorded(request, case.name, arducopter)
         beside = [tmp_path / name for name in case.beside]

