@@ -23,7 +23,7 @@ from mavproxy_handover.core.events import (
     StartRequested,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, LeaseState, Phase, Reason
+from mavproxy_handover.core.model import FlightAction, Flown, LeaseState, Phase, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
 from tests.core.bench import (
     KEY,
@@ -70,6 +70,11 @@ def moved(bench: Bench) -> list[RehearsalMoved]:
 
 def said(bench: Bench) -> list[str]:
     return [action.text for _at, action in bench.log if isinstance(action, Announce)]
+
+
+def ending(left_s: float) -> ZoneFact:
+    """Inside the zone of GCSA, which ends so soon on the way that it is carried."""
+    return ZoneFact(A, 100.0, left_s, left_s)
 
 
 class TestBeginning:
@@ -259,6 +264,43 @@ class TestDecisions:
         bench.run(10.0)
         assert bench.flights() == []
         assert any(text.startswith("REHEARSAL: would RETURN: out of coverage") for text in said(bench))
+
+    def test_a_hold_is_over_as_soon_as_it_is_carried_away_from_the_border(self) -> None:
+        """In flight it would stand there, until another station has it or its time is up. Nobody stands here."""
+        bench = carried(Limits(hold_s=60.0))
+        bench.position(ending(4.0), outside(B))
+        bench.run(1.0)
+        bench.position(*IN_A)
+        bench.run(5.0)
+        assert [record.text for record in bench.records("would")] == ["coverage ends ahead: would hold"]
+        assert said(bench)[-1] == "REHEARSAL: OVER: coverage ends ahead"
+        assert bench.arbiter.view.phase is Phase.ON_MISSION
+        bench.run(120.0)
+        assert len(bench.records("would")) == 1
+
+    def test_a_hold_lasts_while_it_is_carried_towards_the_border(self) -> None:
+        bench = carried(Limits(hold_s=60.0))
+        bench.position(ending(4.0), outside(B))
+        bench.run(1.0)
+        bench.position(ending(1.0), outside(B))
+        bench.run(5.0)
+        assert said(bench)[-1].startswith("REHEARSAL: would HOLD: coverage ends ahead")
+
+    def test_carried_over_the_border_it_is_not_over_in_between(self) -> None:
+        bench = carried()
+        bench.position(ending(1.0), outside(B))
+        bench.run(1.0)
+        bench.position(*NOWHERE)
+        bench.run(10.0)
+        assert [record.text for record in bench.records("would")] == [
+            "coverage ends ahead: would hold",
+            "coverage ends ahead: would return",
+            "out of coverage: would return",
+        ]
+        assert not [text for text in said(bench) if "OVER" in text]
+        bench.position(*IN_A)
+        bench.run(10.0)
+        assert said(bench)[-1] == "REHEARSAL: OVER: out of coverage"
 
     @pytest.mark.parametrize("policy", ["hold", "land"])
     def test_whatever_the_policy_says_nothing_is_commanded(self, policy: str) -> None:

@@ -16,7 +16,8 @@ a partner is commanded from where no station should command.
 A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
 Weak links are no sign while one is crossed.
 
-In a rehearsal the aircraft is carried, disarmed: its flight mode says nothing of who flies it.
+In a rehearsal the aircraft is carried, disarmed: its flight mode says nothing of who flies it, and nobody stands still
+where it would: it is carried on or back, and coverage ends ahead only as long as it does.
 
 What the autopilot was commanded in vain (`supervision.py`) is none of the things that can be done: then it cannot hold,
 and no place can be reached.
@@ -114,6 +115,8 @@ class Lookout:
                 found.add(Cause.LINKS_WEAK)
             if commanded and self._ends_ahead(owner, others, now):
                 self._ended_for = owner
+            elif self._flight.rehearsing and zones.holds(owner):
+                self._ended_for = None
         self._around = frozenset(found)
 
     def _ends_ahead(self, owner: int, others: Sequence[int], now: float) -> bool:
