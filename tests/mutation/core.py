@@ -37,7 +37,7 @@ from tests.mutation import run  # noqa: E402
 from tests.mutation.core_survivors import KNOWN_SURVIVORS  # noqa: E402
 from tests.mutation.run import _Mutated, import_once, in_child  # noqa: E402
 
-__all__ = ["Fault", "faults", "main", "table_faults"]
+__all__ = ["Fault", "faults", "main", "misnamed", "table_faults"]
 
 #: modules of a ground station's rules begin with this
 STATION = "station."
@@ -55,10 +55,11 @@ FIRST = {
     "links": ("test_link_quality.py",),
     "zones": ("test_zones.py", "test_arbiter_safety.py"),
     "phases": ("test_phases.py",),
+    "rehearsal": ("test_rehearsal.py",),
     "safety.causes": ("safety/test_causes.py", "safety/test_strategy.py", "safety/test_emergency.py"),
     "safety.strategy": ("safety/test_strategy.py", "safety/test_emergency.py", "test_arbiter_safety.py"),
     "safety.emergency": ("safety/test_emergency.py", "test_arbiter_safety.py", "test_restart.py"),
-    "safety.lookout": ("safety/test_lookout.py", "test_arbiter_safety.py", "test_link_quality.py"),
+    "safety.lookout": ("safety/test_lookout.py", "test_arbiter_safety.py", "test_link_quality.py", "test_rehearsal.py"),
     "safety.places": ("safety/test_places.py",),
     "safety.helm": ("safety/test_helm.py", "safety/test_execution.py"),
     "safety.supervision": ("safety/test_supervision.py", "safety/test_execution.py"),
@@ -488,15 +489,24 @@ def _source(module: str) -> str:
     return _file(module).read_text(encoding="utf-8")
 
 
-def _out_of_date() -> list[str]:
-    """What is said here of the core and does not hold any more."""
+def _modules() -> list[str]:
     core = ROOT / "mavproxy_handover" / "core"
     modules = sorted(".".join(path.relative_to(core).with_suffix("").parts) for path in core.rglob("*.py"))
-    modules += [module for module in FIRST if module.startswith(STATION) and _file(module).exists()]
+    return modules + [module for module in FIRST if module.startswith(STATION) and _file(module).exists()]
+
+
+def misnamed() -> list[str]:
+    """Modules of the core that no test here is named for, and names that no module has."""
+    modules = _modules()
     wrong = [
         f"no tests are named for {module}" for module in modules if module not in FIRST and any(faults(_source(module)))
     ]
-    wrong += [f"there is no module {module}" for module in {**FIRST, **KNOWN_SURVIVORS} if module not in modules]
+    return wrong + [f"there is no module {module}" for module in {**FIRST, **KNOWN_SURVIVORS} if module not in modules]
+
+
+def _out_of_date() -> list[str]:
+    """What is said here of the core and does not hold any more."""
+    wrong, modules = misnamed(), _modules()
     for module, known in KNOWN_SURVIVORS.items():
         if module in modules:
             there = {fault.name for fault in (*faults(_source(module)), *table_faults(module))}
