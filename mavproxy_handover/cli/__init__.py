@@ -24,13 +24,17 @@ __all__ = ["main"]
 _NOBODY_READS: Final = 141
 
 #: what is not installed with everything -> the extra that brings it
-_EXTRAS: Final = {"matplotlib": "sim", "lupa": "sim", "dask": "campaign", "distributed": "campaign"}
+_EXTRAS: Final = {"matplotlib": "sim", "lupa": "sim", "plotly": "report", "dask": "campaign", "distributed": "campaign"}
 
 #: word -> (module, function, what it does)
 _COMMANDS = {
     "sim": ("sitl.main", "main", "fly a scenario in simulation, all real processes, and write a report"),
     "check": ("mavproxy_handover.mission.check", "main", "check a mission package before flight"),
-    "report": ("sitl.report.page", "main_report", "write the report of a run folder again"),
+    "report": (
+        "sitl.report.page",
+        "main_report",
+        "write the report of a flight, from journals, telemetry and dataflash logs",
+    ),
     "campaign": ("sitl.campaign.main", "main", "fly random missions with random faults over the rules, and judge them"),
     "policy": ("mavproxy_handover.cli.policy", "main", "print what the gate lets through, and why"),
     "explain": ("mavproxy_handover.cli.explain", "main", "print what is done about what is wrong, and why"),

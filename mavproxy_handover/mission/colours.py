@@ -1,18 +1,60 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The stations' colours, the same in every picture: map of a mission, report of a flight, map of a ground station.
+"""The colours of every picture: map of a mission, report of a flight, map of a ground station.
 
-Okabe and Ito's palette: told apart with every kind of colour vision. Stations take them in their order, the parent
-first.
+The stations have Okabe and Ito's palette: told apart with every kind of colour vision. Stations take them in their
+order, the parent first. A picture on a dark ground takes `DARK` in place of each colour that stands there.
 """
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import Final
 
-__all__ = ["STATION_COLOURS", "rgb", "station_colour"]
+__all__ = [
+    "ALARM",
+    "DARK",
+    "DELIVERY",
+    "GRID",
+    "GROUND",
+    "INK",
+    "NOBODY",
+    "PAPER",
+    "RALLY",
+    "SOFT",
+    "STATION_COLOURS",
+    "WARNING",
+    "WELL",
+    "rgb",
+    "station_colour",
+]
 
 STATION_COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+#: lines and words, quieter ones, the sheet, the ground of a map, its grid
+INK, SOFT, PAPER, GROUND, GRID = "#1b1b1b", "#8a8a8a", "#ffffff", "#fbfaf7", "#d9d6cf"
+#: nobody commands; the delivery; a rally point
+NOBODY, DELIVERY, RALLY = "#8d8d8d", "#F0E442", "#2ca02c"
+#: an emergency, a warning, and what is as it should be
+ALARM, WARNING, WELL = "#d00000", "#f5d76e", "#cfe8dc"
+#: what takes a colour's place on a dark ground; what is not here stays as it is
+DARK: Final = MappingProxyType(
+    {
+        INK: "#ece9e2",
+        SOFT: "#9a978f",
+        PAPER: "#15181c",
+        GROUND: "#1b1f24",
+        GRID: "#343a42",
+        NOBODY: "#a3a3a3",
+        ALARM: "#ff6b62",
+        WARNING: "#8f7418",
+        WELL: "#1f5a43",
+        RALLY: "#5fc75f",
+        "#0072B2": "#4aa3df",
+        "#D55E00": "#f08a3e",
+        "#009E73": "#2bc492",
+        "#CC79A7": "#e39bc4",
+    }
+)
 
 
 def station_colour(number: int) -> str:

@@ -10,15 +10,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from mavproxy_handover.mission.colours import INK, PAPER
 from mavproxy_handover.mission.geodesy import wrap_longitude_deg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from shapely.geometry import Polygon
 
-__all__ = ["INK", "Points", "columns", "degrees", "halo", "note", "patch", "round_down", "ticks"]
-
-INK = "#1b1b1b"
+__all__ = ["Points", "columns", "degrees", "halo", "note", "patch", "round_down", "ticks"]
 
 Points = list[tuple[float, float]]
 
@@ -51,7 +50,7 @@ def halo() -> list[Any]:
     """The white edge that keeps words readable."""
     from matplotlib.patheffects import withStroke
 
-    return [withStroke(linewidth=2.8, foreground="white")]
+    return [withStroke(linewidth=2.8, foreground=PAPER)]
 
 
 def columns(points: Points) -> tuple[list[float], list[float]]:

@@ -10,15 +10,25 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import shapely
 
-from mavproxy_handover.mission.colours import station_colour
-from mavproxy_handover.mission.drawing import INK, Points, columns, degrees, halo, note, patch, round_down, ticks
+from mavproxy_handover.mission.colours import (
+    ALARM,
+    DELIVERY,
+    GRID,
+    GROUND,
+    INK,
+    PAPER,
+    RALLY,
+    SOFT,
+    station_colour,
+)
+from mavproxy_handover.mission.drawing import Points, columns, degrees, halo, note, patch, round_down, ticks
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.flat import parts, quiet_place
 from mavproxy_handover.mission.gaps import undeclared
@@ -35,7 +45,8 @@ if TYPE_CHECKING:
 
 __all__ = ["MapSheet", "draw"]
 
-_SOFT, _DELIVERY = "#8a8a8a", "#F0E442"
+#: latitude, longitude
+Place = tuple[float, float]
 
 
 def draw(package: MissionPackage, path: str | Path, walk: Walk | None = None) -> None:
@@ -53,16 +64,19 @@ def draw(package: MissionPackage, path: str | Path, walk: Walk | None = None) ->
     FigureCanvasAgg(figure)
     sheet.paint(figure.add_axes((0.0, 0.0, 1.0, 1.0)))
     try:
-        figure.savefig(path, facecolor="white", bbox_inches="tight", pad_inches=0.15)
+        figure.savefig(path, facecolor=PAPER, bbox_inches="tight", pad_inches=0.15)
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise MissionError(f"{path}: cannot write the map: {reason}") from None
 
 
 class MapSheet:
-    """One map for one pair of axes; a report may draw on them afterwards, by `place`. `walk` saves walking again."""
+    """One map for one pair of axes. `walk` saves walking again; `also`: places that must be on it.
 
-    def __init__(self, package: MissionPackage, walk: Walk | None = None) -> None:
+    A report draws a flight on it, by `place`: then the plan steps back.
+    """
+
+    def __init__(self, package: MissionPackage, walk: Walk | None = None, also: Iterable[Place] = ()) -> None:
         self._package, self._walk = package, walk or package.walk()
         walk = self._walk
         home = package.route.home
@@ -71,7 +85,7 @@ class MapSheet:
         self._marks = list({sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in walk.samples}.values())
         self._marks += self._rally_points()
         self._marks += [self.place(handover.lat_deg, handover.lon_deg) for handover in walk.handovers]
-        self._bounds = self._all_bounds()
+        self._bounds = self._all_bounds([self.place(*place) for place in also])
 
     def size_inches(self) -> tuple[float, float]:
         """Width and height of the axes, in the proportions of the map."""
@@ -83,19 +97,26 @@ class MapSheet:
         """Where a place is on the axes: metres east and north of home."""
         return self._plane.to_plane(lat_deg, lon_deg)
 
-    def paint(self, axes: Axes) -> None:
-        """Draw everything, and set the limits, labels and legend of the axes."""
+    def paint(self, axes: Axes, flown: Callable[[Axes], str] | None = None) -> None:
+        """Draw everything, and set the limits, labels and legend of the axes.
+
+        `flown` draws what was flown and returns the words for the head; what was planned is a thin line then.
+        """
         axes.set_aspect("equal")
-        axes.set_facecolor("#fbfaf7")
+        axes.set_facecolor(GROUND)
         self._zones(axes)
         self._regions(axes)
         self._fence(axes)
-        self._route(axes)
+        if flown is None:
+            self._route(axes)
+        else:
+            self._plan(axes)
         self._rally(axes)
-        self._handovers(axes)
+        if flown is None:
+            self._handovers(axes)
         self._items(axes)
         self._frame(axes)
-        self._heading(axes)
+        self._heading(axes, self._facts() if flown is None else flown(axes))
 
     # --- the ground ---
 
@@ -154,7 +175,7 @@ class MapSheet:
         for first, second in combinations(self._package.zones, 2):
             for part in self._parts(overlap(first, second)):
                 hatched = patch(
-                    part, facecolor="none", edgecolor=_SOFT, hatch="///", linewidth=0.0, alpha=0.55, zorder=2
+                    part, facecolor="none", edgecolor=SOFT, hatch="///", linewidth=0.0, alpha=0.55, zorder=2
                 )
                 hatched.set_label(label or "")
                 axes.add_patch(hatched)
@@ -170,7 +191,7 @@ class MapSheet:
                 corners = [*part.corners, part.corners[0]]
             points = [self.place(lat, lon) for lat, lon in corners]
             style = "--" if part.inclusion else ":"
-            axes.plot(*columns(points), style, color=_SOFT, linewidth=1.2, label=label, zorder=2)
+            axes.plot(*columns(points), style, color=SOFT, linewidth=1.2, label=label, zorder=2)
             label = None
 
     # --- the flight ---
@@ -182,7 +203,7 @@ class MapSheet:
             points = [self.place(sample.lat_deg, sample.lon_deg) for sample in stretch]
             label = f"route, {names[commander]} commands" if commander not in named else None
             named.add(commander)
-            axes.plot(*columns(points), color="white", linewidth=5.0, solid_capstyle="round", zorder=4)
+            axes.plot(*columns(points), color=PAPER, linewidth=5.0, solid_capstyle="round", zorder=4)
             axes.plot(
                 *columns(points),
                 color=self._colour[commander],
@@ -207,9 +228,13 @@ class MapSheet:
                 zorder=5,
             )
         open_gaps = undeclared(self._package.gaps, self._walk)
-        self._gaps(axes, open_gaps, "no coverage", {"color": "#d00000", "alpha": 0.6})
+        self._gaps(axes, open_gaps, "no coverage", {"color": ALARM, "alpha": 0.6})
         declared = [gap for gap in self._walk.gaps if gap not in open_gaps]
         self._gaps(axes, declared, "gap, crossed alone", {"color": INK, "linestyle": (0, (1.0, 1.2))})
+
+    def _plan(self, axes: Axes) -> None:
+        points = [self.place(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples]
+        axes.plot(*columns(points), color=INK, linewidth=1.0, linestyle=(0, (5, 3)), label="planned route", zorder=4)
 
     def _gaps(self, axes: Axes, gaps: Sequence[Gap], words: str, style: Mapping[str, Any]) -> None:
         label: str | None = words
@@ -237,7 +262,7 @@ class MapSheet:
     def _rally(self, axes: Axes) -> None:
         for number, (x, y) in enumerate(self._rally_points(), 1):
             label = "rally point" if number == 1 else None
-            axes.plot(x, y, "*", color="#2ca02c", markeredgecolor=INK, markersize=16, label=label, zorder=7, ls="none")
+            axes.plot(x, y, "*", color=RALLY, markeredgecolor=INK, markersize=16, label=label, zorder=7, ls="none")
             note(axes, f"R{number}", (x, y), (9, 7))
 
     def _handovers(self, axes: Axes) -> None:
@@ -246,9 +271,7 @@ class MapSheet:
             x, y = self.place(handover.lat_deg, handover.lon_deg)
             label = "handover starts (time inside both zones)" if number == 1 else None
             colour = self._colour[handover.to_station]
-            axes.plot(
-                x, y, "D", color=colour, markeredgecolor="white", markersize=9.5, label=label, zorder=8, ls="none"
-            )
+            axes.plot(x, y, "D", color=colour, markeredgecolor=PAPER, markersize=9.5, label=label, zorder=8, ls="none")
             pair = f"{names[handover.from_station]} \N{RIGHTWARDS ARROW} {names[handover.to_station]}"
             words = f"{number}: {pair}\n{handover.overlap_s:.1f} s"
             # below, unless another mark is nearer there than above
@@ -278,9 +301,9 @@ class MapSheet:
                 if command in commands
             ]
             ground = bool(commands & {TAKEOFF, LAND, RETURN_TO_LAUNCH})
-            face = "#dddddd" if ground else "white"
+            face = "#dddddd" if ground else PAPER
             if package.delivery_waypoint in seqs:
-                face = _DELIVERY
+                face = DELIVERY
                 hold = package.route.items[package.delivery_waypoint - 1]
                 words.append("delivery" if ground else f"delivery, {hold.alt_m:g} m")
             axes.annotate(
@@ -312,7 +335,7 @@ class MapSheet:
         axes.set_yticks([self.place(lat, middle_lon)[1] for lat in lats], degrees(lats, "NS"))
         axes.set_xticks([self.place(middle_lat, lon)[0] for lon in lons], degrees(lons, "EW"))
         axes.tick_params(labelsize=8, colors="#555555")
-        axes.grid(color="#d9d6cf", linewidth=0.6, zorder=0)
+        axes.grid(color=GRID, linewidth=0.6, zorder=0)
         axes.set_axisbelow(True)
         self._scale_bar(axes)
         axes.annotate(
@@ -340,14 +363,16 @@ class MapSheet:
             words, (x + length / 2.0, y), (0, 5), textcoords="offset points", ha="center", fontsize=9, zorder=11
         )
 
-    def _heading(self, axes: Axes) -> None:
+    def _facts(self) -> str:
         package, walk = self._package, self._walk
         minutes = f"{int(walk.duration_s) // 60} min {int(walk.duration_s) % 60:02d} s"
-        facts = (
+        return (
             f"{walk.length_m / 1000.0:.2f} km, at least {minutes} at {package.cruise_speed_mps:g} m/s, "
             f"{len(walk.handovers)} handovers"
         )
-        axes.set_title(f"Mission {package.name}", loc="left", fontsize=15, fontweight="bold", color=INK)
+
+    def _heading(self, axes: Axes, facts: str) -> None:
+        axes.set_title(f"Mission {self._package.name}", loc="left", fontsize=15, fontweight="bold", color=INK)
         axes.set_title(facts, loc="right", fontsize=10, color="#555555")
         axes.legend(
             loc="upper center",
@@ -359,9 +384,9 @@ class MapSheet:
             handlelength=2.4,
         )
 
-    def _all_bounds(self) -> tuple[float, float, float, float]:
+    def _all_bounds(self, also: Points) -> tuple[float, float, float, float]:
         """West, south, east and north end of the map in metres, with room around for the scale bar below."""
-        shapes = [shapely.MultiPoint(self._marks)]
+        shapes = [shapely.MultiPoint([*self._marks, *also])]
         shapes += [part for zone in self._package.zones for part in self._parts(zone.outline())]
         for part in self._package.route.fence:
             if not isinstance(part, FenceCircle):

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
+from types import MappingProxyType
 
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.report.journal_reader import Entry
@@ -49,6 +50,8 @@ class RunNotes:
     ended_t: float | None = None
     #: station -> what its log says was lost on the way to it, or why that is not known; measured where it is expected
     losses: dict[str, Heard | str] = field(default_factory=dict)
+    #: UTC (s) less the `t` of the entries; None: nobody knows it
+    utc_offset_s: float | None = None
 
 
 def seen_of(name: str) -> str:
@@ -75,19 +78,47 @@ def of_vehicle(entries: Iterable[Entry], name: str, names: Sequence[str]) -> lis
 class Evidence:
     """The journals of a run, sorted by time, with what is needed to read them."""
 
-    def __init__(self, entries: Iterable[Entry], package: MissionPackage, notes: RunNotes | None = None) -> None:
-        """Without `notes`: a flight that nobody staged."""
+    def __init__(
+        self,
+        entries: Iterable[Entry],
+        package: MissionPackage | None,
+        notes: RunNotes | None = None,
+        names: Mapping[int, str] = MappingProxyType({}),
+    ) -> None:
+        """Without `notes`: a flight that nobody staged. `names`: stations by system id, where no package names them."""
         self.notes = notes or RunNotes()
         ended_t = self.notes.ended_t
         cut = sorted(entries, key=lambda entry: entry.t)
         self.entries: Sequence[Entry] = [entry for entry in cut if ended_t is None or entry.t <= ended_t]
-        self.package = package
+        self._package = package
+        self._names = dict(names)
+        if package is not None:
+            self._names.update((station.sysid, station.name) for station in package.stations)
         #: of the further vehicles, by name; the entries above are those of the first
         self.others: Mapping[str, Evidence] = {}
         self.samples: Sequence[Sample] = samples_of(self.entries)
         self._clock = Clock(self.notes.speedup)
         for sample in self.samples:
             self._clock.add(sample.t, sample.sim_s)
+
+    @property
+    def package(self) -> MissionPackage:
+        """The mission that was flown. Raises LookupError where nobody has it."""
+        if self._package is None:
+            raise LookupError("no mission package")
+        return self._package
+
+    @property
+    def mission(self) -> MissionPackage | None:
+        """The same, None where nobody has it."""
+        return self._package
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """The names of the stations, the parent's first if there is a mission."""
+        if self._package is not None:
+            return tuple(station.name for station in self._package.stations)
+        return tuple(dict.fromkeys(name for _, name in sorted(self._names.items())))
 
     def of(self, who: str = "", event: str = "") -> list[Entry]:
         """The entries of a source and an event (empty: any)."""
@@ -102,8 +133,7 @@ class Evidence:
         if value in (None, 0, "", NOBODY):
             return NOBODY
         if isinstance(value, int):
-            station = self.package.station(value)
-            return f"station {value}" if station is None else station.name
+            return self._names.get(value, f"station {value}")
         return str(value)
 
     def commanders(self) -> list[CommanderChange]:

@@ -3,8 +3,8 @@
 """The messages of each handover, put together from the journals of both ends: who sent what when, and when it came.
 
 A message is journalled by its sender ("out") and by its receiver ("in"). The two entries are paired by transfer,
-name, sender and receiver, in order, and only forwards in time; one that has no second half was lost, or its
-receiver's journal is missing. Who the other end is follows from the entry: `via = "ground"` is the other station,
+name, sender and receiver, in order, and only forwards in time; one that has no second half was lost, unless its
+receiver left no record at all. Who the other end is follows from the entry: `via = "ground"` is the other station,
 anything else at a station is the vehicle.
 """
 
@@ -35,6 +35,8 @@ class Flight:
     relayed: bool = False
     ground: bool = False
     consent: str = ""
+    #: it did not come; one whose receiver left no record may have come for all we know
+    lost: bool = False
 
     @property
     def t(self) -> float:
@@ -100,6 +102,7 @@ def exchanges(evidence: Evidence) -> list[Exchange]:
 
 def _flights(evidence: Evidence, begun: Entry, until: float) -> list[Flight]:
     vehicle = begun.who
+    witnesses = {entry.who for entry in evidence.of(event="message")}
     entries = [
         entry
         for entry in evidence.of(event="message")
@@ -113,6 +116,7 @@ def _flights(evidence: Evidence, begun: Entry, until: float) -> list[Flight]:
         for route in routes
         for flight in _pair([half for half in halves if (half.name, half.sender, half.receiver) == route])
     ]
+    flights = [replace(flight, lost=flight.received_t is None and flight.receiver in witnesses) for flight in flights]
     return sorted(flights, key=lambda flight: flight.t)
 
 

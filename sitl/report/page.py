@@ -1,78 +1,103 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The report of a run: one HTML file that needs nothing else, and the pictures beside it. `handover report FOLDER`.
+"""The report of a run or of a flight: one HTML file that needs nothing else. `handover report PATH...`.
 
-Everything in it comes from the folder (`record.py`), so a report can be made again at any time.
+Everything in it comes from the files that it was given (`record.py`), so a report can be made again at any time. What
+came of the flight stands first; then map and timeline, into which one can look; each kind of handover once and the odd
+ones in full; refusals and decisions; and where all that comes from. Of several vehicles each has all of that.
+
+`map.png` beside the page of a folder is its map for a printed report.
 """
 
 from __future__ import annotations
 
 import argparse
-import base64
 import sys
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-from sitl.report.evidence import Evidence
 from sitl.report.exchange import Exchange, exchanges
-from sitl.report.journal_reader import Entry
-from sitl.report.palette import colours
-from sitl.report.record import RecordError, RunRecord, load_run
+from sitl.report.export import write_csv, write_kml
+from sitl.report.flight import Story
+from sitl.report.kinds import kinds
+from sitl.report.outcome import Gravity, outcome
+from sitl.report.record import RecordError, RunRecord, load
 from sitl.report.rehearsal import books, tables
+from sitl.report.script import figure, library
+from sitl.report.sequence import draw
+from sitl.report.style import STYLE, station_classes
+from sitl.report.times import Times, duration
 
 __all__ = ["STYLE", "main_report", "write_report"]
 
 REPORT_FILE = "report.html"
-#: of every page that is made here
-STYLE = """
-body{font:15px/1.45 system-ui,sans-serif;color:#222;margin:0 auto;max-width:1120px;padding:24px}
-h1{font-size:26px;margin:0 0 4px}h2{font-size:19px;margin:34px 0 8px;border-bottom:1px solid #ddd;padding-bottom:4px}
-p{margin:6px 0}.small{color:#555;font-size:13px}
-table{border-collapse:collapse;width:100%;font-size:14px}
-th,td{text-align:left;padding:4px 10px 4px 0;border-bottom:1px solid #eee;vertical-align:top}
-th{color:#555;font-weight:600}td.n{text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap}
-img{max-width:100%;height:auto;display:block;margin:8px 0}
-.held{background:#e3f2ea}.failed{background:#f9dede}
-.verdict{padding:8px 14px;border-radius:6px;display:inline-block;font-weight:600}
-"""
+#: more refusals and decisions than these are folded away
+_MANY = 25
+#: more pictures of handovers than these are folded away
+_MANY_PICTURES = 12
+_WASH = {Gravity.GOOD: "held", Gravity.WARNING: "warned", Gravity.BAD: "failed", Gravity.PLAIN: ""}
+_DECISIONS = frozenset(
+    {
+        "authority", "authority_lost", "emergency", "emergency_over", "warning", "gap", "gap_over", "decision",
+        "warning_over", "fly", "guard", "start_refused", "start_failed",
+        "started", "transfer_aborted", "partner_unfit", "position_stale", "off_route", "on_route",
+        "failed_closed", "landed", "fault", "would", "rehearsal", "rehearsal_refused", "restarted", "started_again",
+    }
+)  # fmt: skip
 
 
-def write_report(record: RunRecord) -> Path:
-    """Write `report.html` and the pictures into the run's folder; returns the report's path. Raises OSError."""
-    transfers = exchanges(record.evidence)
-    pictures = _draw(record, transfers)
-    body = [
-        _header(record),
-        _verdicts(record),
-        _section("Map", _image(pictures.get("map"), "zones, route and flown track")),
-        _section("What held when", _image(pictures.get("timeline"), "commander, phase, lease, guard, flight mode")),
-        _handovers(record.evidence, transfers, pictures),
-        _refusals(record.evidence),
-        _decisions(record.evidence),
-        _rehearsals(record.evidence),
-        _files(record),
-    ]
+def write_report(record: RunRecord, path: Path | None = None) -> Path:
+    """Write the report, into the record's folder unless told where; returns its path. Raises OSError.
+
+    A report into the folder brings its map as a picture.
+    """
+    if path is None:
+        path = record.folder / REPORT_FILE
+        _pictures(record)
+    several = len(record.stories) > 1
+    body = [_header(record)]
+    for number, story in enumerate(record.stories, 1):
+        body.append(f"<h1>{escape(story.vehicle)}</h1>" if several else "")
+        body += _vehicle(story, f"{number}", record)
+    body += [_verdicts(record), _sources(record), _files(record, path)]
     title = f"{record.title}: handover report"
+    drawing = _library() if any("data-figure" in part for part in body) else ""
     html = (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>{''.join(body)}</body></html>\n"
+        '<meta name="color-scheme" content="light dark">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head><body>{''.join(body)}{drawing}</body></html>\n"
     )
-    path = record.folder / REPORT_FILE
     path.write_text(html, encoding="utf-8")
     return path
 
 
 def main_report(argv: Sequence[str] | None = None) -> int:
-    """`handover report FOLDER`; returns the exit code, 2 when the folder holds no run."""
+    """`handover report PATH...`; returns the exit code, 2 when there is nothing to report."""
     parser = argparse.ArgumentParser(
-        prog="handover report", description="Make report.html and the pictures of a run again, from its folder."
+        prog="handover report",
+        description="Make the report of a run of 'handover sim', or of a flight: of journals (.jsonl), telemetry logs "
+        "(.tlog) and the autopilot's logs (.bin, .log) of the vehicle and of stations, in any combination.",
     )
-    parser.add_argument("folder", type=Path, help="folder of a run of 'handover sim', or of a flight's journals")
+    parser.add_argument(
+        "paths", type=Path, nargs="+", metavar="PATH", help="a folder with all that is in it, or a file"
+    )
+    parser.add_argument("--mission", type=Path, metavar="DIR", help="the mission package, where it does not lie there")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="the page (else report.html in the folder, or beside a file)"
+    )
+    parser.add_argument("--kml", type=Path, metavar="FILE", help="the track and the zones for a map program")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="a row for each position: time, place, who commanded")
     try:
         arguments = parser.parse_args(argv)
-        print(write_report(load_run(arguments.folder)))
+        record = load(arguments.paths, arguments.mission)
+        print(write_report(record, arguments.out or _beside(arguments.paths)))
+        for write, path in ((write_kml, arguments.kml), (write_csv, arguments.csv)):
+            if path is not None:
+                write(record, path)
+                print(path)
     except SystemExit as stop:
         return int(stop.code or 0)
     except (RecordError, OSError) as error:
@@ -81,27 +106,29 @@ def main_report(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _draw(record: RunRecord, transfers: Sequence[Exchange]) -> dict[str, Path]:
-    """Draw every picture; without matplotlib there are none, and the report says so."""
+def _beside(paths: Sequence[Path]) -> Path | None:
+    """Where the page goes when a file was named: beside it, under its name; None for a folder's own."""
+    first = paths[0]
+    return None if first.is_dir() else first.with_name(f"{first.stem}-{REPORT_FILE}")
+
+
+def _pictures(record: RunRecord) -> None:
+    """The map as PNG; without matplotlib, or without a mission, there is none."""
     try:
         import matplotlib  # noqa: F401
     except ImportError:
-        return {}
-    from sitl.report.charts import draw_sequence, draw_timeline
+        return
     from sitl.report.pictures import draw_map
 
-    evidence, folder = record.evidence, record.folder
-    for stale in folder.glob("handover-*.png"):
-        stale.unlink()
-    pictures = {"map": folder / "map.png", "timeline": folder / "timeline.png"}
-    draw_map(evidence, transfers, pictures["map"])
-    draw_timeline(evidence, transfers, pictures["timeline"])
-    station_colours = colours([station.name for station in evidence.package.stations])
-    for number, transfer in enumerate(transfers, 1):
-        name = f"handover-{number}"
-        pictures[name] = folder / f"{name}.png"
-        draw_sequence(transfer, station_colours, pictures[name])
-    return pictures
+    for story in record.stories:
+        if story.evidence.mission is None:
+            continue
+        name = "" if story is record.stories[0] else f"-{story.vehicle}"
+        draw_map(story.evidence, exchanges(story.evidence), record.folder / f"map{name}.png")
+
+
+def _library() -> str:
+    return library() + "<noscript><p>Map and timeline are drawn by this page's own script.</p></noscript>"
 
 
 # ---- the parts ----------------------------------------------------------------------------------------------------
@@ -109,12 +136,7 @@ def _draw(record: RunRecord, transfers: Sequence[Exchange]) -> dict[str, Path]:
 
 def _header(record: RunRecord) -> str:
     values = record.values
-    verdict = ""
-    if record.held is not None:
-        failed = sum(not one.held for one in record.verdicts)
-        text = "Every expectation held" if record.held else f"{failed} of {len(record.verdicts)} expectations failed"
-        verdict = f'<p><span class="verdict {"held" if record.held else "failed"}">{text}</span></p>'
-    facts = [f"mission {record.evidence.package.name}"]
+    facts = [f"mission {record.evidence.mission.name}" if record.evidence.mission is not None else "no mission package"]
     if record.staged:
         firmware = f" (firmware {values['firmware']})" if values.get("firmware") else ""
         facts += [
@@ -124,8 +146,59 @@ def _header(record: RunRecord) -> str:
         ]
     if "begun_utc" in values:
         facts.append(f"begun {values['begun_utc']}")
+    else:
+        times = Times(record.evidence)
+        at = times.at(record.evidence.entries[0].t)
+        facts += [] if at is None else [f"begun {at.isoformat(timespec='seconds')}"]
     description = f"<p>{escape(str(values['description']))}</p>" if "description" in values else ""
-    return f'<h1>{escape(record.title)}</h1>{description}{verdict}<p class="small">{escape("; ".join(facts))}</p>'
+    return f'<h1>{escape(record.title)}</h1>{description}<p class="small">{escape("; ".join(facts))}</p>'
+
+
+def _vehicle(story: Story, number: str, record: RunRecord) -> list[str]:
+    """All that there is of one vehicle."""
+    transfers = exchanges(story.evidence)
+    times = Times(story.evidence)
+    return [
+        _outcome(story, transfers, times, record),
+        _figures(story, transfers, times, number),
+        _handovers(story, transfers, times),
+        _refusals(story, times),
+        _decisions(story, times),
+        _rehearsals(story),
+    ]
+
+
+def _outcome(story: Story, transfers: Sequence[Exchange], times: Times, record: RunRecord) -> str:
+    lines = "".join(
+        f'<li class="{_WASH[line.gravity]}">{escape(line.text)}</li>'
+        for line in outcome(story.evidence, transfers, times)
+    )
+    if record.held is not None and story is record.stories[0]:
+        failed = sum(not one.held for one in record.verdicts)
+        text = "Every expectation held" if record.held else f"{failed} of {len(record.verdicts)} expectations failed"
+        lines += f'<li class="{"held" if record.held else "failed"}">{text}.</li>'
+    if record.staged:
+        known = "T+ counts simulated seconds since " + times.zero_is
+        utc = "; UTC is the time of day of the simulation" if times.at(0.0) is not None else ""
+    else:
+        known = f"T+ counts from {times.zero_is}"
+        utc = "" if times.at(0.0) is None else "; UTC is GPS time" if record.by_gps else "; UTC as a computer had it"
+    witness = "" if not story.witness else f". The aircraft by {story.witness}"
+    return f'<ul class="outcome">{lines}</ul><p class="small">{escape(known + utc + witness)}.</p>'
+
+
+def _figures(story: Story, transfers: Sequence[Exchange], times: Times, number: str) -> str:
+    try:
+        import plotly  # noqa: F401
+    except ImportError:
+        words = 'No pictures: plotly is not installed (pip install "mavproxy-handover[report]").'
+        return _section("Map and timeline", f'<p class="small">{words}</p>')
+    from sitl.report.figures import map_figure, timeline_figure
+
+    drawn = map_figure(story, transfers, times)
+    there = figure(f"map{number}", drawn, "map") if drawn is not None else "<p>No position is known.</p>"
+    held = figure(f"timeline{number}", timeline_figure(story, transfers, times))
+    return _section("Map", there) + _section("What held when", held)
 
 
 def _verdicts(record: RunRecord) -> str:
@@ -136,81 +209,113 @@ def _verdicts(record: RunRecord) -> str:
     return _section("Expectations", _table(("", "expected", "seen"), rows)) if rows else ""
 
 
-def _handovers(evidence: Evidence, transfers: Sequence[Exchange], pictures: dict[str, Path]) -> str:
+def _handovers(story: Story, transfers: Sequence[Exchange], times: Times) -> str:
     rows = []
     for transfer in transfers:
-        outcome = "committed" if transfer.committed else f"aborted ({transfer.reason.replace('_', ' ')})"
+        ended = transfer.ended_t is not None
+        outcome = (
+            "committed" if transfer.committed else f"aborted ({_words(transfer.reason)})" if ended else "not ended"
+        )
         tries = max((flight.attempt for flight in transfer.flights), default=1)
         rows.append(
             (
-                "",
+                "" if transfer.committed else "warned",
                 (
                     str(transfer.handover_id),
                     f"{transfer.commander} → {transfer.partner}",
                     outcome,
-                    "" if transfer.duration_s is None else f"{transfer.duration_s * 1000:.1f} ms",
-                    f"{evidence.sim_at(transfer.begun_t):.1f} s",
+                    "" if transfer.duration_s is None else duration(transfer.duration_s),
+                    *_clock(times, transfer.begun_t),
                     str(len(transfer.flights)),
-                    str(sum(flight.received_t is None for flight in transfer.flights)),
+                    str(sum(flight.lost for flight in transfer.flights)),
                     "" if transfer.epoch is None else str(transfer.epoch),
                     f"{tries} tries" if tries > 1 else "first try",
                 ),
             )
         )
-    heads = ("", "authority", "outcome", "duration", "at", "messages", "lost", "epoch", "")
+    heads = ("", "authority", "outcome", "duration", "T+", "UTC", "messages", "lost", "epoch", "")
     text = _table(heads, rows) if rows else "<p>There was none.</p>"
-    images = "".join(
-        _image(pictures.get(f"handover-{number}"), f"messages of handover {transfer.handover_id}")
-        for number, transfer in enumerate(transfers, 1)
-    )
-    return _section("Handovers", text + images)
+    return _section("Handovers", text + _sequences(story, transfers))
 
 
-def _refusals(evidence: Evidence) -> str:
+def _sequences(story: Story, transfers: Sequence[Exchange]) -> str:
+    classes = station_classes(story.evidence.stations)
+    pictures = []
+    for kind in kinds([transfer for transfer in transfers if transfer.flights]):
+        numbers = [str(kind.first.handover_id), *(str(other.handover_id) for other in kind.others)]
+        went = f"; so went {', '.join(numbers[1:])}" if kind.others else ""
+        caption = f"Handover {numbers[0]}: {kind.first.commander} → {kind.first.partner}{went}"
+        drawn = draw(kind.first, classes)
+        pictures.append(f"<figure><figcaption>{escape(caption)}</figcaption>{drawn}</figure>")
+    shown, folded = pictures[:_MANY_PICTURES], pictures[_MANY_PICTURES:]
+    text = f'<div class="pictures">{"".join(shown)}</div>' if shown else ""
+    if folded:
+        inner = f'<div class="pictures">{"".join(folded)}</div>'
+        text += f"<details><summary>{len(folded)} more pictures</summary>{inner}</details>"
+    return text
+
+
+def _refusals(story: Story, times: Times) -> str:
+    evidence = story.evidence
     rows = [
         (
             "",
             (
-                _clock(evidence, entry),
+                *_clock(times, entry.t),
                 str(entry.get("station", "?")),
                 str(entry.get("what", "")),
-                str(entry.get("reason", "")).replace("_", " "),
+                _words(str(entry.get("reason", ""))),
                 f"and {entry.get('also')} more" if entry.get("also") else "",
             ),
         )
         for entry in evidence.of(event="refused")
     ]
-    accepted: dict[tuple[str, str], int] = {}
-    for entry in evidence.of(event="accepted"):
-        key = (str(entry.get("station", "?")), str(entry.get("what", "")))
-        accepted[key] = accepted.get(key, 0) + 1
+    accepted = Counter(
+        (str(entry.get("station", "?")), str(entry.get("what", ""))) for entry in evidence.of(event="accepted")
+    )
     obeyed = [("", (station, what, str(count))) for (station, what), count in sorted(accepted.items())]
     text = "<p>Nothing was refused.</p>"
     if rows:
-        text = _table(("at", "station", "what", "reason", ""), rows)
+        text = _folded(("T+", "UTC", "station", "what", "reason", ""), rows)
     if obeyed:
         text += "<p><b>Accepted</b></p>" + _table(("station", "what", "times"), obeyed)
-    return _section("Refusals", text)
+    known = any(entry.event in ("refused", "accepted", "loaded") for entry in evidence.entries)
+    return _section("Refusals", text) if known else ""
 
 
-def _decisions(evidence: Evidence) -> str:
-    words = {
-        "authority", "authority_lost", "emergency", "emergency_over", "warning", "gap", "gap_over",
-        "warning_over", "fly", "guard", "start_refused", "start_failed",
-        "started", "transfer_aborted", "partner_unfit", "position_stale", "off_route", "on_route",
-        "failed_closed", "landed", "fault", "would", "rehearsal", "rehearsal_refused",
-    }  # fmt: skip
+def _decisions(story: Story, times: Times) -> str:
+    stations = set(story.evidence.stations)
     rows = [
-        ("", (_clock(evidence, entry), entry.who, entry.text or entry.event.replace("_", " ")))
-        for entry in evidence.entries
-        if entry.event in words and entry.who not in {station.name for station in evidence.package.stations}
+        (
+            "failed" if entry.event in ("emergency", "failed_closed") else "",
+            (*_clock(times, entry.t), entry.who, entry.text or _words(entry.event)),
+        )
+        for entry in story.evidence.entries
+        if entry.event in _DECISIONS and entry.who not in stations
     ]
-    return _section("Decisions and emergencies", _table(("at", "who", "what"), rows)) if rows else ""
+    return _section("Decisions and emergencies", _folded(("T+", "UTC", "who", "what"), rows)) if rows else ""
 
 
-def _rehearsals(evidence: Evidence) -> str:
+def _sources(record: RunRecord) -> str:
+    """Of a flight: which files told what, and what was done to their clocks."""
+    if not record.sources:
+        return ""
+    times = Times(record.evidence)
+    rows = []
+    for source in record.sources:
+        span = "" if source.span is None else f"{times.plus(source.span[0])} to {times.plus(source.span[1])}"
+        broken = f"; {source.broken} places in it could not be read" if source.broken else ""
+        rows.append(("", (source.path.name, source.kind, source.who, span, source.clock + broken)))
+    text = _table(("file", "what", "whose", "tells of", "clock"), rows)
+    if record.left_out:
+        text += '<p class="small">Left out:</p><ul class="small">'
+        text += "".join(f"<li>{escape(words)}</li>" for words in record.left_out) + "</ul>"
+    return _section("Where this comes from", text)
+
+
+def _rehearsals(story: Story) -> str:
     sections = []
-    for book in books(evidence.entries):
+    for book in books(story.evidence.entries):
         again = ", seen since a restart of the companion" if book.get("restarted") else ""
         text = f"<p>{escape(str(book.get('why', '')))}, {escape(str(book.get('seconds', '')))} s{again}</p>"
         for table in tables(book):
@@ -222,12 +327,13 @@ def _rehearsals(evidence: Evidence) -> str:
     return _section("Rehearsal on the ground", "".join(sections)) if sections else ""
 
 
-def _files(record: RunRecord) -> str:
-    links = "".join(
-        f'<li><a href="{escape(path.relative_to(record.folder).as_posix())}">'
-        f"{escape(path.relative_to(record.folder).as_posix())}</a></li>"
-        for path in record.files
-    )
+def _files(record: RunRecord, path: Path) -> str:
+    """Links to the files, for those that lie in the folder of the page or below."""
+    here = path.resolve().parent
+    names = [file.resolve().relative_to(here).as_posix() for file in record.files if here in file.resolve().parents]
+    if not names:
+        return ""
+    links = "".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in names)
     return _section(
         "Files", f'<p class="small">Beside this report, in the same folder:</p><ul class="small">{links}</ul>'
     )
@@ -247,7 +353,16 @@ def _table(heads: Iterable[str], rows: Iterable[tuple[str, Sequence[str]]]) -> s
     for kind, cells in rows:
         inner = "".join(f"<td{_numeric(text)}>{escape(text)}</td>" for text in cells)
         lines.append(f'<tr class="{kind}">{inner}</tr>' if kind else f"<tr>{inner}</tr>")
-    return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
+    return f'<div class="wide"><table><tr>{head}</tr>{"".join(lines)}</table></div>'
+
+
+def _folded(heads: Iterable[str], rows: Sequence[tuple[str, Sequence[str]]]) -> str:
+    """A table whose rows beyond many are folded away."""
+    heads = tuple(heads)
+    if len(rows) <= _MANY:
+        return _table(heads, rows)
+    rest = _table(heads, rows[_MANY:])
+    return f"{_table(heads, rows[:_MANY])}<details><summary>{len(rows) - _MANY} more</summary>{rest}</details>"
 
 
 def _numeric(text: str) -> str:
@@ -256,12 +371,9 @@ def _numeric(text: str) -> str:
     return ' class="n"' if number and len(parts) <= 2 else ""
 
 
-def _image(path: Path | None, words: str) -> str:
-    if path is None or not path.exists():
-        return '<p class="small">No picture: matplotlib is not installed (pip install "mavproxy-handover[sim]").</p>'
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
-    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
-def _clock(evidence: Evidence, entry: Entry) -> str:
-    return f"{evidence.sim_at(entry.t):.1f} s"
+def _clock(times: Times, t: float) -> tuple[str, str]:
+    return times.plus(t), times.utc(t)

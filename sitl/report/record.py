@@ -1,32 +1,40 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Reads the folder of a run: what was run, what came of it, and the journals.
+"""Reads what there is of a run: what was run, what came of it, and the files that tell of it.
 
-A folder without `run.json` is read too, as far as it goes: journals of a real flight with the mission package beside
-them make the same pictures, only without a verdict.
+A run of `handover sim` is a folder with `run.json`: its files share one clock, and simulated time may run faster than
+the clock on the wall. Anything else is a flight, put together by `flight.py` from files of whatever clocks.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
+from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.journal import strangers_path
-from sitl.report.evidence import Evidence, RunNotes
-from sitl.report.journal_reader import read_journals
+from sitl.report.clocks import utc_of
+from sitl.report.evidence import Evidence, RunNotes, of_vehicle, seen_of
+from sitl.report.flight import Source, Story, stories
+from sitl.report.journal_reader import Entry, read_journals
+from sitl.report.sources import SourceError, find, newest_flight, read, read_mission
+from sitl.report.tlog import read_tlog
 
-__all__ = ["RUN_FILE", "RecordError", "RunRecord", "Verdict", "load_run"]
+__all__ = ["RUN_FILE", "RecordError", "RunRecord", "Verdict", "load", "load_run"]
 
 RUN_FILE = "run.json"
+#: how a run of several vehicles names what is seen of a further one
+_SEEN_OF = seen_of("")
 
 
 class RecordError(Exception):
-    """The folder holds no run that can be reported. The message is one line."""
+    """What was given holds nothing that can be reported. The message is one line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,20 +48,33 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class RunRecord:
-    """A run as its folder tells it. `values` is run.json, empty where there is none."""
+    """A run as its files tell it. `values` is run.json, empty without one; `folder` is where its report goes."""
 
     folder: Path
-    evidence: Evidence
+    stories: tuple[Story, ...]
     values: Mapping[str, Any] = field(default_factory=dict)
     verdicts: tuple[Verdict, ...] = ()
     files: tuple[Path, ...] = ()
+    #: of a flight: what was read, with its clock; what was left out, and why
+    sources: tuple[Source, ...] = ()
+    left_out: tuple[str, ...] = ()
+    #: UTC is that of a GPS
+    by_gps: bool = False
+
+    @property
+    def evidence(self) -> Evidence:
+        """That of the first vehicle."""
+        return self.stories[0].evidence
 
     @property
     def title(self) -> str:
         """The run in a few words."""
-        if not self.staged:
-            return f"flight of {self.evidence.package.name}"
-        return f"{self.values.get('scenario', '?')} on {self.values.get('vehicle', '?')}"
+        if self.staged:
+            return f"{self.values.get('scenario', '?')} on {self.values.get('vehicle', '?')}"
+        mission = self.evidence.mission
+        if mission is not None:
+            return f"flight of {mission.name}"
+        return "flight of " + " and ".join(story.vehicle for story in self.stories)
 
     @property
     def staged(self) -> bool:
@@ -66,35 +87,128 @@ class RunRecord:
         return all(verdict.held for verdict in self.verdicts) if self.verdicts else None
 
 
+def load(paths: Sequence[Path], mission: Path | None = None) -> RunRecord:
+    """Read a run's folder, or the files of a flight in any combination; `mission` is a mission package's folder.
+    Raises RecordError."""
+    for path in paths:
+        if not path.exists():
+            raise RecordError(f"{path}: no such file or folder")
+    if len(paths) == 1 and paths[0].is_dir():
+        values = _read_values(paths[0] / RUN_FILE)
+        if "scenario" in values:
+            return _staged(paths[0], values)
+    return _flown(paths, mission)
+
+
 def load_run(folder: Path) -> RunRecord:
     """Read a run's folder. Raises RecordError."""
     if not folder.is_dir():
         raise RecordError(f"{folder}: no such folder")
+    return load([folder])
+
+
+# ---- a flight -----------------------------------------------------------------------------------------------------
+
+
+def _flown(paths: Sequence[Path], mission: Path | None) -> RunRecord:
+    try:
+        found = find(paths)
+        folders = [mission] if mission is not None else found.missions
+        package = read_mission(folders)
+        strands, empty = read(found.files)
+    except SourceError as error:
+        raise RecordError(str(error)) from None
+    if not strands:
+        raise RecordError(
+            empty[0] if empty else f"{paths[0]}: no journals (*.jsonl), telemetry or dataflash logs in it"
+        )
+    here, elsewhere = newest_flight(strands)
+    told, sources, alignment = stories(here, package)
+    if not told:
+        raise RecordError(f"{paths[0]}: nothing of a vehicle in it")
+    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    values = _read_values(folder / RUN_FILE) if paths[0].is_dir() else {}
+    left_out = [*empty, *(f"{strand.path}: of another flight" for strand in elsewhere)]
+    files = tuple(strand.path for strand in here)
+    return RunRecord(folder, tuple(told), values, (), files, tuple(sources), tuple(left_out), alignment.by_gps)
+
+
+# ---- a run of the simulation --------------------------------------------------------------------------------------
+
+
+def _staged(folder: Path, values: Mapping[str, Any]) -> RunRecord:
     found = sorted(folder.glob("*.jsonl")) + sorted(folder.glob("*/*.jsonl"))
     beside = set(map(strangers_path, found))  # followed with the journal that they lie beside
     journals = [path for path in found if path not in beside]
     if not journals:
         raise RecordError(f"{folder}: no journals (*.jsonl) in it or in its folders")
-    values = _read_values(folder / RUN_FILE)
     try:
         package = packages.load(_mission(folder))
     except MissionError as error:
         raise RecordError(f"{folder}: no mission package in it: {error}") from None
+    entries = read_journals(journals)
+    offsets = [utc - entry.t for entry in entries if (utc := utc_of(entry.get("utc"))) is not None]
     notes = RunNotes(
         speedup=_number(values.get("speedup"), 1.0),
         marks=values.get("marks") or {},
         deaths=values.get("deaths") or {},
         kills=values.get("kills") or {},
         ended_t=_number(values.get("ended_t"), None),
+        utc_offset_s=median(offsets) if offsets else None,
     )
-    evidence = Evidence(read_journals(journals), package, notes)
+    names = _vehicles(entries)
+    logs = _logs(folder, notes.utc_offset_s)
+    told = []
+    for name in names:
+        about = of_vehicle(entries, name, names) + logs.get(name, [])
+        evidence = Evidence(about, package if name == names[0] else _other_mission(folder, name, package), notes)
+        told.append(Story(name, evidence, "the simulation", {}, {}))
     verdicts = tuple(
         Verdict(bool(entry.get("held")), str(entry.get("wanted", "")), str(entry.get("seen", "")))
         for entry in values.get("verdicts", [])
     )
     patterns = ("*.jsonl", "*/*.jsonl", "*/*.tlog", "*/*.console.txt", "vehicle/vehicle.log", "*/*.toml")
     files = [path for pattern in patterns for path in sorted(folder.glob(pattern))]
-    return RunRecord(folder, evidence, values, verdicts, tuple(dict.fromkeys(files)))
+    return RunRecord(folder, tuple(told), values, verdicts, tuple(dict.fromkeys(files)))
+
+
+def _vehicles(entries: Iterable[Entry]) -> list[str]:
+    """The vehicles' names, the first one's first: of the further ones what is seen is noted by name."""
+    listed = list(entries)
+    others = list(dict.fromkeys(entry.who.removeprefix(_SEEN_OF) for entry in listed if entry.who.startswith(_SEEN_OF)))
+    companions = dict.fromkeys(entry.who for entry in listed if entry.event == "view")
+    first = next((name for name in companions if name not in others), "vehicle")
+    return [first, *others]
+
+
+def _other_mission(folder: Path, name: str, package: MissionPackage) -> MissionPackage:
+    try:
+        return packages.load(folder / name / "mission")
+    except MissionError:
+        return package
+
+
+def _logs(folder: Path, utc_offset_s: float | None) -> dict[str, list[Entry]]:
+    """What journals of a simulation lack and the companions' telemetry logs have, by vehicle: battery and radio."""
+    found: dict[str, list[Entry]] = {}
+    if utc_offset_s is None:
+        return found
+    for path in sorted(folder.glob("*/*.tlog")):
+        journal = path.with_suffix(".jsonl")
+        try:
+            strand = read_tlog(path) if journal.is_file() else None
+        except OSError:
+            continue
+        if strand is None or not strand.on_board:
+            continue
+        who = next((entry.who for entry in read_journals([journal]) if entry.event == "view"), "")
+        found[who] = [
+            Entry(entry.t - utc_offset_s, entry.who, entry.event, entry.text, entry.fields)
+            for entries in strand.seen.values()
+            for entry in entries
+            if entry.event in ("battery", "radio")
+        ]
+    return found
 
 
 def _mission(folder: Path) -> Path:
