@@ -9,16 +9,19 @@ writes UTC below it (`script.py`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import combinations, pairwise
 from typing import Any
 
+import shapely
+
 from mavproxy_handover.mission.colours import DELIVERY, RALLY, rgb
 from mavproxy_handover.mission.drawing import round_down
 from mavproxy_handover.mission.flat import parts, quiet_place
-from mavproxy_handover.mission.geodesy import LocalPlane, beside_deg, degree_lengths_m
+from mavproxy_handover.mission.geodesy import LocalPlane, beside_deg, degree_lengths_m, distance_m
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
 from mavproxy_handover.mission.zones import Circle, overlap
@@ -58,6 +61,8 @@ _DECISIONS = {
     "warning": _WARN, "gap": _WARN, "restarted": _WARN, "start_refused": _WARN, "position_stale": _WARN,
     "off_route": _WARN, "transfer_aborted": _WARN, "refused": SOFT, "fly": INK, "landed": INK, "airborne": INK,
 }  # fmt: skip
+#: an item nearer than this to home (m) is not drawn over it
+_AT_HOME_M = 3.0
 _SILENT_WORD = "companion silent"
 
 
@@ -113,8 +118,10 @@ class _Map:
         if mission is not None:
             self._zones(mission)
             self._fence(mission)
-        self._route(mission)
+        items = self._items(mission)
+        self._planned(items)
         self._track()
+        self._points(mission, items)
         self._handovers(transfers)
         self._refusals()
         self._ends()
@@ -148,12 +155,9 @@ class _Map:
             others = [
                 part for other in mission.zones if other is not zone for part in parts(self._plane, other.outline())
             ]
-            places = [self._plane.to_plane(each.lat_deg, each.lon_deg) for each in self._samples[::10]]
-            from shapely.geometry import MultiPoint
-            from shapely.ops import unary_union
-
-            busy = [MultiPoint(places).buffer(60.0)] if places else []
-            lat, lon = self._plane.to_earth(*quiet_place(unary_union(own), (unary_union(others), *busy)))
+            area = shapely.union_all(own)
+            busy = shapely.MultiPoint(self._busy(mission)).buffer(math.sqrt(area.area) / 9.0)
+            lat, lon = self._plane.to_earth(*quiet_place(area, (busy, shapely.union_all(others))))
             self._figure.add_annotation(
                 x=beside_deg(lon, self._plane.lon_deg), y=lat, text=f"<b>{escape(zone.station_name)}</b>",
                 showarrow=False, font={"color": colour, "size": 15},
@@ -168,6 +172,14 @@ class _Map:
                 )  # fmt: skip
                 label = False
 
+    def _busy(self, mission: MissionPackage) -> list[tuple[float, float]]:
+        """Where something is drawn, on the plane."""
+        route = mission.route
+        places = [(item.lat_deg, item.lon_deg) for item in route.items if item.has_place]
+        places += [(rally.lat_deg, rally.lon_deg) for rally in route.rally]
+        places += [(each.lat_deg, each.lon_deg) for each in self._samples[:: max(1, len(self._samples) // 300)]]
+        return [self._plane.to_plane(*place) for place in places]
+
     def _fence(self, mission: MissionPackage) -> None:
         for number, part in enumerate(mission.route.fence):
             if isinstance(part, FenceCircle):
@@ -180,35 +192,38 @@ class _Map:
                 line={"color": SOFT, "width": 1.2, "dash": "dash" if part.inclusion else "dot"}, showlegend=not number,
             )  # fmt: skip
 
-    def _route(self, mission: MissionPackage | None) -> None:
-        if mission is not None:
-            items = {item.seq: (item.lat_deg, item.lon_deg) for item in mission.route.items if item.has_place}
-            home = (mission.route.home.lat_deg, mission.route.home.lon_deg)
-            items = {0: home, **items}
-        else:
-            items = dict(sorted(self._story.items.items()))
-        if not items:
-            return
-        lats, lons = [lat for lat, _ in items.values()], [lon for _, lon in items.values()]
-        self._line(lats, lons, mode="lines", name="planned route", line={"color": INK, "width": 1.1, "dash": "dash"})
+    def _items(self, mission: MissionPackage | None) -> dict[int, tuple[float, float]]:
+        """The items of the route that have a place, home as the first of a mission's."""
+        if mission is None:
+            return dict(sorted(self._story.items.items()))
+        home = mission.route.home.lat_deg, mission.route.home.lon_deg
+        return {0: home, **{item.seq: (item.lat_deg, item.lon_deg) for item in mission.route.items if item.has_place}}
+
+    def _planned(self, items: Mapping[int, tuple[float, float]]) -> None:
+        if items:
+            lats, lons = [lat for lat, _ in items.values()], [lon for _, lon in items.values()]
+            line = {"color": INK, "width": 1.1, "dash": "dash"}
+            self._line(lats, lons, mode="lines", name="planned route", line=line)
+
+    def _points(self, mission: MissionPackage | None, items: Mapping[int, tuple[float, float]]) -> None:
+        """Waypoints by their numbers, home, rally points."""
         delivery = mission.delivery_waypoint if mission is not None else None
         shared: dict[tuple[float, float], list[int]] = {}
         for seq, (lat, lon) in items.items():
-            if seq:
+            if seq and not (0 in items and distance_m(lat, lon, *items[0]) < _AT_HOME_M):
                 shared.setdefault((round(lat, 5), round(lon, 5)), []).append(seq)
         faces = [DELIVERY if delivery in seqs else PAPER for seqs in shared.values()]
-        self._line(
-            [lat for lat, _ in shared], [lon for _, lon in shared], mode="markers+text", showlegend=False,
-            text=[", ".join(map(str, seqs)) for seqs in shared.values()], textposition="middle center",
-            textfont={"size": 10, "color": [INK if face == PAPER else "#1b1b1c" for face in faces]},
-            marker={"size": 18, "color": faces, "line": {"color": INK, "width": 1}},
-        )  # fmt: skip
+        if shared:
+            self._line(
+                [lat for lat, _ in shared], [lon for _, lon in shared], mode="markers+text", showlegend=False,
+                text=[", ".join(map(str, seqs)) for seqs in shared.values()], textposition="middle center",
+                textfont={"size": 10, "color": [INK if face == PAPER else "#1b1b1c" for face in faces]},
+                marker={"size": 18, "color": faces, "line": {"color": INK, "width": 1}},
+            )  # fmt: skip
         if mission is None:
             return
-        self._line(
-            [home[0]], [home[1]], mode="markers", marker={"symbol": "hexagon", "size": 15, "color": INK}, name="home",
-            hoverinfo="name",
-        )  # fmt: skip
+        marker: dict[str, Any] = {"symbol": "hexagon", "size": 15, "color": INK}
+        self._line([items[0][0]], [items[0][1]], mode="markers", marker=marker, name="home", hoverinfo="name")
         if mission.route.rally:
             self._line(
                 [each.lat_deg for each in mission.route.rally], [each.lon_deg for each in mission.route.rally],
@@ -301,17 +316,33 @@ class _Map:
         room_lon = max(0.05 * (east - west), 20.0 / per_lon)
         room_lat = max(0.05 * (north - south), 20.0 / per_lat)
         length = round_down(wide / 4.0)
-        axis = {"gridcolor": GRID, "zeroline": False, "ticksuffix": "°", "tickformat": ".3f", "nticks": 5}
+        axis = {
+            "gridcolor": GRID,
+            "zeroline": False,
+            "ticksuffix": "°",
+            "tickformat": ".3f",
+            "nticks": 5,
+            "automargin": True,
+        }
         self._figure.update_layout(
-            font=_font(), paper_bgcolor=PAPER, plot_bgcolor=GROUND, hovermode="closest", dragmode="pan",
-            margin={"l": 62, "r": 10, "t": 10, "b": 30},
-            legend={"orientation": "h", "y": -0.07, "yanchor": "top", "x": 0},
+            template="none",
+            font=_font(),
+            paper_bgcolor=PAPER,
+            plot_bgcolor=GROUND,
+            hovermode="closest",
+            dragmode="pan",
+            margin={"l": 62, "r": 10, "t": 10, "b": 70},
+            legend={"orientation": "h", "y": 0, "yref": "container", "yanchor": "bottom", "x": 0},
+            meta={"tall": max(0.3, min(1.3, (north - south) * per_lat / wide))},
             xaxis={**axis, "range": [west - room_lon, east + room_lon], "constrain": "domain"},
             yaxis={
-                **axis, "range": [south - 2.4 * room_lat, north + room_lat], "scaleanchor": "x",
-                "scaleratio": per_lat / per_lon, "constrain": "domain",
+                **axis,
+                "range": [south - 2.4 * room_lat, north + room_lat],
+                "scaleanchor": "x",
+                "scaleratio": per_lat / per_lon,
+                "constrain": "domain",
             },
-        )  # fmt: skip
+        )
         y, x = south - 1.5 * room_lat, west
         words = f"{length / 1000:g} km" if length >= 1000.0 else f"{length:g} m"
         end = x + length / per_lon
@@ -399,20 +430,37 @@ class _Timeline:
         self._altitude()
         axes: dict[str, Any] = {
             "yaxis": {
-                "domain": [0, max(bottom - 0.02, 0.1)], "categoryorder": "array", "categoryarray": names[::-1],
-                "showgrid": False, "fixedrange": True, "type": "category", "range": [-0.6, len(names) - 0.4],
+                "domain": [0, max(bottom - 0.02, 0.1)],
+                "categoryorder": "array",
+                "categoryarray": names[::-1],
+                "showgrid": False,
+                "fixedrange": True,
+                "automargin": False,
+                "type": "category",
+                "range": [-0.6, len(names) - 0.4],
             },
             "yaxis2": {
-                "domain": [top + 0.01, 1], "title": {"text": "m", "standoff": 4}, "gridcolor": GRID, "zeroline": False,
-                "fixedrange": True, "rangemode": "tozero", "nticks": 5,
+                "domain": [top + 0.01, 1],
+                "title": {"text": "m", "standoff": 4},
+                "automargin": False,
+                "gridcolor": GRID,
+                "zeroline": False,
+                "fixedrange": True,
+                "rangemode": "tozero",
+                "nticks": 5,
             },
-        }  # fmt: skip
+        }
         if battery:
             unit, points = battery
             axes["yaxis3"] = {
-                "domain": [bottom + 0.02, top - 0.02], "title": {"text": unit, "standoff": 4}, "gridcolor": GRID,
-                "zeroline": False, "fixedrange": True, "nticks": 4,
-            }  # fmt: skip
+                "domain": [bottom + 0.02, top - 0.02],
+                "title": {"text": unit, "standoff": 4},
+                "automargin": False,
+                "gridcolor": GRID,
+                "zeroline": False,
+                "fixedrange": True,
+                "nticks": 4,
+            }
             self._figure.add_trace(
                 self._go.Scatter(
                     x=[x for x, _, _ in points],
@@ -428,16 +476,33 @@ class _Timeline:
             )
         self._marks(transfers)
         self._figure.update_layout(
-            font=_font(), paper_bgcolor=PAPER, plot_bgcolor=PAPER, height=height, barmode="overlay", bargap=0.12,
-            margin={"l": 92, "r": 10, "t": 30, "b": 48}, hovermode="closest", dragmode="zoom", showlegend=False,
+            template="none",
+            font=_font(),
+            paper_bgcolor=PAPER,
+            plot_bgcolor=PAPER,
+            height=height,
+            barmode="overlay",
+            bargap=0.12,
+            margin={"l": 92, "r": 10, "t": 30, "b": 48},
+            hovermode="closest",
+            dragmode="zoom",
+            showlegend=False,
             uniformtext={"minsize": 9, "mode": "hide"},
             xaxis={
-                "range": [self._first, self._last], "gridcolor": GRID, "zeroline": False, "anchor": "y",
-                "showspikes": True, "spikemode": "across", "spikecolor": SOFT, "spikethickness": 1, "spikedash": "dot",
+                "range": [self._first, self._last],
+                "gridcolor": GRID,
+                "zeroline": False,
+                "anchor": "y",
+                "automargin": False,
+                "showspikes": True,
+                "spikemode": "across",
+                "spikecolor": SOFT,
+                "spikethickness": 1,
+                "spikedash": "dot",
             },
             meta={"times": True, "utc0": self._utc_zero(), "narrow_left": 70},
             **axes,
-        )  # fmt: skip
+        )
         return self._figure
 
     def _span(self) -> tuple[float, float]:

@@ -131,12 +131,11 @@ def _wrong(evidence: Evidence, times: Times) -> list[Line]:
         for each in found
     ]
     lines += [Line(Gravity.BAD, f"Internal fault: {_why(entry)}") for entry in evidence.of(event="failed_closed")]
-    modes = evidence.modes_flown()
-    homeward = [mode for mode in modes if mode in ("RTL", "SMART_RTL", "LAND")]
-    if homeward and not found:
-        lines.append(Line(Gravity.WARNING, f"It flew {' and '.join(dict.fromkeys(homeward))}, with no emergency told."))
     if not found and not lines and evidence.of(event="view"):
         lines.append(Line(Gravity.GOOD, "No emergency."))
+    modes = evidence.modes_flown()
+    if modes:
+        lines.append(Line(Gravity.PLAIN, f"Modes flown: {' → '.join(modes)}."))
     return lines
 
 
@@ -157,7 +156,7 @@ def _handovers(transfers: Sequence[Exchange]) -> list[Line]:
 
 def _alone(evidence: Evidence) -> list[Line]:
     """How long nobody commanded in the air."""
-    airborne = evidence.of(VEHICLE, "airborne")
+    airborne = evidence.of(VEHICLE, "airborne") or evidence.of(VEHICLE, "armed")
     landed = evidence.of(VEHICLE, "landed")
     if not airborne:
         return []

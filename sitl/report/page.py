@@ -196,7 +196,7 @@ def _figures(story: Story, transfers: Sequence[Exchange], times: Times, number: 
     from sitl.report.figures import map_figure, timeline_figure
 
     drawn = map_figure(story, transfers, times)
-    there = figure(f"map{number}", drawn, "map") if drawn is not None else "<p>No position is known.</p>"
+    there = figure(f"map{number}", drawn) if drawn is not None else "<p>No position is known.</p>"
     held = figure(f"timeline{number}", timeline_figure(story, transfers, times))
     return _section("Map", there) + _section("What held when", held)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -25,12 +25,14 @@ from sitl.report.flight import Source, Story, stories
 from sitl.report.journal_reader import Entry, read_journals
 from sitl.report.sources import SourceError, find, newest_flight, read, read_mission
 from sitl.report.tlog import read_tlog
+from sitl.report.watch import VEHICLE
 
 __all__ = ["RUN_FILE", "RecordError", "RunRecord", "Verdict", "load", "load_run"]
 
 RUN_FILE = "run.json"
 #: how a run of several vehicles names what is seen of a further one
 _SEEN_OF = seen_of("")
+_SEEN_FILE = "seen.jsonl"
 
 
 class RecordError(Exception):
@@ -137,7 +139,8 @@ def _flown(paths: Sequence[Path], mission: Path | None) -> RunRecord:
 
 
 def _staged(folder: Path, values: Mapping[str, Any]) -> RunRecord:
-    found = sorted(folder.glob("*.jsonl")) + sorted(folder.glob("*/*.jsonl"))
+    # a further vehicle has a folder of its own, with folders like the first one's
+    found = [path for pattern in ("*", "*/*", "*/*/*") for path in sorted(folder.glob(f"{pattern}.jsonl"))]
     beside = set(map(strangers_path, found))  # followed with the journal that they lie beside
     journals = [path for path in found if path not in beside]
     if not journals:
@@ -146,7 +149,7 @@ def _staged(folder: Path, values: Mapping[str, Any]) -> RunRecord:
         package = packages.load(_mission(folder))
     except MissionError as error:
         raise RecordError(f"{folder}: no mission package in it: {error}") from None
-    entries = read_journals(journals)
+    entries = _entries(folder, journals)
     offsets = [utc - entry.t for entry in entries if (utc := utc_of(entry.get("utc"))) is not None]
     notes = RunNotes(
         speedup=_number(values.get("speedup"), 1.0),
@@ -167,9 +170,23 @@ def _staged(folder: Path, values: Mapping[str, Any]) -> RunRecord:
         Verdict(bool(entry.get("held")), str(entry.get("wanted", "")), str(entry.get("seen", "")))
         for entry in values.get("verdicts", [])
     )
-    patterns = ("*.jsonl", "*/*.jsonl", "*/*.tlog", "*/*.console.txt", "vehicle/vehicle.log", "*/*.toml")
+    patterns = (
+        "*.jsonl", "*/*.jsonl", "*/*.tlog", "*/*.console.txt", "vehicle/vehicle.log", "*/*.toml",
+        "*/*/*.jsonl", "*/*/*.tlog", "*/*/*.console.txt",
+    )  # fmt: skip
     files = [path for pattern in patterns for path in sorted(folder.glob(pattern))]
     return RunRecord(folder, tuple(told), values, verdicts, tuple(dict.fromkeys(files)))
+
+
+def _entries(folder: Path, journals: Sequence[Path]) -> list[Entry]:
+    """What the journals say, in order. What is seen of a further vehicle is noted in its folder as of any."""
+    seen = {path: path.relative_to(folder).parts[0] for path in journals if path.match(f"*/*/{_SEEN_FILE}")}
+    entries = read_journals([path for path in journals if path not in seen])
+    for path, name in seen.items():
+        entries += [
+            replace(entry, who=seen_of(name)) if entry.who == VEHICLE else entry for entry in read_journals([path])
+        ]
+    return sorted(entries, key=lambda entry: entry.t)
 
 
 def _vehicles(entries: Iterable[Entry]) -> list[str]:
@@ -193,15 +210,15 @@ def _logs(folder: Path, utc_offset_s: float | None) -> dict[str, list[Entry]]:
     found: dict[str, list[Entry]] = {}
     if utc_offset_s is None:
         return found
-    for path in sorted(folder.glob("*/*.tlog")):
-        journal = path.with_suffix(".jsonl")
+    for path in (*sorted(folder.glob("*/*.tlog")), *sorted(folder.glob("*/*/*.tlog"))):
+        beside = read_journals(sorted(path.parent.glob("*.jsonl")))
+        who = next((entry.who for entry in beside if entry.event == "view"), "")
         try:
-            strand = read_tlog(path) if journal.is_file() else None
+            strand = read_tlog(path) if who else None
         except OSError:
             continue
         if strand is None or not strand.on_board:
             continue
-        who = next((entry.who for entry in read_journals([journal]) if entry.event == "view"), "")
         found[who] = [
             Entry(entry.t - utc_offset_s, entry.who, entry.event, entry.text, entry.fields)
             for entries in strand.seen.values()

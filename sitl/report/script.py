@@ -38,7 +38,9 @@ _SCRIPT = """
     for (var n = steps.length - 1; n >= 0; n--) { if ((range[1] - range[0]) / steps[n] <= most) { step = steps[n]; } }
     for (var t = Math.ceil(range[0] / step) * step; t <= range[1]; t += step) {
       var label = plus(Math.round(t * 10) / 10, step < 1 ? 1 : 0);
-      if (utc !== null) { label += '<br>' + new Date((utc + t) * 1000).toISOString().substr(11, step < 1 ? 10 : 8); }
+      if (typeof utc === 'number') {
+        label += '<br>' + new Date((utc + t) * 1000).toISOString().substr(11, step < 1 ? 10 : 8);
+      }
       at.push(t); words.push(label);
     }
     return {'xaxis.tickmode': 'array', 'xaxis.tickvals': at, 'xaxis.ticktext': words};
@@ -59,6 +61,9 @@ _SCRIPT = """
         made.layout.margin.r = 4;
         made.layout.font.size = 11;
         made.layout.dragmode = false;
+        made.data.forEach(function (trace) {
+          if (trace.marker && typeof trace.marker.size === 'number') { trace.marker.size *= 0.75; }
+        });
       }
       delete place.dataset.ticks;
       Plotly.react(place, made.data, made.layout, {
@@ -81,13 +86,16 @@ _SCRIPT = """
 """
 
 
-def figure(name: str, made: Any, kind: str = "") -> str:
-    """The place of a figure in the page, and what is drawn there."""
+def figure(name: str, made: Any) -> str:
+    """The place of a figure in the page, and what is drawn there.
+
+    A figure without a height is as high as its shape wants it: `tall` in its meta is height by width.
+    """
     text = json.dumps(json.loads(made.to_json()), ensure_ascii=False, separators=(",", ":"))
     height = made.layout.height
-    style = f' style="height:{height:.0f}px"' if height else ""
+    style = f"height:{height:.0f}px" if height else f"--tall:{made.layout.meta['tall']:.3f}"
     return (
-        f'<div class="figure {kind}" id="{name}"{style}></div>'
+        f'<div class="figure {"" if height else "shaped"}" id="{name}" style="{style}"></div>'
         f'<script type="application/json" data-figure="{name}">{embedded(text)}</script>'
     )
 

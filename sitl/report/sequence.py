@@ -70,27 +70,27 @@ def _arrow(transfer: Exchange, row: Row, flight: Flight, y: int) -> str:
     kind = "lost" if flight.lost else "again" if flight.relayed else ""
     middle = _LANES[1]
     jump = f"H{middle - 5 * way}q{5 * way},-9 {10 * way},0" if min(start, end) < middle < max(start, end) else ""
-    parts = [f'<path d="M{start},{line}{jump}H{stop:.0f}" class="way {kind}"/>']
+    words = " ".join(word for word in (STEPS.get(flight.name, ""), flight.name) if word)
+    label = ", ".join(word for word in (words, *_notes(row, flight)) if word)
+    left = min(start, end) + 4
+    anchor = f'x="{left}"' if left < middle else f'x="{_WIDTH - 2}" style="text-anchor:end"'
+    parts = [f'<text {anchor} y="{line - 6}" class="halo {"bad" if flight.lost else ""}">{escape(label)}</text>']
+    parts.append(f'<path d="M{start},{line}{jump}H{stop:.0f}" class="way {kind}"/>')
     if flight.lost:
         parts.append(f'<path d="M{stop - 4:.0f},{line - 4}l8,8m0,-8l-8,8" class="way lost"/>')
     else:
         parts.append(f'<path d="M{stop},{line}l{-7 * way},-4v8z" class="head"/>')
-    label = " ".join(word for word in (STEPS.get(flight.name, ""), flight.name, *_notes(row, flight)) if word)
-    left = min(start, end) + 4
-    anchor = f'x="{left}"' if left < middle else f'x="{_WIDTH - 2}" style="text-anchor:end"'
-    parts.append(f'<text {anchor} y="{line - 6}" class="halo {"bad" if flight.lost else ""}">{escape(label)}</text>')
     parts.append(f'<text x="{_CLOCK_X}" y="{line + 4}" class="end soft">{escape(_clock(transfer, flight.t))}</text>')
     if flight.sent_t is not None and flight.received_t is not None:
         x, side = (end + 4, "") if way > 0 else (end - 4, ' style="text-anchor:end"')
-        took = duration(flight.received_t - flight.sent_t)
+        took = _short(flight.received_t - flight.sent_t)
         parts.append(f'<text x="{x}" y="{line + 4}"{side} class="tiny soft halo">{escape(took)}</text>')
     return "".join(parts)
 
 
 def _notes(row: Row, flight: Flight) -> list[str]:
     return [
-        f"{row.times}×" if row.times > 1 else "",
-        f"until {duration(row.last.t - flight.t)} later" if row.last is not None else "",
+        f"{row.times}×" + (f" in {_short(row.last.t - flight.t)}" if row.last else "") if row.times > 1 else "",
         f"try {flight.attempt}" if flight.attempt > 1 and row.times == 1 else "",
         "passed on" if flight.relayed else "",
         flight.consent if flight.consent not in ("", "granted") else "",
@@ -114,5 +114,10 @@ def _end(transfer: Exchange, y: int) -> str:
 
 def _clock(transfer: Exchange, t: float) -> str:
     """Since it began, short enough for the margin."""
-    seconds = t - transfer.begun_t
-    return f"{seconds * 1000:.1f} ms" if abs(seconds) < 1.0 else f"{seconds:.2f} s"
+    return _short(t - transfer.begun_t)
+
+
+def _short(seconds: float) -> str:
+    if abs(seconds) >= 1.0:
+        return f"{seconds:.2f} s"
+    return f"{seconds * 1000:.0f} ms" if abs(seconds) >= 0.1 else f"{seconds * 1000:.1f} ms"

@@ -66,18 +66,19 @@ ul.outcome li.warned{{border-color:#e69f00}}
 ul.outcome li.held,ul.outcome li.warned,ul.outcome li.failed{{background:var(--wash)}}
 ul.outcome li.held{{--wash:var(--held)}}ul.outcome li.warned{{--wash:var(--warned)}}
 ul.outcome li.failed{{--wash:var(--failed)}}
-.figure{{width:100%;margin:8px 0}}.map{{height:min(78vh,720px)}}
-.pictures{{display:flex;flex-wrap:wrap;gap:20px 28px}}
+.figure{{width:100%;margin:8px 0;max-height:88vh}}
+.shaped{{height:calc(min(100vw - 28px,1072px)*var(--tall) + 130px)}}
+.pictures{{display:flex;flex-wrap:wrap;gap:20px 28px;margin-top:18px}}
 figure{{margin:0;width:min(100%,400px)}}figcaption{{font-weight:600;margin:0 0 6px}}
 details{{margin:8px 0}}summary{{cursor:pointer}}
 svg.sequence{{width:100%;height:auto;font:11px system-ui,sans-serif}}
 svg text{{fill:var(--ink);stroke:none}}svg text.soft{{fill:var(--soft)}}svg text.bad{{fill:var(--bad)}}
 svg .mid{{text-anchor:middle}}svg .end{{text-anchor:end}}svg .name{{font-weight:600}}svg .tiny{{font-size:9.5px}}
-svg .halo{{paint-order:stroke;stroke:var(--paper);stroke-width:3px;stroke-linejoin:round}}
+svg .halo{{paint-order:stroke;stroke:var(--paper);stroke-width:5px;stroke-linejoin:round}}
 svg .lane{{stroke:var(--mark);stroke-width:1.6}}
 svg .way{{fill:none;stroke:var(--ink);stroke-width:1.2}}svg .way.again{{stroke-dasharray:5 3}}
 svg .way.lost{{stroke:var(--bad)}}svg .head{{fill:var(--ink)}}
 {_STATIONS}
 @media(max-width:600px){{body{{padding:14px}}h1{{font-size:21px}}th,td{{padding-right:8px}}table{{font-size:13px}}
-.map{{height:min(70vh,440px)}}}}
+.shaped{{height:calc((100vw - 28px)*var(--tall) + 240px);max-height:none}}}}
 """

@@ -39,7 +39,7 @@ class Reader(HTMLParser):
         self.captions: list[str] = []
         self.figures: dict[str, str] = {}
         self.outcome: list[str] = []
-        self._figure = ""
+        self._figure = self._list = ""
         self.outside: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -50,7 +50,9 @@ class Reader(HTMLParser):
             self.sequences.append("")
         if tag == "figcaption":
             self.captions.append("")
-        if tag == "li" and "small" not in self.open:
+        if tag == "ul":
+            self._list = str(values.get("class"))
+        if tag == "li" and self._list == "outcome":
             self.outcome.append("")
         self._figure = str(values.get("data-figure") or "")
         if tag == "tr":
@@ -81,7 +83,7 @@ class Reader(HTMLParser):
             self.sequences[-1] += data + "\n"
         if self.open[-1] == "figcaption":
             self.captions[-1] += data
-        if self.open[-1] == "li":
+        if self.open[-1] == "li" and self._list == "outcome":
             self.outcome[-1:] = [self.outcome[-1] + data]
         if self.open[-1] == "script" and self._figure:
             self.figures[self._figure] = self.figures.get(self._figure, "") + data
@@ -109,11 +111,12 @@ def test_the_report_needs_nothing_from_elsewhere(page: Reader) -> None:
 
 
 def test_what_came_of_it_stands_first(page: Reader) -> None:
-    assert page.outcome[:4] == [
+    assert page.outcome == [
         "Landed at home, 0.0 m off.",
         "No emergency.",
         "4 handovers committed, in 9.8 ms to 221.8 ms.",
         "1 frame refused, of GCSB.",
+        "Every expectation held.",
     ]
 
 
@@ -132,9 +135,9 @@ def test_each_kind_of_handover_is_drawn_once_and_the_odd_one_in_full(page: Reade
         "Handover 3: GCSA → GCSB",
     ]
     by_the_book, lost, relayed = page.sequences
-    assert "1 HANDOVER_REQUEST lost" in lost
+    assert "1 HANDOVER_REQUEST, lost" in lost
     assert "lost" not in by_the_book + relayed
-    assert "2 ON_HANDOVER passed on" in relayed
+    assert "2 ON_HANDOVER, passed on" in relayed
     assert "GCSB commands, epoch 2" in by_the_book
 
 
@@ -245,6 +248,25 @@ def test_a_record_that_is_no_record_is_refused(tmp_path: Path) -> None:
     (folder / "run.json").write_text(json.dumps([1]))
     with pytest.raises(RecordError, match=r"run\.json"):
         load_run(folder)
+
+
+def test_of_a_run_with_two_vehicles_both_are_told(tmp_path: Path) -> None:
+    """The second one flies half the way, and its companion dies there."""
+    folder = write_folder(tmp_path / "run")
+    for path, target in (("vehicle.jsonl", "vehicle/seen.jsonl"), ("companion/companion.jsonl", "companion/c.jsonl")):
+        lines = (folder / path).read_text(encoding="utf-8").replace('"drone-1"', '"drone-2"').splitlines()
+        (folder / "drone-2" / target).parent.mkdir(parents=True)
+        half = lines[: len(lines) // 2] if path.startswith("companion") else lines
+        (folder / "drone-2" / target).write_text("\n".join(half) + "\n", encoding="utf-8")
+    record = load_run(folder)
+    assert [story.vehicle for story in record.stories] == ["drone-1", "drone-2"]
+    text = write_report(record).read_text(encoding="utf-8")
+    assert "<h1>drone-1</h1>" in text
+    first, second = text.split("<h1>drone-2</h1>")
+    assert "4 handovers committed" in first
+    assert "2 handovers committed" in second
+    assert "Nobody commanded for" in second
+    assert (folder / "map-drone-2.png").stat().st_size > 20_000
 
 
 def test_what_journals_say_is_text_and_not_markup(tmp_path: Path) -> None:
