@@ -25,7 +25,7 @@ from datetime import datetime, timezone
 from statistics import median
 
 from sitl.report.journal_reader import Entry
-from sitl.report.strand import Kind, Strand, Tick
+from sitl.report.strand import Kind, Stamps, Strand, Tick
 
 __all__ = ["Alignment", "Shift", "align", "by_utc", "utc_of"]
 
@@ -96,9 +96,10 @@ def by_utc(entries: Iterable[Entry]) -> list[Entry]:
             stretch.clear()
 
     last = 0.0
+    stamps = Stamps()
     for entry in entries:
         utc = utc_of(entry.get("utc"))
-        if utc is None:
+        if utc is None or not stamps.believed(utc):
             continue
         if stretch and abs((utc - entry.t) - last) > _CLOCK_STEP_S:
             close()

@@ -13,7 +13,7 @@ import math
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -23,8 +23,7 @@ from pymavlink import DFReader, mavutil
 
 from mavproxy_handover.core.model import GuardState, LeaseState
 from sitl.report.journal_reader import Entry
-from sitl.report.strand import Kind, Strand, Tick
-from sitl.report.tlog import CLOCK_SET_S
+from sitl.report.strand import CLOCK_SET_S, Kind, Stamps, Strand, Tick
 from sitl.report.watch import AIRBORNE_M, SAMPLE_INTERVAL_S, VEHICLE
 
 __all__ = ["DataflashError", "read_dataflash"]
@@ -60,11 +59,11 @@ def read_dataflash(path: Path) -> Strand:
 
 @contextmanager
 def _complaints() -> Iterator[list[int]]:
-    """Counts the lines that pymavlink writes to the error output, one for each place that it cannot read. Part of it is
+    """Counts the lines that pymavlink writes to its outputs, one for each place that it cannot read. Part of it is
     written in C, so the output's descriptor itself is turned away for that time."""
     counts: list[int] = []
     sys.stderr.flush()
-    with TemporaryFile() as noise, redirect_stderr(StringIO()) as words:
+    with TemporaryFile() as noise, redirect_stderr(StringIO()) as words, redirect_stdout(words):
         own = os.dup(2)
         os.dup2(noise.fileno(), 2)
         try:
@@ -101,6 +100,7 @@ class _Reader:
         self._sysid = 1
         self._seen: list[Entry] = []
         self._told: list[Entry] = []
+        self._stamps = Stamps()
         self._first_t: float | None = None
         self._clock_set = False
         self._armed = self._airborne = False
@@ -114,6 +114,9 @@ class _Reader:
         """Take in one record."""
         handler = getattr(self, "_on_" + message.get_type().lower(), None)
         t = float(getattr(message, "_timestamp", 0.0))
+        if not self._stamps.believed(t):
+            self.strand.broken += 1
+            return
         if self._first_t is None:
             self._first_t = t
         if handler is not None:

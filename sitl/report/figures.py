@@ -313,14 +313,14 @@ class _Map:
         west, east = min(self._lons), max(self._lons)
         south, north = min(self._lats), max(self._lats)
         wide = max((east - west) * per_lon, 40.0)
-        room_lon = max(0.05 * (east - west), 20.0 / per_lon)
-        room_lat = max(0.05 * (north - south), 20.0 / per_lat)
+        room_m = max(0.05 * (north - south) * per_lat, 0.025 * wide, 10.0)
+        room_lon, room_lat = max(0.05 * wide, 10.0) / per_lon, room_m / per_lat
         length = round_down(wide / 4.0)
         axis = {
             "gridcolor": GRID,
             "zeroline": False,
             "ticksuffix": "°",
-            "tickformat": ".3f",
+            "tickformat": ".5~f",
             "nticks": 5,
             "automargin": True,
         }
@@ -333,7 +333,7 @@ class _Map:
             dragmode="pan",
             margin={"l": 62, "r": 10, "t": 10, "b": 70},
             legend={"orientation": "h", "y": 0, "yref": "container", "yanchor": "bottom", "x": 0},
-            meta={"tall": max(0.3, min(1.3, (north - south) * per_lat / wide))},
+            meta={"tall": max(0.2, min(1.3, (north - south + 3.4 * room_lat) * per_lat / (1.1 * wide)))},
             xaxis={**axis, "range": [west - room_lon, east + room_lon], "constrain": "domain"},
             yaxis={
                 **axis,
@@ -607,6 +607,8 @@ class _Timeline:
             word = _link_word(entry, name)
             if word:
                 changes.append((entry.t, word))
+        if not changes and name in self._story.silences:
+            changes.append((self._evidence.entries[0].t, "heard"))
         for begin, end in self._story.silences.get(name, ()):
             held = next((word for t, word in reversed(changes) if t <= begin), "heard")
             changes = [change for change in changes if not begin <= change[0] <= end]

@@ -20,6 +20,10 @@ from mavproxy_handover.store.journal import strangers_path
 __all__ = ["Entry", "JournalReader", "parse_line", "read_journals"]
 
 
+#: monotonic seconds that no machine has seen, UTC included
+_LATEST_T = 1e10
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
     """One entry of a journal. `t` is monotonic seconds; `fields` has everything that is not an attribute here."""
@@ -55,6 +59,8 @@ def parse_line(line: str) -> Entry | None:
     t, who, event = values.pop("t", None), values.pop("who", None), values.pop("event", None)
     text = values.pop("text", "")
     if not isinstance(t, (int, float)) or isinstance(t, bool) or not isinstance(event, str) or not isinstance(who, str):
+        return None
+    if not abs(t) < _LATEST_T:  # nor is it a number that is none
         return None
     return Entry(float(t), who, event, str(text), values)
 

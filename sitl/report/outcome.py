@@ -76,7 +76,7 @@ def outcome(evidence: Evidence, transfers: Sequence[Exchange], times: Times) -> 
     """The sentences, in the order in which somebody wants to know them."""
     lines = [_end(evidence, times)]
     lines += _wrong(evidence, times)
-    lines += _handovers(transfers)
+    lines += _handovers(evidence, transfers)
     lines += _alone(evidence)
     lines += _restarts(evidence)
     lines += _battery(evidence)
@@ -131,7 +131,8 @@ def _wrong(evidence: Evidence, times: Times) -> list[Line]:
         for each in found
     ]
     lines += [Line(Gravity.BAD, f"Internal fault: {_why(entry)}") for entry in evidence.of(event="failed_closed")]
-    if not found and not lines and evidence.of(event="view"):
+    # leases and the guard's record say who commands, and nothing of emergencies
+    if not found and not lines and any(entry.get("phase") for entry in evidence.of(event="view")):
         lines.append(Line(Gravity.GOOD, "No emergency."))
     modes = evidence.modes_flown()
     if modes:
@@ -139,11 +140,14 @@ def _wrong(evidence: Evidence, times: Times) -> list[Line]:
     return lines
 
 
-def _handovers(transfers: Sequence[Exchange]) -> list[Line]:
+def _handovers(evidence: Evidence, transfers: Sequence[Exchange]) -> list[Line]:
     done = [each for each in transfers if each.committed]
     failed = [each for each in transfers if not each.committed]
     if not transfers:
-        return [Line(Gravity.PLAIN, "No handover.")]
+        if len(evidence.commanders()) < 2:
+            return [Line(Gravity.PLAIN, "No handover.")]
+        way = " → ".join(each.commander for each in evidence.commanders())
+        return [Line(Gravity.PLAIN, f"Authority moved, {way}; these files do not tell how.")]
     took = sorted(each.duration_s for each in done if each.duration_s is not None)
     spread = "" if not took else f", in {duration(took[0])}" + (f" to {duration(took[-1])}" if len(took) > 1 else "")
     lines = [Line(Gravity.GOOD if done else Gravity.WARNING, f"{_count(len(done), 'handover')} committed{spread}.")]

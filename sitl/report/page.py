@@ -234,7 +234,8 @@ def _handovers(story: Story, transfers: Sequence[Exchange], times: Times) -> str
             )
         )
     heads = ("", "authority", "outcome", "duration", "T+", "UTC", "messages", "lost", "epoch", "")
-    text = _table(heads, rows) if rows else "<p>There was none.</p>"
+    none = "None is told of." if story.evidence.commanders()[1:] else "There was none."
+    text = _table(heads, rows) if rows else f"<p>{none}</p>"
     return _section("Handovers", text + _sequences(story, transfers))
 
 

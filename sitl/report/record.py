@@ -165,7 +165,7 @@ def _staged(folder: Path, values: Mapping[str, Any]) -> RunRecord:
     for name in names:
         about = of_vehicle(entries, name, names) + logs.get(name, [])
         evidence = Evidence(about, package if name == names[0] else _other_mission(folder, name, package), notes)
-        told.append(Story(name, evidence, "the simulation", {}, {}))
+        told.append(Story(name, evidence, "what the simulation watched", {}, {}))
     verdicts = tuple(
         Verdict(bool(entry.get("held")), str(entry.get("wanted", "")), str(entry.get("seen", "")))
         for entry in values.get("verdicts", [])

@@ -93,7 +93,8 @@ def figure(name: str, made: Any) -> str:
     """
     text = json.dumps(json.loads(made.to_json()), ensure_ascii=False, separators=(",", ":"))
     height = made.layout.height
-    style = f"height:{height:.0f}px" if height else f"--tall:{made.layout.meta['tall']:.3f}"
+    named = sum(trace.showlegend is not False for trace in made.data)
+    style = f"height:{height:.0f}px" if height else f"--tall:{made.layout.meta['tall']:.3f};--named:{named}"
     return (
         f'<div class="figure {"" if height else "shaped"}" id="{name}" style="{style}"></div>'
         f'<script type="application/json" data-figure="{name}">{embedded(text)}</script>'

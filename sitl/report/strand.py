@@ -20,7 +20,13 @@ from pathlib import Path
 
 from sitl.report.journal_reader import Entry
 
-__all__ = ["Kind", "Strand", "Tick"]
+__all__ = ["CLOCK_SET_S", "Kind", "Stamps", "Strand", "Tick"]
+
+#: UTC before this is a clock that was never set (2001); nobody flies with this after the other (2100)
+CLOCK_SET_S, _LATEST_S = 978_307_200.0, 4_102_444_800.0
+_FIRST_S = 0.0
+#: so far (s) from the time before a time is doubted, and so many are needed to believe it
+_FAR_S, _MOST_DOUBTS = 3600.0, 20
 
 
 class Kind(Enum):
@@ -39,6 +45,27 @@ class Tick:
     sysid: int
     boot_s: float | None = None
     gps_s: float | None = None
+
+
+class Stamps:
+    """Which times of a file can be believed: the clock of a computer may be set, but no single reading is years away.
+
+    A time far from the one before is believed once many in a row are there.
+    """
+
+    def __init__(self) -> None:
+        self._last: float | None = None
+        self._doubts = 0
+
+    def believed(self, t: float) -> bool:
+        """Whether `t` (s) is one; each time is to be asked about once, in the order of the file."""
+        if not _FIRST_S <= t < _LATEST_S:
+            return False
+        if self._last is None or abs(t - self._last) < _FAR_S or self._doubts >= _MOST_DOUBTS:
+            self._last, self._doubts = t, 0
+            return True
+        self._doubts += 1
+        return False
 
 
 @dataclass(slots=True)

@@ -67,7 +67,7 @@ ul.outcome li.held,ul.outcome li.warned,ul.outcome li.failed{{background:var(--w
 ul.outcome li.held{{--wash:var(--held)}}ul.outcome li.warned{{--wash:var(--warned)}}
 ul.outcome li.failed{{--wash:var(--failed)}}
 .figure{{width:100%;margin:8px 0;max-height:88vh}}
-.shaped{{height:calc(min(100vw - 28px,1072px)*var(--tall) + 130px)}}
+.shaped{{height:calc(min(100vw - 28px,1072px)*var(--tall) + 105px + var(--named)*4px)}}
 .pictures{{display:flex;flex-wrap:wrap;gap:20px 28px;margin-top:18px}}
 figure{{margin:0;width:min(100%,400px)}}figcaption{{font-weight:600;margin:0 0 6px}}
 details{{margin:8px 0}}summary{{cursor:pointer}}
@@ -80,5 +80,5 @@ svg .way{{fill:none;stroke:var(--ink);stroke-width:1.2}}svg .way.again{{stroke-d
 svg .way.lost{{stroke:var(--bad)}}svg .head{{fill:var(--ink)}}
 {_STATIONS}
 @media(max-width:600px){{body{{padding:14px}}h1{{font-size:21px}}th,td{{padding-right:8px}}table{{font-size:13px}}
-.shaped{{height:calc((100vw - 28px)*var(--tall) + 240px);max-height:none}}}}
+.shaped{{height:calc((100vw - 28px)*var(--tall) + 80px + var(--named)*15px);max-height:none}}}}
 """

@@ -49,7 +49,10 @@ class Times:
     def at(self, t: float) -> datetime | None:
         """UTC, None where nobody knows it."""
         offset_s = self._evidence.notes.utc_offset_s
-        return None if offset_s is None else datetime.fromtimestamp(t + offset_s, timezone.utc)
+        try:
+            return None if offset_s is None else datetime.fromtimestamp(t + offset_s, timezone.utc)
+        except (OverflowError, ValueError, OSError):  # a time that no calendar has
+            return None
 
     def utc(self, t: float) -> str:
         """The time of day by UTC, "14:07:28.6"; "" where nobody knows it."""

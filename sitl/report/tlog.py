@@ -23,21 +23,18 @@ from mavproxy_handover.wire.frames import MAX_FRAME_BYTES, Frame, parse_one
 from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import unpack_guard_status, unpack_lease
 from sitl.report.journal_reader import Entry
-from sitl.report.strand import Kind, Strand, Tick
+from sitl.report.strand import CLOCK_SET_S, Kind, Stamps, Strand, Tick
 from sitl.report.watch import AUTOPILOT, VEHICLE, Watch
 
 __all__ = ["frames", "read_tlog"]
 
 _STAMP: Final = struct.Struct(">Q")
 _V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
-#: UTC before this is a clock that was never set (2001)
-CLOCK_SET_S: Final = 978_307_200.0
 #: so long (s) without a frame of the vehicle is told; heartbeats come each second
 SILENT_S: Final = 3.0
 #: how often (s) battery and radio are told, and what commands although nothing has changed
 _BATTERY_S, _VIEW_S = 1.0, 2.0
 _COMPANION: Final = 191
-_NOTHING: Final = -1
 
 #: of the vehicle: what `Watch` knows
 _WATCHED: Final = frozenset(
@@ -109,8 +106,12 @@ def read_tlog(path: Path) -> Strand:
     """What a telemetry log tells. Raises OSError; what is no frame in it is passed over."""
     reader = _Reader(path)
     spoilt: list[int] = []
+    stamps = Stamps()
     for t, frame in frames(path.read_bytes(), spoilt):
-        reader.take(t, frame)
+        if stamps.believed(t):
+            reader.take(t, frame)
+        else:
+            spoilt.append(1)
     return reader.finish(sum(spoilt))
 
 
@@ -262,8 +263,9 @@ class _Authority:
         self._last: dict[str, tuple[float, Any]] = {}
         self._begun: dict[int, float] = {}
         self._ended: set[int] = set()
-        self._decision = _NOTHING
-        self._emergency = False
+        self._decision: tuple[int, str] | None = None
+        #: what says that there is an emergency: the phase, or a decision that brings the aircraft somewhere
+        self._alarms: set[str] = set()
 
     def status(self, message: Any, t: float) -> None:
         """AUTHORITY_STATUS."""
@@ -280,7 +282,7 @@ class _Authority:
         if self._changed(t, "view", values):
             self._told.append((t, "view", "", values))
         self.guarded(t, _word("HANDOVER_GUARD", message.guard))
-        self._end_of(t, phase == "emergency", values["reason"])
+        self._alarm(t, "phase", phase == "emergency", values["reason"])
 
     def leased(self, t: float, commander: int, epoch: int, state: str) -> None:
         """A lease, of which the companion sends several a second."""
@@ -291,19 +293,22 @@ class _Authority:
     def guarded(self, t: float, state: str) -> None:
         """What the guard says of itself."""
         before = self._last.get("guard")
+        if before is None and state == "silent":
+            return
         if before is None or before[1] != state:
             self._last["guard"] = (t, state)
             self._told.append((t, "guard", f"guard: {before[1] if before else 'silent'} -> {state}", {}))
 
     def decision(self, message: Any, t: float) -> None:
         """HANDOVER_DECISION, which is said again while it lasts."""
-        if message.number == self._decision:
+        word = (message.number, message.text)
+        if word == self._decision:
             return
-        self._decision = message.number
+        self._decision = word
         action = _word("HANDOVER_ACTION", message.action)
         values = {"action": action, "reason": _word("HANDOVER_REASON", message.cause), "figures": message.figures}
         self._told.append((t, "decision", message.text, values))
-        self._end_of(t, action in ("hold", "return", "land"), message.figures or values["reason"])
+        self._alarm(t, "decision", action in ("hold", "return", "land"), message.figures or values["reason"])
 
     def step(self, message: Any, t: float, sender: int) -> None:
         """A message of a transfer."""
@@ -320,7 +325,8 @@ class _Authority:
             values = {"handover_id": number, "epoch": message.epoch, "reason": reason, "station": message.to_station}
             if done and t > self._begun[number]:
                 values["duration_s"] = round(t - self._begun[number], 4)
-            self._told.append((t, "transfer_committed" if done else "transfer_aborted", "", values))
+            text = f"handover {number} " + ("committed" if done else f"aborted: {reason.replace('_', ' ')}")
+            self._told.append((t, "transfer_committed" if done else "transfer_aborted", text, values))
 
     def entries(self, strand: Strand) -> list[Entry]:
         """Everything, sorted."""
@@ -337,11 +343,12 @@ class _Authority:
         values = {"handover_id": number, "station": partner, "reason": _word("HANDOVER_REASON", reason)}
         self._told.append((t, "transfer_begun", "", {**values, "from_station": commander}))
 
-    def _end_of(self, t: float, emergency: bool, reason: str) -> None:
-        if emergency != self._emergency:
-            self._emergency = emergency
-            text = reason.replace("_", " ") if emergency else "the cause of the emergency is gone"
-            self._told.append((t, "emergency" if emergency else "emergency_over", text, {"reason": reason}))
+    def _alarm(self, t: float, what: str, is_on: bool, reason: str) -> None:
+        before = bool(self._alarms)
+        (self._alarms.add if is_on else self._alarms.discard)(what)
+        if bool(self._alarms) != before:
+            text = "the cause of the emergency is gone" if before else reason.replace("_", " ")
+            self._told.append((t, "emergency_over" if before else "emergency", text, {"reason": reason}))
 
     def _changed(self, t: float, what: str, values: Any) -> bool:
         before = self._last.get(what)

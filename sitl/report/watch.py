@@ -24,7 +24,7 @@ from pymavlink import mavutil
 
 from sitl.report.journal_reader import Entry
 
-__all__ = ["VEHICLE", "Clock", "Sample", "Watch", "samples_of"]
+__all__ = ["VEHICLE", "Clock", "Sample", "Watch", "number", "samples_of"]
 
 #: `who` of the entries made here
 VEHICLE = "vehicle"
@@ -37,6 +37,8 @@ LANDED_ON_GROUND, LANDED_IN_AIR = 1, 2
 EKF_ABSOLUTE_POSITION = 16
 PREARM_CHECK = 1 << 28
 _CHUNK = 50
+#: nothing that is measured here is a number as large as this
+_LARGEST = 1e12
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +56,23 @@ class Sample:
 
 def samples_of(entries: Sequence[Entry]) -> list[Sample]:
     """The samples among journal entries, in their order."""
-    names = ("sim_s", "lat_deg", "lon_deg", "alt_m", "heading_deg", "speed_mps")
-    return [
-        Sample(entry.t, *(float(entry.fields[name]) for name in names))
-        for entry in entries
-        if entry.who == VEHICLE and entry.event == "sample" and all(name in entry.fields for name in names)
-    ]
+    found = []
+    for entry in entries:
+        if entry.who != VEHICLE or entry.event != "sample":
+            continue
+        values = [number(entry, name) for name in ("sim_s", "lat_deg", "lon_deg", "alt_m", "heading_deg", "speed_mps")]
+        known = [value for value in values if value is not None]
+        if len(known) == len(values) and abs(known[1]) <= 90.0 and abs(known[2]) <= 540.0:
+            found.append(Sample(entry.t, *known))
+    return found
+
+
+def number(entry: Entry, name: str) -> float | None:
+    """A value of an entry that is a number, None when it is not."""
+    value = entry.get(name)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    return float(value) if abs(value) < _LARGEST else None
 
 
 class Clock:

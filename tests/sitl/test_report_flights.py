@@ -250,6 +250,30 @@ def test_a_log_that_is_cut_or_spoilt_anywhere_is_read_as_far_as_it_goes(tmp_path
     assert source.broken > 0
 
 
+def test_a_single_time_that_cannot_be_is_not_believed(tmp_path: Path) -> None:
+    path = station_log("GCSB").write(tmp_path / "GCSB.tlog")
+    data = path.read_bytes()
+    path.write_bytes(data.replace(data[:2], b"\x7f\xff", 1))  # 290 000 years from now
+    (source,) = load([path]).sources
+    assert source.broken == 1
+    assert source.span is not None
+    assert source.span[1] - source.span[0] < 70.0
+
+
+def test_values_that_are_none_cost_their_entry_alone(tmp_path: Path) -> None:
+    path = journal(tmp_path / "drone-1.jsonl", "drone-1", companion_entries())
+    lines = path.read_text(encoding="utf-8").splitlines()
+    odd = [
+        {"lat_deg": "north", "lon_deg": 5.0}, {"lat_deg": 1e300, "lon_deg": 5.0}, {"t": float("nan")}, {"t": 1e300},
+        {"utc": "tomorrow"}, {"who": 7}, {"alt_m": None},
+    ]  # fmt: skip
+    for number, values in enumerate(odd):
+        lines[20 + number] = json.dumps({**json.loads(lines[20 + number]), "event": "position", **values})
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert main_report([str(path), "--csv", str(tmp_path / "f.csv"), "--kml", str(tmp_path / "f.kml")]) == 0
+    assert 50 <= len(load([path]).evidence.samples) < 60
+
+
 @pytest.mark.parametrize(
     ("name", "content", "why"),
     [
