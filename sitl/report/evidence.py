@@ -8,16 +8,18 @@ Entries after the end of the timeline are left out: they tell of the programs be
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from types import MappingProxyType
 
+from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.report.journal_reader import Entry
 from sitl.report.loss import Heard
 from sitl.report.matching import matches
-from sitl.report.watch import VEHICLE, Clock, Sample, samples_of
+from sitl.report.watch import VEHICLE, Clock, Sample, number, samples_of
 
 __all__ = ["NOBODY", "CommanderChange", "Evidence", "RunNotes", "of_vehicle", "seen_of"]
 
@@ -96,7 +98,7 @@ class Evidence:
             self._names.update((station.sysid, station.name) for station in package.stations)
         #: of the further vehicles, by name; the entries above are those of the first
         self.others: Mapping[str, Evidence] = {}
-        self.samples: Sequence[Sample] = samples_of(self.entries)
+        self.samples: Sequence[Sample] = _carried(samples_of(self.entries), self.entries)
         self._clock = Clock(self.notes.speedup)
         for sample in self.samples:
             self._clock.add(sample.t, sample.sim_s)
@@ -192,3 +194,28 @@ class Evidence:
         """Whether the motors were armed when the run ended."""
         changes = [entry.event for entry in self.of(VEHICLE) if entry.event in ("armed", "disarmed")]
         return bool(changes) and changes[-1] == "armed"
+
+
+def _carried(samples: list[Sample], entries: Sequence[Entry]) -> list[Sample]:
+    """The samples, in a rehearsal at the places where the companion had the aircraft, and as fast as these follow each
+    other: one that is simulated stands still while it is carried by the word of a position box alone."""
+    moves = [entry for entry in entries if entry.event == "rehearsal"]
+    begun, over = (next((e.t for e in moves if e.get("on") is on), inf) for on in (True, False))
+    places = [
+        (entry.t, lat_deg, lon_deg, number(entry, "alt_m") or 0.0)
+        for entry in entries
+        if entry.event == "position"
+        and (lat_deg := number(entry, "lat_deg")) is not None
+        and (lon_deg := number(entry, "lon_deg")) is not None
+    ]
+    times = [place[0] for place in places]
+    found = []
+    for sample in samples:
+        last = bisect_right(times, sample.t) - 1
+        if not begun <= sample.t <= over or last < 1 or sample.t - times[last] > _SILENCE_S:
+            found.append(sample)
+            continue
+        (t0, lat0, lon0, _), (t1, lat1, lon1, alt_m) = places[last - 1 : last + 1]
+        speed_mps = round(distance_m(lat0, lon0, lat1, lon1) / max(t1 - t0, 0.1), 2)
+        found.append(replace(sample, lat_deg=lat1, lon_deg=lon1, alt_m=alt_m, speed_mps=speed_mps))
+    return found

@@ -11,6 +11,7 @@ import pytest
 
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.stations.rehearsal_book import Foreseen, LinkSeen, RehearsalBook
+from sitl.report.evidence import Evidence
 from sitl.report.journal_reader import Entry
 from sitl.report.rehearsal import EVENT, books, tables
 
@@ -73,3 +74,25 @@ def test_nothing_of_other_entries() -> None:
 
 def test_an_empty_book_has_empty_tables() -> None:
     assert [table.rows for table in tables(entry({}))] == [(), (), (), ()]
+
+
+def test_the_track_is_where_the_aircraft_was_carried() -> None:
+    """Simulated it stands still, and the companion has it go north at 11 m/s while the rehearsal lasts."""
+    stood = {"lat_deg": 52.0, "lon_deg": 5.0, "alt_m": 0.0, "heading_deg": 0.0, "speed_mps": 0.0}
+    seen = [Entry(t, "vehicle", "sample", "", {"sim_s": t, **stood}) for t in (1.0, 3.0, 4.0, 6.0, 40.0)]
+    places = [
+        Entry(0.5 + t, "drone-1", "position", "", {"lat_deg": 52.0 + t * 1e-4, "lon_deg": 5.0, "alt_m": 1.0})
+        for t in range(9)
+    ]
+    spoilt = Entry(3.7, "drone-1", "position", "", {"lat_deg": None, "lon_deg": "east"})
+    moves = [Entry(t, "drone-1", "rehearsal", "", {"on": on}) for t, on in ((2.0, True), (5.0, False))]
+    samples = Evidence([*seen, *places, spoilt, *moves], None).samples
+    assert [sample.lat_deg for sample in samples] == pytest.approx([52.0, 52.0002, 52.0003, 52.0, 52.0])
+    assert [sample.speed_mps for sample in samples] == pytest.approx([0.0, 11.1, 11.1, 0.0, 0.0], abs=0.1)
+
+
+def test_where_nothing_was_rehearsed_the_vehicles_own_places_count() -> None:
+    stood = {"lat_deg": 52.0, "lon_deg": 5.0, "alt_m": 0.0, "heading_deg": 0.0, "speed_mps": 0.0}
+    seen = [Entry(t, "vehicle", "sample", "", {"sim_s": t, **stood}) for t in (1.0, 3.0)]
+    places = [Entry(t, "drone-1", "position", "", {"lat_deg": 52.1, "lon_deg": 5.0}) for t in (0.5, 0.9, 2.9)]
+    assert [sample.lat_deg for sample in Evidence([*seen, *places], None).samples] == [52.0, 52.0]
