@@ -156,7 +156,7 @@ class _Map:
                 part for other in mission.zones if other is not zone for part in parts(self._plane, other.outline())
             ]
             area = shapely.union_all(own)
-            busy = shapely.MultiPoint(self._busy(mission)).buffer(math.sqrt(area.area) / 9.0)
+            busy = shapely.MultiPoint(self._busy(mission)).buffer(math.sqrt(area.area) / 9.0, quad_segs=2)
             lat, lon = self._plane.to_earth(*quiet_place(area, (busy, shapely.union_all(others))))
             self._figure.add_annotation(
                 x=beside_deg(lon, self._plane.lon_deg), y=lat, text=f"<b>{escape(zone.station_name)}</b>",

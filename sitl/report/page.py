@@ -192,7 +192,7 @@ def _figures(story: Story, transfers: Sequence[Exchange], times: Times, number: 
         import plotly  # noqa: F401
     except ImportError:
         words = 'No pictures: plotly is not installed (pip install "mavproxy-handover[report]").'
-        return _section("Map and timeline", f'<p class="small">{words}</p>')
+        return _section("Map and timeline", f'<p class="small">{escape(words)}</p>')
     from sitl.report.figures import map_figure, timeline_figure
 
     drawn = map_figure(story, transfers, times)

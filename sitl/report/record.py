@@ -131,6 +131,7 @@ def _flown(paths: Sequence[Path], mission: Path | None) -> RunRecord:
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
     values = _read_values(folder / RUN_FILE) if paths[0].is_dir() else {}
     left_out = [*empty, *(f"{strand.path}: of another flight" for strand in elsewhere)]
+    left_out += [f"{path}: days older than the rest" for path in found.old]
     files = tuple(strand.path for strand in here)
     return RunRecord(folder, tuple(told), values, (), files, tuple(sources), tuple(left_out), alignment.by_gps)
 

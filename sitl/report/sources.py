@@ -30,6 +30,8 @@ _ENDINGS = {".jsonl": Kind.JOURNAL, ".tlog": Kind.TLOG, ".bin": Kind.DATAFLASH}
 _TEXT_LOG = ".log"
 #: files that are so far apart (s) are of different flights; a clock may be wrong by minutes
 _APART_S = 900.0
+#: a file that was last written so long (s) before another one is not read for the same flight
+_DAYS_S = 2 * 86400.0
 
 
 class SourceError(Exception):
@@ -38,19 +40,23 @@ class SourceError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Files of a flight, and the folders in which a mission lies, the likeliest first."""
+    """Files of a flight, and the folders in which a mission lies, the likeliest first; `old`: files not to be read."""
 
     files: tuple[Path, ...]
     missions: tuple[Path, ...]
+    old: tuple[Path, ...] = ()
 
 
 def find(paths: Iterable[Path]) -> Found:
     """The files in what was given. Raises SourceError, naming the path that holds none."""
     files: dict[Path, Path] = {}
     missions: list[Path] = []
+    old: list[Path] = []
     for path in paths:
         if path.is_dir():
             here = sorted(each for each in path.rglob("*") if each.suffix.lower() in _ENDINGS and each.is_file())
+            here, past = _recent(here)
+            old += past
             laid = sorted({each.parent for each in path.rglob(packages.MISSION_FILE)}, key=_age, reverse=True)
             if not here and not laid:
                 raise SourceError(
@@ -67,7 +73,16 @@ def find(paths: Iterable[Path]) -> Found:
         files.update((each.resolve(), each) for each in here)
         missions += [each for each in laid if each not in missions]
     beside = {strangers_path(each) for each in files}
-    return Found(tuple(each for real, each in files.items() if real not in beside), tuple(missions))
+    return Found(tuple(each for real, each in files.items() if real not in beside), tuple(missions), tuple(old))
+
+
+def _recent(files: list[Path]) -> tuple[list[Path], list[Path]]:
+    """The files of a folder without those that were last written days before the newest: a month of flights is not read
+    for the last one. A dataflash log's date says nothing: an autopilot may know none."""
+    ages = {path: _age(path) for path in files if _ENDINGS[path.suffix.lower()] is not Kind.DATAFLASH}
+    newest = max(ages.values(), default=0.0)
+    past = [path for path, age in ages.items() if newest - age > _DAYS_S]
+    return [path for path in files if path not in past], past
 
 
 def _age(path: Path) -> float:

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
+import sys
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
@@ -229,6 +231,28 @@ def test_what_was_recorded_at_another_time_is_of_another_flight(tmp_path: Path) 
     record = load([tmp_path])
     assert list(clocks(record)) == ["today.tlog"]
     assert record.left_out == (f"{tmp_path}/yesterday.tlog: of another flight",)
+
+
+def test_a_month_of_flights_is_not_read_for_the_last_one(tmp_path: Path) -> None:
+    station_log("GCSA").write(tmp_path / "today.tlog")
+    old = tmp_path / "old.tlog"
+    old.write_bytes(b"")
+    os.utime(old, (BEGUN_UTC, BEGUN_UTC))
+    dataflash(tmp_path / "1.bin")
+    os.utime(tmp_path / "1.bin", (0, 0))  # an autopilot without a clock
+    record = load([tmp_path])
+    assert set(clocks(record)) == {"today.tlog", "1.bin"}
+    assert record.left_out == (f"{old}: days older than the rest",)
+
+
+def test_without_plotly_the_page_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = station_log("GCSB").write(tmp_path / "GCSB.tlog")
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    assert main_report([str(path)]) == 0
+    text = (tmp_path / "GCSB-report.html").read_text(encoding="utf-8")
+    assert "No pictures: plotly is not installed (pip install &quot;mavproxy-handover[report]&quot;)." in text
+    assert "1 handover committed" in text
+    assert "<script" not in text
 
 
 def test_a_log_that_is_cut_or_spoilt_anywhere_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
