@@ -105,10 +105,23 @@ def with_lease(flight: Flight) -> Outcome:
     ready(flight)
     flight.until(lambda: flight.is_state(LIVE), 5, "lease live")
     for name, way in WAYS.items():
-        way(flight)
-        flight.until(lambda: flight.armed, 6, f"arming by {name}; {flight.texts[-3:]}")
+        if not _arms(
+            flight, way
+        ):  # on a busy machine the receiver comes late: the autopilot's own check, not the guard's
+            assert not flight.said("HNDO: no"), flight.texts
+            rest(flight)
+            assert _arms(flight, way), f"arming by {name}; {flight.texts[-3:]}"
         rest(flight)
     return f"arms by {', '.join(WAYS)}"
+
+
+def _arms(flight: Flight, way: Callable[[Flight], None]) -> bool:
+    """Whether it is armed that way within six seconds."""
+    way(flight)
+    end_ms = flight.now_ms + 6000
+    while not flight.armed and flight.now_ms < end_ms:
+        flight.pump()
+    return flight.armed
 
 
 def refused_by_every_way(flight: Flight, text: str) -> None:

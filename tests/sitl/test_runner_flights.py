@@ -14,103 +14,25 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-import sitl
 from sitl.script.scenario import known_scenarios
-from sitl.vehicles import find_arducopter
+from tests.sitl.runner_flight import (
+    COMMANDERS,
+    ON_ARDUCOPTER,
+    ON_THE_BUILT_IN,
+    ROOT,
+    Start,
+    check,
+    companion_up,
+    fly,
+    processes_in,
+    starting,
+)
 
-#: the package in use, installed or in a checkout
-ROOT = Path(sitl.__file__).resolve().parents[1]
-#: flown here; `make scenarios` flies every scenario on both vehicles
-COMMANDERS = {
-    "nominal": ["GCSA", "GCSB", "GCSA", "GCSB", "GCSA"],
-    "out-of-coverage": ["GCSA"],
-    "companion-killed": ["GCSA", "GCSB"],
-    "unsigned": ["GCSA", "GCSB"],
-    "guard-key": ["GCSA"],
-    "guard-key-other": ["GCSA"],
-}
-#: of these, on which vehicle: one is enough where what is shown lies in the companion
-ON_ARDUCOPTER = ("nominal", "companion-killed", "guard-key-other")
-ON_THE_BUILT_IN = ("nominal", "out-of-coverage", "unsigned", "guard-key", "guard-key-other")
-
-
-Start = Callable[..., "subprocess.Popen[str]"]
-
-
-@pytest.fixture
-def start() -> Iterator[Start]:
-    """Starts `handover sim`; what a failed test leaves running is ended."""
-    started: list[subprocess.Popen[str]] = []
-    # a shell starts what runs in the background, tests among it, deaf to ctrl-c; children inherit that
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    def begin(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "sitl.main", "--json", "--out", str(folder), *arguments],
-            cwd=folder.parent,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        return process
-
-    yield begin
-    signal.signal(signal.SIGINT, before)
-    for process in started:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
-
-
-def companion_up(folder: Path) -> None:
-    """Wait until the companion's journal has begun."""
-    until = time.monotonic() + 30
-    while not (folder / "companion" / "companion.jsonl").exists():
-        assert time.monotonic() < until, "the companion did not come up"
-        time.sleep(0.1)
-
-
-def processes_in(folder: Path) -> list[int]:
-    """Processes whose working directory is in the run's folder."""
-    found = []
-    for link in Path("/proc").glob("[0-9]*/cwd"):
-        try:
-            where = link.readlink()
-        except OSError:
-            continue
-        if where.is_relative_to(folder):
-            found.append(int(link.parent.name))
-    return found
-
-
-def fly(start: Start, vehicle: str, scenario: str, folder: Path) -> dict[str, Any]:
-    process = start(folder, "--vehicle", vehicle, "--scenario", scenario)
-    out, story = process.communicate(timeout=280)
-    assert process.returncode == 0, story
-    assert processes_in(folder) == []
-    (line,) = out.splitlines()
-    result: dict[str, Any] = json.loads(line)
-    return result
-
-
-def check(result: dict[str, Any], scenario: str, folder: Path) -> None:
-    assert result["held"] is True
-    assert all(verdict["held"] for verdict in result["verdicts"])
-    assert result["commanders"] == COMMANDERS[scenario]
-    assert [handover["station"] for handover in result["handovers"]] == COMMANDERS[scenario][1:]
-    assert all(0 < handover["duration_s"] < 2 for handover in result["handovers"])
-    text = Path(result["report"]).read_text(encoding="utf-8")
-    assert "Every expectation held" in text
-    assert (folder / "map.png").stat().st_size > 20_000
-    assert text.count('<svg class="sequence"') >= 1
+start = pytest.fixture(starting)
 
 
 def test_what_is_flown_here_are_scenarios_that_ship() -> None:
@@ -122,14 +44,6 @@ def test_what_is_flown_here_are_scenarios_that_ship() -> None:
 @pytest.mark.parametrize("scenario", sorted(ON_THE_BUILT_IN))
 def test_on_the_built_in_vehicle(start: Start, scenario: str, tmp_path: Path) -> None:
     check(fly(start, "builtin", scenario, tmp_path / "run"), scenario, tmp_path / "run")
-
-
-@pytest.mark.sitl
-@pytest.mark.parametrize("scenario", sorted(ON_ARDUCOPTER))
-def test_on_arducopter(start: Start, scenario: str, tmp_path: Path) -> None:
-    if find_arducopter() is None:
-        pytest.skip("no ArduCopter SITL program ($ARDUCOPTER, PATH, ~/ardupilot/build/sitl/bin)")
-    check(fly(start, "arducopter", scenario, tmp_path / "run"), scenario, tmp_path / "run")
 
 
 @pytest.mark.process
