@@ -156,7 +156,7 @@ def _align_logs(strands: Sequence[Strand], reference: int, shifts: dict[int, Shi
     for number, strand in enumerate(strands):
         if number == reference or strand.kind is Kind.JOURNAL:
             continue
-        found = _against(base.ticks, strand, shift.ahead_s or 0.0, gps)
+        found = _against(base, strand, shift.ahead_s or 0.0, gps)
         if found is not None:
             shifts[number], to_axis = found
             _move(strand, to_axis)
@@ -165,18 +165,20 @@ def _align_logs(strands: Sequence[Strand], reference: int, shifts: dict[int, Shi
 
 
 def _against(
-    reads: Sequence[Tick], strand: Strand, base_ahead_s: float, base_gps: bool
+    base: Strand, strand: Strand, base_ahead_s: float, base_gps: bool
 ) -> tuple[Shift, Callable[[float], float]] | None:
-    """The shift of a log that heard the same vehicle as the reference, whose ticks are `reads`."""
+    """The shift of a log that heard the same vehicle as the reference, `base`."""
+    # what is read on board, beside the autopilot, is not late; of two stations both may be
+    part = _LATE if base.on_board else _MIDDLE
     for words, key in (("GPS time", _gps), ("the autopilot's clock", _boot)):
         for sysid in dict.fromkeys(tick.sysid for tick in strand.ticks):
-            pairs = _pairs(reads, sysid, key)
+            pairs = _pairs(base.ticks, sysid, key)
             mine = _pairs(strand.ticks, sysid, key)
             differences = [t - there for clock, t in mine if (there := _at_clock(pairs, clock)) is not None]
             if len(differences) < _FEWEST:
                 continue
             count = f"{len(differences)} readings"
-            apart_s = _steady(differences, _MIDDLE)
+            apart_s = _steady(differences, part)
             if apart_s is not None:
                 ahead_s = apart_s + base_ahead_s
                 return Shift(ahead_s, f"{words}, {count}"), _minus(ahead_s)

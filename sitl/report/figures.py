@@ -75,6 +75,10 @@ def _font() -> dict[str, Any]:
     return {"family": "system-ui, sans-serif", "size": 12, "color": INK}
 
 
+def _hover_label() -> dict[str, Any]:
+    return {"bgcolor": PAPER, "bordercolor": SOFT, "font": {"color": INK, "size": 12}, "align": "left"}
+
+
 def _in(samples: Sequence[Sample], stretches: Iterable[Stretch]) -> list[list[Sample]]:
     return [[each for each in samples if stretch.begin_t <= each.t <= stretch.end_t] for stretch in stretches]
 
@@ -315,18 +319,20 @@ class _Map:
         wide = max((east - west) * per_lon, 40.0)
         room_m = max(0.05 * (north - south) * per_lat, 0.025 * wide, 10.0)
         room_lon, room_lat = max(0.05 * wide, 10.0) / per_lon, room_m / per_lat
+        digits = max(2, math.ceil(-math.log10(max(wide, (north - south) * per_lat) / per_lon / 5.0)))
         length = round_down(wide / 4.0)
         axis = {
             "gridcolor": GRID,
             "zeroline": False,
             "ticksuffix": "°",
-            "tickformat": ".5~f",
+            "tickformat": f".{digits}f",
             "nticks": 5,
             "automargin": True,
         }
         self._figure.update_layout(
             template="none",
             font=_font(),
+            hoverlabel=_hover_label(),
             paper_bgcolor=PAPER,
             plot_bgcolor=GROUND,
             hovermode="closest",
@@ -478,6 +484,7 @@ class _Timeline:
         self._figure.update_layout(
             template="none",
             font=_font(),
+            hoverlabel=_hover_label(),
             paper_bgcolor=PAPER,
             plot_bgcolor=PAPER,
             height=height,
@@ -530,7 +537,7 @@ class _Timeline:
 
     def _altitude(self) -> None:
         samples = _few(self._evidence.samples)
-        if not samples:
+        if not any(each.alt_m for each in samples):  # its height is not known
             return
         self._figure.add_trace(
             self._go.Scatter(

@@ -27,7 +27,7 @@ from sitl.report.clocks import Alignment, Shift, align
 from sitl.report.evidence import Evidence, RunNotes
 from sitl.report.journal_reader import Entry
 from sitl.report.strand import Kind, Strand
-from sitl.report.watch import VEHICLE
+from sitl.report.watch import AIRBORNE_M, VEHICLE, number
 
 __all__ = ["Source", "Story", "stories"]
 
@@ -35,6 +35,8 @@ __all__ = ["Source", "Story", "stories"]
 _HOLE_S = 3.0
 #: two witnesses tell of one event within so long (s)
 _SAME_S = 3.0
+#: how a journal tells of a flight mode
+_MODE = "mode "
 _TURNING = ("armed", "disarmed", "airborne", "landed", "mode", "reached", "firmware")
 
 _Spans = list[tuple[float, float]]
@@ -194,14 +196,7 @@ def _seen(
         for words, group in ranks
     ]
     groups += [
-        ("the companion's journal", [entry for each in companions for entry in _positions(each.own, "position")]),
-        *(
-            (
-                f"the journal of {each.who}",
-                _positions([entry for entry in each.own if entry.get("vehicle", name) == name], "telemetry"),
-            )
-            for each in journals
-        ),
+        ("the companion's journal", [entry for each in companions for entry in _from_journal(each.own)]),
     ]
     kept: list[Entry] = []
     believed: list[str] = []
@@ -210,6 +205,13 @@ def _seen(
         if sum(entry.event == "sample" for entry in added) > 1:
             believed.append(words)
         kept = sorted(kept + added, key=lambda entry: entry.t)
+    if not believed:  # a station's journal has places, and no height
+        for each in journals:
+            about = [entry for entry in each.own if entry.get("vehicle", name) == name]
+            found = _positions(about, "telemetry")
+            if len(found) > 1:
+                believed, kept = [f"the journal of {each.who}"], sorted(kept + found, key=lambda entry: entry.t)
+                break
     kept = [
         replace(entry, fields={**entry.fields, "sim_s": entry.t}) if entry.event == "sample" else entry
         for entry in kept
@@ -256,22 +258,40 @@ def _within(spans: _Spans, t: float) -> bool:
     return place >= 0 and spans[place][0] <= t <= spans[place][1]
 
 
+def _from_journal(entries: Sequence[Entry]) -> list[Entry]:
+    """What the companion's journal says of the aircraft itself: places, modes, and when it was in the air."""
+    found = _positions(entries, "position")
+    up = next((entry for entry in found if entry.get("alt_m") > AIRBORNE_M), None)
+    if up is not None:
+        found.append(Entry(up.t, VEHICLE, "airborne", "airborne", {}))
+    last = None
+    for entry in entries:
+        if entry.event == "mode" and entry.text.startswith(_MODE):
+            mode = entry.text.removeprefix(_MODE)
+            found.append(Entry(entry.t, VEHICLE, "mode", entry.text, {"mode": mode}))
+        if entry.event == "position":
+            last = entry
+        if entry.event == "landed" and up is not None and entry.t > up.t:
+            place = {} if last is None else {key: last.get(key) for key in ("lat_deg", "lon_deg")}
+            found.append(Entry(entry.t, VEHICLE, "landed", "landed", place))
+    return found
+
+
 def _positions(entries: Iterable[Entry], event: str) -> list[Entry]:
     """Samples of the positions that a journal has, a second apart; speed from one to the next."""
     places = [
         entry
         for entry in entries
-        if entry.event == event and isinstance(entry.get("lat_deg"), float) and isinstance(entry.get("lon_deg"), float)
+        if entry.event == event and number(entry, "lat_deg") is not None and number(entry, "lon_deg") is not None
     ]
     found = []
     for before, entry in pairwise([*places[:1], *places]):
         way = distance_m(before.get("lat_deg"), before.get("lon_deg"), entry.get("lat_deg"), entry.get("lon_deg"))
-        alt_m = entry.get("alt_m")
         values = {
             "sim_s": entry.t,
             "lat_deg": entry.get("lat_deg"),
             "lon_deg": entry.get("lon_deg"),
-            "alt_m": float(alt_m) if isinstance(alt_m, (int, float)) else 0.0,
+            "alt_m": number(entry, "alt_m") or 0.0,
             "heading_deg": 0.0,
             "speed_mps": round(way / (entry.t - before.t), 2) if entry.t - before.t > 0.1 else 0.0,
         }

@@ -14,7 +14,7 @@ from sitl.report.evidence import NOBODY, Evidence
 from sitl.report.exchange import Exchange
 from sitl.report.journal_reader import Entry
 from sitl.report.times import Times, duration
-from sitl.report.watch import VEHICLE
+from sitl.report.watch import VEHICLE, Sample
 
 __all__ = ["Gravity", "Line", "Stretch", "emergencies", "outcome"]
 
@@ -22,6 +22,10 @@ __all__ = ["Gravity", "Line", "Stretch", "emergencies", "outcome"]
 _PAUSE_S = 0.5
 #: a landing nearer than this (m) to a place is at it
 _NEAR_M = 10.0
+#: a position wanders by less than this (m) on the ground
+_MOVED_M = 25.0
+#: more commanders than these in a row are not named
+_MOST_NAMES = 6
 
 
 class Gravity(IntEnum):
@@ -89,8 +93,11 @@ def _end(evidence: Evidence, times: Times) -> Line:
     airborne = evidence.of(VEHICLE, "airborne")
     landed = [entry for entry in evidence.of(VEHICLE, "landed") if not airborne or entry.t >= airborne[0].t]
     if not airborne and not landed:
-        carried = bool(evidence.of(event="rehearsal"))
-        return Line(Gravity.PLAIN, "It was carried, and did not fly." if carried else "It did not leave the ground.")
+        if evidence.of(event="rehearsal"):
+            return Line(Gravity.PLAIN, "It was carried, and did not fly.")
+        moved = any(_apart_m(evidence.samples[0], sample) > _MOVED_M for sample in evidence.samples)
+        words = "It moved; how high, these files do not tell." if moved else "It did not leave the ground."
+        return Line(Gravity.PLAIN, words)
     if airborne and (not landed or landed[-1].t < airborne[-1].t):
         last = evidence.samples[-1] if evidence.samples else None
         height = "" if last is None else f", {last.alt_m:.0f} m above home"
@@ -101,6 +108,10 @@ def _end(evidence: Evidence, times: Times) -> Line:
     motors = ", its motors armed to the end" if armed else ""
     where = _place(evidence, landed[-1])
     return Line(Gravity.BAD if armed else Gravity.GOOD, f"Landed{where}{flown}{motors}.")
+
+
+def _apart_m(one: Sample, other: Sample) -> float:
+    return distance_m(one.lat_deg, one.lon_deg, other.lat_deg, other.lon_deg)
 
 
 def _place(evidence: Evidence, landed: Entry) -> str:
@@ -146,7 +157,8 @@ def _handovers(evidence: Evidence, transfers: Sequence[Exchange]) -> list[Line]:
     if not transfers:
         if len(evidence.commanders()) < 2:
             return [Line(Gravity.PLAIN, "No handover.")]
-        way = " → ".join(each.commander for each in evidence.commanders())
+        names = [each.commander for each in evidence.commanders()]
+        way = " → ".join([*names[:_MOST_NAMES], *(["…"] if len(names) > _MOST_NAMES else [])])
         return [Line(Gravity.PLAIN, f"Authority moved, {way}; these files do not tell how.")]
     took = sorted(each.duration_s for each in done if each.duration_s is not None)
     spread = "" if not took else f", in {duration(took[0])}" + (f" to {duration(took[-1])}" if len(took) > 1 else "")

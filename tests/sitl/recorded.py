@@ -208,6 +208,9 @@ def companion_entries() -> list[tuple[float, str, dict[str, Any]]]:
         (30.2, "transfer_committed", {"station": "GCSB", "handover_id": 1, "epoch": 2, "duration_s": 0.2}),
         (30.2, "view", _view("on_mission", "GCSB", 2)),
         (40.0, "emergency", {"text": "coverage ends ahead: return", "reason": "coverage_ends"}),
+        (0.5, "mode", {"text": "mode AUTO"}),
+        (40.1, "mode", {"text": "mode RTL"}),
+        (END_S, "landed", {"text": "disarmed: the flight is over"}),
         (50.0, "emergency_over", {"text": "the cause of the emergency is gone"}),
     ]
     for t in range(END_S):

@@ -122,7 +122,19 @@ def test_journals_alone_are_laid_together_by_their_messages(tmp_path: Path) -> N
     # the places of the companion's own journal make the track
     assert record.stories[0].witness == "the companion's journal"
     assert len(record.evidence.samples) == 60
+    assert record.evidence.modes_flown() == ["AUTO", "RTL"]
+    assert [entry.t - BEGUN_UTC for entry in record.evidence.of("vehicle", "landed")] == pytest.approx([60.0], abs=0.01)
     assert not any(flight.lost for flight in exchanges(record.evidence)[0].flights)
+
+
+def test_the_journal_of_a_station_alone_tells_where_and_not_how_high(tmp_path: Path) -> None:
+    entries = [(t, "telemetry", {key: values[key] for key in ("lat_deg", "lon_deg")})
+               for t, event, values in companion_entries() if event == "position"]  # fmt: skip
+    path = journal(tmp_path / "GCSA.jsonl", "GCSA", entries)
+    assert main_report([str(path)]) == 0
+    text = (tmp_path / "GCSA-report.html").read_text(encoding="utf-8")
+    assert "It moved; how high, these files do not tell." in text
+    assert "The aircraft by the journal of GCSA" in text
 
 
 def test_a_log_without_gps_time_is_compared_by_the_autopilots_clock(tmp_path: Path) -> None:
