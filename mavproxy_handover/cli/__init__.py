@@ -24,7 +24,16 @@ __all__ = ["main"]
 _NOBODY_READS: Final = 141
 
 #: what is not installed with everything -> the extra that brings it
-_EXTRAS: Final = {"matplotlib": "sim", "lupa": "sim", "plotly": "report", "dask": "campaign", "distributed": "campaign"}
+_EXTRAS: Final = {
+    "matplotlib": "sim",
+    "lupa": "sim",
+    "plotly": "report",
+    "dask": "campaign",
+    "distributed": "campaign",
+    "nicegui": "watch",
+    "fastapi": "watch",
+    "uvicorn": "watch",
+}
 
 #: word -> (module, function, what it does)
 _COMMANDS = {
@@ -36,6 +45,7 @@ _COMMANDS = {
         "write the report of a flight, from journals, telemetry and dataflash logs",
     ),
     "campaign": ("sitl.campaign.main", "main", "fly random missions with random faults over the rules, and judge them"),
+    "watch": ("gcs_module.watch.command", "main", "serve a page for those who watch: aircraft, stations, alarms, live"),
     "policy": ("mavproxy_handover.cli.policy", "main", "print what the gate lets through, and why"),
     "explain": ("mavproxy_handover.cli.explain", "main", "print what is done about what is wrong, and why"),
     "keys": ("mavproxy_handover.cli.keys", "main", "make, list and rotate the keys that stations sign with"),

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`handover watch`: serves the page until it is stopped."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+from urllib.parse import urlsplit
+
+from gcs_module.watch.door import Door, is_loopback
+from gcs_module.watch.ear import listened_to
+from gcs_module.watch.ground import read
+from mavproxy_handover.link.forms import LinkError
+from mavproxy_handover.mission.errors import MissionError
+
+__all__ = ["main"]
+
+_PORT: Final = 8090
+#: a token that somebody has chosen has so many characters at least
+_TOKEN: Final = 16
+
+
+class _Wrong(Exception):
+    """What was given cannot be used. The message is one line."""
+
+
+def main(argv: Sequence[str]) -> int:
+    """0: it was stopped; 2: wrong usage, or something that was named cannot be used."""
+    parser = argparse.ArgumentParser(
+        prog="handover watch",
+        description="Serve a page for those who watch: all aircraft and stations on a map, from journals while they "
+        "are written, or from a MAVLink link. It only listens: nothing is ever sent to an aircraft or a station.",
+    )
+    parser.add_argument("path", nargs="*", type=Path, metavar="PATH", help="a journal, or a folder with journals")
+    parser.add_argument(
+        "--link",
+        action="append",
+        default=[],
+        metavar="DEVICE",
+        help="udpin:HOST:PORT or tcp:HOST:PORT; several may be given",
+    )
+    parser.add_argument(
+        "--mission",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="DIR",
+        help="zones and route, where no journal has them",
+    )
+    parser.add_argument("--bind", default="127.0.0.1", metavar="ADDRESS", help="where the page is (127.0.0.1)")
+    parser.add_argument(
+        "--port", type=_port, default=_PORT, metavar="N", help=f"and at which port ({_PORT}); 0: a free one"
+    )
+    parser.add_argument("--token-file", type=Path, metavar="FILE", help="the token that viewers need; else one is made")
+    parser.add_argument("--tiles", default="", metavar="URL", help="map tiles, as https://HOST/{z}/{x}/{y}.png (none)")
+    parser.add_argument("--tiles-credit", default="", metavar="TEXT", help="whose they are")
+    try:
+        arguments = parser.parse_args(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    try:
+        return _serve(arguments)
+    except _Wrong as error:
+        print(f"handover watch: {error}", file=sys.stderr)
+        return 2
+
+
+def _port(text: str) -> int:
+    """Raises ValueError, as argparse wants it."""
+    value = int(text)
+    if not 0 <= value <= 65535:
+        raise ValueError(text)
+    return value
+
+
+def _serve(arguments: argparse.Namespace) -> int:
+    if not arguments.path and not arguments.link:
+        raise _Wrong("nothing to watch: name a journal, a folder with journals, or --link DEVICE")
+    for path in arguments.path:
+        if not path.exists():
+            raise _Wrong(f"{path}: no such file or folder")
+    try:
+        devices = [listened_to(text) for text in arguments.link]
+        missions = [read(folder) for folder in arguments.mission]
+    except (LinkError, MissionError) as error:
+        raise _Wrong(str(error)) from None
+    token, tiles = _token(arguments), _tiles(arguments)
+
+    # what is an extra is loaded here, when everything else is in order
+    import uvicorn
+
+    from gcs_module.watch.follow import Follower
+    from gcs_module.watch.page import build
+
+    try:
+        follower = Follower(arguments.path, devices, missions)
+    except LinkError as error:
+        raise _Wrong(str(error)) from None
+    application = build(follower, tiles, follower.begin, follower.end)
+    origin = "" if tiles is None else "{0.scheme}://{0.netloc}".format(urlsplit(tiles["url"].replace("{s}", "*")))
+    config = uvicorn.Config(
+        Door(application, token, origin),
+        host=arguments.bind,
+        port=arguments.port,
+        log_level="warning",
+        access_log=False,  # an address may hold the token
+        server_header=False,
+        ws_max_size=64 * 1024,
+        ws_max_queue=8,
+        limit_concurrency=200,
+        timeout_keep_alive=10,
+        timeout_graceful_shutdown=3,
+    )
+    try:
+        opened = config.bind_socket()
+    except SystemExit:  # uvicorn has said why
+        return 2
+    address, port = opened.getsockname()[:2]
+    shown = f"[{address}]" if ":" in address else address
+    print(f"http://{shown}:{port}/" + (f"?token={token}" if token else ""), flush=True)
+    try:
+        uvicorn.Server(config).run(sockets=[opened])
+    except KeyboardInterrupt:
+        pass
+    return 0
+
+
+def _token(arguments: argparse.Namespace) -> str | None:
+    """None: the page is this machine's alone. Raises _Wrong."""
+    if arguments.token_file is None:
+        return None if is_loopback(arguments.bind) else secrets.token_urlsafe(24)
+    try:
+        text = arguments.token_file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise _Wrong(f"{arguments.token_file}: {getattr(error, 'strerror', None) or 'cannot be read'}") from None
+    plain = text.isascii() and all(letter.isalnum() or letter in "-_" for letter in text)
+    if len(text) < _TOKEN or not plain:
+        raise _Wrong(
+            f"{arguments.token_file}: a token has {_TOKEN} or more letters, digits, '-', '_', and nothing else"
+        )
+    return str(text)
+
+
+def _tiles(arguments: argparse.Namespace) -> Mapping[str, str] | None:
+    """Raises _Wrong."""
+    url = arguments.tiles
+    if not url:
+        return None
+    parts = urlsplit(url)
+    if (
+        parts.scheme not in ("http", "https")
+        or not parts.netloc
+        or not all(each in url for each in ("{z}", "{x}", "{y}"))
+    ):
+        raise _Wrong(f"--tiles {url}: must be an address as https://HOST/{{z}}/{{x}}/{{y}}.png")
+    return {"url": url, "credit": arguments.tiles_credit}

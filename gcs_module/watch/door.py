@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Who may look: stands before everything that the page's server answers, plain requests and sockets alike.
+
+Rules that live here
+--------------------
+* Without a token this machine must be called by a name of its own: a page of somebody else's, in a browser here, must
+  not get at this one by a name that it has had pointed here. Nor may it open its socket.
+* With a token nothing is answered without it. It comes once in the address, and then in a cookie that no script reads;
+  the address is then the plain one again.
+* The browser is told to fetch nothing from anywhere else, but for the map's tiles if there are any.
+"""
+
+from __future__ import annotations
+
+import hmac
+from collections.abc import Awaitable, Callable, MutableMapping
+from http.cookies import CookieError, SimpleCookie
+from ipaddress import ip_address
+from typing import Any, Final
+from urllib.parse import parse_qs, quote, urlencode, urlsplit
+
+__all__ = ["COOKIE", "Door", "is_loopback"]
+
+COOKIE: Final = "handover_watch"
+_Message = MutableMapping[str, Any]
+_Receive = Callable[[], Awaitable[_Message]]
+_Send = Callable[[_Message], Awaitable[None]]
+_App = Callable[[Any, _Receive, _Send], Awaitable[None]]
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is this machine's alone."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class Door:
+    """An ASGI application around another. `token` None: whoever reaches the address may look, which must be loopback.
+
+    `tiles`: origin of the map's tiles, "": none.
+    """
+
+    def __init__(self, app: _App, token: str | None, tiles: str = "") -> None:
+        self._app = app
+        self._token = token
+        policy = (
+            "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+            f"font-src 'self' data:; img-src 'self' data: {tiles}; connect-src 'self'; object-src 'none'; "
+            "base-uri 'self'; form-action 'none'; frame-ancestors 'none'"
+        )
+        self._headers = [
+            (b"content-security-policy", policy.encode("latin-1", "replace")),
+            (b"referrer-policy", b"no-referrer"),
+            (b"x-content-type-options", b"nosniff"),
+        ]
+
+    async def __call__(self, scope: Any, receive: _Receive, send: _Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        host = headers.get(b"host", "")
+        origin = headers.get(b"origin")
+        if not self._ours(host) or (origin is not None and urlsplit(origin).netloc != host):
+            await self._refuse(scope, send, 421, "this page is not known by that name")
+        elif self._token is None or self._fits(_cookie(headers.get(b"cookie", ""))):
+            await self._app(scope, receive, self._marked(send))
+        else:
+            await self._ask(scope, send)
+
+    def _ours(self, host: str) -> bool:
+        try:
+            return self._token is not None or is_loopback(urlsplit(f"//{host}").hostname or "")
+        except ValueError:
+            return False
+
+    def _fits(self, given: str) -> bool:
+        return self._token is not None and hmac.compare_digest(given.encode(), self._token.encode())
+
+    async def _ask(self, scope: Any, send: _Send) -> None:
+        """Somebody without the cookie: with the token in the address it gets it."""
+        try:
+            query = parse_qs(scope.get("query_string", b"").decode("latin-1"), max_num_fields=20)
+        except ValueError:
+            query = {}
+        given = query.pop("token", [""])[0]
+        if scope["type"] != "http" or not self._fits(given):
+            await self._refuse(scope, send, 401, "a token is needed: open the address that handover watch has printed")
+            return
+        rest = urlencode(query, doseq=True)
+        # one slash: two would name another machine
+        place = "/" + quote(scope["path"].lstrip("/\\")) + (f"?{rest}" if rest else "")
+        cookie = f"{COOKIE}={given}; HttpOnly; SameSite=Strict; Path=/"
+        headers = [(b"location", place.encode()), (b"set-cookie", cookie.encode()), *self._headers]
+        await send({"type": "http.response.start", "status": 303, "headers": headers})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def _refuse(self, scope: Any, send: _Send, status: int, why: str) -> None:
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008, "reason": why})
+            return
+        headers = [(b"content-type", b"text/plain; charset=utf-8"), *self._headers]
+        await send({"type": "http.response.start", "status": status, "headers": headers})
+        await send({"type": "http.response.body", "body": f"handover watch: {why}\n".encode()})
+
+    def _marked(self, send: _Send) -> _Send:
+        async def marked(message: _Message) -> None:
+            if message["type"] == "http.response.start":
+                message = {**message, "headers": [*message.get("headers", ()), *self._headers]}
+            await send(message)
+
+        return marked
+
+
+def _cookie(header: str) -> str:
+    try:
+        found = SimpleCookie(header).get(COOKIE)
+    except CookieError:
+        return ""
+    return "" if found is None else found.value

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A MAVLink link that is listened to, and never spoken on.
+
+    udpin:HOST:PORT   what is sent to a local address, as by `--out=udp:HOST:PORT` of a MAVProxy
+    tcp:HOST:PORT     what a server says, once it is connected to
+
+Rules that live here
+--------------------
+* Only two things are ever done with a socket after it is open: read from it, and close it.
+* Other kinds of link are refused: they need a first word from this side, or a line that somebody else commands by.
+* A server that is not there, or goes, is tried again. A flood is read and thrown away beyond MOST_FRAMES a second.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Final
+
+from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
+from mavproxy_handover.wire.frames import Frame, FrameSplitter
+
+__all__ = ["MOST_FRAMES", "Ear", "listened_to"]
+
+#: taken in of one link in a second: twenty aircraft with all their streams
+MOST_FRAMES: Final = 4000
+#: so long (s) until a server is tried again
+_AGAIN_S: Final = 2.0
+_BYTES: Final = 65536
+
+
+def listened_to(text: str) -> DeviceSpec:
+    """The meaning of a device string. Raises LinkError, one line, for what cannot be listened to."""
+    device = parse_device(text)
+    if device.kind not in (Kind.UDP_IN, Kind.TCP_OUT):
+        raise LinkError(f"link {text}: only udpin:HOST:PORT and tcp:HOST:PORT can be listened to without a word")
+    return device
+
+
+class Ear:
+    """One link. `heard`: takes each frame; `now`: the clock, monotonic seconds."""
+
+    def __init__(self, device: DeviceSpec, heard: Callable[[Frame], None], now: Callable[[], float]) -> None:
+        self.device = device
+        #: how it stands with it, in words
+        self.state = "not open yet"
+        #: frames beyond MOST_FRAMES a second, and bytes that are no frames
+        self.thrown_away = 0
+        self.garbage = 0
+        self._heard = heard
+        self._now = now
+        self._second, self._left = 0, MOST_FRAMES
+
+    def bind(self) -> socket.socket | None:
+        """Open a local address, before anything else begins; None: it is no such link. Raises LinkError."""
+        if self.device.kind is not Kind.UDP_IN:
+            return None
+        ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            ear.bind((self.device.host, self.device.port))
+        except OSError as error:
+            ear.close()
+            raise LinkError(f"link {self.device.text}: {error.strerror or error}") from None
+        ear.setblocking(False)
+        self.state = "listening"
+        return ear
+
+    async def run(self, ear: socket.socket | None) -> None:
+        """Listen until it is cancelled. `ear`: what `bind` has opened."""
+        while True:
+            try:
+                if ear is not None:
+                    await self._datagrams(ear)
+                else:
+                    await self._stream()
+            except OSError as error:
+                self.state = f"not connected: {error.strerror or error}"
+            await asyncio.sleep(_AGAIN_S)
+
+    async def _datagrams(self, ear: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            data = await loop.sock_recv(ear, _BYTES)
+            splitter = FrameSplitter()  # of this datagram alone: senders may be several, and frames are never cut
+            self._take(splitter.feed(data))
+            self.garbage += splitter.counters.garbage_bytes + splitter.waiting
+
+    async def _stream(self) -> None:
+        loop = asyncio.get_running_loop()
+        splitter = FrameSplitter()
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as ear:
+            ear.setblocking(False)
+            await loop.sock_connect(ear, (self.device.host, self.device.port))
+            self.state = "connected"
+            while data := await loop.sock_recv(ear, _BYTES):
+                before = splitter.counters.garbage_bytes
+                self._take(splitter.feed(data, self._now()))
+                self.garbage += splitter.counters.garbage_bytes - before
+        self.state = "not connected: the server has ended it"
+
+    def _take(self, frames: list[Frame]) -> None:
+        second = int(self._now())
+        if second != self._second:
+            self._second, self._left = second, MOST_FRAMES
+        taken = frames[: self._left]
+        self._left -= len(taken)
+        self.thrown_away += len(frames) - len(taken)
+        for frame in taken:
+            with suppress(Exception):  # whatever is in it must not cost the frames behind it
+                self._heard(frame)
