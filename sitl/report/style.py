@@ -80,5 +80,6 @@ svg .way{{fill:none;stroke:var(--ink);stroke-width:1.2}}svg .way.again{{stroke-d
 svg .way.lost{{stroke:var(--bad)}}svg .head{{fill:var(--ink)}}
 {_STATIONS}
 @media(max-width:600px){{body{{padding:14px}}h1{{font-size:21px}}th,td{{padding-right:8px}}table{{font-size:13px}}
+td:last-child{{min-width:150px}}
 .shaped{{height:calc((100vw - 28px)*var(--tall) + 80px + var(--named)*15px);max-height:none}}}}
 """

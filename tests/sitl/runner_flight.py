@@ -114,4 +114,4 @@ def check(result: dict[str, Any], scenario: str, folder: Path) -> None:
     text = Path(result["report"]).read_text(encoding="utf-8")
     assert "Every expectation held" in text
     assert (folder / "map.png").stat().st_size > 20_000
-    assert text.count('<svg class="sequence"') >= 1
+    assert '<svg class="sequence"' in text or not result["handovers"]
