@@ -22,7 +22,7 @@ from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
 from mavproxy_handover.autopilot.gaps import GapWatch
-from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Way, way_of
+from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.autopilot.places import PlaceWatch
@@ -282,6 +282,11 @@ class Autopilot:
 
         asking = self._copter.holds_another(package.route.upload_items())
         self.conversations.begin(_HELD, asking, done, now)
+
+    def holds(self, prepared: Prepared, now: float) -> None:
+        """The same where the autopilot cannot be asked, and the walk is done: in the replay of a recording."""
+        self._loader.adopt(prepared.package, prepared.finder, prepared.way, now)
+        self._flies_by(prepared.package, prepared.along, now)
 
     def overwritten(self, now: float) -> None:
         """Somebody else begins to write a mission: what the autopilot holds is not known here any more."""

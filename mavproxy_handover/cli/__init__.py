@@ -44,6 +44,7 @@ _COMMANDS = {
         "main_report",
         "write the report of a flight, from journals, telemetry and dataflash logs",
     ),
+    "replay": ("sitl.replay.main", "main", "let a recorded flight pass through today's rules, with other limits, too"),
     "campaign": ("sitl.campaign.main", "main", "fly random missions with random faults over the rules, and judge them"),
     "watch": ("gcs_module.watch.command", "main", "serve a page for those who watch: aircraft, stations, alarms, live"),
     "policy": ("mavproxy_handover.cli.policy", "main", "print what the gate lets through, and why"),

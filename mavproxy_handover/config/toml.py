@@ -21,7 +21,7 @@ except ModuleNotFoundError:  # Python 3.10
 
 from mavproxy_handover.link.forms import LinkError, parse_device
 
-__all__ = ["ConfigError", "Ranges", "Table", "check_tables", "list_of_tables", "read_toml"]
+__all__ = ["ConfigError", "Ranges", "Table", "check_tables", "list_of_tables", "parse_value", "read_toml"]
 
 #: key -> lowest and highest value allowed
 Ranges = Mapping[str, tuple[float, float]]
@@ -129,6 +129,14 @@ def read_toml(path: Path) -> Mapping[str, Any]:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except (ValueError, RecursionError) as error:  # ValueError: no TOML, no UTF-8, a number of thousands of digits
         raise ConfigError(f"{path}: not valid TOML: {error}") from None
+
+
+def parse_value(text: str) -> Any:
+    """A value as such a file has it; a word that is no TOML by itself is a text."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, RecursionError):
+        return text
 
 
 def check_tables(data: Mapping[str, Any], path: Path, allowed: tuple[str, ...], required: tuple[str, ...]) -> None:

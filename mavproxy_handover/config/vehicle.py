@@ -32,7 +32,15 @@ from mavproxy_handover.gate.observers import ObserverLimits
 from mavproxy_handover.gate.tongues import POLICIES as TONGUE_POLICIES
 from mavproxy_handover.link.quality import LinkLimits
 
-__all__ = ["LIMIT_RANGES", "LINK_RANGES", "OBSERVER_RANGES", "StationLinks", "VehicleConfig", "load_vehicle"]
+__all__ = [
+    "LIMIT_RANGES",
+    "LINK_RANGES",
+    "OBSERVER_RANGES",
+    "StationLinks",
+    "VehicleConfig",
+    "load_vehicle",
+    "vehicle_of",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +246,11 @@ _STATION_KEYS: Final = ("name", "sysid", "links", "key", "module", "sysids", "no
 def load_vehicle(path: Path) -> VehicleConfig:
     """Read and check a vehicle's configuration. Raises ConfigError."""
     path = path.resolve()
-    data = read_toml(path)
+    return vehicle_of(read_toml(path), path)
+
+
+def vehicle_of(data: Mapping[str, Any], path: Path) -> VehicleConfig:
+    """Check what such a file holds. `path`: where it stands, for errors and for what it names. Raises ConfigError."""
     check_tables(data, path, _TABLES, ("vehicle", "station"))
     vehicle = Table(data["vehicle"], "vehicle", path, _VEHICLE_KEYS)
     name = vehicle.name("name")

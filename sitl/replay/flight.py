@@ -1,0 +1,362 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""One replay: a recorded flight, let pass through the real edge of the autopilot and the real rules.
+
+The recorded messages go into the very `Autopilot` that flies, at their times; what it makes of them goes into the very
+`Arbiter`; what that decides is written down by the very `Narrator`. Nothing is sent anywhere. Rules that live here:
+
+* The aircraft does what it did. From an order on that was not given then the rules judge an aircraft that does not
+  obey; and a mode that was ordered then, and is not now, looks like a pilot's choice.
+* What the companion asked the autopilot then is not asked now: the mission is held from the moment the journal has it,
+  without one from the first message on.
+* A new run of the companion (its leases have another nonce) begins with what the one before left, as after a restart.
+  Between the last message of the one and the first lease of the other nobody judged, and nobody does.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Final, cast
+
+from mavproxy_handover.autopilot.autopilot import Autopilot
+from mavproxy_handover.autopilot.copter import AUTO
+from mavproxy_handover.autopilot.loading import Prepared, prepare
+from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.core import events
+from mavproxy_handover.core.arbiter import Arbiter, Identity
+from mavproxy_handover.core.messages import Message
+from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.narrator import Narrator
+from mavproxy_handover.schedule import TICK_S
+from mavproxy_handover.stations.voice import Voice
+from mavproxy_handover.store.journal import Journal
+from sitl.replay.ground import Ground, silences
+from sitl.replay.happened import Decision, Happened, decision_of
+from sitl.replay.recording import Recording
+from sitl.replay.stand_in import ANSWERS, StandIn
+from sitl.report.journal_reader import Entry
+
+__all__ = ["Commander", "Replay", "replay"]
+
+#: the guard says so often (s) that it lives, where the recording has no word of it
+_GUARD_S: Final = 0.5
+#: the autopilot answers so long (s) after it was asked
+_ANSWER_S: Final = 0.005
+_CONTROL_TIMEOUT_S: Final = 10.0
+#: in front of a new run of the companion, a pause of the messages that is longer (s) is one in which nobody judged
+_SILENT_S: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Commander:
+    """From `at` (UTC s) on this station commands, "" nobody; why."""
+
+    at: float
+    station: str
+    reason: str
+
+
+@dataclass(slots=True)
+class Replay:
+    """What came of one replay. Times are UTC (s)."""
+
+    config: VehicleConfig
+    decisions: list[Decision] = field(default_factory=list)
+    commanders: list[Commander] = field(default_factory=list)
+    #: what would have been ordered and was not flown, in words
+    disobeyed: list[tuple[float, str]] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
+    #: transfers whose answers nobody recorded
+    assumed_answers: int = 0
+
+
+class _Book:
+    """Takes the narrator's entries with the time of the replay; it has a journal's face as far as that goes."""
+
+    def __init__(self, clock: Callable[[], float], replay: Replay) -> None:
+        self._clock, self._replay = clock, replay
+
+    def write(self, event: str, text: str = "", **values: Any) -> None:
+        now = self._clock()
+        entry = Entry(now, "", event, text, {key: value for key, value in values.items() if value is not None})
+        decision = decision_of(now, entry)
+        if decision is not None:
+            self._replay.decisions.append(decision)
+        if event == "fly" and not entry.get("obeyed"):
+            self._replay.disobeyed.append((now, text))
+
+    note = write
+
+
+class _Flight:
+    """Lets one recording pass once."""
+
+    def __init__(
+        self, recording: Recording, happened: Happened | None, prepared: Prepared, config: VehicleConfig,
+        flown: VehicleConfig,
+    ) -> None:  # fmt: skip
+        self._recording, self._happened, self._prepared, self._config = recording, happened, prepared, config
+        self.replay = Replay(config)
+        self._now = recording.begin
+        self._names = {entry.station.sysid: entry.station.name for entry in config.stations}
+        self._sysids = {name: sysid for sysid, name in self._names.items()}
+        self._stand_in = StandIn(prepared.package, recording.sysid, recording.messages)
+        self._later: list[tuple[float, int, Callable[[float], None]]] = []
+        self._number = itertools.count()
+        silent = silences(recording, happened, self._sysids, flown.limits)
+        self._ground = Ground(self._names, silent, happened, self._message_later)
+        self._weak: set[int] = set()
+        self._attacked: set[int] = set()
+        self._beats = iter(recording.beats)
+        self._second_at = next(self._beats, recording.begin)
+        self._started_by_log = happened is None or not (happened.starts or happened.start_ends)
+        self._begin_run(None, self._nonces()[0][1])
+
+    def _nonces(self) -> list[tuple[float, int]]:
+        return self._recording.runs() or [(self._recording.begin, 1)]
+
+    # ---- the companion ----------------------------------------------------------------------------------------------
+
+    def _begin_run(self, before: Arbiter | None, nonce: int) -> None:
+        config = self._config
+        stations = tuple(entry.station for entry in config.stations)
+        restored = None if before is None else before.snapshot()
+        self._arbiter = Arbiter(Identity(config.name, stations, config.parent, nonce), config.limits, restored)
+        self._view = self._arbiter.view
+        clock = Clocks(lambda: self._now, lambda: self._now)
+        book = cast("Journal", _Book(lambda: self._now, self.replay))
+        narrator = Narrator(config.name, book, book, self._arbiter, lambda _line: None, lambda: self._view.phase)
+        voice = Voice(config.sysid, self._asked, {})
+        self._narrator = narrator
+        self._autopilot = Autopilot(
+            config,
+            Ties(
+                arbiter=self._arbiter,
+                handle=self._handle,
+                fault=self._fault,
+                commands=lambda station: self._view.commander == station,
+                keep=lambda _package: None,
+                stale_s=config.limits.position_stale_s,
+                narrator=narrator,
+                voice=voice,
+                clocks=clock,
+            ),
+            nonce,
+        )
+        if restored is not None and restored.digest:
+            self._autopilot.holds(self._prepared, self._now)
+
+    def _asked(self, frame: bytes) -> None:
+        """The companion says something to the autopilot."""
+        autopilot = self._autopilot
+        for answer in self._stand_in.answers(frame):
+            self._at(self._now + _ANSWER_S, partial(autopilot.take, answer))
+
+    def _fault(self, where: str, text: str) -> None:
+        self.replay.faults.append(f"{where}: {text}")
+
+    def _handle(self, event: events.Event, now: float) -> None:
+        for action in self._arbiter.handle(event, now):
+            self._perform(action, now)
+
+    def _perform(self, action: events.Action, now: float) -> None:
+        match action:
+            case events.Send():
+                digest = self._arbiter.mission_digest
+                if self._ground.there(action.station, now):
+                    self._ground.hears(action.station, action.message, digest, now)
+            case events.ViewChanged():
+                self._in_force(action, now)
+            case events.Record():
+                self._narrator.record(action, now)
+            case events.Announce():
+                self._narrator.decision(action)
+            case events.Fly():
+                self._autopilot.orders.fly(action.action, now)
+            case events.BeginStart() | events.StartRefused():  # the recording says what came of it
+                pass
+            case events.RehearsalMoved() | events.RehearsalRefused():
+                pass
+            case events.ControlAnswer() | events.NotifyOwner():
+                pass
+            case _:
+                assert_never(action)
+
+    def _in_force(self, action: events.ViewChanged, now: float) -> None:
+        before, self._view = self._view, action.view
+        if before.commander == action.view.commander:
+            return
+        self._autopilot.authority_moved(now)
+        name = "" if action.view.commander is None else self._arbiter.name(action.view.commander)
+        self.replay.commanders.append(Commander(now, name, action.reason.name.lower()))
+
+    # ---- what comes from elsewhere than the autopilot ---------------------------------------------------------------
+
+    def _at(self, at: float, job: Callable[[float], None]) -> None:
+        heapq.heappush(self._later, (at, next(self._number), job))
+
+    def _event_at(self, at: float, event: events.Event) -> None:
+        self._at(at, lambda now: self._handle(event, now))
+
+    def _message_later(self, station: int, message: Message, at: float) -> None:
+        self._event_at(at, events.StationMessage(station, message))
+
+    def _plan(self) -> None:
+        """Everything whose time is known before."""
+        recording, happened = self._recording, self._happened
+        for station in self._names:
+            for at in self._beats_of(station):
+                self._event_at(at, events.StationHeard(station))
+        for at, hand in recording.hands:
+            self._event_at(at, hand)
+        if not recording.guarded and self._config.limits.guard_required:
+            for number in range(int((recording.end - recording.begin) / _GUARD_S) + 1):
+                at = recording.begin + number * _GUARD_S
+                self._at(at, lambda now: self._handle(events.GuardSeen(GuardState.LIVE, True), now))
+        missions = [] if happened is None else happened.mission
+        for at, loaded in missions or [(recording.begin, True)]:
+            self._at(max(at, recording.begin), self._load if loaded else self._drop)
+        if happened is not None:
+            self._plan_people(happened)
+
+    def _plan_people(self, happened: Happened) -> None:
+        for at, name in happened.starts:
+            if name in self._sysids:
+                self._event_at(at, events.StartRequested(self._sysids[name]))
+        for at, ok, text in happened.start_ends:
+            if ok and not text.endswith("armed and in AUTO"):
+                continue  # it was in the air: the rules see that by themselves
+            self._event_at(at, events.StartFinished(ok, text.partition(": ")[2]))
+        for at, name, wants in happened.requests:
+            if name in self._sysids:
+                station = self._sysids[name]
+                request = events.ControlRequested(station, wants, True, _CONTROL_TIMEOUT_S, station)
+                self._event_at(at, request)
+        for at, name, what, text in happened.links:
+            if name in self._sysids:
+                self._at(at, self._links_changed(self._sysids[name], what, text))
+
+    def _links_changed(self, station: int, what: str, text: str) -> Callable[[float], None]:
+        def change(now: float) -> None:
+            over = self._weak if what == "link_quality" else self._attacked
+            over ^= {station}
+            weak, attacked = station in self._weak, station in self._attacked
+            self._handle(events.LinkJudged(station, weak, attacked, text.partition(": ")[2]), now)
+
+        return change
+
+    def _beats_of(self, station: int) -> list[float]:
+        """The heartbeats that are in the file, and one each second between those."""
+        recording = self._recording
+        known = recording.station_beats.get(station, [])
+        found: list[float] = []
+        last = recording.begin - 1.0
+        for at in [*known, math.inf]:
+            while last + 1.0 < min(at - 0.5, recording.end):
+                last += 1.0
+                found.append(last)
+            if at < math.inf:
+                found.append(at)
+                last = at
+        begins = [until for _since, until in self._ground.silent(station) if recording.begin < until < recording.end]
+        return sorted(at for at in {*found, *begins} if self._ground.there(station, at))
+
+    def _load(self, now: float) -> None:
+        package = self._prepared.package
+        self._autopilot.holds(self._prepared, now)
+        word = package.policies.get("on_out_of_coverage")
+        self._handle(events.MissionLoaded(package.digest, self._prepared.commanders, word), now)
+
+    def _drop(self, now: float) -> None:
+        self._autopilot.overwritten(now)
+        self._handle(events.MissionLoaded(b"", ()), now)
+
+    # ---- time -------------------------------------------------------------------------------------------------------
+
+    def run(self) -> Replay:
+        """Let it pass."""
+        self._plan()
+        runs = self._nonces()[1:]
+        tick_at = self._now
+        down = False
+        last_at = self._now
+        for at, message in [*self._recording.messages, (self._recording.end + TICK_S, None)]:
+            if runs and at >= runs[0][0]:
+                self._now = at
+                self._begin_run(self._arbiter, runs.pop(0)[1])
+                self._narrator_restarted()
+                tick_at, down = at, False
+            elif runs and at - last_at > _SILENT_S:
+                down = True
+            last_at = at
+            while min(tick_at, self._next_later()) <= at:
+                if self._next_later() <= tick_at:
+                    due, _number, job = heapq.heappop(self._later)
+                    if not down:
+                        self._now = max(self._now, due)
+                        job(self._now)
+                else:
+                    self._now = max(self._now, tick_at)
+                    tick_at += TICK_S
+                    if not down:
+                        self._tick(self._now)
+            if message is None or down:
+                continue
+            self._now = max(self._now, at)
+            self._take(message, self._now)
+        self.replay.assumed_answers = self._ground.assumed
+        return self.replay
+
+    def _narrator_restarted(self) -> None:
+        self.replay.commanders.append(Commander(self._now, "", "restarted"))
+
+    def _next_later(self) -> float:
+        return self._later[0][0] if self._later else math.inf
+
+    def _tick(self, now: float) -> None:
+        autopilot = self._autopilot
+        autopilot.tick(now)
+        due = self._arbiter.next_deadline()
+        if due is not None and now >= due:
+            self._handle(events.Tick(), now)
+        if now >= self._second_at:
+            autopilot.each_second(self._view, now)
+            while self._second_at <= now:
+                self._second_at = next(self._beats, self._second_at + 1.0)
+
+    def _take(self, message: Any, now: float) -> None:
+        autopilot = self._autopilot
+        was_armed = autopilot.aircraft.armed
+        if self._started_by_log and message.get_type() == "HEARTBEAT":
+            self._begin_by_log(message, was_armed, now)
+        self._stand_in.sees(message)
+        if message.get_type() not in ANSWERS:
+            autopilot.take(message, now)
+        if autopilot.position_waits:
+            autopilot.check_zones(now)
+
+    def _begin_by_log(self, message: Any, was_armed: bool, now: float) -> None:
+        """START is where the recording arms: its commander is taken to have sent it."""
+        armed = bool(message.base_mode & 128)
+        commander = self._view.commander
+        if armed and not was_armed and commander is not None:
+            self._handle(events.StartRequested(commander), now)
+        if armed and message.custom_mode == AUTO:
+            self._handle(events.StartFinished(True), now)
+
+
+def replay(
+    recording: Recording, happened: Happened | None, package: MissionPackage, config: VehicleConfig,
+    flown: VehicleConfig,
+) -> Replay:  # fmt: skip
+    """Let `recording` pass under `config`. `flown`: what it was flown with, as far as known."""
+    return _Flight(recording, happened, prepare(package), config, flown).run()

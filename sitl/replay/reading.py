@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Reads a recorded flight of whatever kind, by the name of its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sitl.replay.recording import Recording, RecordingError, read_tlog
+
+__all__ = ["read_recording"]
+
+_READERS = {".tlog": read_tlog}
+
+
+def read_recording(path: Path) -> Recording:
+    """Read it. Raises RecordingError."""
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise RecordingError(f"{path}: must be one of {', '.join(_READERS)}")
+    return reader(path)

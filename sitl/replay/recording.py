@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A recorded flight: what the autopilot said and when, and what else its tlog shows of the companion of then.
+
+A tlog is a row of stamps (UTC, microseconds, eight bytes, the highest first) with a frame behind each. It holds what
+the companion heard of the autopilot and what it sent there: its leases, its own heartbeats, the commander's commands
+and heartbeats. What it said to the stations and heard of them is not in it.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot import hands
+from mavproxy_handover.core.events import HandSeen
+from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.wire.frames import parse_one
+from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
+from mavproxy_handover.wire.lease import Lease, unpack_guard_status, unpack_lease
+
+__all__ = ["COMMANDED", "Recording", "RecordingError", "read_tlog"]
+
+#: leases under which somebody commands
+COMMANDED: Final = (LeaseState.HELD, LeaseState.TRANSFER)
+_STAMP: Final = struct.Struct(">Q")
+#: stamps of 2000 to 2100, in microseconds: anything else is no stamp
+_STAMPS: Final = range(946_684_800_000_000, 4_102_444_800_000_000)
+_V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
+_GCS: Final = mavlink.MAV_TYPE_GCS
+
+
+class RecordingError(Exception):
+    """The file is no recording that can be replayed. The message is one line."""
+
+
+@dataclass(slots=True)
+class Recording:
+    """A flight. Times are UTC (s), and rise."""
+
+    path: Path
+    #: what kind of file it was, for people
+    kind: str
+    sysid: int
+    #: the autopilot's own messages
+    messages: list[tuple[float, Any]]
+    #: the companion's own heartbeats: when its jobs of each second were done
+    beats: list[float] = field(default_factory=list)
+    leases: list[tuple[float, Lease]] = field(default_factory=list)
+    #: heartbeats of stations that went to the autopilot: the commander's
+    station_beats: dict[int, list[float]] = field(default_factory=dict)
+    #: commands to the autopilot that ask for a mode
+    hands: list[tuple[float, HandSeen]] = field(default_factory=list)
+    #: the guard's words are among the messages
+    guarded: bool = False
+    #: what could not be read
+    unreadable: int = 0
+    #: what the file does not hold and is assumed instead, in words
+    assumed: list[str] = field(default_factory=list)
+
+    @property
+    def begin(self) -> float:
+        """The first message."""
+        return self.messages[0][0]
+
+    @property
+    def end(self) -> float:
+        """The last one."""
+        return self.messages[-1][0]
+
+    def runs(self) -> list[tuple[float, int]]:
+        """When each run of the companion began to send leases, and the nonce of those; none in the file: no runs."""
+        found: list[tuple[float, int]] = []
+        for at, lease in self.leases:
+            if not found or found[-1][1] != lease.nonce:
+                found.append((at, lease.nonce))
+        return found
+
+
+def _frames(data: bytes, skipped: list[int]) -> Iterator[tuple[float, bytes]]:
+    """The frames of a tlog with their times (UTC s); `skipped` gets the length of each stretch that is none."""
+    at = bad = 0
+    while at + 16 <= len(data):
+        (stamp,) = _STAMP.unpack_from(data, at)
+        magic, length = data[at + 8], data[at + 9]
+        size = 12 + length if magic == _V2 else 8 + length
+        if magic == _V2 and data[at + 10] & _SIGNED:
+            size += 13
+        if stamp not in _STAMPS or magic not in (_V1, _V2) or at + 8 + size > len(data):
+            at, bad = at + 1, bad + 1
+            continue
+        if bad:
+            skipped.append(bad)
+            bad = 0
+        yield stamp / 1e6, data[at + 8 : at + 8 + size]
+        at += 8 + size
+    if bad:
+        skipped.append(bad)
+
+
+def read_tlog(path: Path) -> Recording:
+    """Read a tlog. Raises RecordingError."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from None
+    skipped: list[int] = []
+    decoder = mavlink.MAVLink(None)
+    decoded: list[tuple[float, Any, bytes]] = []
+    unreadable = 0
+    for at, raw in _frames(data, skipped):
+        try:
+            decoded.append((at, decoder.decode(bytearray(raw)), raw))
+        except mavlink.MAVError:
+            unreadable += 1
+    decoded.sort(key=lambda entry: entry[0])
+    sysids = Counter(
+        message.get_srcSystem()
+        for _at, message, _raw in decoded
+        if message.get_type() == "HEARTBEAT"
+        and message.get_srcComponent() == AUTOPILOT_COMPID
+        and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
+        and message.type != _GCS
+    )
+    if not sysids:
+        raise RecordingError(f"{path}: no heartbeat of an autopilot in it ({len(decoded)} messages)")
+    sysid = sysids.most_common(1)[0][0]
+    recording = Recording(path, "tlog", sysid, [], unreadable=unreadable + len(skipped))
+    for at, message, raw in decoded:
+        _sort(recording, at, message, raw)
+    if not any(message.get_type() == "GLOBAL_POSITION_INT" for _at, message in recording.messages):
+        raise RecordingError(f"{path}: no position (GLOBAL_POSITION_INT) of vehicle {sysid} in it")
+    return recording
+
+
+def _sort(recording: Recording, at: float, message: Any, raw: bytes) -> None:
+    system, component, kind = message.get_srcSystem(), message.get_srcComponent(), message.get_type()
+    if system == recording.sysid and component == AUTOPILOT_COMPID:
+        recording.messages.append((at, message))
+        if kind == "TUNNEL" and message.payload_type == GUARD_STATUS_TUNNEL:
+            recording.guarded |= unpack_guard_status(bytes(message.payload)[: message.payload_length]) is not None
+    elif system == recording.sysid and component == COMPANION_COMPID:
+        if kind == "HEARTBEAT":
+            recording.beats.append(at)
+        elif kind == "TUNNEL" and message.payload_type == LEASE_TUNNEL:
+            lease = unpack_lease(bytes(message.payload)[: message.payload_length])
+            if lease is not None:
+                recording.leases.append((at, lease))
+    elif system != recording.sysid:
+        if kind == "HEARTBEAT":
+            recording.station_beats.setdefault(system, []).append(at)
+            return
+        frame = parse_one(raw)
+        addressed = frame is not None and getattr(message, "target_system", 0) == recording.sysid
+        hand = hands.of_command(frame) if frame is not None and addressed else None
+        if hand is not None:
+            recording.hands.append((at, hand))
