@@ -114,6 +114,7 @@ class _Flight:
         self._number = itertools.count()
         silent = silences(recording, happened, self._sysids, flown.limits)
         self._ground = Ground(self._names, silent, happened, self._message_later)
+        self._failed = False
         self._weak: set[int] = set()
         self._attacked: set[int] = set()
         self._beats = iter(recording.beats)
@@ -165,7 +166,16 @@ class _Flight:
         self.replay.faults.append(f"{where}: {text}")
 
     def _handle(self, event: events.Event, now: float) -> None:
-        for action in self._arbiter.handle(event, now):
+        if self._failed:
+            return
+        try:
+            actions = self._arbiter.handle(event, now)
+        except Exception as error:  # in flight it ends authority for good
+            self._failed = True
+            self._fault("the rules failed", f"{type(event).__name__}: {type(error).__name__}: {error}")
+            self.replay.commanders.append(Commander(now, "", "fault"))
+            return
+        for action in actions:
             self._perform(action, now)
 
     def _perform(self, action: events.Action, now: float) -> None:
@@ -325,6 +335,8 @@ class _Flight:
     def _tick(self, now: float) -> None:
         autopilot = self._autopilot
         autopilot.tick(now)
+        if self._failed:
+            return
         due = self._arbiter.next_deadline()
         if due is not None and now >= due:
             self._handle(events.Tick(), now)

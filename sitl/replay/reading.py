@@ -5,12 +5,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
+from sitl.replay.dataflash import read_dataflash
 from sitl.replay.recording import Recording, RecordingError, read_tlog
+from sitl.replay.table import read_table
 
 __all__ = ["read_recording"]
 
-_READERS = {".tlog": read_tlog}
+_READERS: Final = {".tlog": read_tlog, ".bin": read_dataflash, ".csv": read_table}
 
 
 def read_recording(path: Path) -> Recording:

@@ -117,7 +117,7 @@ def read_tlog(path: Path) -> Recording:
     for at, raw in _frames(data, skipped):
         try:
             decoded.append((at, decoder.decode(bytearray(raw)), raw))
-        except mavlink.MAVError:
+        except (mavlink.MAVError, struct.error, ValueError):
             unreadable += 1
     decoded.sort(key=lambda entry: entry[0])
     sysids = Counter(
