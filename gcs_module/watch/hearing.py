@@ -5,13 +5,14 @@
 Rules that live here
 --------------------
 * An aircraft is a system whose companion says who commands, or whose autopilot is heard; nothing else makes one.
-* Names are those of CONNECT_ACK; until it comes, and for stations, those that a mission gives to the system ids.
+* Names are those of CONNECT and CONNECT_ACK; until one comes, and for stations, those that a mission gives to the ids.
 * Signatures are not checked: this page has no keys. It shows what is said on the link that it was given.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from math import inf
 from typing import Any, Final
 
@@ -38,6 +39,7 @@ _TAKEN: Final = frozenset(
         mavlink.MAVLINK_MSG_ID_HANDOVER_AHEAD,
         mavlink.MAVLINK_MSG_ID_HANDOVER_DECISION,
         mavlink.MAVLINK_MSG_ID_HANDOVER_TELEMETRY,
+        mavlink.MAVLINK_MSG_ID_CONNECT,
         mavlink.MAVLINK_MSG_ID_CONNECT_ACK,
     )
 )
@@ -54,10 +56,10 @@ class Hearing:
         self.source = Source(name)
         self._scene = scene
         self._station_name = station_name
-        #: aircraft by system id, the texts of their companions, and the number of the last decision
+        #: aircraft by system id, the texts of their companions, and number and words of the last decision
         self._aircraft: dict[int, Aircraft] = {}
         self._texts: dict[int, Texts] = {}
-        self._decided: dict[int, int] = {}
+        self._decided: dict[int, tuple[int, str]] = {}
 
     def on_frame(self, frame: Frame, now: float, utc_now: float) -> None:
         """A frame of the link."""
@@ -83,8 +85,12 @@ class Hearing:
     def tick(self, now: float, utc_now: float) -> None:
         """Tell the texts that are whole; to be called each second."""
         for sysid, texts in self._texts.items():
-            for text in texts.due(now, lambda _text: False):
+            for text in texts.due(now, partial(self._told, sysid)):
                 self._scene.tell(utc_now, self._aircraft[sysid].name, text.level, text.words)
+
+    def _told(self, sysid: int, text: str) -> bool:
+        """Decisions, and who commands: they come in messages of ours too, and are told from those."""
+        return text == self._decided.get(sysid, (0, ""))[1] or " commands now" in text
 
     def _craft(self, frame: Frame, m: Any) -> Aircraft | None:
         found = self._aircraft.get(frame.sysid)
@@ -113,7 +119,7 @@ class Hearing:
             self._decision(sysid, craft, m, now, utc_now)
         elif kind == "HANDOVER_TELEMETRY":
             self._telemetry(craft, m, now)
-        elif kind == "CONNECT_ACK" and m.vehicle == sysid:
+        elif kind in ("CONNECT", "CONNECT_ACK") and m.vehicle == sysid:
             self._named(sysid, craft, m)
 
     def _named(self, sysid: int, craft: Aircraft, m: Any) -> None:
@@ -171,8 +177,8 @@ class Hearing:
             craft.alarms.end("decision")
         else:
             craft.alarms.begin("decision", level, text, now)
-        if self._decided.get(sysid) != m.number:
-            self._decided[sysid] = m.number
+        if self._decided.get(sysid) != (m.number, text):
+            self._decided[sysid] = m.number, text
             self._scene.tell(utc_now, craft.name, level, text)
 
     def _telemetry(self, craft: Aircraft, m: Any, now: float) -> None:

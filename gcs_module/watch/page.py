@@ -51,6 +51,7 @@ _COMMANDER: Final = """<span class="hw-chip" v-if="props.row.commander" :style="
 _LEASE: Final = """<span :class="{'hw-wrong': !props.row.held}">{{ props.row.lease }}</span>"""
 _GUARD: Final = """<span :class="{'hw-wrong': !props.row.guarded}">{{ props.row.guard }}</span>"""
 _BATTERY: Final = """<span :class="{'hw-wrong': props.row.low}">{{ props.row.battery }}</span>"""
+_NEXT: Final = """<span>{{ props.row.next }}</span>"""
 _LINKS: Final = """<span class="hw-link" v-for="link in props.row.links" :key="link.name" :class="link.state"
  ><i :style="{color: link.colour}"></i>{{ link.name }} <span class="hw-aged">{{ link.words }}</span></span>"""
 _ALARM: Final = """<q-tr><q-td><div class="hw-alarm" :class="{done: props.row.acknowledged}"
@@ -108,7 +109,14 @@ class _Page:
         ]
         table = ui.table(columns=columns, rows=[], row_key="name")
         table.props('dense flat hide-pagination :rows-per-page-options="[0]"')
-        slots = {"name": _NAME, "commander": _COMMANDER, "lease": _LEASE, "guard": _GUARD, "battery": _BATTERY}
+        slots = {
+            "name": _NAME,
+            "commander": _COMMANDER,
+            "lease": _LEASE,
+            "guard": _GUARD,
+            "battery": _BATTERY,
+            "next": _NEXT,
+        }
         for name, inside in {**slots, "links": _LINKS}.items():
             table.add_slot(f"body-cell-{name}", f'<q-td :props="props" class="hw-cell-{name}">{inside}</q-td>')
         table.on("row-click", js_handler="(event, row) => window.handoverWatch.focus(row.name)")

@@ -116,9 +116,9 @@ class Border:
 
 @dataclass(slots=True)
 class Contact:
-    """A station as an aircraft hears it. `links`: device string, and whether it is good."""
+    """A station as an aircraft hears it; None: it has not said so. `links`: device string, and whether it is good."""
 
-    heard: bool = False
+    heard: bool | None = None
     links: dict[str, bool] = field(default_factory=dict)
 
 

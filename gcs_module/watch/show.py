@@ -198,10 +198,10 @@ def _next(craft: Aircraft, mission: Mission | None, now: float) -> str:
 
 def _link(name: str, contact: Contact, colours: _Colours) -> dict[str, Any]:
     good, all_links = sum(contact.links.values()), len(contact.links)
-    if not contact.heard and not all_links:
-        state, words = "unknown", ""
-    elif not contact.heard:
+    if contact.heard is False:
         state, words = "lost", "silent"
+    elif contact.heard is None and not all_links:
+        state, words = "unknown", ""
     elif good < all_links:
         state, words = "weak", "weak" if all_links == 1 else f"{all_links - good} of {all_links} weak"
     else:

@@ -130,6 +130,16 @@ def test_decisions_and_commanders_are_told_once_and_alarm(listening: Listening) 
     assert listening.scene.feed[0].level is DECISIONS[FlightAction.RETURN]
 
 
+def test_texts_of_the_companion_are_told_unless_a_message_has_said_so(listening: Listening) -> None:
+    listening.hear(authority(251))
+    decided = b"HOLD: coverage ends in 5 s"
+    listening.hear(mavlink.MAVLink_handover_decision_message(7, FlightAction.HOLD, 5, b"", b"", decided))
+    for text in (decided, b"GCSA commands now (handover 1)", b"energy: the budget closes"):
+        listening.hear(mavlink.MAVLink_statustext_message(4, text), component=COMPANION_COMPID)
+    listening.hearing.tick(listening.now + 1.0, 1.7e9)
+    assert [line.text for line in listening.scene.feed] == ["HOLD: coverage ends in 5 s", "energy: the budget closes"]
+
+
 def test_it_is_known_by_its_name_once_that_is_said(listening: Listening) -> None:
     listening.hear(authority(251))
     listening.hear(mavlink.MAVLink_connect_ack_message(251, 0, 1, 251, 3, 0, 4, 251, b"drone-7", [0] * 32, 0))

@@ -212,6 +212,8 @@ def test_links_that_are_bad_are_counted(watching: Watching) -> None:
     watching.say("drone-1", "authority_lost", "GCSA is silent", station="GCSA")
     (link,) = watching.row["links"]
     assert link["words"] == "silent"
+    watching.say("drone-1", "authority_lost", "GCSC is silent", station="GCSC")  # of its links nothing was ever said
+    assert [link["state"] for link in watching.row["links"]] == ["lost", "lost"]
 
 
 def test_everything_has_an_end(watching: Watching) -> None:
