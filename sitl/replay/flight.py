@@ -9,6 +9,7 @@ The recorded messages go into the very `Autopilot` that flies, at their times; w
   obey; and a mode that was ordered then, and is not now, looks like a pilot's choice.
 * What the companion asked the autopilot then is not asked now: the mission is held from the moment the journal has it,
   without one from the first message on.
+* A recording that begins in flight begins as after a restart, under the commander of its first lease, else the parent.
 * A new run of the companion (its leases have another nonce) begins with what the one before left, as after a restart.
   Between the last message of the one and the first lease of the other nobody judged, and nobody does.
 """
@@ -23,6 +24,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, cast
 
+from pymavlink.dialects.v20 import handover as mavlink
+
 from mavproxy_handover.autopilot.autopilot import Autopilot
 from mavproxy_handover.autopilot.copter import AUTO
 from mavproxy_handover.autopilot.loading import Prepared, prepare
@@ -32,8 +35,9 @@ from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.model import GuardState, Phase
 from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.schedule import TICK_S
@@ -77,6 +81,8 @@ class Replay:
     faults: list[str] = field(default_factory=list)
     #: transfers whose answers nobody recorded
     assumed_answers: int = 0
+    #: who is taken to have commanded where the recording begins in flight; "": it does not
+    aloft: str = ""
 
 
 class _Book:
@@ -120,17 +126,29 @@ class _Flight:
         self._beats = iter(recording.beats)
         self._second_at = next(self._beats, recording.begin)
         self._started_by_log = happened is None or not (happened.starts or happened.start_ends)
-        self._begin_run(None, self._nonces()[0][1])
+        self._begin_run(self._aloft(), self._nonces()[0][1])
 
     def _nonces(self) -> list[tuple[float, int]]:
         return self._recording.runs() or [(self._recording.begin, 1)]
 
     # ---- the companion ----------------------------------------------------------------------------------------------
 
-    def _begin_run(self, before: Arbiter | None, nonce: int) -> None:
+    def _aloft(self) -> Snapshot | None:
+        """What a run before would have left, where the recording begins in flight; None: it begins on the ground."""
+        recording, prepared = self._recording, self._prepared
+        heartbeat = next((m for _at, m in recording.messages if m.get_type() == "HEARTBEAT"), None)
+        if heartbeat is None or not heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED:
+            return None
+        lease = recording.leases[0][1] if recording.leases else None
+        owner = lease.commander if lease is not None and lease.commander in self._names else self._config.parent
+        epoch = lease.epoch if lease is not None else 1
+        digest, route = prepared.package.digest, prepared.commanders
+        self.replay.aloft = self._names[owner]
+        return Snapshot(owner, epoch, 0, Phase.ON_MISSION, 0, digest, route)
+
+    def _begin_run(self, restored: Snapshot | None, nonce: int) -> None:
         config = self._config
         stations = tuple(entry.station for entry in config.stations)
-        restored = None if before is None else before.snapshot()
         self._arbiter = Arbiter(Identity(config.name, stations, config.parent, nonce), config.limits, restored)
         self._view = self._arbiter.view
         clock = Clocks(lambda: self._now, lambda: self._now)
@@ -233,7 +251,11 @@ class _Flight:
                 at = recording.begin + number * _GUARD_S
                 self._at(at, lambda now: self._handle(events.GuardSeen(GuardState.LIVE, True), now))
         missions = [] if happened is None else happened.mission
-        for at, loaded in missions or [(recording.begin, True)]:
+        if self.replay.aloft:  # it is held already
+            missions = [(at, loaded) for at, loaded in missions if at >= recording.begin]
+        elif not missions:
+            missions = [(recording.begin, True)]
+        for at, loaded in missions:
             self._at(max(at, recording.begin), self._load if loaded else self._drop)
         if happened is not None:
             self._plan_people(happened)
@@ -302,7 +324,7 @@ class _Flight:
         for at, message in [*self._recording.messages, (self._recording.end + TICK_S, None)]:
             if runs and at >= runs[0][0]:
                 self._now = at
-                self._begin_run(self._arbiter, runs.pop(0)[1])
+                self._begin_run(self._arbiter.snapshot(), runs.pop(0)[1])
                 self._narrator_restarted()
                 tick_at, down = at, False
             elif runs and at - last_at > _SILENT_S:
@@ -358,7 +380,7 @@ class _Flight:
 
     def _begin_by_log(self, message: Any, was_armed: bool, now: float) -> None:
         """START is where the recording arms: its commander is taken to have sent it."""
-        armed = bool(message.base_mode & 128)
+        armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         commander = self._view.commander
         if armed and not was_armed and commander is not None:
             self._handle(events.StartRequested(commander), now)

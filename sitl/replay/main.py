@@ -48,6 +48,8 @@ class _Told:
     changes: tuple[str, ...] = ()
     #: the one under other limits against the first
     other: Comparison | None = None
+    #: the flight had a position box
+    boxed: bool = False
 
     @property
     def code(self) -> int:
@@ -114,15 +116,22 @@ def _replay(arguments: argparse.Namespace) -> _Told:
     happened = _journal(arguments)
     recording = read_recording(arguments.file)
     flown = vehicle(settings, package, recording.sysid)
-    first = replay(recording, happened, package, flown, flown)
+    inputs = _inputs(happened, package)
+    first = replay(recording, inputs, package, flown, flown)
     held = None if happened is None else compare(_within(happened, recording), first.decisions, arguments.tolerance)
     if not tries:
-        return _Told(recording, package, happened, flown, first, held)
+        return _Told(recording, package, happened, flown, first, held, boxed="position" in settings[0])
     config = vehicle(other, package, recording.sysid)
     changes = tuple(differences(flown, config))
-    tried = replay(recording, happened, package, config, flown)
+    tried = replay(recording, inputs, package, config, flown)
     against = compare(first.decisions, tried.decisions, arguments.tolerance)
-    return _Told(recording, package, happened, flown, first, held, tried, changes, against)
+    return _Told(recording, package, happened, flown, first, held, tried, changes, against, "position" in settings[0])
+
+
+def _inputs(happened: Happened | None, package: MissionPackage) -> Happened | None:
+    """The journal, where it tells of stations of this mission: of others it says nothing."""
+    names = {entry.name for entry in package.stations}
+    return happened if happened is not None and any(name in names for _at, name in happened.heard) else None
 
 
 def _journal(arguments: argparse.Namespace) -> Happened | None:
@@ -214,8 +223,12 @@ def _commanders(found: Replay, begin: float) -> list[str]:
 
 def _assumptions(told: _Told) -> list[str]:
     """What a replay cannot know, and what it goes by instead."""
-    recording, happened = told.recording, told.happened
+    recording, happened = told.recording, _inputs(told.happened, told.package)
     found = list(recording.assumed)
+    if told.happened is not None and happened is None:
+        found.append(
+            "stations of this mission: none is in the journal, so it is compared, and nothing else is taken of it"
+        )
     if happened is None:
         found += [
             "what operators typed: START is taken to come when it arms, and nothing else is asked for",
@@ -236,6 +249,10 @@ def _assumptions(told: _Told) -> list[str]:
     assumed = max(each.assumed_answers for each in replays)
     if assumed and happened is not None:
         found.append(f"answers in {assumed} transfers that were not tried then: granted at once")
+    if told.first.aloft:
+        found.append(f"what was before: it begins in flight, as after a restart under {told.first.aloft}")
+    if told.boxed:
+        found.append("the position box of the configuration: the autopilot's own position counts instead")
     if not recording.guarded:
         found.append("the guard: alive all the time" if told.flown.limits.guard_required else "the guard: none")
     if recording.unreadable:

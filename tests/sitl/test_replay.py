@@ -11,12 +11,14 @@ from __future__ import annotations
 import gzip
 import json
 import shutil
+import struct
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from mavproxy_handover.cli import main as handover
+from sitl.replay.recording import read_tlog
 
 FLIGHTS = Path(__file__).parents[1] / "data" / "replay"
 MISSIONS = Path(__file__).parents[2] / "missions"
@@ -129,6 +131,41 @@ def test_a_tlog_alone_says_what_is_assumed(flight: Path, capsys: pytest.CaptureF
         "all of them all the time",
     ):
         assert words in told
+
+
+@pytest.mark.parametrize("flight", ["linear"], indirect=True)
+def test_a_recording_that_begins_in_flight_begins_under_its_first_lease(
+    flight: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From between both handovers on: GCSB commands, and gives to GCSA."""
+    begin = read_tlog(flight).begin
+    data, place = flight.read_bytes(), 0
+    while struct.unpack_from(">Q", data, place)[0] / 1e6 < begin + 25.0:
+        place += 8 + 12 + data[place + 9] + (13 if data[place + 10] & 1 else 0)
+    flight.write_bytes(data[place:])
+    code, found = run(flight, capsys, "--no-journal")
+    assert code == 0
+    commanders = [(each["station"], each["reason"]) for each in found["replay"]["commanders"]]
+    assert commanders == [("GCSB", "commander_returned"), ("GCSA", "zone")]
+    assert found["replay"]["commanders"][1]["at"] - begin == pytest.approx(40.75, abs=0.3)
+    assert "what was before: it begins in flight, as after a restart under GCSB" in found["not_recorded"]
+
+
+@pytest.mark.parametrize("flight", ["linear"], indirect=True)
+def test_another_mission_has_stations_of_its_own(flight: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The mission `linear` with two other stations, of which the journal says nothing."""
+    other = flight.parent / "other"
+    other.mkdir()
+    for path in (MISSIONS / "linear").iterdir():
+        text = path.read_text().replace("GCSA", "WEST").replace("GCSB", "EAST")
+        (other / path.name).write_text(text.replace("251", "201").replace("252", "202"))
+    (flight.parent / "mission").unlink()
+    (flight.parent / "mission").symlink_to(other)
+    code, found = run(flight, capsys)
+    assert code == 1
+    assert [each["station"] for each in found["replay"]["commanders"]] == ["WEST", "EAST", "WEST"]
+    assert [each["text"] for each in found["happened"]["only_before"]].count("zone of GCSB entered") == 1
+    assert "none is in the journal" in "\n".join(found["not_recorded"])
 
 
 @pytest.mark.parametrize("flight", ["out-of-coverage"], indirect=True)
