@@ -36,13 +36,11 @@ COMMANDERS = {
     "nominal": ["GCSA", "GCSB", "GCSA", "GCSB", "GCSA"],
     "out-of-coverage": ["GCSA"],
     "companion-killed": ["GCSA", "GCSB"],
-    "unsigned": ["GCSA", "GCSB"],
-    "guard-key": ["GCSA"],
     "guard-key-other": ["GCSA"],
 }
 #: of these, on which vehicle: one is enough where what is shown lies in the companion
 ON_ARDUCOPTER = ("nominal", "companion-killed", "guard-key-other")
-ON_THE_BUILT_IN = ("nominal", "out-of-coverage", "unsigned", "guard-key", "guard-key-other")
+ON_THE_BUILT_IN = ("nominal", "out-of-coverage", "guard-key-other")
 
 
 Start = Callable[..., "subprocess.Popen[str]"]

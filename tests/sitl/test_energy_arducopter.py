@@ -50,11 +50,11 @@ def loaded(settings: EnergySettings) -> EnergySettings:
 @pytest.mark.parametrize(
     ("speed", "direction", "payload"),
     [
-        pytest.param(0.0, 0.0, False, id="calm"),
+        pytest.param(0.0, 0.0, False, id="calm", marks=pytest.mark.long),
         pytest.param(5.0, AHEAD, False, id="5 ahead", marks=pytest.mark.long),
         pytest.param(5.0, BEHIND, False, id="5 behind", marks=pytest.mark.long),
-        pytest.param(5.0, ACROSS, False, id="5 across", marks=pytest.mark.long),
-        pytest.param(8.0, AHEAD, False, id="8 ahead"),
+        pytest.param(5.0, ACROSS, False, id="5 across"),
+        pytest.param(8.0, AHEAD, False, id="8 ahead", marks=pytest.mark.long),
         pytest.param(8.0, BEHIND, False, id="8 behind", marks=pytest.mark.long),
         pytest.param(8.0, ACROSS, False, id="8 across", marks=pytest.mark.long),
         pytest.param(0.0, 0.0, True, id="payload dropped, calm", marks=pytest.mark.long),
