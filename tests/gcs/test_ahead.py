@@ -134,7 +134,10 @@ class TestAnswer:
         core = asked()
         core.handle(Answer(yes), NOW)
         assert core.handle(Answer(yes), NOW) == [Notice("question", "There is no question to answer.")]
-        assert words(core.handle(Answer(not yes), NOW)) == [ToVehicle(OkAhead(BORDER, DENIED if yes else GRANTED))]
+        changed = core.handle(Answer(not yes), NOW)
+        assert words(changed) == [ToVehicle(OkAhead(BORDER, DENIED if yes else GRANTED))]
+        word, other = ("denied", "accept") if yes else ("accepted", "deny")
+        assert notices(changed) == [f"GCSA -> GCSB {word} beforehand; 'handover {other}' changes that."]
 
     def test_while_a_transfer_is_under_way_it_is_not_changed(self) -> None:
         core = station(B)
