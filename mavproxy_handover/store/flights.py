@@ -91,7 +91,8 @@ def _forget(base: Path, who: str, config: str) -> None:
     if not begun:
         return
     path = base / max(begun)[2]
-    if path.is_symlink() or not path.is_dir():
+    # one that another process is just making has no such file yet: that is written under the lock
+    if path.is_symlink() or not (path / _ABOUT).is_file():
         return
     written = (each.stat().st_size for each in path.iterdir() if each.name not in (_HELD, _ABOUT, config))
     if not any(written) and not _is_held(path):

@@ -257,6 +257,8 @@ def _assumptions(told: _Told) -> list[str]:
         found.append("the guard: alive all the time" if told.flown.limits.guard_required else "the guard: none")
     if recording.unreadable:
         found.append(f"{recording.unreadable} messages could not be read")
+    if recording.spoilt:
+        found.append(f"{recording.spoilt} bytes are no part of a message")
     found.append("another way of the aircraft: it flies what it flew, whatever would have been ordered")
     for each in replays:
         found += [f"  T+{at - recording.begin:.2f} s: not flown then: {words}" for at, words in each.disobeyed]

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -21,18 +20,16 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot import hands
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import LeaseState
-from mavproxy_handover.wire.frames import parse_one
+from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import Lease, unpack_guard_status, unpack_lease
+from sitl.report.strand import Stamps
+from sitl.report.tlog import frames
 
 __all__ = ["COMMANDED", "Recording", "RecordingError", "read_tlog"]
 
 #: leases under which somebody commands
 COMMANDED: Final = (LeaseState.HELD, LeaseState.TRANSFER)
-_STAMP: Final = struct.Struct(">Q")
-#: stamps of 2000 to 2100, in microseconds: anything else is no stamp
-_STAMPS: Final = range(946_684_800_000_000, 4_102_444_800_000_000)
-_V1, _V2, _SIGNED = 0xFE, 0xFD, 0x01
 _GCS: Final = mavlink.MAV_TYPE_GCS
 
 
@@ -59,8 +56,9 @@ class Recording:
     hands: list[tuple[float, HandSeen]] = field(default_factory=list)
     #: the guard's words are among the messages
     guarded: bool = False
-    #: what could not be read
+    #: messages that could not be read, and bytes that were no part of one
     unreadable: int = 0
+    spoilt: int = 0
     #: what the file does not hold and is assumed instead, in words
     assumed: list[str] = field(default_factory=list)
 
@@ -83,46 +81,29 @@ class Recording:
         return found
 
 
-def _frames(data: bytes, skipped: list[int]) -> Iterator[tuple[float, bytes]]:
-    """The frames of a tlog with their times (UTC s); `skipped` gets the length of each stretch that is none."""
-    at = bad = 0
-    while at + 16 <= len(data):
-        (stamp,) = _STAMP.unpack_from(data, at)
-        magic, length = data[at + 8], data[at + 9]
-        size = 12 + length if magic == _V2 else 8 + length
-        if magic == _V2 and data[at + 10] & _SIGNED:
-            size += 13
-        if stamp not in _STAMPS or magic not in (_V1, _V2) or at + 8 + size > len(data):
-            at, bad = at + 1, bad + 1
-            continue
-        if bad:
-            skipped.append(bad)
-            bad = 0
-        yield stamp / 1e6, data[at + 8 : at + 8 + size]
-        at += 8 + size
-    if bad:
-        skipped.append(bad)
-
-
 def read_tlog(path: Path) -> Recording:
     """Read a tlog. Raises RecordingError."""
     try:
         data = path.read_bytes()
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from None
-    skipped: list[int] = []
+    spoilt: list[int] = []
     decoder = mavlink.MAVLink(None)
-    decoded: list[tuple[float, Any, bytes]] = []
+    decoded: list[tuple[float, Any, Frame]] = []
     unreadable = 0
-    for at, raw in _frames(data, skipped):
+    stamps = Stamps()
+    for at, frame in frames(data, spoilt):
+        if not stamps.believed(at):
+            unreadable += 1
+            continue
         try:
-            decoded.append((at, decoder.decode(bytearray(raw)), raw))
+            decoded.append((at, decoder.decode(bytearray(frame.raw)), frame))
         except (mavlink.MAVError, struct.error, ValueError):
             unreadable += 1
     decoded.sort(key=lambda entry: entry[0])
     sysids = Counter(
         message.get_srcSystem()
-        for _at, message, _raw in decoded
+        for _at, message, _frame in decoded
         if message.get_type() == "HEARTBEAT"
         and message.get_srcComponent() == AUTOPILOT_COMPID
         and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
@@ -131,15 +112,15 @@ def read_tlog(path: Path) -> Recording:
     if not sysids:
         raise RecordingError(f"{path}: no heartbeat of an autopilot in it ({len(decoded)} messages)")
     sysid = sysids.most_common(1)[0][0]
-    recording = Recording(path, "tlog", sysid, [], unreadable=unreadable + len(skipped))
-    for at, message, raw in decoded:
-        _sort(recording, at, message, raw)
+    recording = Recording(path, "tlog", sysid, [], unreadable=unreadable, spoilt=sum(spoilt))
+    for at, message, frame in decoded:
+        _sort(recording, at, message, frame)
     if not any(message.get_type() == "GLOBAL_POSITION_INT" for _at, message in recording.messages):
         raise RecordingError(f"{path}: no position (GLOBAL_POSITION_INT) of vehicle {sysid} in it")
     return recording
 
 
-def _sort(recording: Recording, at: float, message: Any, raw: bytes) -> None:
+def _sort(recording: Recording, at: float, message: Any, frame: Frame) -> None:
     system, component, kind = message.get_srcSystem(), message.get_srcComponent(), message.get_type()
     if system == recording.sysid and component == AUTOPILOT_COMPID:
         recording.messages.append((at, message))
@@ -156,8 +137,7 @@ def _sort(recording: Recording, at: float, message: Any, raw: bytes) -> None:
         if kind == "HEARTBEAT":
             recording.station_beats.setdefault(system, []).append(at)
             return
-        frame = parse_one(raw)
-        addressed = frame is not None and getattr(message, "target_system", 0) == recording.sysid
-        hand = hands.of_command(frame) if frame is not None and addressed else None
+        addressed = getattr(message, "target_system", 0) == recording.sysid
+        hand = hands.of_command(frame) if addressed else None
         if hand is not None:
             recording.hands.append((at, hand))

@@ -201,6 +201,8 @@ def _carried(samples: list[Sample], entries: Sequence[Entry]) -> list[Sample]:
     other: one that is simulated stands still while it is carried by the word of a position box alone."""
     moves = [entry for entry in entries if entry.event == "rehearsal"]
     begun, over = (next((e.t for e in moves if e.get("on") is on), inf) for on in (True, False))
+    if begun == inf:
+        return samples
     places = [
         (entry.t, lat_deg, lon_deg, number(entry, "alt_m") or 0.0)
         for entry in entries

@@ -104,6 +104,13 @@ def test_a_run_that_has_written_nothing_yet_and_lives_stays(tmp_path: Path, conf
     assert living.is_dir()
 
 
+def test_a_folder_that_another_process_is_just_making_stays(tmp_path: Path, config: Path) -> None:
+    made = tmp_path / "20260517T120000Z-GCSA"
+    made.mkdir()
+    begin(tmp_path, "GCSA", NOON, {}, config)
+    assert made.is_dir()
+
+
 def _begun_and_over(base: Path, who: str, utc: datetime, config: Path) -> Path:
     """A run that begins and ends: by another process, as nothing but its end lets go of a folder."""
     code = (
