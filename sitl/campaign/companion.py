@@ -146,6 +146,7 @@ class Companion:
         """Its process is gone."""
         self.arbiter = self._watch = None
         self._log.companion.set(now, False)
+        self._log.transfer.set(now, None)
         self._log.note(now, "the companion is down")
 
     def restarts(self, now: int) -> None:
@@ -259,6 +260,8 @@ class Companion:
         self._kept = self.arbiter.snapshot()
         self._log.commander.set(now, view.commander)
         self._log.epoch.set(now, view.epoch)
+        transfer = None if view.partner is None else (view.partner, view.handover_id, view.why.name)
+        self._log.transfer.set(now, transfer)
         if view.commander != before.commander:
             self.desk.rules.authority_moved()
         if view.commander is not None and before.commander not in (None, view.commander):

@@ -140,6 +140,7 @@ class Failsafes:
         self._outside ^= self._border_due <= now
         self._above ^= self._ceiling_due <= now
         aircraft.breached = self._outside or self._above
+        self._log.breached.set(now, aircraft.breached)
         self._piece_of = -1
         if aircraft.breached is before:
             return

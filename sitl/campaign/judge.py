@@ -8,27 +8,42 @@ second, which every limit here is many times of.
 
 Two kinds of rows. The first say what must never be, whatever has failed: their limits are sums of the worst, a dead
 companion and a dead guard with it. The others ask what the rules are for: while all that they need is whole, and has
-been for a while (`_whole_s`), nothing may be left to the guard or to the autopilot's failsafes, which stand
+been for a while (`whole_s`), nothing may be left to the guard or to the autopilot's failsafes, which stand
 behind them. Their limits are those of the rules, and a little for a heartbeat a second.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
-from mavproxy_handover.core.model import Reason
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.core.safety.energy import EnergyModel, way_home
 from sitl.campaign.aircraft import Mode
-from sitl.campaign.gaps import CONTACT_S
 from sitl.campaign.log import FlightLog
+from sitl.campaign.obedience import GIVEN_UP_S, OBEYED_S, STANDS_S, not_again, not_landed
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Spot, bearing_deg, segment_m
 from sitl.campaign.times import SECOND
+from sitl.campaign.truth import (
+    BORDER_M,
+    ON_ITS_WAY,
+    REACTS_S,
+    SETTLED_S,
+    Found,
+    Moment,
+    gap_allowed_s,
+    has_left,
+    is_behind_gap,
+    longest,
+    moments_of,
+    parts_whole_s,
+    unnoticed,
+    whole_s,
+)
 
 __all__ = ["CLASSES", "UNSAFE", "Found", "Unsafe", "ended", "judge"]
 
@@ -37,27 +52,15 @@ __all__ = ["CLASSES", "UNSAFE", "Found", "Unsafe", "ended", "judge"]
 ALONE_S: Final = 18
 #: a commander that flies an aircraft which its zone does not hold: as long as its link lets it, then as above
 OUTSIDE_S: Final = 30
-#: so far outside a zone still counts as its border (m)
-BORDER_M: Final = 20.0
 #: changes between the same two stations, and in how many seconds
 PING_PONG, PING_PONG_S = 4, 60
-#: modes in which the aircraft is not on its way down, or home, and nobody's hand is on it
-_ON_ITS_WAY: Final = (Mode.AUTO.name, Mode.PAUSE.name)
 #: so long (s) what can be known of a place has to be so: 5 s until a station is lost, 20 s until one counts again, 5 s
 #: between two writes of the rally list
 KNOWN_S: Final = 32
 #: a heartbeat each second says what is flown: an order that is on its way when a pilot takes over knows nothing (s)
 KNOWS_S: Final = 1.2
-#: companion, cable, position and obedience whole, and nobody's hand on the aircraft: so long before that counts (s);
-#: 2.5 s until a restarted companion waits no longer for its commander, 6 s until what was not obeyed is ordered again
-_SETTLED_S: Final = 10
-#: then so long without a commander, outside every zone, or with no place in reach (s): 2 s for a forced transfer, or a
-#: hold-off of 1 or 2 s; 1 s until it is looked at, 1 s in doubt whose the mode is, 1 s for rounding
-REACTS_S: Final = 5
-#: ordered and not flown, with its cause still there: `obey_s` until it is ordered again, and 2 s for news each second
-OBEYED_S: Final = 8
-#: what is farther outside than that is outside for the rules (m)
-_LEFT_M: Final = 6.0
+#: two steps in which an operator may be asked, 34 s each, two without, 6 s, and 2 s for rounding
+TRANSFER_S: Final = 76
 #: so long (s) a station works, or does not, until the vehicle knows: 5 s until it is lost, or has not answered for too
 #: long, 1 s between two questions, and 2 s for rounding
 _HEARD_S: Final = 8
@@ -69,44 +72,6 @@ _CARRIED_M: Final = 20.0
 _FALLS: Final = 6.0
 #: landed this near to a place is landed there (m)
 _THERE_M: Final = 15.0
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """Something unsafe: which row of the table, when (tick), and what happened, for people."""
-
-    row: str
-    at: int
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """The truth of one second."""
-
-    at: int
-    place: tuple[float, float, float]
-    mode: str
-    commander: int | None
-    companion: bool
-    #: the autopilot does what it is ordered
-    obeys: bool
-    #: limit (s) of the declared gap that it flies through; 0: in none
-    gap_s: float
-    #: right behind one, where the rules give the far station time to make contact
-    behind_gap: bool
-    #: stations that work, and whose zones hold the aircraft
-    usable: frozenset[int]
-    #: stations that work, and whose links hold the aircraft
-    heard: frozenset[int]
-    #: companion and autopilot hear each other: the rally list is kept
-    writes: bool
-    #: how far the aircraft is inside the commander's zone, and inside any, whoever works
-    margin_m: float
-    inside_m: float
-    #: what is really left (Wh), and when the piece ends that is flown
-    left_wh: float
-    piece_ends: int
 
 
 Look = Callable[[FlightPlan, FlightLog, tuple[Moment, ...]], Found | None]
@@ -123,103 +88,6 @@ class Unsafe:
     #: what an operator has lifted by his own hand is his
     lifted: Limit | None
     look: Look
-
-
-def _moments(plan: FlightPlan, log: FlightLog) -> Iterator[Moment]:
-    zones = plan.zones
-    for piece in log.flown:
-        if piece.mode == Mode.GROUND.name:
-            continue
-        first = -(-piece.begun // SECOND) * SECOND
-        for at in range(first, piece.ended, SECOND):
-            x, y, z = piece.at(at)
-            commander, companion = log.commander.at(at), log.companion.at(at)
-            margins = {sysid: zone.margin_m(x, y) for sysid, zone in zones.items() if log.working[sysid].at(at)}
-            usable = frozenset(sysid for sysid, margin in margins.items() if margin > -BORDER_M)
-            heard = frozenset(sysid for sysid, margin in margins.items() if margin > 0.0)
-            inside = max(zone.margin_m(x, y) for zone in zones.values())
-            writes = companion and log.cable.at(at)
-            margin = 0.0 if commander is None else zones[commander].margin_m(x, y)
-            yield Moment(
-                at,
-                (x, y, z),
-                piece.mode,
-                commander if companion else None,
-                companion,
-                log.obeys.at(at),
-                _gap_s(plan, piece.mode, x, y),
-                _behind_gap(plan, x, y),
-                usable,
-                heard,
-                writes,
-                margin,
-                inside,
-                piece.left_at(at),
-                piece.ended,
-            )
-
-
-def _whole_s(log: FlightLog, at: int) -> float:
-    """How long (s) companion, cable, position and obedience had been whole then, in a flight that neither a pilot nor
-    an operator has changed of late; 0: something is not."""
-    begun, _mode, by = log.mode_at(at)
-    if by == "commander":  # his word stands until something new is wrong
-        return 0.0
-    return min(_parts_whole_s(log, at), (at - begun) / SECOND)
-
-
-def _parts_whole_s(log: FlightLog, at: int) -> float:
-    """How long (s) companion, cable, position and obedience had been whole then, whoever flew."""
-    needed = (log.companion, log.cable, log.fix, log.obeys)
-    if not all(series.at(at) for series in needed):
-        return 0.0
-    return (at - max(series.since(at) for series in needed)) / SECOND
-
-
-def _gap_s(plan: FlightPlan, mode: str, x: float, y: float) -> float:
-    if mode not in _ON_ITS_WAY:
-        return 0.0
-    for gap in plan.gaps:
-        along = gap.along_m(x, y)
-        if along is not None and -BORDER_M <= along <= gap.length_m + BORDER_M:
-            return gap.limit_s
-    return 0.0
-
-
-def _behind_gap(plan: FlightPlan, x: float, y: float) -> bool:
-    alongs = [(gap.length_m, gap.along_m(x, y)) for gap in plan.gaps]
-    contact_m = CONTACT_S * plan.speed_mps + BORDER_M
-    return any(along is not None and 0.0 <= along - length_m <= contact_m for length_m, along in alongs)
-
-
-def _longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment], bool]) -> Moment | None:
-    """The moment when something has gone on for longer than the limit, what a declared gap allows left out.
-
-    That is the gap's own limit, and no second more: behind it everything counts, the gap or not.
-    """
-    run = alone = 0
-    for before, moment in pairwise((None, *moments)):
-        assert moment is not None
-        follows = before is None or moment.at - before.at <= SECOND
-        alone = alone + 1 if moment.gap_s and wrong(moment) and follows else 0
-        if 0 < alone <= moment.gap_s:
-            run = 0
-            continue
-        run = run + 1 if wrong(moment) and follows else int(wrong(moment))
-        if not moment.obeys:  # whoever sends it home cannot have it go there; from then on is counted anew
-            run = 0
-        if run > limit_s:
-            return moment
-    return None
-
-
-def _unnoticed(log: FlightLog, moments: tuple[Moment, ...], wrong: Callable[[Moment], bool]) -> Moment | None:
-    """The moment when that has gone on for longer than the rules need, on the way and with all whole that they need."""
-
-    def counts(moment: Moment) -> bool:
-        return moment.mode in _ON_ITS_WAY and wrong(moment) and _whole_s(log, moment.at) >= _SETTLED_S
-
-    return _longest(moments, REACTS_S, counts)
 
 
 # ---- the rows -------------------------------------------------------------------------------------------------------
@@ -251,24 +119,24 @@ def _empty(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> F
 
 
 def _uncovered(_plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    found = _longest(moments, ALONE_S, lambda m: m.mode in _ON_ITS_WAY and not m.usable)
+    found = longest(moments, ALONE_S, lambda m: m.mode in ON_ITS_WAY and not m.usable)
     if found is None:
         return None
     return Found("uncovered, nothing done", found.at, f"{ALONE_S} s without a station that works, and it flew on")
 
 
 def _nobody(_plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    found = _longest(moments, ALONE_S, lambda m: m.mode in _ON_ITS_WAY and m.commander is None)
+    found = longest(moments, ALONE_S, lambda m: m.mode in ON_ITS_WAY and m.commander is None)
     if found is None:
         return None
     return Found("nobody, nothing done", found.at, f"{ALONE_S} s without a commander, and it flew on")
 
 
 def _outside(plan: FlightPlan, _log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    found = _longest(
+    found = longest(
         moments,
         OUTSIDE_S,
-        lambda m: m.mode in _ON_ITS_WAY and m.commander is not None and m.margin_m < -BORDER_M,
+        lambda m: m.mode in ON_ITS_WAY and m.commander is not None and m.margin_m < -BORDER_M,
     )
     if found is None:
         return None
@@ -345,13 +213,13 @@ def _overruled(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) 
 def _turned_back(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
     for (_, mode, _), (at, after, by) in pairwise(log.modes):
         coming = mode in (Mode.RTL.name, Mode.LAND.name)
-        if coming and by == "companion" and (after in _ON_ITS_WAY or (mode, after) == ("LAND", "RTL")):
+        if coming and by == "companion" and (after in ON_ITS_WAY or (mode, after) == ("LAND", "RTL")):
             return Found("graver undone", at, f"the companion made {after} of a {mode}")
     return None
 
 
 def _outside_all(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    found = _unnoticed(log, moments, lambda m: m.inside_m < -BORDER_M)
+    found = unnoticed(log, moments, lambda m: m.inside_m < -BORDER_M)
     if found is None:
         return None
     return Found("outside, not noticed", found.at, f"{REACTS_S} s outside every zone with all whole, and it flew on")
@@ -359,9 +227,9 @@ def _outside_all(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...])
 
 def _dead_zone(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
     def wrong(moment: Moment) -> bool:
-        return _left(moment) and not moment.heard and not moment.behind_gap and _stations_settled(log, moment.at)
+        return has_left(moment) and not moment.heard and not moment.behind_gap and _stations_settled(log, moment.at)
 
-    found = _unnoticed(log, moments, wrong)
+    found = unnoticed(log, moments, wrong)
     if found is None:
         return None
     text = f"{REACTS_S} s outside the zone of {_name(plan, found)}, where no station works, and it flew on"
@@ -375,23 +243,18 @@ def _over_border(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) 
     """
 
     def wrong(moment: Moment) -> bool:
-        if moment.mode != Mode.AUTO.name or not _left(moment) or moment.gap_s or moment.behind_gap:
+        if moment.mode != Mode.AUTO.name or not has_left(moment) or moment.gap_s or moment.behind_gap:
             return False
-        whole = _parts_whole_s(log, moment.at) >= _SETTLED_S and _stations_settled(log, moment.at)
+        whole = parts_whole_s(log, moment.at) >= SETTLED_S and _stations_settled(log, moment.at)
         # what the companion itself has sent on after a hold is its own doing
         by_itself = log.mode_at(moment.at)[2] in ("start", "companion")
         return whole and by_itself and len(moment.heard) < 2 and _on_its_leg(plan, moment)
 
-    found = _longest(moments, ROLLS_S, wrong)
+    found = longest(moments, ROLLS_S, wrong)
     if found is None:
         return None
     text = f"flown out of the zone of {_name(plan, found)} for {ROLLS_S} s with all whole, and nobody else had taken it"
     return Found("over the border", found.at, text)
-
-
-def _left(moment: Moment) -> bool:
-    """Whether its commander's zone does not hold the aircraft any more."""
-    return moment.commander is not None and moment.margin_m < -_LEFT_M
 
 
 def _name(plan: FlightPlan, moment: Moment) -> str:
@@ -411,7 +274,7 @@ def _on_its_leg(plan: FlightPlan, moment: Moment) -> bool:
 
 
 def _lost(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
-    found = _unnoticed(log, moments, lambda m: m.commander is None and not m.behind_gap)
+    found = unnoticed(log, moments, lambda m: m.commander is None and not m.behind_gap)
     if found is None:
         return None
     return Found("nobody, not noticed", found.at, f"{REACTS_S} s without a commander with all whole, and it flew on")
@@ -419,11 +282,11 @@ def _lost(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
 
 def _left_to_others(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
     for (began, before, _), (at, mode, by) in pairwise(log.modes):
-        stands_behind = by in ("guard", "GCS failsafe") and before in _ON_ITS_WAY and mode == Mode.RTL.name
+        stands_behind = by in ("guard", "GCS failsafe") and before in ON_ITS_WAY and mode == Mode.RTL.name
         x, y, _z = log.place_at(at)
-        if by == "GCS failsafe" and (_gap_s(plan, before, x, y) or _behind_gap(plan, x, y)):
+        if by == "GCS failsafe" and (gap_allowed_s(plan, before, x, y) or is_behind_gap(plan, x, y)):
             continue  # without a guard, which has it watch the companion, it allows no gap
-        if stands_behind and at - began >= _SETTLED_S * SECOND and _whole_s(log, at - 1) >= _SETTLED_S:
+        if stands_behind and at - began >= SETTLED_S * SECOND and whole_s(log, at - 1) >= SETTLED_S:
             return Found("left to others", at, f"all was whole, and it was the {by} that sent it home")
     return None
 
@@ -432,7 +295,7 @@ def _spent(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
     run, looks_at = 0, 0
     model = plan.model()
     for moment in moments:
-        if moment.mode not in _ON_ITS_WAY or moment.at < looks_at:
+        if moment.mode not in ON_ITS_WAY or moment.at < looks_at:
             run = 0
             continue
         needs = min(_need_wh(model, place, moment.place) for place in plan.places)
@@ -442,36 +305,21 @@ def _spent(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
             lasts_s = margin * 3600.0 / (_FALLS * model.climb_w)
             looks_at = int(min(moment.at + lasts_s * SECOND, moment.piece_ends))
             continue
-        run = run + 1 if _whole_s(log, moment.at) >= _SETTLED_S else 0
+        run = run + 1 if whole_s(log, moment.at) >= SETTLED_S else 0
         if run > REACTS_S:
             return Found("energy, not noticed", moment.at, f"{REACTS_S} s with no place in reach, and it flew on")
     return None
 
 
-def _not_again(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
-    """What was ordered and is not flown is ordered again, or something graver is, as long as its cause is there."""
-    needed = (log.companion, log.cable, log.fix)
-    for (at, action, why), (following, *_rest) in pairwise((*log.orders, (log.ended, "", ""))):
-        until = at + OBEYED_S * SECOND
-        if action not in ("RETURN", "LAND") or following <= until:
-            continue
-        whole = all(series.stays(True, at - SECOND, until) for series in needed)
-        begun, mode, by = log.mode_at(until)
-        on_its_way = begun <= at and mode in _ON_ITS_WAY and by != "commander"
-        if whole and on_its_way and log.obeys.stays(False, at, until) and _still_wrong(plan, log, why, at, until):
-            text = f"{action} ({why.lower()}) was ordered and not flown for {OBEYED_S} s, and nothing more was ordered"
-            return Found("not ordered again", until, text)
+def _endless(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
+    """A transfer of a commander that is there ends, whatever operators do: else nobody else is ever asked."""
+    begins = zip(log.transfer.times, log.transfer.values, strict=True)
+    for (begun, transfer), ended in zip(begins, (*log.transfer.times[1:], log.ended), strict=True):
+        until = begun + TRANSFER_S * SECOND
+        if transfer is not None and until < ended and log.commander.stays(log.commander.at(begun), begun, until):
+            name = next(station.name for station in plan.stations if station.sysid == transfer[0])
+            return Found("transfer without end", until, f"a transfer to {name} was under way for {TRANSFER_S} s")
     return None
-
-
-def _still_wrong(plan: FlightPlan, log: FlightLog, why: str, first: int, last: int) -> bool:
-    """Whether this reason of an order is really there from the first to the last of these moments."""
-    if why == Reason.COMMANDER_LOST.name:
-        return log.commander.stays(None, first, last)
-    if why == Reason.OUT_OF_COVERAGE.name:
-        places = [log.place_at(at) for at in range(first, last + 1, SECOND)]
-        return all(zone.margin_m(x, y) < -_LEFT_M for x, y, _z in places for zone in plan.zones.values())
-    return why == Reason.ENERGY.name  # less energy does not become more
 
 
 def _row(name: str, words: str, limit: str, look: Look, *excused_by: Cause, lifted: Limit | None = None) -> Unsafe:
@@ -567,7 +415,19 @@ UNSAFE: Final = (
         "not ordered again",
         "a return or a landing is ordered and not flown, its cause is there, and nothing more is ordered",
         f"{OBEYED_S} s",
-        _not_again,
+        not_again,
+    ),
+    _row(
+        "not landed",
+        "a return is ordered and not flown, or stands still on its way, its cause is there, and no landing is ordered",
+        f"{GIVEN_UP_S} s; {STANDS_S} s where it stands still",
+        not_landed,
+    ),
+    _row(
+        "transfer without end",
+        "a transfer is under way for longer than its steps and two operators may take together",
+        f"{TRANSFER_S} s",
+        _endless,
     ),
 )
 
@@ -580,7 +440,7 @@ def _excused(plan: FlightPlan, row: Unsafe) -> bool:
 
 def judge(plan: FlightPlan, log: FlightLog) -> tuple[Found, ...]:
     """Everything that was unsafe in a flight."""
-    moments = tuple(_moments(plan, log))
+    moments = tuple(moments_of(plan, log))
     looked = (row.look(plan, log, moments) for row in UNSAFE if not _excused(plan, row))
     lifted = {row.name: [at for at, limit in log.lifted if row.lifted and limit == row.lifted.value] for row in UNSAFE}
     return tuple(found for found in looked if found is not None and not any(at <= found.at for at in lifted[found.row]))

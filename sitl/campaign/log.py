@@ -81,6 +81,8 @@ class FlightLog:
     modes: list[tuple[int, str, str]] = field(default_factory=list)
     #: whose commands pass the gate, None: nobody's
     commander: Series[int | None] = field(default_factory=lambda: Series(None))
+    #: the transfer under way: partner, number, and why it was begun; None: none
+    transfer: Series[tuple[int, int, str] | None] = field(default_factory=lambda: Series(None))
     #: epoch in force
     epoch: Series[int] = field(default_factory=lambda: Series(0))
     #: the companion runs, and its main loop goes round
@@ -91,6 +93,8 @@ class FlightLog:
     obeys: Series[bool] = field(default_factory=lambda: Series(True))
     #: the autopilot knows where it is
     fix: Series[bool] = field(default_factory=lambda: Series(True))
+    #: the aircraft is outside its fence
+    breached: Series[bool] = field(default_factory=lambda: Series(False))
     #: companion and autopilot hear each other
     cable: Series[bool] = field(default_factory=lambda: Series(True))
     #: stations that work and are heard and hear, wherever the aircraft is

@@ -23,7 +23,7 @@ from sitl.campaign.main import main
 from sitl.campaign.outcome import Outcome, fly
 from sitl.campaign.page import summary, write_page
 from sitl.campaign.plan import FlightPlan, draw
-from sitl.campaign.plane import Circle
+from sitl.campaign.plane import Circle, Spot
 from sitl.campaign.steering import NEVER_IN, NEVER_MEET
 from sitl.campaign.times import SECOND
 from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
@@ -225,7 +225,7 @@ def test_books_battery_pilot_and_a_flight_without_an_end(plan: FlightPlan) -> No
 
 def test_an_order_that_crosses_a_pilots_hand_knows_nothing_of_it(plan: FlightPlan) -> None:
     for by, ticks, found in (("companion", 76, []), ("companion", 77, ["pilot overruled"]), ("guard", 1, None)):
-        log = logged(plan, still(plan, 100))
+        log = logged(plan, still(plan, 30))
         log.modes = [(0, "AUTO", "start"), (10, "PILOT", "pilot"), (10 + ticks, "RTL", by)]
         assert rows(plan, log) == (["pilot overruled"] if found is None else found)
 
@@ -298,7 +298,10 @@ def test_what_could_not_be_reached_or_not_be_known_is_nobodys_fault(far: FlightP
 
 # ---- what the rules are for ------------------------------------------------------------------------------------------
 
-QUICK = {"outside, not noticed", "nobody, not noticed", "left to others", "energy, not noticed", "not ordered again"}
+QUICK = {
+    *("outside, not noticed", "nobody, not noticed", "left to others", "energy, not noticed"),
+    *("not ordered again", "not landed", "transfer without end"),
+}
 
 
 def quick(plan: FlightPlan, log: FlightLog) -> list[str]:
@@ -342,7 +345,7 @@ def test_a_commanders_word_stands(plan: FlightPlan) -> None:
 
 
 def sent_home(plan: FlightPlan, by: str, mode: str = "AUTO") -> FlightLog:
-    log = logged(plan, still(plan, 60, mode), still(plan, 60, "RTL", begun=60))
+    log = logged(plan, still(plan, 60, mode), still(plan, 30, "RTL", begun=60))
     log.modes[1] = (60 * SECOND, "RTL", by)
     return log
 
@@ -387,7 +390,7 @@ def not_obeyed(plan: FlightPlan, why: str) -> FlightLog:
 
 def test_what_is_not_flown_is_ordered_again_while_its_cause_is_there(plan: FlightPlan) -> None:
     log = not_obeyed(plan, "ENERGY")
-    assert quick(plan, log) == ["not ordered again"]
+    assert quick(plan, log)[0] == "not ordered again"
     log.orders.append((38 * SECOND, "RETURN", "ENERGY"))
     log.orders.append((46 * SECOND, "LAND", "ENERGY"))
     assert quick(plan, log) == ["not ordered again"]  # nor is a landing left at that
@@ -401,12 +404,12 @@ def test_what_is_not_wrong_any_more_is_not_ordered_again(plan: FlightPlan) -> No
     assert quick(plan, not_obeyed(plan, "COMMANDER_LOST")) == []
     lost = not_obeyed(plan, "COMMANDER_LOST")
     lost.commander.set(28 * SECOND, None)
-    assert quick(plan, lost) == ["not ordered again"]
+    assert quick(plan, lost)[0] == "not ordered again"
     lost.commander.set(37 * SECOND, A)
     assert quick(plan, lost) == []
     away = logged(plan, still(plan, 100, away=True))
     away.orders, away.obeys = [(30 * SECOND, "RETURN", "OUT_OF_COVERAGE")], Series(False)
-    assert quick(plan, away) == ["not ordered again"]
+    assert quick(plan, away)[0] == "not ordered again"
 
 
 def test_who_is_not_heard_or_has_no_say_orders_nothing_again(plan: FlightPlan) -> None:
@@ -419,8 +422,68 @@ def test_who_is_not_heard_or_has_no_say_orders_nothing_again(plan: FlightPlan) -
     assert quick(plan, piloted) == []
 
 
+def test_a_return_that_is_not_flown_is_given_up_for_a_landing(plan: FlightPlan) -> None:
+    log = not_obeyed(plan, "ENERGY")
+    log.orders = [(at * SECOND, "RETURN", "ENERGY") for at in range(30, 100, 6)]
+    assert quick(plan, log) == ["not landed"]
+    assert judge(plan, log)[-1].at == (30 + 16) * SECOND
+    for at, order in ((46, "LAND"), (40, "HOLD")):
+        other = not_obeyed(plan, "ENERGY")
+        other.orders = [*log.orders[:3], (at * SECOND, order, "ENERGY")]
+        assert "not landed" not in rows(plan, other)
+    other = not_obeyed(plan, "ENERGY")  # a cause of its own is ordered for anew
+    other.orders = [(at * SECOND, "RETURN", "ENERGY" if at % 12 else "OUT_OF_COVERAGE") for at in range(30, 100, 6)]
+    assert quick(plan, other) == []
+    log.obeys.set(45 * SECOND, True)
+    assert "not landed" not in rows(plan, log)
+
+
+def stands(plan: FlightPlan, seconds: int, *, away: bool = True, by: str = "companion") -> FlightLog:
+    log = logged(plan, still(plan, 20), still(plan, seconds, "RTL", begun=20, away=away))
+    log.modes[1] = (20 * SECOND, "RTL", by)
+    return log
+
+
+def test_a_return_that_stands_still_on_its_way_is_given_up_for_a_landing(plan: FlightPlan) -> None:
+    assert rows(plan, stands(plan, 36)) == []
+    assert rows(plan, stands(plan, 37)) == ["not landed"]
+    for by in ("guard", "commander"):
+        assert "not landed" not in rows(plan, stands(plan, 37, by=by))
+    there = stands(plan, 60)
+    there.rally.set(SECOND, Spot(there.flown[1].x_m, there.flown[1].y_m))
+    assert rows(plan, there) == []
+    climbs = stands(plan, 60)
+    climbs.flown[1] = replace(climbs.flown[1], vz=0.1)
+    assert rows(plan, climbs) == []
+    for what in ("companion", "cable", "fix", "obeys"):
+        log = stands(plan, 60)
+        getattr(log, what).set(50 * SECOND, False)
+        getattr(log, what).set(51 * SECOND, True)
+        assert rows(plan, log) == []
+    outside = stands(plan, 60)
+    outside.breached.set(50 * SECOND, True)
+    assert rows(plan, outside) == []
+
+
+def test_a_transfer_ends_whatever_operators_do(plan: FlightPlan) -> None:
+    log = logged(plan, still(plan, 200))
+    log.transfer.set(30 * SECOND, (B, 7, "ZONE_ENDS"))
+    assert rows(plan, log) == ["transfer without end"]
+    assert judge(plan, log)[0].at == (30 + 76) * SECOND
+    log.transfer.set(107 * SECOND, (B, 7, "LINK_WEAK"))  # a graver reason: that is another question
+    assert rows(plan, log) == ["transfer without end"]
+    short = logged(plan, still(plan, 200))
+    short.transfer.set(30 * SECOND, (B, 7, "ZONE_ENDS"))
+    short.transfer.set(106 * SECOND, None)
+    assert rows(plan, short) == []
+    lost = logged(plan, still(plan, 200))
+    lost.transfer.set(30 * SECOND, (B, 7, "ZONE_ENDS"))
+    lost.commander.set(100 * SECOND, B)
+    assert "transfer without end" not in rows(plan, lost)
+
+
 def test_every_row_says_what_and_how_long() -> None:
-    assert len({row.name for row in UNSAFE}) == len(UNSAFE) == 19
+    assert len({row.name for row in UNSAFE}) == len(UNSAFE) == 21
     assert all(row.words and row.limit for row in UNSAFE)
 
 
