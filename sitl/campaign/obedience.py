@@ -48,10 +48,16 @@ def not_landed(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) ->
     for before, moment in pairwise(moments):
         follows = moment.at - before.at == SECOND
         run = run + 1 if follows and _stands(plan, log, before, moment) else 0
-        if run > STANDS_S and parts_whole_s(log, moment.at) >= run:
+        if run > STANDS_S and parts_whole_s(log, moment.at) >= run and _cause_stays(plan, log, moment.at, run):
             text = f"a return of the companion stood still for {STANDS_S} s on its way, and was not made a landing"
             return Found("not landed", moment.at, text)
     return None
+
+
+def _cause_stays(plan: FlightPlan, log: FlightLog, at: int, seconds: int) -> bool:
+    """Whether what the last order was given for had been there for so long; else a commander is there to see to it."""
+    why = next((reason for then, _action, reason in reversed(log.orders) if then <= at), "")
+    return _still_wrong(plan, log, why, at - seconds * SECOND, at)
 
 
 def _stands(plan: FlightPlan, log: FlightLog, before: Moment, moment: Moment) -> bool:

@@ -441,6 +441,7 @@ def test_a_return_that_is_not_flown_is_given_up_for_a_landing(plan: FlightPlan) 
 def stands(plan: FlightPlan, seconds: int, *, away: bool = True, by: str = "companion") -> FlightLog:
     log = logged(plan, still(plan, 20), still(plan, seconds, "RTL", begun=20, away=away))
     log.modes[1] = (20 * SECOND, "RTL", by)
+    log.orders = [(20 * SECOND, "RETURN", "ENERGY")]
     return log
 
 
@@ -449,6 +450,9 @@ def test_a_return_that_stands_still_on_its_way_is_given_up_for_a_landing(plan: F
     assert rows(plan, stands(plan, 37)) == ["not landed"]
     for by in ("guard", "commander"):
         assert "not landed" not in rows(plan, stands(plan, 37, by=by))
+    over = stands(plan, 60)
+    over.orders = [(20 * SECOND, "RETURN", "NO_STATION")]  # there is one again, and its operator sees that it hangs
+    assert rows(plan, over) == []
     there = stands(plan, 60)
     there.rally.set(SECOND, Spot(there.flown[1].x_m, there.flown[1].y_m))
     assert rows(plan, there) == []
