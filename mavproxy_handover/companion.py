@@ -532,6 +532,7 @@ class Companion:
         if self.view.rehearsal:  # the rules order nothing in one; whoever carries the aircraft has his hands on it
             self.fault("order in a rehearsal", f"{action.action.name} is not commanded")
             return
+        self._restart.save(self.arbiter.snapshot())  # what stands still by this order must not be left standing
         self.autopilot.orders.fly(action.action, now)
 
     def _announce(self, told: events.Announce, now: float) -> None:

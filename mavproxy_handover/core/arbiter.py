@@ -138,6 +138,10 @@ class Arbiter:
             self._interrupted = restored.phase is Phase.ON_HANDOVER
             if restored.phase is Phase.EMERGENCY:
                 self._emergency.resume()
+            elif restored.held_for is not None:
+                self._emergency.resume_hold(restored.held_for)
+                since, certain = restored.held_since, restored.proven
+                self._lookout.resume(restored.held_for, since, self._authority.owner, certain=certain)
 
     # ---- what others may look at ----------------------------------------------------------------------------------
 
@@ -154,6 +158,7 @@ class Arbiter:
     def snapshot(self) -> Snapshot:
         """What a run after this one needs to know."""
         authority, mission = self._authority, self._candidates.mission
+        held_for = self._execution.held_for
         return Snapshot(
             authority.owner if authority.claimant is None else authority.claimant,
             authority.epoch,
@@ -167,6 +172,8 @@ class Arbiter:
             self._lookout.crossing.since,
             authority.claimant is None,
             self._flight.rehearsing,
+            None if held_for is None else self._lookout.held_at,
+            held_for,
         )
 
     def name(self, sysid: int | None) -> str:
@@ -513,10 +520,11 @@ class Arbiter:
     def _judge(self, now: float, actions: list[Action]) -> Situation:
         """Decide; returns what holds behind that."""
         signs, facts = self._lookout.signs(now), self._lookout.facts(now)
-        news = self._emergency.judge(signs, facts, now, certain=not self._authority.recovering)
+        certain = not self._authority.recovering and not self._lookout.resuming
+        news = self._emergency.judge(signs, facts, now, certain=certain)
         self._authority.fly_alone(Fact.GAP in facts and not self._emergency.brings_down)
         if news is not None:
-            self._lookout.held_at = now if news.holds else -inf
+            self._lookout.hold(news.holds, now)
             self._on_news(news, now, actions)
             return self._lookout.facts(now)
         if self._authority.lost:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.causes import Cause
 
 __all__ = ["Snapshot"]
 
@@ -41,3 +42,7 @@ class Snapshot:
     proven: bool = True
     #: it was no flight, but a rehearsal on the ground
     rehearsal: bool = False
+    #: since when the aircraft has stood still by the companion's order (monotonic seconds of the same boot), and for
+    #: what; None: it does not
+    held_since: float | None = None
+    held_for: Cause | None = None

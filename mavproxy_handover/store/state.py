@@ -32,7 +32,7 @@ from mavproxy_handover.store.durable import sync_folder
 
 __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
-_FORMAT = 5
+_FORMAT = 6
 _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
@@ -72,6 +72,8 @@ def pack(kept: Kept, vehicle: str) -> bytes:
         "gap_since": snapshot.gap_since,
         "proven": snapshot.proven,
         "rehearsal": snapshot.rehearsal,
+        "held_since": snapshot.held_since,
+        "held_for": None if snapshot.held_for is None else snapshot.held_for.value,
     }
     return json.dumps({"body": body, "sha256": _checksum(body)}, indent=1).encode("utf-8")
 
@@ -151,9 +153,11 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         route=tuple(_whole("route", station, 1, _MAX_SYSID) for station in route),
         takeover_allowed=takeover_allowed,
         out_of_coverage=None if policy is None else _policy(policy),
-        gap_since=_since(body["gap_since"]),
+        gap_since=_since("gap_since", body["gap_since"]),
         proven=proven,
         rehearsal=rehearsal,
+        held_since=_since("held_since", body["held_since"]),
+        held_for=None if body["held_for"] is None else _cause(body["held_for"]),
     )
 
 
@@ -169,11 +173,17 @@ def _whole(key: str, value: object, least: int, most: int) -> int:
     return value
 
 
-def _since(value: object) -> float | None:
+def _since(key: str, value: object) -> float | None:
     """A monotonic time, or none."""
     if value is not None and (type(value) is not float or not isfinite(value)):
-        raise ValueError(f"gap_since: {value!r} must be a time in seconds, or none")
+        raise ValueError(f"{key}: {value!r} must be a time in seconds, or none")
     return value
+
+
+def _cause(word: object) -> Cause:
+    if type(word) is not str or word not in {cause.value for cause in Cause}:
+        raise ValueError(f"held_for: {word!r} is no cause")
+    return Cause(word)
 
 
 def _policy(word: object) -> str:

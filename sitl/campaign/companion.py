@@ -231,6 +231,7 @@ class Companion:
             case events.Fly():
                 order = (now, action.action.name, action.reason.name)
                 self._log.orders.append(order)
+                self._keep()
                 self._log.note(now, f"the companion orders {action.action.name} ({action.reason.name.lower()})")
                 if action.action is FlightAction.RETURN:
                     self._before_return(now)
@@ -254,10 +255,14 @@ class Companion:
             case _:
                 assert_never(action)
 
-    def _in_force(self, view: AuthorityView, now: int) -> None:
-        before, self.view = self.view, view
+    def _keep(self) -> None:
+        """As it is done before anything is said or ordered."""
         assert self.arbiter is not None
         self._kept = self.arbiter.snapshot()
+
+    def _in_force(self, view: AuthorityView, now: int) -> None:
+        before, self.view = self.view, view
+        self._keep()
         self._log.commander.set(now, view.commander)
         self._log.epoch.set(now, view.epoch)
         transfer = None if view.partner is None else (view.partner, view.handover_id, view.why.name)

@@ -59,6 +59,8 @@ PING_PONG, PING_PONG_S = 4, 60
 KNOWN_S: Final = 32
 #: a heartbeat each second says what is flown: an order that is on its way when a pilot takes over knows nothing (s)
 KNOWS_S: Final = 1.2
+#: held for longer than `hold_s`, and 10 s for what goes wrong with the autopilot meanwhile (s)
+HELD_S: Final = 70
 #: two steps in which an operator may be asked, 34 s each, two without, 6 s, and 2 s for rounding
 TRANSFER_S: Final = 76
 #: so long (s) a station works, or does not, until the vehicle knows: 5 s until it is lost, or has not answered for too
@@ -311,6 +313,19 @@ def _spent(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
     return None
 
 
+def _held_on(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
+    """Standing still is for so long as the rules say, whatever becomes of the companion meanwhile."""
+    run = 0
+    for before, moment in pairwise(moments):
+        stands = (
+            before.mode == moment.mode == Mode.PAUSE.name and log.mode_at(before.at)[0] == log.mode_at(moment.at)[0]
+        )
+        run = run + 1 if stands else 0
+        if run > HELD_S and parts_whole_s(log, moment.at) >= SETTLED_S:
+            return Found("held too long", moment.at, f"it stood still for {HELD_S} s, and nothing more was ordered")
+    return None
+
+
 def _endless(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
     """A transfer of a commander that is there ends, whatever operators do: else nobody else is ever asked."""
     begins = zip(log.transfer.times, log.transfer.values, strict=True)
@@ -423,6 +438,7 @@ UNSAFE: Final = (
         f"{GIVEN_UP_S} s; {STANDS_S} s where it stands still",
         not_landed,
     ),
+    _row("held too long", "the aircraft is held, all is whole, and it stays so", f"{HELD_S} s", _held_on),
     _row(
         "transfer without end",
         "a transfer is under way for longer than its steps and two operators may take together",

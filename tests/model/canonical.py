@@ -607,6 +607,7 @@ class Packer:
             held_at=_Time(limits.hold_s),
             helm=_Object(helm),
             place=plain,
+            resuming=plain,
             seen=plain,
             supervision=_Object(supervision),
             told=plain,

@@ -142,8 +142,13 @@ class Vehicles:
             packed, snapshot = state.packed, state.snapshot
             if packed is not None:
                 packed = self._packer.pack_arbiter(self._packer.unpack_arbiter(packed), Shift(1.0))
-            elif snapshot is not None and snapshot.gap_since is not None:
-                snapshot = replace(snapshot, gap_since=max(snapshot.gap_since - 1.0, NOW - GAP_S))
+            elif snapshot is not None:
+                gap_since, held_since = snapshot.gap_since, snapshot.held_since
+                snapshot = replace(
+                    snapshot,
+                    gap_since=None if gap_since is None else max(gap_since - 1.0, NOW - GAP_S),
+                    held_since=None if held_since is None else max(held_since - 1.0, NOW - self._limits.hold_s),
+                )
             books = state.books.later(self._limits)
             result = self._states(state._replace(packed=packed, snapshot=snapshot, books=books))
             self._laters[number] = result

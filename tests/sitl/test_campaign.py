@@ -486,8 +486,21 @@ def test_a_transfer_ends_whatever_operators_do(plan: FlightPlan) -> None:
     assert "transfer without end" not in rows(plan, lost)
 
 
+def test_nobody_is_held_for_longer_than_the_rules_have_it(plan: FlightPlan) -> None:
+    assert rows(plan, logged(plan, still(plan, 71, "PAUSE"))) == []
+    long = logged(plan, still(plan, 120, "PAUSE"))
+    assert rows(plan, long) == ["held too long"]
+    assert judge(plan, long)[0].at == 71 * SECOND
+    long.companion.set(64 * SECOND, False)
+    long.companion.set(66 * SECOND, True)  # it died, and the next one knows of it
+    assert rows(plan, long) == ["held too long"]
+    assert judge(plan, long)[0].at == 76 * SECOND
+    twice = logged(plan, still(plan, 60, "PAUSE"), still(plan, 60, "PAUSE", begun=60))
+    assert rows(plan, twice) == []
+
+
 def test_every_row_says_what_and_how_long() -> None:
-    assert len({row.name for row in UNSAFE}) == len(UNSAFE) == 21
+    assert len({row.name for row in UNSAFE}) == len(UNSAFE) == 22
     assert all(row.words and row.limit for row in UNSAFE)
 
 

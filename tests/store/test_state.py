@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
@@ -70,7 +71,7 @@ def signed(body: Any) -> bytes:
 
 def good_body() -> dict[str, Any]:
     return {
-        "format": 5,
+        "format": 6,
         "vehicle": "drone-1",
         "boot": "b1",
         "serial": 12,
@@ -86,6 +87,8 @@ def good_body() -> dict[str, Any]:
         "gap_since": None,
         "proven": True,
         "rehearsal": False,
+        "held_since": None,
+        "held_for": None,
     }
 
 
@@ -101,6 +104,7 @@ class TestKept:
             replace(BEFORE, gap_since=1234.5),
             replace(BEFORE, gap_since=-1e9),
             replace(BEFORE, rehearsal=True),
+            replace(BEFORE, held_since=1234.5, held_for=Cause.COVERAGE_ENDS),
         ],
     )
     def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:
@@ -270,6 +274,8 @@ class TestNotTrusted:
             {"route_at": None},
             {"out_of_coverage": 2},
             {"out_of_coverage": "off"},
+            {"held_for": "nothing"},
+            {"held_since": 12},
             # of its kind, and out of its range
             {"owner": 0},
             {"owner": 256},
@@ -299,6 +305,8 @@ class TestNotTrusted:
             {"takeover_allowed": None},
             {"takeover_allowed": "false"},
             {"out_of_coverage": True},
+            {"held_for": ["energy"]},
+            {"held_since": "12.0"},
             {"boot": None},
             {"boot": 1},
             {"serial": -1},

@@ -125,6 +125,11 @@ class Emergency:
         """A restart in an emergency: its cause is judged anew, and it is over when none is found."""
         self._resumed = self._grave = True
 
+    def resume_hold(self, cause: Cause) -> None:
+        """A restart while the aircraft is held: if that is to go on it is commanded anew, else it is over."""
+        self.told = Decision(FlightAction.HOLD, cause)
+        self._resumed = self._grave = True
+
     def landed(self) -> None:
         """The flight is over. The cause may go on: on the ground that is no news, in the next flight it is acted on."""
         self._watch.landed()
@@ -145,7 +150,7 @@ class Emergency:
             decision = None
             if not certain or (told is None and not self._resumed):
                 return None
-        elif self._known(decision):
+        elif self._known(decision) and not self._resumed:
             return None
         self.told, self._resumed = decision, False
         grave = self._grave or (decision is not None and decision.action not in _NO_EMERGENCY)

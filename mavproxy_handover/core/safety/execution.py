@@ -84,6 +84,14 @@ class Execution:
     def _supervision(self) -> Supervision:
         return self._lookout.supervision
 
+    @property
+    def held_for(self) -> Cause | None:
+        """For what the aircraft stands still by the order in force; None: it does not."""
+        told = self._emergency.told
+        if told is None or told.action is not FlightAction.HOLD:
+            return None
+        return told.cause if self._lookout.resuming or self._supervision.order is FlightAction.HOLD else None
+
     # ---- who flies ------------------------------------------------------------------------------------------------
 
     def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:

@@ -19,6 +19,9 @@ Weak links are no sign while one is crossed.
 In a rehearsal the aircraft is carried, disarmed: its flight mode says nothing of who flies it, and nobody stands still
 where it would: it is carried on or back, and coverage ends ahead only as long as it does.
 
+An aircraft that was held when the companion died stands where it was told to: the next run holds it on, for what is
+left of the time (`resume`). Until it knows that the aircraft flies, and where, it counts as where it could be held.
+
 What the autopilot was commanded in vain (`supervision.py`) is none of the things that can be done: then it cannot hold,
 and no place can be reached.
 """
@@ -27,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
+from typing import Final
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
@@ -44,6 +48,8 @@ __all__ = ["Lookout"]
 
 #: what a guard says that does not watch
 _NO_WATCH = (GuardState.SILENT, GuardState.DISABLED)
+#: before every clock's beginning (s): no hold time is left from then
+_LONG_AGO: Final = -1e9
 
 
 class Lookout:
@@ -62,6 +68,7 @@ class Lookout:
         "held_at",
         "helm",
         "place",
+        "resuming",
         "seen",
         "supervision",
         "told",
@@ -80,6 +87,8 @@ class Lookout:
         self.held_at = -inf
         #: at the last look that was as long as it may be
         self._held_long = False
+        #: that was so before a restart, and there has been no position since
+        self.resuming = False
         #: who flies, and whether what was commanded is done
         self.helm = Helm()
         self.supervision = Supervision(limits)
@@ -94,8 +103,24 @@ class Lookout:
         #: at the last look the aircraft was in one, and might fly on
         self._in_gap = False
 
+    def resume(self, cause: Cause, since: float | None, owner: int | None, *, certain: bool) -> None:
+        """Hold on what the run before held. `certain` False: its clock says nothing here, so no time is left."""
+        self.held_at = since if since is not None and certain else _LONG_AGO
+        self.resuming = True
+        if cause is Cause.COVERAGE_ENDS:
+            self._ended_for = owner
+
+    def hold(self, holds: bool, now: float) -> None:
+        """The aircraft is to stand still from now on, or need not. Another cause gives it no new time."""
+        if not holds:
+            self.held_at = -inf
+        elif self.held_at == -inf:
+            self.held_at = now
+
     def look_around(self, gap: GapFact | None, now: float) -> None:
         """A position has come: what does coverage look like from there? `gap`: that the mission declares there."""
+        if self._flight.flying:
+            self.resuming = False
         owner, zones = self._authority.owner, self._candidates.zones
         commanded = owner is not None and not self._authority.lost
         covered, exposed = commanded and zones.holds(owner), not commanded or zones.out_since is not None
@@ -152,8 +177,8 @@ class Lookout:
             found.add(Cause.OUT_OF_COVERAGE)
         if flight.flying:
             found |= self._aloft(now)
-        else:
-            self._ended_for = None
+        elif flight.armed is not None:
+            self._ended_for, self.resuming = None, False
         self.seen = frozenset(found)
         return self.seen
 
@@ -202,7 +227,8 @@ class Lookout:
             found.add(Fact.SUCCESSOR)
         self._held_long = self.held_at > -inf and now >= self.held_at + self._limits.hold_s
         covered = authority.owner is not None and self._candidates.zones.holds(authority.owner)
-        may_hold = covered and flight.position_known(now) and FlightAction.HOLD not in unable
+        placed = self.resuming or (covered and flight.position_known(now))
+        may_hold = placed and FlightAction.HOLD not in unable
         if may_hold and not authority.lost and not self._held_long:
             found.add(Fact.MAY_HOLD)
         return frozenset(found)

@@ -1,0 +1,184 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The companion dies while the aircraft stands still by its order: the next run holds it on, for what is left of the
+time, or has it fly on. The fault: nobody knew of it any more, and it stood there until its battery was low."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, Record
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
+from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.snapshot import Snapshot
+from tests.core.bench import (
+    DIGEST,
+    A,
+    B,
+    Bench,
+    DisconnectHandover,
+    DroneConnected,
+    OkHandover,
+    OnHandover,
+    Phase,
+    TransferKey,
+    inside,
+    outside,
+)
+from tests.core.safety.test_lookout import GO_ON, HOLD, HOME, ends, mission
+
+HELD = Snapshot(A, 4, 7, Phase.ON_MISSION, 2, DIGEST, (A, B, A), held_since=90.0, held_for=Cause.COVERAGE_ENDS)
+
+
+def held(limits: Limits | None = None) -> Bench:
+    """Held for the end of coverage, and standing still."""
+    bench = mission(limits)
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights() == [HOLD]
+    bench.facts = (inside(A), outside(B))
+    bench.run(5.0)
+    return bench
+
+
+def orders(bench: Bench) -> list[tuple[float, FlightAction]]:
+    return [(at, action.action) for at, action in bench.log if isinstance(action, Fly)]
+
+
+def test_what_is_held_is_kept_and_for_what() -> None:
+    bench = mission()
+    assert bench.arbiter.snapshot().held_since is None
+    bench.position(ends(4.0), outside(B))
+    snapshot = bench.arbiter.snapshot()
+    assert (snapshot.held_since, snapshot.held_for) == (bench.now, Cause.COVERAGE_ENDS)
+
+
+def test_it_is_held_on_and_told_anew() -> None:
+    bench = held().restart()
+    bench.run(2.0)
+    assert bench.flights() == [HOLD]
+    assert [record.text for record in bench.records("emergency")] == ["coverage ends ahead: hold"]
+
+
+def test_the_hold_time_goes_on_over_a_restart_and_over_another() -> None:
+    bench = held(Limits(hold_s=60.0))
+    held_at = bench.arbiter.snapshot().held_since
+    assert held_at is not None
+    bench.restart()
+    bench.restart(3.0)  # it died before it had heard anything
+    bench.run(20.0)
+    assert bench.arbiter.snapshot().held_since == held_at
+    bench.restart()
+    bench.run(100.0)
+    assert orders(bench)[-1] == (held_at + 60.0, FlightAction.RETURN)
+    assert [action for _at, action in orders(bench)] == [FlightAction.HOLD, FlightAction.RETURN]
+
+
+def test_it_flies_on_when_another_station_has_taken_it_behind_the_restart() -> None:
+    bench = held().restart()
+    bench.alive = {A, B}
+    bench.run(3.0)
+    bench.position(ends(2.0, A, B), inside(B))
+    bench.run(2.0)
+    view = bench.arbiter.view
+    assert view.partner == B
+    key = TransferKey(A, B, view.handover_id, view.epoch)
+    for station, word in ((B, OnHandover(key)), (A, OkHandover(key)), (B, DroneConnected(key))):
+        bench.say(station, word)
+    bench.say(A, DisconnectHandover(key))
+    assert bench.flights() == [HOLD, GO_ON]
+
+
+@pytest.mark.parametrize("facts", [None, (inside(A), outside(B))])
+def test_before_it_is_known_to_fly_nothing_is_commanded(facts: tuple[ZoneFact, ...] | None) -> None:
+    """Neither on, as if nothing were wrong, nor home, as if it could not stand still here; position or none."""
+    bench = held()
+    bench.alive = set()
+    bench.armed = bench.flying = False
+    bench.restart()
+    bench.autopilot = False
+    bench.alive = {A}
+    bench.facts = facts
+    bench.run(1.5)
+    assert bench.arbiter.view.commander == A
+    assert bench.flights() == []
+    bench.armed = bench.flying = bench.autopilot = True
+    bench.run(0.6)
+    assert bench.flights() == [HOLD]  # before there is a position
+    bench.position(inside(A), outside(B))
+    bench.run(5.0)
+    assert bench.flights() == [HOLD]
+
+
+def test_whose_commander_is_not_heard_again_comes_home() -> None:
+    bench = held()
+    bench.alive = set()
+    bench.restart()
+    bench.run(6.0)
+    assert bench.arbiter.view.lease is LeaseState.LOST
+    assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
+
+
+def test_what_its_commander_flies_is_not_held_again() -> None:
+    bench = held()
+    bench.give(ModeSeen(Flown.MISSION, "AUTO", False, False))
+    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    assert bench.arbiter.snapshot().held_since is None
+    bench.restart()
+    bench.run(5.0)
+    assert bench.flights() == []
+
+
+def test_nor_is_what_comes_home() -> None:
+    bench = held(Limits(hold_s=4.0))
+    assert HOME in bench.flights()
+    assert bench.arbiter.snapshot().held_since is None
+
+
+def test_of_another_boot_no_hold_time_is_left() -> None:
+    bench = Bench()
+    bench.alive = {A}
+    bench.armed = bench.flying = True
+    bench.facts = (inside(A), outside(B))
+    bench.restart(0.0, replace(HELD, proven=False))
+    bench.run(10.0)
+    assert {action for _at, action in orders(bench)} == {FlightAction.RETURN}
+
+
+def test_on_the_ground_nothing_is_left_of_it() -> None:
+    bench = Bench()
+    bench.alive = {A}
+    bench.facts = (inside(A), outside(B))
+    bench.restart(0.0, HELD)
+    bench.run(5.0)
+    assert bench.flights() == []
+    assert bench.arbiter.snapshot().held_since is None
+    bench.armed = bench.flying = True
+    bench.run(5.0)
+    assert FlightAction.HOLD not in {action for _at, action in orders(bench)}
+
+
+@pytest.mark.parametrize("cause", [Cause.GUARD_LOST, Cause.LINKS_WEAK])
+def test_what_was_held_for_something_else_flies_on_when_that_is_gone(cause: Cause) -> None:
+    bench = Bench(Limits(policies={cause: "hold"}))
+    bench.alive = {A}
+    bench.armed = bench.flying = True
+    bench.facts = (inside(A), outside(B))
+    bench.restart(0.0, replace(HELD, held_since=99.0, held_for=cause))
+    bench.run(3.0)
+    assert bench.flights() == [GO_ON]
+    assert [action.event for _at, action in bench.log if isinstance(action, Record) and "over" in action.event] == [
+        "emergency_over"
+    ]
+
+
+def test_a_second_cause_gives_no_new_time() -> None:
+    bench = mission(Limits(policies={Cause.GUARD_LOST: "hold"}, hold_s=60.0))
+    bench.position(ends(4.0), outside(B))
+    held_at = bench.now
+    bench.facts = (inside(A), outside(B))
+    bench.guard = None
+    bench.run(80.0)
+    assert [at for at, action in orders(bench) if action is FlightAction.RETURN] == [held_at + 60.0]
