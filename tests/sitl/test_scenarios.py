@@ -56,7 +56,7 @@ PROMISED = {
     *("partner-dead", "commander-dead-before", "commander-dead-during", "commander-dead-after", "ground-link-down"),
     *("operator-denies", "both-dead", "companion-restart", "lossy", "slow", "corridor", "standard-gcs"),
     *("rogue-station", "spoofed-sysid", "replay", "unsigned", "link-failover", "flood", "ground-forgery"),
-    *("latent-sticks", "slow-disk", "southern", "noisy-serial", "transfer-ranks", "hold-at-border", "hold-then-home"),
+    *("latent-sticks", "slow-disk", "southern", "noisy-serial", "transfer-ranks", "hold-at-border", "hold-then-home", "held-restart"),
     *("off-route", "planned-gap", "rally-choice", "rally-choice-guard", "battery-land"),
     *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
     *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return", "commands-judged"),
