@@ -11,27 +11,20 @@ any moment without stepping. What ArduCopter does is kept to what matters here:
 * Its own failsafes: a low and an empty battery (RTL, LAND), 8 s without a position (LAND), no heartbeat of the
   commander for 10 s (RTL), the fence (RTL). When they act is for `world.py` to say.
 
-Wind slows it down as `core/safety/energy.py` says, and here a wind from behind helps.
+What all that takes, and what the wind makes of it, is in `physics.py`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from math import cos, hypot, inf, radians, sin, sqrt
+from math import hypot, inf
 from typing import Final
 
-from mavproxy_handover.core.safety.energy import (
-    CLIMB_MPS,
-    DESCENT_MPS,
-    LANDING_BELOW_M,
-    LANDING_MPS,
-    LOITER_S,
-    landing,
-)
 from sitl.campaign.log import FlightLog, Flown
+from sitl.campaign.physics import CLIMB_MPS, DESCENT_MPS, LANDING_BELOW_M, LANDING_MPS, LOITER_S, Physics
 from sitl.campaign.plan import FlightPlan
-from sitl.campaign.plane import Spot, bearing_deg
+from sitl.campaign.plane import Spot
 from sitl.campaign.times import NEVER, SECOND, in_ticks
 
 __all__ = ["Aircraft", "Mode"]
@@ -76,7 +69,7 @@ class Aircraft:
 
     def __init__(self, plan: FlightPlan, log: FlightLog) -> None:
         self._plan, self._log = plan, log
-        self._model = plan.model()
+        self._physics = Physics.of(plan)
         self.mode = Mode.GROUND
         self.by = ""
         self.armed = False
@@ -208,22 +201,19 @@ class Aircraft:
         """Straight there as fast as wind and speed allow."""
         east, north = x_m - self._x, y_m - self._y
         speed, airspeed = self._made_good(east, north)
-        return _Leg(x_m, y_m, z_m, speed, self._model.power_w(airspeed))
+        return _Leg(x_m, y_m, z_m, speed, self._physics.power_w(airspeed))
 
     def _made_good(self, east: float, north: float) -> tuple[float, float]:
         """Ground speed and airspeed in that direction, with the wind as it is."""
-        wind, model = self._plan.truth.wind, self._model
-        angle = radians(wind.from_deg - bearing_deg(east, north))
-        ahead, across = wind.speed_mps * cos(angle), wind.speed_mps * sin(angle)
-        most = sqrt(max(0.0, model.airspeed_mps**2 - across**2)) - ahead
-        speed = max(_SLOWEST_MPS, min(self._plan.speed_mps, most))
-        return speed, min(model.airspeed_mps, hypot(speed + ahead, across))
+        ahead, across = self._physics.against(east, north)
+        speed = max(_SLOWEST_MPS, min(self._plan.speed_mps, self._physics.most_mps(ahead, across)))
+        return speed, min(self._physics.airspeed_mps, hypot(speed + ahead, across))
 
     def _up(self, z_m: float) -> _Leg:
-        return _Leg(self._x, self._y, z_m, CLIMB_MPS, self._model.climb_w)
+        return _Leg(self._x, self._y, z_m, CLIMB_MPS, self._physics.climb_w)
 
     def _down(self, x_m: float, y_m: float, z_m: float) -> list[_Leg]:
-        low, watts = min(z_m, LANDING_BELOW_M), self._model.descent_w
+        low, watts = min(z_m, LANDING_BELOW_M), self._physics.descent_w
         legs = [_Leg(x_m, y_m, low, DESCENT_MPS, watts)] if z_m > low else []
         return [*legs, _Leg(x_m, y_m, 0.0, LANDING_MPS, watts)]
 
@@ -257,7 +247,7 @@ class Aircraft:
         if speed > 0.0:
             ticks = in_ticks(speed / _BRAKING)
             s = ticks / SECOND / 2.0
-            self._fly(_Leg(self._x + vx * s, self._y + vy * s, self._z, 0.0, self._model.cruise_w, ticks), now)
+            self._fly(_Leg(self._x + vx * s, self._y + vy * s, self._z, 0.0, self._physics.cruise_w, ticks), now)
         else:
             self._still(now, self._hover_w)
 
@@ -279,7 +269,7 @@ class Aircraft:
     def _return(self, by: str, now: int) -> None:
         self._set(Mode.RTL, by, now)
         place = self.rally
-        height = max(self._z, place.alt_m, self._model.return_alt_m)
+        height = max(self._z, place.alt_m, self._physics.return_alt_m)
         if height > self._z + 0.01:
             self._legs.append(self._up(height))
         self._legs.append(_Leg(place.x_m, place.y_m, height, inf, 0.0))
@@ -311,7 +301,7 @@ class Aircraft:
 
     @property
     def _hover_w(self) -> float:
-        return self._model.power_w(min(self._plan.truth.wind.speed_mps, self._model.airspeed_mps))
+        return self._physics.still_w
 
     def _along(self, now: int) -> None:
         """On to the waypoint that is next, or whatever is behind the last one."""
@@ -347,7 +337,7 @@ class Aircraft:
         leg = self._leg = self._legs.pop(0)
         if leg.speed_mps == inf and self._stuck:
             self._legs.insert(0, leg)
-            self._still(now, self._model.cruise_w)
+            self._still(now, self._physics.cruise_w)
             return
         if leg.speed_mps == inf:
             level = self._level(leg.x_m, leg.y_m, leg.z_m)
@@ -392,7 +382,12 @@ class Aircraft:
     def down_wh(self, now: int) -> float:
         """What it takes to come straight down from here, as it is believed, a quarter more, and a part of the reserve
         for as long as it takes to decide that."""
-        return 1.25 * self._model.need_wh((landing(self.at(now)[2]),)) + 0.25 * self._model.reserve_wh
+        return 1.25 * self._physics.down_wh(self.at(now)[2]) + 0.25 * self._physics.reserve_wh
+
+    def home_wh(self, now: int) -> float:
+        """What has to be left for the place that needs least, with the reserve."""
+        here = self.at(now)
+        return self._physics.budget_wh(min(self._physics.home_wh(here, place) for place in self._plan.places))
 
     def sag(self, left_wh: float, now: int) -> None:
         """No more than that is left. A new piece begins, which goes on as before."""

@@ -384,7 +384,3 @@ class Companion:
         judged = self.places.before_return(now, self._usable(now), self.view, fix=self.fix)
         if judged is not None:
             self.give(judged, now)
-
-    def budget_home_wh(self, now: int) -> float:
-        """What has to be left for the place that needs least, with the reserve, as it is believed."""
-        return self.places.budget_wh(now)

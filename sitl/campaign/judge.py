@@ -21,12 +21,12 @@ from typing import Final
 
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.commands import Limit
-from mavproxy_handover.core.safety.energy import EnergyModel, way_home
 from sitl.campaign.aircraft import Mode
 from sitl.campaign.log import FlightLog
 from sitl.campaign.obedience import GIVEN_UP_S, OBEYED_S, STANDS_S, not_again, not_landed
+from sitl.campaign.physics import Physics
 from sitl.campaign.plan import FlightPlan
-from sitl.campaign.plane import Spot, bearing_deg, segment_m
+from sitl.campaign.plane import Spot, segment_m
 from sitl.campaign.times import SECOND
 from sitl.campaign.truth import (
     BORDER_M,
@@ -52,8 +52,11 @@ __all__ = ["CLASSES", "UNSAFE", "Found", "Unsafe", "ended", "judge"]
 ALONE_S: Final = 18
 #: a commander that flies an aircraft which its zone does not hold: as long as its link lets it, then as above
 OUTSIDE_S: Final = 30
-#: changes between the same two stations, and in how many seconds
+#: changes between the same two stations, and in how many seconds; whoever flies the aircraft on over their border, from
+#: which it is brought back, has it change twice
 PING_PONG, PING_PONG_S = 4, 60
+#: whose word it is, and no rule's, that the aircraft flies what it flies
+_PEOPLE: Final = ("commander", "pilot")
 #: so long (s) what can be known of a place has to be so: 5 s until a station is lost, 20 s until one counts again, 5 s
 #: between two writes of the rally list
 KNOWN_S: Final = 32
@@ -150,8 +153,10 @@ def _ping_pong(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) 
     for at, old, new in log.moves:
         times = by_pair.setdefault(frozenset((old, new)), [])
         times.append(at)
-        if len(times) >= PING_PONG and at - times[-PING_PONG] < PING_PONG_S * SECOND:
-            return Found("ping-pong", at, f"{PING_PONG} changes between {old} and {new} within {PING_PONG_S} s")
+        lately = [each for each in times if at - each < PING_PONG_S * SECOND]
+        flown_on = sum(by in _PEOPLE and lately[0] < begun <= at for begun, _mode, by in log.modes)
+        if len(lately) - 2 * flown_on >= PING_PONG:
+            return Found("ping-pong", at, f"{len(lately)} changes between {old} and {new} within {PING_PONG_S} s")
     return None
 
 
@@ -172,9 +177,9 @@ def _uncovered_place(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ..
         return None
     if _covered(plan, log, there, landed[0]):
         return None
-    left, model = log.left_wh_at(at) * plan.truth.gauge, plan.model()
+    left, physics = log.left_wh_at(at) * plan.truth.gauge, Physics.of(plan)
     for place in plan.places:
-        safe = left > 1.1 * model.budget_wh(_need_wh(model, place, before[-1].place))
+        safe = left > 1.1 * physics.budget_wh(physics.home_wh(before[-1].place, place))
         if safe and _known(plan, place, before, all) and _covered(plan, log, place, landed[0]):
             text = f"landed at a place that no station covers; one {place.away_m(*landed[1:]):.0f} m away was in reach"
             return Found("landed uncovered", landed[0], text)
@@ -185,13 +190,6 @@ def _known(plan: FlightPlan, place: Spot, moments: Iterable[Moment], how: Callab
     """Whether a station covers the place that works and hears the aircraft: in any of these moments, or in all."""
     covering = {s.sysid for s in plan.stations if s.zone.margin_m(place.x_m, place.y_m) > 0.0}
     return how(not covering.isdisjoint(moment.heard) for moment in moments)
-
-
-def _need_wh(model: EnergyModel, place: Spot, here: tuple[float, float, float]) -> float:
-    x, y, z = here
-    away = place.away_m(x, y)
-    way = way_home(away, bearing_deg(place.x_m - x, place.y_m - y), z, place.alt_m, model.return_alt_m)
-    return model.need_wh(way)
 
 
 def _covered(plan: FlightPlan, log: FlightLog, place: Spot, at: int) -> bool:
@@ -295,16 +293,16 @@ def _left_to_others(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ..
 
 def _spent(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
     run, looks_at = 0, 0
-    model = plan.model()
+    physics = Physics.of(plan)
     for moment in moments:
         if moment.mode not in ON_ITS_WAY or moment.at < looks_at:
             run = 0
             continue
-        needs = min(_need_wh(model, place, moment.place) for place in plan.places)
-        margin = moment.left_wh * plan.truth.gauge - model.budget_wh(needs)
+        needs = min(physics.home_wh(moment.place, place) for place in plan.places)
+        margin = moment.left_wh * plan.truth.gauge - physics.budget_wh(needs)
         if margin > 0.0:  # so long it stays so, unless a part of the energy goes at once
             run = 0
-            lasts_s = margin * 3600.0 / (_FALLS * model.climb_w)
+            lasts_s = margin * 3600.0 / (_FALLS * physics.climb_w)
             looks_at = int(min(moment.at + lasts_s * SECOND, moment.piece_ends))
             continue
         run = run + 1 if whole_s(log, moment.at) >= SETTLED_S else 0
@@ -365,7 +363,12 @@ UNSAFE: Final = (
         *(_LOST, _OUT, _NONE),
         lifted=Limit.COVERAGE,
     ),
-    _row("ping-pong", "authority goes to and fro between two stations", f"{PING_PONG} in {PING_PONG_S} s", _ping_pong),
+    _row(
+        "ping-pong",
+        "authority goes to and fro between two stations",
+        f"{PING_PONG} in {PING_PONG_S} s, and two for each time that somebody has the aircraft fly on",
+        _ping_pong,
+    ),
     _row(
         "landed uncovered",
         "a return ends where no station is, with a covered place in reach",

@@ -188,11 +188,6 @@ class Places:
         margins = [fact.margin_wh for fact in self._facts.values() if fact.inside and fact.margin_wh is not None]
         return bool(margins) and max(margins) <= 0.0
 
-    def budget_wh(self, now: int) -> float:
-        """What the way to the place that needs least takes, with the reserve."""
-        ways = (self._way(place, *self._aircraft.at(now)) for _name, place in self._places)
-        return min(self._model.budget_wh(self._model.need_wh(way)) for way in ways)
-
     def stir(self, now: int) -> None:
         """What is known of energy has jumped."""
         self.due = now

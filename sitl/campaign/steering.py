@@ -160,6 +160,8 @@ _ANYTHING: Final = (
     (Fault.BURST, Target.ALL, 2.0, 9.0),
     (Fault.DEAD, Target.ALL, 20.0, 200.0),
 )
+#: how a companion dies that is there again in a moment
+_DIES: Final = ((Fault.KILLED, Target.NOBODY, 0.5, 4.0), (Fault.STALLED, Target.NOBODY, 1.0, 5.0))
 #: what is nothing by itself, and much where something has to be done: a pilot, an autopilot that does not follow
 _IN_THE_WAY: Final = (
     (Fault.PILOT, Target.NOBODY, 5.0, 60.0),
@@ -227,6 +229,9 @@ def strikes_for(chance: Random, cell: Cell, *, late: bool, gap: bool) -> tuple[S
         # nobody but the companion brings home whom the energy leaves: what if it is not obeyed at first?
         how = Fault.DISOBEYS, Target.NOBODY, 20.0, 60.0
         return (*found, _strike(chance, how, at_s + chance.uniform(-12.0, -4.0), when, late=late))
+    if Cause.COVERAGE_ENDS in causes and chance.random() < 0.15:  # the companion dies while the aircraft is held
+        dies = _strike(chance, chance.choice(_DIES), chance.uniform(2.0, 50.0), (None, 1, True), late=late)
+        return (*found, replace(dies, bare=any(strike.bare for strike in found)))
     return (*found, *_on_top(chance, when, at_s, late=late))
 
 

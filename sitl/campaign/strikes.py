@@ -279,7 +279,7 @@ class Strikes:
 
     def _sag(self, strike: Strike, now: int) -> None:
         assert self._world.companion is not None
-        left_wh = max(self._world.companion.budget_home_wh(now) * strike.amount, self._world.aircraft.down_wh(now))
+        left_wh = max(self._world.aircraft.home_wh(now) * strike.amount, self._world.aircraft.down_wh(now))
         self._world.aircraft.sag(left_wh / self._world.plan.truth.gauge, now)
         self._world.companion.places.stir(now)
         self._world.failsafes.look_anew()

@@ -243,6 +243,10 @@ def test_ping_pong(plan: FlightPlan) -> None:
     assert rows(plan, log) == []
     log.moves.append((69 * SECOND, B, A))
     assert rows(plan, log) == ["ping-pong"]
+    log.modes.insert(1, (40 * SECOND, "AUTO", "commander"))  # who flies it over the border once more changes it twice
+    assert rows(plan, log) == []
+    log.moves += [(at * SECOND, *pair) for at, pair in ((69.2, (A, B)), (69.5, (B, A)))]
+    assert rows(plan, log) == ["ping-pong"]
 
 
 @pytest.fixture

@@ -89,7 +89,7 @@ def test_what_is_not_obeyed_is_ordered_again_and_then_landed() -> None:
 
 
 def test_a_return_that_gets_no_nearer_becomes_a_landing() -> None:
-    log = flown(struck(SAG, Strike(Fault.STUCK, 295 * SECOND, 400 * SECOND)))
+    log = flown(replace(struck(SAG, Strike(Fault.STUCK, 295 * SECOND, 400 * SECOND)), resumes=0))
     assert by(log)[-3:] == ["RTL companion", "LAND companion", "GROUND companion"]
 
 
