@@ -20,7 +20,7 @@ __all__ = ["main"]
 _SAMPLES = {
     "vehicle": (DEPLOY / "vehicle.toml", "handover.toml", "edit it, then: handover companion --master DEVICE"),
     "station": (DEPLOY / "station.toml", "station.toml", "edit it, then: handover station --master DEVICE"),
-    "demo": (DEPLOY / "demo", "demo", "README.md, 'By hand', tells what to start"),
+    "demo": (DEPLOY / "demo", "demo", "docs/by-hand.md tells what to start"),
 }
 
 
