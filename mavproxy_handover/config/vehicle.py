@@ -97,6 +97,7 @@ LIMIT_RANGES: Final[Ranges] = {
     "recovery_s": (0.5, 30),
     "connect_interval_s": (0.2, 10),
     "connect_lost_s": (1, 60),
+    "deaf_lost_s": (3, 120),
     "retry_first_s": (0.05, 5),
     "retry_growth": (1, 4),
     "retry_max_s": (0.05, 10),

@@ -121,6 +121,9 @@ class Arbiter:
         self._emergency = Emergency(self._limits)
         self._lookout = Lookout(self._authority, self._flight, self._candidates, self._limits)
         self._execution = Execution(self._authority, self._flight, self._candidates, self._lookout, self._emergency)
+        #: the epoch of the last event, None before the first one, and since when it has been so
+        self._epoch: int | None = None
+        self._epoch_since = -inf
         #: the run before ended in a transfer: its zone has still to be served
         self._interrupted = False
         if restored is not None:
@@ -322,6 +325,8 @@ class Arbiter:
         self._judge_safety(now, actions)
         self._rehearsal.look(now)
         self._contacts.ask(self._authority, self.mission_digest, now, actions)
+        if self._epoch != self._authority.epoch:
+            self._epoch, self._epoch_since = self._authority.epoch, now
         return actions
 
     def next_deadline(self) -> float | None:
@@ -330,7 +335,7 @@ class Arbiter:
         times = [presence.ask_at for presence in self._presence.values()]
         times += self._conductor.deadlines()
         if authority.owner is not None and not authority.lost:
-            times.append(self._presence[authority.owner].lost_at())
+            times.append(self._owner_lost_at(authority.owner))
         others = (
             None if authority.recover_until == inf else authority.recover_until,
             self._flight.stale_at(),
@@ -353,9 +358,19 @@ class Arbiter:
         if not self._known(station):
             return
         self._contacts.heard(station, now, actions)
+        if not self._presence[station].deaf:
+            self._return(station, now, actions)
+
+    def _return(self, station: int, now: float, actions: list[Action]) -> None:
+        """It is there: if it is the commander that was lost it commands again."""
         if self._authority.waits_for(station):
             self._conductor.move(Cause.COMMANDER_RETURNED, now, actions)
             self._authority.take_back(station, actions)
+
+    def _owner_lost_at(self, owner: int) -> float:
+        """When the owner counts as lost if nothing more is heard of it, or it does not answer."""
+        presence = self._presence[owner]
+        return min(presence.lost_at(), presence.deaf_at(self._epoch_since))
 
     def _on_message(self, event: StationMessage, now: float, actions: list[Action]) -> None:
         station, message = event.station, event.message
@@ -383,6 +398,7 @@ class Arbiter:
             return None
         dropped = self._contacts.answered(station, answer, now, actions)
         if dropped is None:
+            self._return(station, now, actions)
             self._authority.learn(station, answer, actions)
             self._grant_parent(now, actions)
         return dropped
@@ -485,7 +501,7 @@ class Arbiter:
         for station in self._asked():
             if not self._presence[station].alive(now):
                 self._conductor.move(Cause.PARTNER_LOST, now, actions, station=station)
-        if authority.owner is not None and not authority.lost and not self._presence[authority.owner].alive(now):
+        if authority.owner is not None and not authority.lost and now >= self._owner_lost_at(authority.owner):
             self._lose_owner(authority.owner, now, actions)
         transfer = authority.transfer
         if transfer is not None and now >= transfer.timeout_at:
@@ -499,9 +515,11 @@ class Arbiter:
         self._conductor.move(Cause.COMMANDER_LOST, now, actions)
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
+        presence = self._presence[owner]
+        presence.deaf = presence.alive(now)
         # at once: the first lease that says ALONE says for how long
         self._authority.fly_alone(self._lookout.lost(now) and not self._emergency.brings_down)
-        self._authority.lose(owner, now, actions)
+        self._authority.lose(owner, now, actions, deaf=presence.deaf)
         # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()
         self._conductor.seek(now, actions)

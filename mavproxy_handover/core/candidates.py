@@ -53,6 +53,11 @@ class Candidates:
         """For how long the station has not been heard; inf if it never was."""
         return now - self._presence[station].heard_at
 
+    def deaf_s(self, station: int, now: float) -> float | None:
+        """For how long it has not answered if it is heard and lost for that; None: it is not."""
+        presence = self._presence[station]
+        return now - presence.answered_at if presence.deaf else None
+
     def unable(self, station: int, now: float, flying: bool) -> Reason | None:
         """Why authority must not go to this station in this moment, whatever was agreed; None if it may."""
         presence = self._presence[station]

@@ -61,6 +61,7 @@ class Contacts:
         was_connected = presence.connected(now)
         presence.answered_at = now
         presence.answer = answer
+        presence.deaf = False
         if not was_connected:
             actions.append(Record("connected", f"{presence.station.name} is connected", station=station))
         return None

@@ -25,6 +25,8 @@ class Limits:
     connect_interval_s: float = 1.0
     #: an answer to that older than this proves nothing
     connect_lost_s: float = 5.0
+    #: a commander that is heard and has not answered for so long hears nothing of the aircraft: it is lost
+    deaf_lost_s: float = 10.0
     #: first retransmission of a transfer message, growth from one to the next, and the longest wait
     retry_first_s: float = 0.2
     retry_growth: float = 1.5

@@ -5,6 +5,9 @@
 A heartbeat proves only that the station reaches the vehicle. An answer to CONNECT proves the way there as well, and
 says which protocol, mission package and epoch the station has. A partner must be proven in both (make before break).
 A station that speaks only the MAVLink standard can prove no more than its heartbeat.
+
+So must who commands. One that is heard and answers no more hears nothing of the aircraft: its operator does not see
+what he flies. After `deaf_lost_s` it is lost like one that is silent, and what brings it back is an answer.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ __all__ = ["Presence"]
 class Presence:
     """Liveness and agreement of one station. Times are monotonic seconds."""
 
-    __slots__ = ("_limits", "answer", "answered_at", "ask_at", "asked", "heard_at", "station", "told_why")
+    __slots__ = ("_limits", "answer", "answered_at", "ask_at", "asked", "deaf", "heard_at", "station", "told_why")
 
     def __init__(self, station: Station, limits: Limits) -> None:
         self._limits = limits
@@ -30,6 +33,8 @@ class Presence:
         self.heard_at = -inf
         self.answered_at = -inf
         self.answer: ConnectAck | None = None
+        #: lost as a commander because it answered no more, and it has not answered since
+        self.deaf = False
         #: when to ask CONNECT next; never where nobody there understands it
         self.ask_at = inf if station.standard else -inf
         #: nonces of the questions that may still be answered, oldest first: the way there and back may take longer
@@ -46,6 +51,12 @@ class Presence:
     def lost_at(self) -> float:
         """When the station counts as lost if it stays silent."""
         return self.heard_at + self._limits.heartbeat_lost_s
+
+    def deaf_at(self, since: float) -> float:
+        """When it counts as one that hears nothing if it does not answer; `since`: it has commanded from then on."""
+        if self.station.standard:
+            return inf
+        return max(self.answered_at, since) + self._limits.deaf_lost_s
 
     def answers(self, nonce: int) -> bool:
         """Whether `nonce` answers an open question; that one and the older ones are closed by it."""

@@ -158,6 +158,7 @@ _ANYTHING: Final = (
     (Fault.STALLED, Target.NOBODY, 1.0, 5.0),
     (Fault.GONE, Target.NOBODY, 1.0, 1.0),
     (Fault.BURST, Target.ALL, 2.0, 9.0),
+    (Fault.DEAF, Target.COMMANDER, 8.0, 200.0),
     (Fault.DEAD, Target.ALL, 20.0, 200.0),
 )
 #: how a companion dies that is there again in a moment

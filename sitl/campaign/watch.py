@@ -31,6 +31,7 @@ from mavproxy_handover.core.events import (
     ControlRequested,
     Event,
     PositionSeen,
+    Send,
     StationHeard,
     StationMessage,
     ViewChanged,
@@ -67,6 +68,11 @@ class Watch:
         self._standard = frozenset(standard)
         self._view = arbiter.view
         self._heard: dict[int, float] = {}
+        #: questions to each station that may be answered, and when one last was
+        self._asked: dict[int, list[int]] = {}
+        self._answered: dict[int, float] = {}
+        #: since when this commander has commanded in this epoch
+        self._since = -inf
         #: the last position was in a declared gap
         self._gap = False
         self._words: set[tuple[int, Message]] = set()
@@ -106,11 +112,14 @@ class Watch:
         heard_before = dict(self._heard)
         if isinstance(event, (StationHeard, StationMessage)):
             self._heard[event.station] = now
+        before = self._view
         if isinstance(event, StationMessage) and not isinstance(event.message, (Connect, ConnectAck)):
             self._words.add((event.station, event.message))
         if isinstance(event, ControlRequested) and event.station == self._view.commander:
             self._note_consent(event)
         for action in actions:
+            if isinstance(action, Send) and isinstance(action.message, Connect):
+                self._asked.setdefault(action.station, []).append(action.message.nonce)
             if isinstance(action, ViewChanged):
                 self._check_view(action.view)
                 assert action.view.lease is not LeaseState.ALONE or self._gap or in_gap
@@ -121,6 +130,24 @@ class Watch:
                     self._check_memory(self._view, action.view, event)
                 self._view = action.view
         assert self._arbiter.view == self._view, "a change that was not announced"
+        if isinstance(event, StationMessage) and isinstance(event.message, ConnectAck):
+            self._note_answer(event.station, event.message.nonce, now)
+        if (before.commander, before.epoch) != (self._view.commander, self._view.epoch):
+            self._since = now
+
+    def _note_answer(self, station: int, nonce: int, now: float) -> None:
+        """An answer closes its question and the older ones."""
+        asked = self._asked.get(station, [])
+        if nonce in asked:
+            del asked[: asked.index(nonce) + 1]
+            self._answered[station] = now
+
+    def _lost(self, station: int, heard: dict[int, float], now: float) -> bool:
+        """Whether that commander is silent, or answers no more."""
+        answered_at = max(self._answered.get(station, -inf), self._since)
+        silent = now - heard[station] >= self._limits.heartbeat_lost_s - 1e-9
+        deaf = station not in self._standard and now - answered_at >= self._limits.deaf_lost_s - 1e-9
+        return silent or deaf
 
     def _note_consent(self, event: ControlRequested) -> None:
         if event.request and event.for_station != event.station:
@@ -201,7 +228,7 @@ class Watch:
     ) -> None:
         assert old.commander is not None
         if new.epoch == old.epoch:
-            assert now - heard[old.commander] >= self._limits.heartbeat_lost_s - 1e-9
+            assert self._lost(old.commander, heard, now)
             return
         assert new.epoch == old.epoch + 1
         assert isinstance(event, ControlRequested)
@@ -223,7 +250,7 @@ class Watch:
             assert self._said(new.commander, DroneConnected, key)
         assert now - heard.get(new.commander, -inf) < self._limits.heartbeat_lost_s + 1e-9
         if old.commander is not None:
-            lost = now - heard[owner] >= self._limits.heartbeat_lost_s - 1e-9
+            lost = self._lost(owner, heard, now)
             beforehand = bool(self._allowed & {new.commander, _ANYBODY})
             assert lost or beforehand or self._said(owner, OkHandover, key)
 

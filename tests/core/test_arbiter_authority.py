@@ -333,7 +333,7 @@ class TestLoss:
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)] * 3
 
     def test_a_heartbeat_in_time_is_no_loss(self) -> None:
-        bench = Bench().on_mission()
+        bench = Bench(Limits(deaf_lost_s=60.0)).on_mission()
         bench.alive = {B}
         for _ in range(10):
             bench.run(4.75)

@@ -312,7 +312,7 @@ def test_at_first_everybody_is_to_be_asked_at_once() -> None:
     ],
 )
 def test_time_brings_it_about_to_the_very_tick(prepare: object, event: str, after_s: float) -> None:
-    limits = replace(Limits(), heartbeat_lost_s=60.0, connect_interval_s=10.0, connect_lost_s=60.0)
+    limits = replace(Limits(), heartbeat_lost_s=60.0, connect_interval_s=10.0, connect_lost_s=60.0, deaf_lost_s=60.0)
     bench = Bench(limits)
     prepare(bench)  # type: ignore[operator]
     due = bench.now + after_s

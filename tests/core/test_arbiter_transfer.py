@@ -652,7 +652,7 @@ class TestResult:
         assert [station for _at, station, _m, _attempt in bench.sent()] == [B]
 
     def test_after_ten_seconds_it_is_given_up_and_said(self) -> None:
-        bench = Bench().up_to("RELEASE")
+        bench = Bench(Limits(deaf_lost_s=60.0)).up_to("RELEASE")
         bench.deaf = {A, B}
         bench.say(A, DisconnectHandover(KEY))
         committed_at = bench.now

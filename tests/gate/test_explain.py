@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""`handover policy` and the README say what the gate does."""
+"""`handover policy` and the documentation say what the gate does."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from mavproxy_handover.gate.explain import CLASSES, contents, for_commander, for
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.policy.tables import POLICY
 
-README = Path(__file__).parents[2] / "README.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "authority.md"
 
 
-def test_the_readme_has_the_summary_of_the_policy() -> None:
-    text = README.read_text(encoding="utf-8")
+def test_the_documentation_has_the_summary_of_the_policy() -> None:
+    text = DOCUMENT.read_text(encoding="utf-8")
     _before, begin, rest = text.partition("<!-- policy:begin -->\n")
     table, end, _behind = rest.partition("\n<!-- policy:end -->")
     assert (begin, end) != ("", ""), "the markers are missing"

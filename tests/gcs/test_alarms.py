@@ -127,8 +127,8 @@ def test_what_is_only_to_be_known_is_said_once() -> None:
     assert alarms.due(NOW + 1e9) == ()
 
 
-def test_the_readme_says_the_same() -> None:
-    text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+def test_the_documentation_says_the_same() -> None:
+    text = (Path(__file__).parents[2] / "docs/operating.md").read_text(encoding="utf-8")
     for level in Level:
         look = LOOKS[level]
         again = "never" if look.again_s == inf else f"every {look.again_s:.0f} s"

@@ -156,6 +156,13 @@ class _Number(_Kind):
         return _behind(value - getattr(shift, self._which), self._base)
 
 
+class _Epoch(_Number):
+    """One that may not be known yet."""
+
+    def pack(self, value: Any, shift: Shift) -> Any:
+        return None if value is None else super().pack(value, shift)
+
+
 class _Times(_Kind):
     """A map to times in the future; what has passed is gone. With `oldest_s`: a map to times in the past."""
 
@@ -387,10 +394,11 @@ class Packer:
             _limits=the_limits,
             station=plain,
             heard_at=_Ago(limits.heartbeat_lost_s),
-            answered_at=_Ago(limits.connect_lost_s),
+            answered_at=_Ago(max(limits.connect_lost_s, limits.deaf_lost_s)),
             answer=_Answer(),
             ask_at=_Time(0.0),
             asked=_Asked(),
+            deaf=plain,
             told_why=_Fixed(lambda: None),
         )
         transfer = _Class(
@@ -630,6 +638,8 @@ class Packer:
             _emergency=_Object(emergency),
             _interrupted=plain,
             dropped=_Fixed(Counter),
+            _epoch=_Epoch("epoch", EPOCH),
+            _epoch_since=_Ago(limits.deaf_lost_s),
         )
         part = _Class(
             _Part, key=value, as_partner=plain, consent=plain, crossing=plain, connected=plain, told_left_s=plain

@@ -6,11 +6,11 @@ The books are kept apart from the rules: they know what was said and heard, and 
 of a transfer what the rules make of it. Nothing is asked of an arbiter but its view, the gate's word on who commands.
 
 1. Every change of the view is announced, and nobody is told of an epoch before the gate is.
-2. The commander changes for one of these causes only. To nobody: it was not heard for the heartbeat limit, or released
-   on the ground. To a station: the ground grant; the return of the one that had authority; a committed transfer, after
-   the partner's word and the commander's consent and release (the release may be overdue; who gives control away by
-   the standard's command has released with that), or with no commander left (forced). The aircraft is in the partner's
-   zone, the partner alive.
+2. The commander changes for one of these causes only. To nobody: it was not heard for the heartbeat limit, has not
+   answered for as long as one that hears nothing may, or released on the ground. To a station: the ground grant; the
+   return of the one that had authority; a committed transfer, after the partner's word and the commander's consent and
+   release (the release may be overdue; who gives control away by the standard's command has released with that), or
+   with no commander left (forced). The aircraft is in the partner's zone, the partner alive.
 3. The epoch grows by one with every such change but the first return after a restart, and never otherwise; unless the
    state file was lost and a station remembers a later one.
 4. What carries another epoch or transfer number does no more than a heartbeat would, and what comes twice no more than
@@ -81,6 +81,8 @@ class Books:
     had: int | None = None
     #: station -> ticks since it was heard
     silent: tuple[tuple[int, int], ...] = ()
+    #: ticks since the one that had authority last answered CONNECT, or since this epoch began
+    unanswered: int = 0
     #: what stations have said in the present transfer: station, word
     words: Words = frozenset()
     #: the commander agreed to the present transfer by other means than OK_HANDOVER
@@ -122,6 +124,7 @@ class Books:
         return replace(
             self,
             silent=tuple((station, min(age + 1, most)) for station, age in self.silent),
+            unanswered=min(self.unanswered + 1, int(limits.deaf_lost_s)),
             connected=None if self.connected is None else min(self.connected + 1, int(limits.release_timeout_s)),
             recovering=None if self.recovering is None else min(self.recovering + 1, most),
             alone=None if self.alone is None else min(self.alone + 1, int(GAP_S)),
@@ -135,6 +138,11 @@ class Books:
         interrupted = phase is Phase.ON_HANDOVER
         recovering = 0 if self.had else None
         return replace(known, had=self.had, silent=self.silent, recovering=recovering, interrupted=interrupted)
+
+    def lost(self, station: int, limits: Limits, standard: frozenset[int]) -> bool:
+        """Whether that commander counts as lost: it is silent, or hears nothing."""
+        deaf = station == self.had and station not in standard and self.unanswered >= int(limits.deaf_lost_s)
+        return deaf or self.age(station, limits) >= int(limits.heartbeat_lost_s)
 
     def age(self, station: int, limits: Limits) -> int:
         """Ticks since the station was heard."""
@@ -172,6 +180,9 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
     """The books after what the event brought, before what the vehicle makes of it."""
     if isinstance(event, (StationHeard, StationMessage)):
         books = replace(books, silent=tuple(sorted({**dict(books.silent), event.station: 0}.items())))
+    answers = isinstance(event, StationMessage) and isinstance(event.message, ConnectAck) and event.message.nonce != 0
+    if answers and event.station == books.had:  # type: ignore[union-attr]
+        books = replace(books, unanswered=0)
     if isinstance(event, AutopilotState):
         flying = event.armed and event.flying
         books = replace(books, flying=flying, grounded=not event.armed, held=books.held and flying)
@@ -296,7 +307,6 @@ def _check_change(
         learnt = (rise == 0 or (books.unaware and not new.partner)) and new.epoch == _remembered(event) + rise
         demand(new.epoch == old.epoch or learnt, f"the epoch changed with nothing: {old.epoch} -> {new.epoch}")
         return
-    silent_limit = int(limits.heartbeat_lost_s)
     if new.commander is None:
         assert old.commander is not None
         released = isinstance(event, ControlRequested) and not event.request and event.station == old.commander
@@ -304,10 +314,12 @@ def _check_change(
             demand(new.epoch == old.epoch + 1, "a release that raises no epoch")
             return
         age = before.age(old.commander, limits)
-        demand(age >= silent_limit, f"station {old.commander} lost authority, heard {age} s ago")
+        demand(
+            before.lost(old.commander, limits, standard), f"station {old.commander} lost authority, heard {age} s ago"
+        )
         demand(new.epoch == old.epoch, "a loss that changes the epoch")
         return
-    if _ground_grant(books, old, new, event, limits):
+    if _ground_grant(books, old, new, event, limits, standard):
         demand(new.epoch == old.epoch + 1, "a grant that does not raise the epoch by one")
         return
     came = getattr(event, "station", None) if isinstance(event, (StationHeard, StationMessage)) else None
@@ -319,12 +331,14 @@ def _check_change(
     _check_commit(books, before, old, new.commander, limits, standard)
 
 
-def _ground_grant(books: Books, old: AuthorityView, new: AuthorityView, event: Event, limits: Limits) -> bool:
+def _ground_grant(
+    books: Books, old: AuthorityView, new: AuthorityView, event: Event, limits: Limits, standard: frozenset[int]
+) -> bool:
     if old.commander is not None or not books.grounded:
         return False
     if isinstance(event, ControlRequested):
         return event.request and event.station == new.commander
-    free = books.had is None or books.age(books.had, limits) >= int(limits.heartbeat_lost_s)
+    free = books.had is None or books.lost(books.had, limits, standard)
     return new.commander == PARENT and free and new.commander != books.had
 
 
@@ -362,7 +376,7 @@ def _check_commit(
     # what the commander answers, it was asked by the partner
     ready = new in standard or "OnHandover" in said or any(word.startswith("OkHandover") for word in answered)
     demand(ready, f"committed before station {new} was ready")
-    if before.age(had, limits) >= limit:
+    if before.lost(had, limits, standard):
         return  # nobody is left to ask, or both had agreed
     demand(old.commander == had, f"a forced transfer while station {had} lives")
     demand(books.agreed or "OkHandover" in answered, f"committed without the consent of station {had}")
@@ -373,6 +387,8 @@ def _check_commit(
 
 def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, limits: Limits) -> Books:
     """The books after a change of the view."""
+    if new.epoch != old.epoch:
+        books = replace(books, unanswered=0)
     if new.partner is None or old.partner is None or new.handover_id != old.handover_id:
         agreed = new.partner is not None and (old.takeover_allowed or new.takeover_allowed)
         if new.partner is not None and isinstance(event, ControlRequested) and event.station == old.commander:

@@ -48,6 +48,7 @@ class Request(Enum):
 #: The limits of flight, where retransmission is once a tick; the long ones are shortened, and keep their order.
 LIMITS = Limits(
     recovery_s=2.0,
+    deaf_lost_s=5.0,
     retry_first_s=1.0,
     retry_growth=1.0,
     retry_max_s=1.0,

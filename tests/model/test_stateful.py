@@ -72,6 +72,7 @@ DIGEST = bytes(range(32))
 LIMITS = Limits(
     heartbeat_lost_s=3.0,
     connect_lost_s=3.0,
+    deaf_lost_s=4.0,
     step_timeout_s=2.0,
     operator_timeout_s=5.0,
     release_timeout_s=1.0,
