@@ -51,6 +51,9 @@ _MODES: Final = {
 #: a station that has not been heard, or has not answered, for so long is no partner
 _LOST: Final = in_ticks(Limits().heartbeat_lost_s)
 _UNANSWERED: Final = in_ticks(Limits().connect_lost_s)
+_DEAF: Final = in_ticks(Limits().deaf_lost_s)
+#: whoever has answered so lately is asked anew each second and answers
+_LATELY: Final = in_ticks(2.5)
 #: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks, and pauses
 _LONG_S: Final = 8.0
 #: the same on the ground, where who is there and what is loaded is all that counts
@@ -167,10 +170,16 @@ class Companion:
         if near >= self._silent_at:  # till now later news has only moved it on
             times = (
                 *(at + _LOST for at in self._heard.values()),
-                *(at + _UNANSWERED for at in self._answered.values()),
+                *(at + wait for at in self._answered.values() for wait in (_UNANSWERED, _DEAF)),
             )
             self._silent_at = min((at for at in times if at > after), default=NEVER)
         return self._silent_at
+
+    def answers(self, now: int) -> bool:
+        """Whether its commander has answered of late, or there is none: how long one does not is counted."""
+        commander = self.view.commander
+        answered = self._answered.get(commander) if commander is not None else NEVER
+        return answered is not None and in_ticks(self._core_s(now)) < answered + _LATELY
 
     def only_asks(self, due: float) -> bool:
         """Whether what is due then is a question to a station, with no transfer under way that could run out."""

@@ -271,7 +271,11 @@ class World:
         """Leave out time in which nothing can happen; places are looked at in between when they have to be."""
         companion = self.companion
         assert companion is not None
-        while companion.view.partner is None and self.pace.quiet(now, self._links, companion.view.commander):
+        while (
+            companion.view.partner is None
+            and companion.answers(now)
+            and self.pace.quiet(now, self._links, companion.view.commander)
+        ):
             left_out = min(self._nothing_until(now, companion), companion.places.due) - now
             left_out -= left_out % SECOND
             if left_out <= 0:

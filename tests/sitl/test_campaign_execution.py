@@ -11,7 +11,7 @@ import pytest
 from mavproxy_handover.core.events import Event, ModeSeen, SignsSeen
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.core.safety.causes import Cause
-from sitl.campaign.faults import Fault, Strike
+from sitl.campaign.faults import Fault, Strike, Target
 from sitl.campaign.judge import judge
 from sitl.campaign.log import FlightLog
 from sitl.campaign.plan import FlightPlan, draw
@@ -21,11 +21,12 @@ from sitl.campaign.world import World
 SAG = Strike(Fault.SAG, 300 * SECOND, NEVER, amount=0.97)
 
 
-def struck(*strikes: Strike, seed: int = 3, **truth: bool) -> FlightPlan:
+def struck(*strikes: Strike, seed: int = 3, resumes: int | None = None, **truth: bool) -> FlightPlan:
     """A flight with these faults, the table's policies, no operator who has to be asked, and what is true besides."""
     plan = draw(seed)
     truths = {"battery_failsafe": False, "fence_failsafe": True, "radio": True} | truth
     stations = tuple(replace(station, asked=False) for station in plan.stations)
+    plan = plan if resumes is None else replace(plan, resumes=resumes)
     return replace(plan, strikes=strikes, policies={}, truth=replace(plan.truth, **truths), stations=stations)
 
 
@@ -89,8 +90,18 @@ def test_what_is_not_obeyed_is_ordered_again_and_then_landed() -> None:
 
 
 def test_a_return_that_gets_no_nearer_becomes_a_landing() -> None:
-    log = flown(replace(struck(SAG, Strike(Fault.STUCK, 295 * SECOND, 400 * SECOND)), resumes=0))
+    log = flown(struck(SAG, Strike(Fault.STUCK, 295 * SECOND, 400 * SECOND), resumes=0))
     assert by(log)[-3:] == ["RTL companion", "LAND companion", "GROUND companion"]
+
+
+def test_a_commander_that_hears_nothing_is_lost_however_time_is_let_pass() -> None:
+    plan = struck(Strike(Fault.DEAF, 120 * SECOND, 60 * SECOND, Target.COMMANDER), resumes=0)
+    short, whole = flown(plan), flown(plan, plain=True)
+    assert (short.modes, short.commander.times, short.moves) == (whole.modes, whole.commander.times, whole.moves)
+    lost = [at for at, who in zip(short.commander.times, short.commander.values, strict=True) if who is None and at > 0]
+    begun = short.modes[0][0] + 120 * SECOND
+    assert 9 * SECOND <= lost[0] - begun <= 11 * SECOND
+    assert judge(plan, short) == ()
 
 
 @pytest.mark.parametrize("fault", [Fault.DISOBEYS, Fault.STUCK, Fault.PILOT, Fault.BREACH])
