@@ -10,7 +10,7 @@ SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights picture mavsdk
+.PHONY: help demo test check format clean bench fuzz explore mutants scenarios soak flights picture mavsdk docs reference
 
 help:
 	@echo "make demo    set up, fly the delivery mission in simulation, write a report"
@@ -24,6 +24,8 @@ help:
 	@echo "make soak    an hour of cut leases on ArduCopter, at speed-up; ARGS='--arducopter PATH ...': on each of these"
 	@echo "make flights fly guard and energy in every situation on ArduPilot (ARGS as above), write the guard's table"
 	@echo "make mavsdk  fly with programs of MAVSDK as stations, 3 and the newest (installs both, apart from the rest)"
+	@echo "make docs    the documentation as a site, in site/"
+	@echo "make reference  make the pages of docs/reference anew"
 	@echo "make picture draw docs/architecture.svg from the imports"
 	@echo "make format  format the Python files"
 	@echo "make clean   remove everything that make made"
@@ -94,9 +96,15 @@ mavsdk: $(VENV)/installed $(VENV)/mavsdk-3 $(VENV)/mavsdk-newest
 picture: $(VENV)/installed
 	$(BIN)/python -m tests.structure.picture
 
+docs: $(VENV)/installed
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+reference: $(VENV)/installed
+	$(BIN)/python -m tests.structure.reference
+
 format: $(VENV)/installed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info runs .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site *.egg-info runs .pytest_cache .mypy_cache .ruff_cache .hypothesis
