@@ -64,7 +64,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, **_more: Any) -> str
         elif place.endswith(_PICTURES):
             there = f"site/{place}"
         elif (ROOT / place).exists():
-            return f"{link[1]}{config.repo_url.rstrip('/')}/blob/main/{place}{mark}{anchor}{link[3]}"
+            return f"{link[1]}{config.extra['home'].rstrip('/')}/blob/main/{place}{mark}{anchor}{link[3]}"
         else:  # left as it is: the builder says that it leads nowhere
             return link[0]
         return f"{link[1]}{posixpath.relpath(there, here or '.')}{mark}{anchor}{link[3]}"

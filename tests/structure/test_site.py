@@ -34,16 +34,17 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_every_page_is_there(site: Path) -> None:
-    pages = {path.relative_to(ROOT / "docs").with_suffix("") for path in (ROOT / "docs").rglob("*.md")}
-    missing = [str(page) for page in pages if not (site / page / "index.html").is_file()]
-    assert missing == []
-    for page in ("", "guard", "guard-install", "mission-packages", "contributing", "security", "changelog"):
-        assert (site / page / "index.html").is_file()
+    pages = {path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")}
+    assert [str(page) for page in pages if not (site / page).is_file()] == []
+    for page in ("index", "guard", "guard-install", "mission-packages", "contributing", "security", "changelog"):
+        assert (site / f"{page}.html").is_file()
 
 
 def test_nothing_is_loaded_from_anywhere_else(site: Path) -> None:
     for page in site.rglob("*.html"):
-        assert BROUGHT.findall(page.read_text(encoding="utf-8")) == [], page
+        text = page.read_text(encoding="utf-8")
+        assert BROUGHT.findall(text) == [], page
+        assert 'data-md-component="source"' not in text, "the theme asks the forge for stars"
 
 
 def test_the_picture_of_the_mission_came_along(site: Path) -> None:
@@ -55,5 +56,5 @@ def test_the_project_has_one_address() -> None:
     """The public home: a release must change it in all places at once."""
     config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     home = config["project"]["urls"]["Homepage"]
-    assert f"repo_url: {home}\n" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    assert f"home: {home}\n" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
     assert all(url.startswith(home) for url in config["project"]["urls"].values())
