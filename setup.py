@@ -5,12 +5,15 @@
 * the Python of the dialect, made by pymavlink's mavgen from `wire/*.xml`, goes where pymavlink looks for dialects, so
   that `--dialect=handover` works in every program that uses pymavlink;
 * two shims go where MAVProxy looks for modules, so that `module load handover` works right after installation;
-* missions and the guard, which live in folders of their own, and the constraints become data of the package.
+* missions and the guard, which live in folders of their own, and the constraints become data of the package;
+* the README as an index page shows it: there its links and pictures lead nowhere if they are relative.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
+import sys
 import tempfile
 from itertools import chain
 from pathlib import Path
@@ -23,6 +26,24 @@ HERE = Path(__file__).resolve().parent
 WIRE = HERE / "mavproxy_handover" / "wire"
 SHIMS = tuple(HERE / package / "deploy" / "mavproxy_modules" for package in ("mavproxy_handover", "gcs_module"))
 DATA_FOLDERS = ("missions", "ardupilot_lua")
+PICTURES = (".png", ".svg")
+
+
+def index_page() -> str:
+    """The README with absolute links. They lead to the Homepage of [project.urls]."""
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    home = tomllib.loads((HERE / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Homepage"]
+
+    def absolute(link: re.Match[str]) -> str:
+        target = link[1]
+        if "://" in target or target.startswith(("#", "mailto:")):
+            return link[0]
+        return f"]({home}/{'raw' if target.endswith(PICTURES) else 'blob'}/main/{target})"
+
+    return re.sub(r"\]\(([^)\s]+)\)", absolute, (HERE / "README.md").read_text(encoding="utf-8"))
 
 
 def make_dialect(target: Path) -> None:
@@ -66,4 +87,8 @@ class BuildWithDialect(build_py):
         shutil.copy(HERE / "constraints.txt", build / "mavproxy_handover" / "data")
 
 
-setup(cmdclass={"build_py": BuildWithDialect})
+setup(
+    cmdclass={"build_py": BuildWithDialect},
+    long_description=index_page(),
+    long_description_content_type="text/markdown",
+)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import configparser
 import importlib.util
+import re
 import shutil
 import subprocess
 import sys
@@ -45,6 +46,19 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
 @pytest.fixture(scope="module")
 def names(wheel: zipfile.ZipFile) -> set[str]:
     return {name for name in wheel.namelist() if ".dist-info/" not in name}
+
+
+def test_the_index_page_leads_somewhere(wheel: zipfile.ZipFile) -> None:
+    (name,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
+    metadata, _blank, page = wheel.read(name).decode().partition("\n\n")
+    assert "Description-Content-Type: text/markdown" in metadata
+    links = re.findall(r"\]\(([^)\s]+)\)", page)
+    assert len(links) > 20
+    assert [link for link in links if not link.startswith("https://")] == []
+    assert any(link.endswith("/raw/main/missions/delivery/map.png") for link in links)
+    for link in links:
+        if "/main/" in link:
+            assert (ROOT / link.partition("/main/")[2].partition("#")[0]).exists(), link
 
 
 def test_outside_our_packages_there_are_the_dialect_and_two_shims(names: set[str]) -> None:
