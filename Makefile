@@ -25,8 +25,8 @@ help:
 	@echo "make flights fly guard and energy in every situation on ArduPilot (ARGS as above), write the guard's table"
 	@echo "make mavsdk  fly with programs of MAVSDK as stations, 3 and the newest (installs both, apart from the rest)"
 	@echo "make docs    the documentation as a site, in site/"
-	@echo "make reference  make the pages of docs/reference anew"
 	@echo "make picture draw docs/architecture.svg from the imports"
+	@echo "make reference  write docs/reference, manual pages and completion anew, from the code"
 	@echo "make format  format the Python files"
 	@echo "make clean   remove everything that make made"
 
@@ -93,14 +93,14 @@ $(VENV)/mavsdk-3 $(VENV)/mavsdk-newest:
 mavsdk: $(VENV)/installed $(VENV)/mavsdk-3 $(VENV)/mavsdk-newest
 	$(BIN)/pytest tests/mavsdk -rA --mavsdk $(VENV)/mavsdk-3/bin/python --mavsdk $(VENV)/mavsdk-newest/bin/python
 
+reference: $(VENV)/installed
+	$(BIN)/python -m tests.structure.reference
+
 picture: $(VENV)/installed
 	$(BIN)/python -m tests.structure.picture
 
 docs: $(VENV)/installed
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
-
-reference: $(VENV)/installed
-	$(BIN)/python -m tests.structure.reference
 
 format: $(VENV)/installed
 	$(BIN)/ruff format .

@@ -136,6 +136,13 @@ class StationCommands:
             "set (HANDOVERSETTING)",
         ]
 
+    def listed(self) -> list[tuple[str, str]]:
+        """What can be typed, and what it does."""
+        named = [
+            (f"{name} {text.partition(': ')[0]}", text.partition(": ")[2]) for name, (text, _) in self._named.items()
+        ]
+        return [*((name, text) for name, (text, _run) in self._table.items()), *named]
+
     def run(self, args: list[str]) -> None:
         """Run one command line; anything unknown shows the usage."""
         if args and args[0] == "set":

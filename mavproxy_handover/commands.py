@@ -46,6 +46,11 @@ class VehicleCommands:
         worded = [f"{name} <{'|'.join(words)}>" for name, (words, _text, _run) in self._worded.items()]
         return ["<" + "|".join([*self._table, *self._worded]) + ">", *worded]
 
+    def listed(self) -> list[tuple[str, str]]:
+        """What can be typed, and what it does."""
+        worded = [(f"{name} {'|'.join(words)}", text) for name, (words, text, _run) in self._worded.items()]
+        return [*((name, text) for name, (text, _run) in self._table.items()), *worded]
+
     def run(self, args: list[str]) -> None:
         """Run one command line; anything unknown shows the usage."""
         if len(args) == 1 and args[0] in self._table:

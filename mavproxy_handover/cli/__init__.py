@@ -18,7 +18,7 @@ from typing import Any, Final, TextIO, cast
 
 from mavproxy_handover.version import VERSION
 
-__all__ = ["main"]
+__all__ = ["COMMANDS", "main"]
 
 #: 128 and the number of SIGPIPE
 _NOBODY_READS: Final = 141
@@ -35,8 +35,8 @@ _EXTRAS: Final = {
     "uvicorn": "watch",
 }
 
-#: word -> (module, function, what it does)
-_COMMANDS = {
+#: word -> (module, function, what it does): what `handover`, its manual and its completion know
+COMMANDS: Final = {
     "sim": ("sitl.main", "main", "fly a scenario in simulation, all real processes, and write a report"),
     "check": ("mavproxy_handover.mission.check", "main", "check a mission package before flight"),
     "report": (
@@ -71,7 +71,7 @@ def _usage() -> str:
         "",
         "Authority handover of an ArduPilot vehicle between ground control stations.",
         "",
-        *(f"  {word:10} {text}" for word, (_module, _function, text) in _COMMANDS.items()),
+        *(f"  {word:10} {text}" for word, (_module, _function, text) in COMMANDS.items()),
         "",
         "  --help, --version",
     ]
@@ -137,10 +137,10 @@ def _run(words: list[str]) -> int:
     if words[0] in ("-V", "--version", "version"):
         print(f"handover {VERSION}")
         return 0
-    if words[0] not in _COMMANDS:
-        print(f"handover: unknown command {words[0]!r}; known are {', '.join(_COMMANDS)}", file=sys.stderr)
+    if words[0] not in COMMANDS:
+        print(f"handover: unknown command {words[0]!r}; known are {', '.join(COMMANDS)}", file=sys.stderr)
         return 2
-    module, function, _text = _COMMANDS[words[0]]
+    module, function, _text = COMMANDS[words[0]]
     try:
         run = getattr(importlib.import_module(module), function)
     except ModuleNotFoundError as error:

@@ -31,7 +31,7 @@ def main(argv: Sequence[str]) -> int:
         description="Write a commented configuration: for a vehicle's companion, for a station, or a folder with those "
         "of the delivery mission (one vehicle, two stations, all here).",
     )
-    parser.add_argument("kind", choices=list(_SAMPLES))
+    parser.add_argument("kind", choices=list(_SAMPLES), help="what the configuration is for")
     parser.add_argument("target", nargs="?", type=Path, help="default: the usual name, here")
     parser.add_argument(
         "--with-passphrases",

@@ -83,7 +83,7 @@ def uninstall(argv: Sequence[str]) -> int:
 
 def _parser(word: str, description: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog=f"handover {word}", description=description)
-    parser.add_argument("kind", choices=list(CONFIGURATION))
+    parser.add_argument("kind", choices=list(CONFIGURATION), help="what this machine is")
     parser.add_argument("--root", type=Path, help="write below this folder, and run nothing")
     parser.add_argument("--force", action="store_true", help="also what somebody has changed since")
     return parser

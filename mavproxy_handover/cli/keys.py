@@ -68,9 +68,9 @@ def main(argv: Sequence[str]) -> int:
     make.add_argument("names", metavar="NAME", nargs="+", help="station, as in the configuration")
     listing = command("list", _list, "list the keys by name, fingerprint and date")
     rotate = command("rotate", _rotate, "make a new key for a station; the old one is accepted until it is retired")
-    rotate.add_argument("name", metavar="NAME")
+    rotate.add_argument("name", metavar="NAME", help="station, as in the configuration")
     retire = command("retire", _retire, "end a rotation: remove the old key")
-    retire.add_argument("name", metavar="NAME")
+    retire.add_argument("name", metavar="NAME", help="the station whose key was rotated")
     check = command("check", _check, "check that every key can be used: mode, owner, content, no two alike")
     for one in (make, rotate):
         one.add_argument("--passphrase-stdin", action="store_true", help="read the passphrase from standard input")

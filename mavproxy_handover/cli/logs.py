@@ -27,7 +27,7 @@ def main(argv: Sequence[str]) -> int:
         description="List the folders of flights, the oldest first; with `prune`, delete what is older or more than is "
         "kept. A flight that goes on is never touched.",
     )
-    parser.add_argument("what", nargs="?", choices=("list", "prune"), default="list")
+    parser.add_argument("what", nargs="?", choices=("list", "prune"), default="list", help="default: list")
     parser.add_argument("--logs", type=Path, default=Path("flights"), metavar="DIR", help="default: ./flights")
     parser.add_argument("--json", action="store_true", help="list: for programs")
     parser.add_argument("--keep-days", type=_number, default=90.0, metavar="D", help="prune: as long (90)")

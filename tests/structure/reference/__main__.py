@@ -1,0 +1,13 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Writes every generated page anew."""
+
+from __future__ import annotations
+
+from tests.structure.imports import ROOT
+from tests.structure.reference.files import generated
+
+for path, text in generated().items():
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    print(f"{path.relative_to(ROOT)} written")

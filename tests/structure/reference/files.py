@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Which files are generated, and what each should hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.structure.imports import ROOT
+from tests.structure.reference.messages import messages
+from tests.structure.reference.parameters import parameters
+from tests.structure.reference.typed import typed
+
+__all__ = ["REFERENCE", "generated"]
+
+REFERENCE = ROOT / "docs" / "reference"
+
+
+def generated() -> dict[Path, str]:
+    """Path and content of each."""
+    return {
+        REFERENCE / "messages.md": messages(),
+        REFERENCE / "commands.md": typed(),
+        REFERENCE / "parameters.md": parameters(),
+    }

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The little Markdown that the pages need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+__all__ = ["cell", "code", "page", "table"]
+
+#: the first line of each page; not seen where it is read
+_NOTE = "<!-- Made by `make reference`: do not edit. -->"
+
+
+def page(title: str, *parts: str) -> str:
+    """A whole page of paragraphs, tables and headings."""
+    return "\n\n".join([_NOTE, f"# {title}", *(part.strip("\n") for part in parts if part.strip("\n"))]) + "\n"
+
+
+def cell(text: str) -> str:
+    """Text as it may stand in a table: one line, no borders, no tags."""
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def code(text: str) -> str:
+    """Something that is typed, for a table."""
+    return f"`{' '.join(text.split())}`".replace("|", "\\|") if text else ""
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table. The cells are made by `cell` and `code`."""
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])

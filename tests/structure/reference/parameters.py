@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`docs/reference/parameters.md`: the guard's parameters, those that are recommended, and those that are read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from mavproxy_handover.autopilot.own_failsafes import PlanFacts
+from mavproxy_handover.autopilot.preflight import NAMES, Found, judge
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import GuardState
+from tests.structure.imports import ROOT
+from tests.structure.reference.markdown import cell, code, page, table
+
+__all__ = ["parameters"]
+
+_LUA = ROOT / "ardupilot_lua"
+_BLOCK = re.compile(r"--\[\[\n\s*// @Param: (\w+)\n(.*?)--\]\]\n.*?bind_add_param\(\"\w+\", \d+, (\S+)\)", re.DOTALL)
+_TAG = re.compile(r"// @(\w+): (.+)")
+_SET = re.compile(r"(?P<why>(?:#.*\n)+)(?P<name>[A-Z]\w*) (?P<value>\S+)\n")
+
+
+def parameters() -> str:
+    """The page."""
+    guard = list(_guard())
+    recommended = list(_recommended())
+    assert min(len(guard), len(recommended)) > 0, "no parameters found: have the files another form?"
+    return page(
+        "Parameters of the autopilot",
+        "## The guard's own",
+        "They exist once `handover_guard.lua` has run; the defaults are the recommended values.",
+        table(
+            ("parameter", "default", "allowed", "meaning"),
+            ((code(name), code(default), cell(allowed), cell(says)) for name, default, allowed, says in guard),
+        ),
+        "## Recommended for the others",
+        "`ardupilot_lua/handover.parm` sets them (`handover guard` copies it to the card), for ArduCopter 4.5 to 4.7. "
+        "It says as well what it leaves for you to decide.",
+        table(
+            ("parameter", "value", "why"),
+            ((code(name), code(value), cell(why)) for name, value, why in recommended),
+        ),
+        "## What the companion reads before a flight",
+        "On the ground; it says what does not fit, at the companion (`handover status`), and so does `handover "
+        "doctor`. Of two names of one thing a firmware has one. These are the companion's own words for "
+        "values that do not fit, tried one after another; what has none is read for the sake of the others.",
+        table(("parameter", "what is said of it"), ((code(name), cell(_said(name))) for name in NAMES)),
+    )
+
+
+def _guard() -> Iterator[tuple[str, str, str, str]]:
+    for name, body, default in _BLOCK.findall((_LUA / "handover_guard.lua").read_text(encoding="utf-8")):
+        tags = dict(_TAG.findall(body))
+        low, _, high = tags.get("Range", "").partition(" ")
+        allowed = f"{low} to {high} {tags.get('Units', '')}".strip() if high else tags["Values"].replace(",", ", ")
+        yield name, default, allowed, tags["Description"]
+
+
+def _recommended() -> Iterator[tuple[str, str, str]]:
+    for found in _SET.finditer((_LUA / "handover.parm").read_text(encoding="utf-8")):
+        yield found["name"], found["value"], found["why"].replace("#", " ")
+
+
+#: values that are tried on each parameter, and a plan that asks something of the fence
+_TRIED = (0, 0.3, 1, 2, 3, 4, 5, 6, 7, 16, 150, 20_000, -1)
+_PLAN = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0)
+
+
+def _said(name: str) -> str:
+    """What preflight says of it, one sentence of each kind, where all others are as recommended."""
+    fits = {each: float(default) for each, default, *_rest in _guard()}
+    fits |= {each: float(value) for each, value, _why in _recommended()}
+    fits |= {"HNDO_ALONE_MAX": 120.0, "BATT_MONITOR": 4.0, "BATT_LOW_VOLT": 10.5, "BATT_LOW_MAH": 0.0}
+    fits |= {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0, "FENCE_RADIUS": 2000.0, "FENCE_ALT_MAX": 100.0}
+    found: dict[str, str] = {}
+    for guard in (GuardState.LIVE, GuardState.SILENT):
+        for value in _TRIED:
+            state = Found(fits | {name: float(value)}, guard, plan=_PLAN, gap_s=120.0)
+            for finding in judge(state, Limits()):
+                if finding.parameter == name:
+                    found.setdefault(re.sub(r"[\d.-]+", "", finding.text), finding.text)
+    return "; ".join(found.values())
