@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.structure.imports import ROOT
+from tests.structure.reference.configuration import configuration, mission
 from tests.structure.reference.messages import messages
 from tests.structure.reference.parameters import parameters
 from tests.structure.reference.typed import typed
@@ -20,6 +21,8 @@ def generated() -> dict[Path, str]:
     """Path and content of each."""
     return {
         REFERENCE / "messages.md": messages(),
+        REFERENCE / "configuration.md": configuration(),
+        REFERENCE / "mission.md": mission(),
         REFERENCE / "commands.md": typed(),
         REFERENCE / "parameters.md": parameters(),
     }
