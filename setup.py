@@ -5,6 +5,7 @@
 * the Python of the dialect, made by pymavlink's mavgen from `wire/*.xml`, goes where pymavlink looks for dialects, so
   that `--dialect=handover` works in every program that uses pymavlink;
 * two shims go where MAVProxy looks for modules, so that `module load handover` works right after installation;
+* manual pages and completion go where `man` and shells look, below the prefix of the installation;
 * missions and the guard, which live in folders of their own, and the constraints become data of the package;
 * the README as an index page shows it: there its links and pictures lead nowhere if they are relative.
 """
@@ -68,7 +69,7 @@ def make_dialect(target: Path) -> None:
 
 
 class BuildWithDialect(build_py):
-    """build_py plus the three kinds of file named at the head of this module."""
+    """build_py plus the dialect, the shims and the data named at the head of this module."""
 
     def run(self) -> None:
         if self.editable_mode:
@@ -87,8 +88,17 @@ class BuildWithDialect(build_py):
         shutil.copy(HERE / "constraints.txt", build / "mavproxy_handover" / "data")
 
 
+#: where shells and `man` look, below the prefix of the installation
+DATA_FILES = [
+    ("share/man/man1", sorted(str(path.relative_to(HERE)) for path in (HERE / "man").glob("*.1"))),
+    ("share/bash-completion/completions", ["mavproxy_handover/deploy/completion/handover"]),
+    ("share/zsh/site-functions", ["mavproxy_handover/deploy/completion/_handover"]),
+    ("share/fish/vendor_completions.d", ["mavproxy_handover/deploy/completion/handover.fish"]),
+]
+
 setup(
     cmdclass={"build_py": BuildWithDialect},
+    data_files=DATA_FILES,
     long_description=index_page(),
     long_description_content_type="text/markdown",
 )

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from mavproxy_handover.cli import COMMANDS
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("mavproxy_handover/", "gcs_module/", "sitl/")
 ELSEWHERE = {
@@ -62,7 +64,19 @@ def test_the_index_page_leads_somewhere(wheel: zipfile.ZipFile) -> None:
 
 
 def test_outside_our_packages_there_are_the_dialect_and_two_shims(names: set[str]) -> None:
-    assert {name for name in names if not name.startswith(PACKAGES)} == ELSEWHERE
+    assert {name for name in names if not name.startswith(PACKAGES) and ".data/" not in name} == ELSEWHERE
+
+
+def test_manual_pages_and_completion_go_where_man_and_shells_look(names: set[str]) -> None:
+    pages = {f"share/man/man1/{path.name}" for path in (ROOT / "man").iterdir()}
+    assert len(pages) == len(COMMANDS) + 1
+    scripts = {
+        "share/bash-completion/completions/handover",
+        "share/zsh/site-functions/_handover",
+        "share/fish/vendor_completions.d/handover.fish",
+    }
+    assert {name.partition(".data/data/")[2] for name in names if ".data/" in name} == pages | scripts
+    assert {f"mavproxy_handover/deploy/completion/{Path(script).name}" for script in scripts} <= names
 
 
 def test_a_shim_does_nothing_but_import_its_module(wheel: zipfile.ZipFile) -> None:

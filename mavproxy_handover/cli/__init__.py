@@ -18,7 +18,7 @@ from typing import Any, Final, TextIO, cast
 
 from mavproxy_handover.version import VERSION
 
-__all__ = ["COMMANDS", "main"]
+__all__ = ["COMMANDS", "DESCRIPTION", "main"]
 
 #: 128 and the number of SIGPIPE
 _NOBODY_READS: Final = 141
@@ -60,16 +60,20 @@ COMMANDS: Final = {
     "uninstall": ("mavproxy_handover.cli.install", "uninstall", "take back what install wrote"),
     "doctor": ("mavproxy_handover.doctor.command", "main", "find out what is wrong with this machine, and what to do"),
     "logs": ("mavproxy_handover.cli.logs", "main", "list what flights have left behind, delete what is old"),
+    "completion": ("mavproxy_handover.cli.completion", "main", "print what a shell completes behind handover"),
     "companion": ("mavproxy_handover.cli.run", "companion", "run MAVProxy with the module of the companion computer"),
     "station": ("mavproxy_handover.cli.run", "station", "run MAVProxy with the module of a ground station"),
 }
+
+
+DESCRIPTION: Final = "Authority handover of an ArduPilot vehicle between ground control stations."
 
 
 def _usage() -> str:
     lines = [
         "usage: handover COMMAND [options]        (handover COMMAND --help tells more)",
         "",
-        "Authority handover of an ArduPilot vehicle between ground control stations.",
+        DESCRIPTION,
         "",
         *(f"  {word:10} {text}" for word, (_module, _function, text) in COMMANDS.items()),
         "",

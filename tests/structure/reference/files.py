@@ -7,7 +7,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.structure.imports import ROOT
+from tests.structure.reference.completion import completion
 from tests.structure.reference.configuration import configuration, mission
+from tests.structure.reference.manual import manual
 from tests.structure.reference.messages import messages
 from tests.structure.reference.parameters import parameters
 from tests.structure.reference.typed import typed
@@ -25,4 +27,6 @@ def generated() -> dict[Path, str]:
         REFERENCE / "mission.md": mission(),
         REFERENCE / "commands.md": typed(),
         REFERENCE / "parameters.md": parameters(),
+        **manual(),
+        **completion(),
     }
