@@ -25,6 +25,7 @@ from tests.structure.imports import ROOT
 from tests.structure.reference.configuration import Key, keys_of_missions, keys_of_stations, keys_of_vehicles
 from tests.structure.reference.files import REFERENCE, generated
 from tests.structure.reference.parsers import commands
+from tests.structure.reference.requirements import PARTS, names_in, read
 
 GENERATED = generated()
 ANEW = "is out of date: `make reference` writes it anew"
@@ -203,3 +204,33 @@ def test_a_range_of_a_mission_is_the_one_that_is_kept(
     for value in bad:
         with pytest.raises(MissionError, match=key):
             _mission(name, rf"^{key} = .*$", f"{key} = {value}")
+
+
+# ---- requirements -------------------------------------------------------------------------------------------------
+
+
+def test_every_requirement_has_a_test_that_exists_or_says_why_it_has_none() -> None:
+    rows = read()
+    assert [row.id for row in rows if bool(row.tests) == bool(row.none)] == []
+    assert {row.part for row in rows} == set(PARTS)
+    assert len(rows) > 90
+    missing = []
+    for row in rows:
+        for name in row.tests:
+            path, _, test = name.partition("::")
+            if not (ROOT / path).exists() or test not in names_in(ROOT / path):
+                missing.append(f"{row.id}: {name}")
+    assert missing == []
+
+
+def test_no_requirement_is_there_twice() -> None:
+    rows = read()
+    assert len({row.id for row in rows}) == len({row.text for row in rows}) == len(rows)
+    assert [row.id for row in rows if len(set(row.tests)) < len(row.tests)] == []
+
+
+def test_the_names_in_a_file_are_read_with_their_classes_and_nothing_else_is_one() -> None:
+    own = names_in(Path(__file__))
+    assert "test_no_requirement_is_there_twice" in own
+    assert not {"_write", "NUMBERS", "test_"} & own
+    assert any(name.startswith("Test") and "::test_" in name for name in names_in(ROOT / "tests/core/test_control.py"))

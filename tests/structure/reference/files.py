@@ -12,6 +12,7 @@ from tests.structure.reference.configuration import configuration, mission
 from tests.structure.reference.manual import manual
 from tests.structure.reference.messages import messages
 from tests.structure.reference.parameters import parameters
+from tests.structure.reference.requirements import requirements
 from tests.structure.reference.typed import typed
 
 __all__ = ["REFERENCE", "generated"]
@@ -27,6 +28,7 @@ def generated() -> dict[Path, str]:
         REFERENCE / "mission.md": mission(),
         REFERENCE / "commands.md": typed(),
         REFERENCE / "parameters.md": parameters(),
+        ROOT / "docs" / "requirements.md": requirements(),
         **manual(),
         **completion(),
     }

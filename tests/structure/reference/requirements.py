@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""`docs/requirements.md`, from the table `tests/structure/requirements.toml`, and which tests a file has."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+
+from mavproxy_handover.config.toml import list_of_tables, read_toml
+from tests.structure.reference.markdown import cell, code, page, table
+
+__all__ = ["DATA", "PARTS", "Requirement", "read", "requirements", "names_in"]
+
+DATA = Path(__file__).resolve().parents[1] / "requirements.toml"
+#: part of the table -> its heading, what it is about, what its column of sources is called
+PARTS: Final = {
+    "thesis": (
+        "The thesis",
+        "What the project keeps, or mends, of the MSc thesis that it grew out of. The sections are named where a "
+        "source that was at hand names them.",
+        "section",
+    ),
+    "standard": (
+        "The operator-control standard of MAVLink",
+        "In its layout of 2026; [qgroundcontrol.md](qgroundcontrol.md) tells of it in use.",
+        "what",
+    ),
+    "design": (
+        "The promises of the design",
+        "[architecture.md](architecture.md) and [safety.md](safety.md) tell how they are kept.",
+        "part",
+    ),
+}
+_KEYS: Final = ("id", "part", "source", "text", "tests", "none")
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """One row. `tests`: pytest ids; where there are none, `none` says why."""
+
+    id: str
+    part: str
+    source: str
+    text: str
+    tests: tuple[str, ...]
+    none: str
+
+
+def read() -> tuple[Requirement, ...]:
+    """The table. Raises ConfigError."""
+    found = []
+    for entry in list_of_tables(read_toml(DATA), "requirement", DATA, _KEYS):
+        part = entry.get("part", str, required=True)
+        if part not in PARTS:
+            raise entry.error("part", f"{part!r} must be one of " + ", ".join(PARTS))
+        words = (entry.get("id", str, required=True), part, entry.get("source", str, ""))
+        tests = tuple(entry.get("tests", list, []))
+        found.append(Requirement(*words, entry.get("text", str, required=True), tests, entry.get("none", str, "")))
+    return tuple(found)
+
+
+@cache
+def names_in(path: Path) -> frozenset[str]:
+    """The tests of a file, as pytest names them behind its path; read from the source, not imported."""
+    return frozenset(_tests(ast.parse(path.read_text(encoding="utf-8")).body, ()))
+
+
+def _tests(body: list[ast.stmt], inside: tuple[str, ...]) -> Iterator[str]:
+    for node in body:
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_"):
+            yield "::".join((*inside, node.name))
+        elif isinstance(node, ast.ClassDef) and node.name.startswith("Test"):
+            yield from _tests(node.body, (*inside, node.name))
+
+
+def requirements() -> str:
+    """The page."""
+    parts = [
+        "What is asked of the system, and the tests that hold it. `pytest` takes each of these names; those under "
+        "`tests/sitl` that need ArduCopter say so when they are skipped. A row without a test says why.",
+    ]
+    for part, rows in groupby(read(), key=lambda each: each.part):
+        title, about, source = PARTS[part]
+        parts += [f"## {title}", about]
+        shown = [(each.id, cell(each.source), cell(each.text), _held(each)) for each in rows]
+        parts.append(table(("id", source, "requirement", "held by"), shown))
+    return page("Requirements and their tests", *parts)
+
+
+def _held(requirement: Requirement) -> str:
+    if not requirement.tests:
+        return f"none: {cell(requirement.none)}"
+    return "<br>".join(code(name) for name in requirement.tests)
