@@ -90,7 +90,7 @@ class BuildWithDialect(build_py):
 
 #: where shells and `man` look, below the prefix of the installation
 DATA_FILES = [
-    ("share/man/man1", sorted(str(path.relative_to(HERE)) for path in (HERE / "man").glob("*.1"))),
+    ("share/man/man1", sorted(str(path.relative_to(HERE)) for path in (HERE / "docs" / "man").glob("*.1"))),
     ("share/bash-completion/completions", ["mavproxy_handover/deploy/completion/handover"]),
     ("share/zsh/site-functions", ["mavproxy_handover/deploy/completion/_handover"]),
     ("share/fish/vendor_completions.d", ["mavproxy_handover/deploy/completion/handover.fish"]),

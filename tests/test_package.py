@@ -68,7 +68,7 @@ def test_outside_our_packages_there_are_the_dialect_and_two_shims(names: set[str
 
 
 def test_manual_pages_and_completion_go_where_man_and_shells_look(names: set[str]) -> None:
-    pages = {f"share/man/man1/{path.name}" for path in (ROOT / "man").iterdir()}
+    pages = {f"share/man/man1/{path.name}" for path in (ROOT / "docs" / "man").iterdir()}
     assert len(pages) == len(COMMANDS) + 1
     scripts = {
         "share/bash-completion/completions/handover",

@@ -18,7 +18,7 @@ from tests.structure.reference.parsers import Command, Option, commands
 
 __all__ = ["MAN", "manual"]
 
-MAN = ROOT / "man"
+MAN = ROOT / "docs" / "man"
 _NOTE = '.\\" SPDX-License-Identifier: GPL-3.0-or-later\n.\\" Made by `make reference`: do not edit.'
 _EXIT = (
     ("0", "All is well."),
