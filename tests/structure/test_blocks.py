@@ -36,17 +36,17 @@ PAGES = [
     *sorted((ROOT / "ardupilot_lua").glob("*.md")),
 ]
 #: blocks that are shown, and not typed
-SHOWN = ("text", "c", "lua", "python", "json", "ini", "xml")
+SHOWN = ("text", "c", "python")
 #: first words of shell lines that are not ours: what the line is taken to be right for
 OTHERS = {
-    **dict.fromkeys(("cd", "cp", ".", "editor", "install", "systemctl", "git"), "the machine's own"),
+    **dict.fromkeys(("cd", "cp", ".", "editor", "install", "systemctl"), "the machine's own"),
     **dict.fromkeys(("pip", "python3"), "the machine's Python"),
     "arducopter": "ArduPilot's program: flown as `sitl/vehicles/arducopter.py` starts it",
 }
 #: commands that end by themselves in no time, wherever they are run
-RUN = ("check", "policy", "explain", "keys", "init", "completion")
+RUN = ("check", "init")
 #: MAVProxy's own console commands that are shown
-MAVPROXY = ("mode", "vehicle", "rc", "module", "link")
+MAVPROXY = ("mode",)
 
 
 def blocks(path: Path) -> Iterator[tuple[str, str]]:
@@ -119,6 +119,7 @@ def test_a_shell_line_is_one_that_can_be_typed(line: str) -> None:
             assert all(f"\n{target}: " in makefile for target in targets), words
         elif words[0] == "python" and words[1] == "-m":
             assert importlib.util.find_spec(words[2]) is not None
+            assert all((ROOT / word).exists() for word in words[3:] if word.endswith(".py")), words
         elif words[0] == "mavproxy.py":
             (load,) = [word for word in words if word.startswith("--cmd=module load handover")]
             assert re.fullmatch(r"--cmd=module load handover(_gcs)?:\{\"config\":\"[\w.]+\"\}", load)
@@ -143,6 +144,28 @@ def test_toml_loads(path: Path) -> None:
     for kind, contents in blocks(path):
         if kind == "toml":
             assert tomllib.loads(contents)
+
+
+def test_nothing_is_allowed_that_no_page_shows() -> None:
+    kinds = {kind for path in PAGES for kind, _contents in blocks(path)}
+    firsts = {
+        words[0]
+        for path in PAGES
+        for kind, contents in blocks(path)
+        if kind == ""
+        for line in contents.replace("\\\n", " ").splitlines()
+        for words in words_of(line)
+    }
+    assert set(SHOWN) <= kinds
+    assert set(OTHERS) <= firsts
+    consoles = {
+        line.split()[0]
+        for path in PAGES
+        for kind, text in blocks(path)
+        if kind == "console"
+        for line in text.splitlines()
+    }
+    assert set(MAVPROXY) <= consoles
 
 
 def test_what_ends_by_itself_does_what_it_is_shown_for(

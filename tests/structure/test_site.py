@@ -57,4 +57,6 @@ def test_the_project_has_one_address() -> None:
     config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     home = config["project"]["urls"]["Homepage"]
     assert f"home: {home}\n" in (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    forms = (ROOT / ".github/ISSUE_TEMPLATE/config.yml").read_text(encoding="utf-8")
+    assert re.findall(r"url: (https://\S+)", forms) == [f"{home}/discussions", f"{home}/security/advisories/new"]
     assert all(url.startswith(home) for url in config["project"]["urls"].values())
