@@ -6,7 +6,7 @@ PYTHON ?= python3
 PYTEST_ARGS ?= -n 2 --dist loadfile --no-loadscope-reorder
 VENV := .venv
 BIN := $(VENV)/bin
-SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua man -type f -not -path '*/__pycache__/*') \
+SOURCES := $(shell find mavproxy_handover gcs_module sitl missions ardupilot_lua docs/man -type f -not -path '*/__pycache__/*') \
            pyproject.toml setup.py constraints.txt
 
 .DEFAULT_GOAL := help
