@@ -19,7 +19,7 @@ from mavproxy_handover.cli import COMMANDS, main
 from mavproxy_handover.resources import DEPLOY
 
 SCRIPTS = DEPLOY / "completion"
-MAN = Path(__file__).resolve().parents[2] / "man"
+MAN = Path(__file__).resolve().parents[2] / "docs" / "man"
 #: nothing can be started: what completes needs no Python
 NOWHERE = {"PATH": "/nonexistent", "TERM": "dumb"}
 
