@@ -280,11 +280,21 @@ def _lost(_plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Fou
     return Found("nobody, not noticed", found.at, f"{REACTS_S} s without a commander with all whole, and it flew on")
 
 
+def _crosses(plan: FlightPlan, log: FlightLog, began: int, at: int) -> bool:
+    """Whether it is in a declared gap or right behind one, or was carried beside it within the gap's limit."""
+    x, y, _z = log.place_at(at)
+    if is_behind_gap(plan, x, y):
+        return True
+    longest_s = max((gap.limit_s for gap in plan.gaps), default=0.0)
+    first = max(began, at - round(longest_s * SECOND))
+    flown = ((then, *log.place_at(then)[:2]) for then in range(at, first - 1, -SECOND))
+    return any(gap_allowed_s(plan, Mode.AUTO.name, x, y) * SECOND > at - then for then, x, y in flown)
+
+
 def _left_to_others(plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
     for (began, before, _), (at, mode, by) in pairwise(log.modes):
         stands_behind = by in ("guard", "GCS failsafe") and before in ON_ITS_WAY and mode == Mode.RTL.name
-        x, y, _z = log.place_at(at)
-        if by == "GCS failsafe" and (gap_allowed_s(plan, before, x, y) or is_behind_gap(plan, x, y)):
+        if by == "GCS failsafe" and _crosses(plan, log, began, at):
             continue  # without a guard, which has it watch the companion, it allows no gap
         if stands_behind and at - began >= SETTLED_S * SECOND and whole_s(log, at - 1) >= SETTLED_S:
             return Found("left to others", at, f"all was whole, and it was the {by} that sent it home")

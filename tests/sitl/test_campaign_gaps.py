@@ -164,17 +164,17 @@ def test_the_same_comes_of_it_however_time_is_let_pass(limit_s: float | None) ->
 # ---- the judge -------------------------------------------------------------------------------------------------------
 
 
-def alone(x: float, seconds: int, by: str = "companion") -> list[str]:
-    """Nobody commands who hangs so far along the way, in a gap with time left, until it is sent home by that; what of
-    it is left undone by the rules."""
+def alone(x: float, seconds: int, by: str = "companion", carried: float = 0.0, limit_s: float = 300.0) -> list[str]:
+    """Nobody commands who hangs so far along the way, in a gap with time left, until it is sent home by that, and is
+    carried sideways at so many m/s; what of it is left undone by the rules."""
     (gap,) = find_gaps(WAY, ZONES, MODEL, 10.0, 1.0)
-    plan = replace(declaring(), gaps=(replace(gap, limit_s=300.0),), speed_mps=10.0)
+    plan = replace(declaring(), gaps=(replace(gap, limit_s=limit_s),), speed_mps=10.0)
     stations = tuple(replace(station, zone=zone) for station, zone in zip(plan.stations[:2], ZONES, strict=True))
     plan = replace(plan, stations=stations)
     log = FlightLog(landed=(1000 * SECOND, 0.0, 0.0), ended=1000 * SECOND)
     for station in stations:
         log.working[station.sysid], log.believes[station.sysid] = Series(True), Series(None)
-    log.flown = [Flown(0, seconds * SECOND, x, 0.0, 50.0, 0.0, 0.0, 0.0, "AUTO")]
+    log.flown = [Flown(0, seconds * SECOND, x, 0.0, 50.0, 0.0, carried, 0.0, "AUTO")]
     log.modes = [(0, "AUTO", "start"), (seconds * SECOND, "RTL", by), (1000 * SECOND, "GROUND", by)]
     return [found.row for found in judge(plan, log) if found.row in ("nobody, not noticed", "left to others")]
 
@@ -191,6 +191,14 @@ def test_without_a_guard_the_failsafe_ends_a_crossing_and_a_guard_does_not() -> 
     assert alone(1250.0, 60, "guard") == ["left to others"]
     assert alone(1500.0 + 65.0, 9, "GCS failsafe") == []
     assert alone(1500.0 + 75.0, 12, "GCS failsafe") == ["left to others"]
+
+
+def test_who_is_carried_out_of_the_gap_sideways_was_in_it_for_no_longer_than_its_limit() -> None:
+    """Flight 1052893: wind had it 50 m beside its leg when the failsafe, which knew of no gap, ended the crossing."""
+    carried = 5.5  # beside the corridor after 10 s
+    assert alone(1250.0, 14, "GCS failsafe", carried) == []
+    assert alone(1250.0, 14, "GCS failsafe", carried, limit_s=3.0) == ["left to others"]
+    assert alone(950.0, 14, "GCS failsafe", carried) == ["left to others"]
 
 
 @pytest.mark.parametrize(("seconds", "rows"), [(30 + 18, []), (30 + 19, ["uncovered, nothing done"])])
