@@ -69,6 +69,9 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "look: dropped from and/or: there: all_the_way and there": (
             "who is covered all the way is covered there: the one is wrong no sooner than the other"
         ),
+        "stays_until: comparison turned: now < since + BETTER_S < inf (number 2)": (
+            "for ever is what is answered where there is none, and of others it is never the first"
+        ),
         "_goes_over: comparison turned: better > counts": "it is asked only of two standings that differ",
     },
     "safety.helm": {

@@ -233,6 +233,14 @@ def test_until_when_a_choice_stays_if_the_facts_do() -> None:
         assert chooser.stays_until(now) == until
 
 
+def test_of_two_stations_that_come_back_the_choice_stays_until_the_first_counts() -> None:
+    chooser, places = PlaceChooser(), [HOME, NEAR]
+    for now, usable in ((0.0, {A, B}), (1.0, set()), (2.0, {A}), (5.0, {A, B})):
+        chooser.choose(places, usable, now)
+    assert chooser.stays_until(6.0) == 22.0
+    assert chooser.stays_until(22.0) == 25.0
+
+
 def test_a_station_that_comes_for_the_first_time_counts_at_once() -> None:
     flight = Flight({A})
     assert flight.look(HOME, NEAR).place.name == "home"
@@ -346,6 +354,9 @@ def test_a_place_that_was_gone_is_another_one_when_it_is_back() -> None:
     flight.look(HOME, NEAR, seconds=20)
     flight.look(HOME)
     assert flight.look(HOME, replace(NEAR, way_inside=False)).place.name == "home"
+    flight.look(HOME, replace(NEAR, way_inside=False), seconds=5)
+    flight.look(HOME)
+    assert flight.look(HOME, NEAR).place.name == "rally 1"
 
 
 def test_without_places_the_choice_is_forgotten() -> None:
