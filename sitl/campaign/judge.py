@@ -25,7 +25,7 @@ from sitl.campaign.aircraft import Mode
 from sitl.campaign.log import FlightLog
 from sitl.campaign.obedience import GIVEN_UP_S, OBEYED_S, STANDS_S, not_again, not_landed
 from sitl.campaign.physics import Physics
-from sitl.campaign.plan import FlightPlan
+from sitl.campaign.plan import FlightPlan, StationPlan
 from sitl.campaign.plane import Spot, segment_m
 from sitl.campaign.times import SECOND
 from sitl.campaign.truth import (
@@ -164,31 +164,36 @@ def _uncovered_place(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ..
     """Landed by a return at a place where nobody is, though another one that is covered could have been reached.
 
     What counts was so, and could be known, for `KNOWN_S` before the return began: the vehicle knows of a station what
-    it hears, and the rally list is written by a companion that lives. Whoever falls away later is nobody's fault.
+    it hears, not much of one whose link loses a third of everything, and the rally list is written by a companion that
+    lives. Whoever falls away later is nobody's fault.
     """
     begun = [at for at, mode, _by in log.modes if mode == Mode.RTL.name]
     if not begun or not moments or log.landed is None or log.modes[-2][1] != Mode.RTL.name:
         return None
     at, landed = begun[-1], log.landed
     there = min(plan.places, key=lambda place: place.away_m(landed[1], landed[2]))
-    before = [moment for moment in moments if at - KNOWN_S * SECOND <= moment.at <= at]
+    first = at - KNOWN_S * SECOND
+    before = [moment for moment in moments if first <= moment.at <= at]
     steady = len(before) >= KNOWN_S and all(moment.writes for moment in before)
-    if not steady or there.away_m(landed[1], landed[2]) > _THERE_M or _known(plan, there, before, any):
+    if not steady or there.away_m(landed[1], landed[2]) > _THERE_M or _known(plan.stations, there, before, any):
         return None
     if _covered(plan, log, there, landed[0]):
         return None
     left, physics = log.left_wh_at(at) * plan.truth.gauge, Physics.of(plan)
+    sound = [station for station in plan.stations if log.is_sound(station.sysid, first, at)]
     for place in plan.places:
         safe = left > 1.1 * physics.budget_wh(physics.home_wh(before[-1].place, place))
-        if safe and _known(plan, place, before, all) and _covered(plan, log, place, landed[0]):
+        if safe and _known(sound, place, before, all) and _covered(plan, log, place, landed[0]):
             text = f"landed at a place that no station covers; one {place.away_m(*landed[1:]):.0f} m away was in reach"
             return Found("landed uncovered", landed[0], text)
     return None
 
 
-def _known(plan: FlightPlan, place: Spot, moments: Iterable[Moment], how: Callable[[Iterable[bool]], bool]) -> bool:
-    """Whether a station covers the place that works and hears the aircraft: in any of these moments, or in all."""
-    covering = {s.sysid for s in plan.stations if s.zone.margin_m(place.x_m, place.y_m) > 0.0}
+def _known(
+    stations: Iterable[StationPlan], place: Spot, moments: Iterable[Moment], how: Callable[[Iterable[bool]], bool]
+) -> bool:
+    """Whether one of them covers the place that works and hears the aircraft: in any of these moments, or in all."""
+    covering = {s.sysid for s in stations if s.zone.margin_m(place.x_m, place.y_m) > 0.0}
     return how(not covering.isdisjoint(moment.heard) for moment in moments)
 
 

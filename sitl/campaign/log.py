@@ -99,6 +99,8 @@ class FlightLog:
     cable: Series[bool] = field(default_factory=lambda: Series(True))
     #: stations that work and are heard and hear, wherever the aircraft is
     working: dict[int, Series[bool]] = field(default_factory=dict)
+    #: stations whose links lose a third of everything
+    weak: dict[int, Series[bool]] = field(default_factory=dict)
     #: stations that take themselves for the commander, with the epoch
     believes: dict[int, Series[int | None]] = field(default_factory=dict)
     #: what a station ordered that was obeyed: tick, station, whether it had authority
@@ -129,6 +131,11 @@ class FlightLog:
     def mode_at(self, at: int) -> tuple[int, str, str]:
         """Since when which mode was flown then, and who had set it."""
         return next((each for each in reversed(self.modes) if each[0] <= at), (0, "", ""))
+
+    def is_sound(self, station: int, first: int, last: int) -> bool:
+        """Whether its link lost next to nothing from the first to the last of these moments."""
+        weak = self.weak.get(station)
+        return weak is None or weak.stays(False, first, last)
 
     def place_at(self, at: int) -> tuple[float, float, float]:
         """Where the aircraft was then; home before it flew."""

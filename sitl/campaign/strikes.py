@@ -198,14 +198,20 @@ class Strikes:
         links = [link for each in whom for link in (self._world.uplinks[each], self._world.downlinks[each])]
         for link in links:
             link.loss += WEAK_LOSS
+        self._know_weak(whom, now)
         over = self._judge_links(whom, weak=True, now=now + 2 * SECOND)
 
         def end(now: int) -> None:
             for link in links:
                 link.loss = max(0.0, link.loss - WEAK_LOSS)
+            self._know_weak(whom, now)
             over(now)
 
         return end
+
+    def _know_weak(self, whom: list[int], now: int) -> None:
+        for each in whom:
+            self._world.log.weak[each].set(now, self._world.uplinks[each].loss > 0.0)
 
     def _judge_links(
         self, whom: list[int], *, weak: bool = False, attacked: bool = False, now: int

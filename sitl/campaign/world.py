@@ -65,7 +65,7 @@ class World:
         self.plan, self.plain = plan, plain
         self.log = log = FlightLog(tells=tells)
         for station in plan.stations:
-            log.working[station.sysid] = Series(True)
+            log.working[station.sysid], log.weak[station.sysid] = Series(True), Series(False)
             log.believes[station.sysid] = Series(None)
         #: ticks that the clock of the rules has stood still
         self.stood = 0

@@ -298,6 +298,11 @@ def test_what_could_not_be_reached_or_not_be_known_is_nobodys_fault(far: FlightP
     late.working[A].set(60 * SECOND, False)
     late.working[A].set(70 * SECOND, True)  # it was silent, and had yet to show that it stays
     assert rows(far, late) == []
+    weak = returned(far)
+    weak.weak[A] = Series(False)
+    weak.weak[A].set(60 * SECOND, True)
+    weak.weak[A].set(70 * SECOND, False)  # flight 1054720: its answers were lost for ten seconds by chance
+    assert rows(far, weak) == []
 
 
 # ---- what the rules are for ------------------------------------------------------------------------------------------
