@@ -21,6 +21,7 @@ looked at, and `due_at` says when it has to be, if nothing is said until then.
 What does not show in time is commanded again, TRIES times; then the action is one that the autopilot does not follow
 (`unable`). The strategy learns that as a fact: it cannot hold, no place can be reached. So it is the table of
 `strategy.py` that goes on to the next graver action, and nothing here. Under LAND there is nothing: it is repeated.
+An order that is decided anew, for another cause, is the same order: causes that take turns give it no more time.
 
 Who has taken the aircraft keeps it. A pilot, a failsafe and the commander's own word end the order (`withdrawn`): what
 the pilot gives back is commanded again while its cause is there, the commander's word stands until something new is
@@ -144,15 +145,15 @@ class Supervision:
             self._last_m = motion.left_m
 
     def ordered(self, action: FlightAction, now: float) -> None:
-        """The autopilot is commanded this from now on."""
+        """The autopilot is commanded this from now on, or still."""
         self._awaits_pilot = None
         if action not in FOLLOW:  # to go on ends a hold, and nothing is expected of it
             self.order = None
-            return
-        self.order, self._tries = action, 1
-        self._begin(now)
+        elif action is not self.order:
+            self._begin(action, 1, now)
 
-    def _begin(self, now: float) -> None:
+    def _begin(self, action: FlightAction, tries: int, now: float) -> None:
+        self.order, self._tries = action, tries
         self._since, self._shown, self._excused = now, False, False
         self._first_speed = 0.0 if self._motion is None else self._motion.speed_mps
 
@@ -196,9 +197,8 @@ class Supervision:
         return self._moves(self.order, helm, facts, breached, now)
 
     def _again(self, action: FlightAction, now: float) -> Seen:
-        tries = self._tries
-        self.ordered(action, now)
-        self._tries = tries + 1
+        self._awaits_pilot = None
+        self._begin(action, self._tries + 1, now)
         self.due_at = now + self._limits.obey_s
         return Seen.AGAIN
 

@@ -114,6 +114,23 @@ def test_what_does_not_show_is_commanded_once_more_and_given_up() -> None:
     assert watched.look(60.0) is None
 
 
+def test_causes_that_take_turns_give_an_order_no_more_time() -> None:
+    """Flight 1005508: lost and back again, out of coverage all the while, it stood still for 66 s in one return."""
+    watched = Watched().order(RETURN)
+    assert watched.look(5.9) is None
+    watched.order(RETURN)
+    assert watched.look(0.1) is AGAIN
+    watched = returning()
+    for seconds in (10.0, 10.0, 9.9):
+        assert watched.look(seconds) is None
+        watched.order(RETURN)
+    assert watched.look(0.1) is UNABLE
+    assert watched.order(RETURN).supervision.order is RETURN, "what was given up may be ordered once more"
+    watched = Watched().order(HOLD)
+    assert watched.look(8.3) is None
+    assert watched.order(HOLD).look(0.1) is UNABLE
+
+
 def test_a_landing_is_commanded_again_for_ever() -> None:
     watched = Watched().order(LAND)
     assert [watched.look(s) for s in (5.9, 0.1, 5.9, 0.1, 6.0, 6.0)] == [None, AGAIN, None, AGAIN, AGAIN, AGAIN]
@@ -373,6 +390,7 @@ def test_without_a_motion_nothing_is_concluded_of_a_return() -> None:
 def test_the_second_order_knows_nothing_of_the_nearest_of_the_first() -> None:
     watched = returning()
     stuck(watched, (0.0, 900.0), (0.0, 940.0))
+    watched.supervision.over()
     watched.order(RETURN)
     assert watched.look() is OBEYED
     assert stuck(watched, (0.0, 930.0), (0.0, 920.0), (0.0, 910.0)) == [None] * 3
