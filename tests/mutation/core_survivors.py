@@ -74,6 +74,14 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
         "_goes_over: comparison turned: better > counts": "it is asked only of two standings that differ",
     },
+    "safety.energy": {
+        "made_good: comparison turned: across >= self.airspeed_mps": (
+            "with all of the airspeed taken from the side none is left for the way, and that is looked at next"
+        ),
+        "_duration_s: comparison turned: length_m < speed_mps ** 2 / ACCELERATION_MPSS": (
+            "on a piece just long enough for its speed both take as long"
+        ),
+    },
     "safety.helm": {
         "__init__: truth turned: False in self._flying = False": "there is no mode before the first one to differ from",
         "settle: dropped: self._since = -inf": "it is looked at in doubt only, and the next doubt sets it",

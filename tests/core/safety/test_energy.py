@@ -232,6 +232,44 @@ def test_a_shortfall_is_said_in_words(fact: EnergyFact, need: float, words: str)
     assert fact.shortfall(need) == words
 
 
+def test_half_a_metre_a_second_is_slow_and_can_be_flown() -> None:
+    made = replace(MODEL, wind=Wind(9.5, NORTH)).made_good(NORTH)
+    assert (made.speed_mps, made.power_w) == (pytest.approx(0.5), pytest.approx(440.0))
+    assert isfinite(replace(MODEL, wind=Wind(9.5, NORTH)).piece_wh(Piece(length_m=10.0)))
+
+
+def test_a_piece_that_is_long_enough_for_its_speed_is_flown_at_it() -> None:
+    """10 m/s need 100 / 1.5 = 67 m: 100 m take 10 s and 10 / 1.5 s."""
+    assert MODEL.piece_wh(Piece(length_m=100.0)) * 3600.0 == pytest.approx(440.0 * (10.0 + 10.0 / 1.5))
+
+
+def test_the_point_of_no_return_is_found_to_half_a_metre() -> None:
+    assert point_of_no_return(lambda place: 10.2 - place, (0.0, 64.0)) == 10.5
+    assert point_of_no_return(lambda place: 32.0 - place, (0.0, 64.0)) == 32.5
+
+
+@pytest.mark.parametrize(
+    ("fact", "words"),
+    [
+        (EnergyFact(0.0, missing="battery_wh is not configured"), "unknown: battery_wh is not configured"),
+        (
+            EnergyFact(0.0, model=replace(MODEL, wind=None, headwind_mps=3.0)),
+            "what is left is not known, wind not known, 3.0 m/s from ahead, as configured",
+        ),
+        (
+            EnergyFact(0.0, 61.26, 401.7, replace(MODEL, wind=Wind(4.24, 272.0)), "mission", True, ("odd", "very")),
+            "61.3 Wh of 100.0 Wh left, 402 W, wind 4.2 m/s from 272 (mission), learned, odd, very",
+        ),
+        (
+            EnergyFact(0.0, 0.0, 0.0, MODEL, "WIND"),
+            "0.0 Wh of 100.0 Wh left, 0 W, wind 0.0 m/s from 0 (WIND), as configured",
+        ),
+    ],
+)
+def test_what_is_known_in_words(fact: EnergyFact, words: str) -> None:
+    assert fact.words() == words
+
+
 def test_without_numbers_no_margin_is_known() -> None:
     way = [Piece(hold_s=100.0)]
     assert FACT.margin_wh(way) == pytest.approx(0.0)

@@ -465,7 +465,7 @@ def test_noise_on_every_input_makes_no_choice_flap(kind: str, seed: int) -> None
 def test_where_the_mission_is_about_to_return_the_soonest_of_equals_is_enough() -> None:
     """As it was reckoned before the flight; what stands lower is not gone over to for that, nor is a return sent on."""
     chooser, there = PlaceChooser(), replace(NEAR, time_s=30.0)
-    for sooner, name in ((29.0, "home"), (31.0, "rally 1")):
+    for sooner, name in ((29.0, "home"), (30.0, "rally 1"), (31.0, "rally 1")):
         chooser.adopt("rally 1")
         here = replace(HOME, time_s=sooner)
         for second in range(40):
