@@ -20,9 +20,10 @@ overrides of the commander that turn the mode switch, and a pilot's (while they 
 autopilot's radio failsafe follows when they end); a second computer on board, and nobody at all.
 
 A pilot has the aircraft while it flies by hand, or in a mode that he chose, and his radio lives. He gives it back by
-choosing AUTO or GUIDED after he has flown by hand, since take-off or later, by landing, and by what a commander's
-accepted command or the companion's own order makes of the mode. No cause ends it, a new one neither. On the ground
-nobody flies: whatever is chosen there is the flight's beginning, unless it is flown by hand.
+choosing AUTO or GUIDED after he has flown by hand since take-off, be it for one moment on the way of a switch;
+by landing; and by what a commander's accepted command or the companion's own order makes of the mode. No cause ends it,
+a new one neither. On the ground nobody flies: whatever is chosen there is the flight's beginning, unless it is flown by
+hand.
 """
 
 from __future__ import annotations
@@ -139,7 +140,7 @@ class Helm:
             hand = self._by_nobody()
         self._since = -inf
         before, flown = self._before
-        by_hand = flown is Flown.HANDS and before in (Hand.PILOT, Hand.NOBODY)
+        by_hand = flown is Flown.HANDS and before in (Hand.PILOT, Hand.NOBODY, Hand.DOUBT)
         if hand is Hand.PILOT and by_hand and self.flown in GIVES_BACK:
             self.chosen_by = Hand.NOBODY
             return Change.GIVEN_BACK

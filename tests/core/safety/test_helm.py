@@ -182,6 +182,25 @@ def test_before_anything_was_heard_nobody_flies() -> None:
     assert (helm.facts(), helm.piloted, helm.radio, helm.due_at()) == (set(), False, False, None)
 
 
+@pytest.mark.parametrize("back", [AUTO, GUIDED])
+def test_a_moment_by_hand_gives_it_back_as_well(back: Flown) -> None:
+    """Flight 1012580: his switch had left LOITER again before it was known whose that was, and AUTO counted as his for
+    the rest of the flight: nothing was done any more."""
+    helm = flying(radio=True)
+    change(helm, HANDS, radio=True)
+    assert change(helm, back, radio=True, at=AT + 0.9) is None
+    assert helm.settle(AT + 1.9) is Change.GIVEN_BACK
+    assert not helm.piloted
+
+
+def test_a_moment_in_a_return_gives_nothing_back() -> None:
+    helm = flying(radio=True)
+    change(helm, RTL, radio=True)
+    assert change(helm, AUTO, radio=True, at=AT + 0.9) is None
+    assert helm.settle(AT + 1.9) is Change.PILOT
+    assert helm.piloted
+
+
 def test_who_took_off_by_hand_gives_it_back_like_any_pilot() -> None:
     """The fault: by AUTO in the air he had taken over, and for the whole mission nothing was done about anything."""
     helm = flying(HANDS, radio=True)
