@@ -90,6 +90,13 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "__init__: number one more: 0 in self._tries = 0": "nothing is counted before an order, which sets it",
         "__init__: truth turned: False in self._shown = False": "nothing shows before an order, which sets it",
         "__init__: number one more: 0.0 in self._first_speed = 0.0": "no stop begins before an order, which sets it",
+        "__init__: truth turned: False in self._excused = False": "nothing is looked at before an order, which sets it",
+        "_begin: truth turned: False in self._since, self._shown, self._excused = (now, False, False) (number 2)": (
+            "the first look begins the time anew, excused before it or not"
+        ),
+        "_moves: dropped from and/or: not self._excused: was_excused and (not self._excused)": (
+            "while it is excused no time runs, so it may begin anew at every look"
+        ),
     },
     "safety.route": {
         "side: comparison turned: self.cross_track_m > 0": "at 0 it is on the leg",

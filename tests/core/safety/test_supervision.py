@@ -249,6 +249,11 @@ def test_where_the_place_is_not_known_nothing_is_concluded() -> None:
     assert stuck(returning(), *[(0.0, None)] * 6) == [None] * 6
 
 
+def test_a_place_that_becomes_known_later_is_got_nearer_to_from_then_on() -> None:
+    watched = returning(None)
+    assert stuck(watched, (0.0, None), (0.0, 900.0), (0.0, 899.0), (0.0, 898.0)) == [None, None, None, UNABLE]
+
+
 def test_stuck_is_so_for_thirty_seconds() -> None:
     watched = returning()
     watched.moves(2.0)
