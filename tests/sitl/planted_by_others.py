@@ -50,8 +50,8 @@ PLANTED_BY_OTHERS = (
     Planted(
         "a command that is refused is never given up",
         "safety/supervision.py",
-        "        self._tries = tries + 1\n",
-        "",
+        "self._begin(action, self._tries + 1, now)",
+        "self._begin(action, 1, now)",
     ),
     # A comparison turned round: the companion's own RTL is not noted as its own. It is read as a pilot's or a
     # failsafe's, who must not be overruled: no landing follows a return that does not succeed, and a mode that a
