@@ -29,6 +29,8 @@ ARM, AUX_FUNCTION, AUX_ARM, HIGH, MISSION_START = 400, 218, 153, 2, 300
 RECOVERING = 4
 #: by then the autopilot can arm in GUIDED
 READY_S = 60
+#: how often a busy machine may have the autopilot refuse to arm for a reason of its own
+TRIES = 4
 #: the seventh channel is a switch that arms
 SWITCH = {"RC7_OPTION": AUX_ARM, "DISARM_DELAY": 0, "FLTMODE1": LOITER}
 
@@ -105,12 +107,14 @@ def with_lease(flight: Flight) -> Outcome:
     ready(flight)
     flight.until(lambda: flight.is_state(LIVE), 5, "lease live")
     for name, way in WAYS.items():
-        if not _arms(
-            flight, way
-        ):  # on a busy machine the receiver comes late: the autopilot's own check, not the guard's
+        for _ in range(TRIES):
+            if _arms(flight, way):
+                break
+            # on a busy machine the receiver comes late: the autopilot's own check, not the guard's
             assert not flight.said("HNDO: no"), flight.texts
             rest(flight)
-            assert _arms(flight, way), f"arming by {name}; {flight.texts[-3:]}"
+        else:
+            raise AssertionError(f"never arms by {name}; {flight.texts[-3:]}")
         rest(flight)
     return f"arms by {', '.join(WAYS)}"
 
