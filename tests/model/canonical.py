@@ -587,6 +587,7 @@ class Packer:
             _tries=plain,
             due_at=_Time(0.0),
             order=plain,
+            stands=plain,
             unable=plain,
         )
         figures = _Class(Figures, _authority=_Shared(), _candidates=_Shared(), _flight=_Shared())

@@ -57,9 +57,12 @@ class News:
 
     @property
     def resumes(self) -> bool:
-        """The aircraft was held, and is not any more. What another hand holds back is not the companion's to end."""
-        if self.before is None or self.before.action is not FlightAction.HOLD:
-            return False
+        """The aircraft was held, and is not any more."""
+        return self.before is not None and self.before.action is FlightAction.HOLD and self.mends
+
+    @property
+    def mends(self) -> bool:
+        """Nothing calls for a hold, or more, any more. What another hand holds back is not the companion's to end."""
         decision = self.decision
         if decision is None or self.continues:
             return True

@@ -101,8 +101,8 @@ class Execution:
     def hand_seen(self, event: HandSeen, now: float, actions: list[Action]) -> None:
         """Somebody has, or may have, chosen the mode."""
         self._changed(self._helm.heard(event, now), actions)
-        if event.hand is Hand.COMMANDER and self._supervision.order is FlightAction.HOLD:
-            self._supervision.taken(event.hand)  # what moves now moves by its word
+        if event.hand is Hand.COMMANDER:
+            self._supervision.commanded()
 
     def settle(self, now: float, actions: list[Action]) -> None:
         """Time has passed: what was in doubt is not any more."""
@@ -138,8 +138,8 @@ class Execution:
             self._tell_decision(decision, now, actions, crosses=news.continues)
         if self._flight.rehearsing:
             return
-        if news.resumes:
-            self._supervision.over()
+        if news.resumes or (news.mends and self._supervision.stands):
+            self._supervision.go_on(now)
             actions.append(Fly(FlightAction.CONTINUE, news.reason))
         elif decision is not None and not news.warning and not news.continues:
             self._supervision.ordered(decision.action, now)

@@ -13,6 +13,7 @@ how long each may take (the limits have the seconds):
   by NEARER_M at least, is blown backwards, or flies somewhere else. At the place (AT_PLACE_M) nothing more is expected:
   it waits, or comes down.
 * LAND shows by the mode, then by coming down.
+* CONTINUE, which ends a hold, shows by motion alone: what stands still within its mode looks like what flies in it.
 
 What keeps a return or a landing from showing that it gets on, a climb, a breached fence, a place that nobody knows,
 keeps its time from running: that begins with the first look behind it. So nothing here depends on how often it is
@@ -22,6 +23,10 @@ What does not show in time is commanded again, TRIES times; then the action is o
 (`unable`). The strategy learns that as a fact: it cannot hold, no place can be reached. So it is the table of
 `strategy.py` that goes on to the next graver action, and nothing here. Under LAND there is nothing: it is repeated.
 An order that is decided anew, for another cause, is the same order: causes that take turns give it no more time.
+
+What was held is held until something else shows (`stands`): a return that was ordered behind the hold, and never flown,
+has not ended it. Where that is over, the aircraft is to go on, and for what stands still there is nothing graver to
+come: CONTINUE, like LAND, is repeated.
 
 Who has taken the aircraft keeps it. A pilot, a failsafe and the commander's own word end the order (`withdrawn`): what
 the pilot gives back is commanded again while its cause is there, the commander's word stands until something new is
@@ -62,6 +67,8 @@ ARRIVES_S: Final = 2.0
 OTHER_PLACE_M: Final = 50.0
 
 _COMING_HOME: Final = frozenset({Fact.RETURNING, Fact.LANDING})
+#: the aircraft stands still by these, or is to move again
+_STANDING: Final = (FlightAction.HOLD, FlightAction.CONTINUE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +82,7 @@ class Follow:
 #: A landing is more than a return: the wing lands what cannot return.
 FOLLOW: Final[Mapping[FlightAction, Follow]] = {
     FlightAction.HOLD: Follow(frozenset(), "comes to rest"),
+    FlightAction.CONTINUE: Follow(frozenset(), "moves"),
     FlightAction.RETURN: Follow(frozenset({Flown.RETURN, Flown.LAND}), "gets nearer to the place, or climbs"),
     FlightAction.LAND: Follow(frozenset({Flown.LAND}), "comes down"),
 }
@@ -106,6 +114,7 @@ class Supervision:
         "_tries",
         "due_at",
         "order",
+        "stands",
         "unable",
     )
 
@@ -115,6 +124,8 @@ class Supervision:
         self.order: FlightAction | None = None
         #: what it has been commanded in vain, while something is wrong
         self.unable: frozenset[FlightAction] = frozenset()
+        #: it was held, and nothing has shown since that it is not any more
+        self.stands = False
         #: since when what is awaited now has been awaited
         self._since = -inf
         self._tries = 0
@@ -145,12 +156,19 @@ class Supervision:
             self._last_m = motion.left_m
 
     def ordered(self, action: FlightAction, now: float) -> None:
-        """The autopilot is commanded this from now on, or still."""
+        """The autopilot is commanded this from now on, or still: HOLD, RETURN or LAND."""
         self._awaits_pilot = None
-        if action not in FOLLOW:  # to go on ends a hold, and nothing is expected of it
-            self.order = None
-        elif action is not self.order:
+        self.stands |= action is FlightAction.HOLD
+        if action is not self.order:
             self._begin(action, 1, now)
+
+    def go_on(self, now: float) -> None:
+        """It is commanded to go on: what stands still by its order is watched until it does."""
+        stands = self.stands
+        self.over()
+        if stands:
+            self.stands = True
+            self._begin(FlightAction.CONTINUE, 1, now)
 
     def _begin(self, action: FlightAction, tries: int, now: float) -> None:
         self.order, self._tries = action, tries
@@ -160,15 +178,23 @@ class Supervision:
     def over(self) -> None:
         """Nothing is wrong any more, or the flight is over: the next order begins anew."""
         self.order = self._awaits_pilot = None
+        self.stands = False
         self.unable = frozenset()
 
     def taken(self, hand: Hand) -> FlightAction | None:
         """Somebody else has chosen the mode; returns the order that this has ended, None if none."""
         order, self.order = self.order, None
+        self.stands = False
         # a hold that may be again is a decision of its own
-        if hand is Hand.PILOT and order is not FlightAction.HOLD:
+        if hand is Hand.PILOT and order not in _STANDING:
             self._awaits_pilot = order or self._awaits_pilot
         return order
+
+    def commanded(self) -> None:
+        """The commander has said how it flies: whether it stands or moves now, it does so by that word."""
+        self.stands = False
+        if self.order in _STANDING:
+            self.order = None
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
 
@@ -224,6 +250,9 @@ class Supervision:
         """The mode is right: what of the motion?"""
         if order is FlightAction.HOLD:
             return self._rests(now)
+        if order is FlightAction.CONTINUE:
+            return self._goes_on(bool(facts & _COMING_HOME), now)
+        self.stands = False
         motion, was_excused = self._motion, self._excused
         self._excused = motion is None or breached or self._needs_no_progress(order, motion, facts)
         first = not self._shown
@@ -243,8 +272,24 @@ class Supervision:
         if self._motion.speed_mps < RESTS_MPS:
             self._shown = True
             return Seen.OBEYED
-        stops_s = ARRIVES_S + self._first_speed / BRAKES_MPS2
-        return None if self._has_time(stops_s, now) else self._give_up(FlightAction.HOLD)
+        return None if self._has_time(self._stops_s, now) else self._give_up(FlightAction.HOLD)
+
+    @property
+    def _stops_s(self) -> float:
+        """So long it takes at most to come to rest from the speed that it had when the order was given."""
+        return ARRIVES_S + self._first_speed / BRAKES_MPS2
+
+    def _goes_on(self, home: bool, now: float) -> Seen | None:
+        # what still moves may not have come to rest yet
+        if self._has_time(max(self._limits.obey_s, self._stops_s), now):
+            return None
+        motion = self._motion
+        moves = motion is None or motion.speed_mps >= RESTS_MPS or abs(motion.climb_mps) > CLIMBS_MPS
+        if not moves and not home:
+            self._tries = 0  # nothing graver is to come
+            return self._again(FlightAction.CONTINUE, now)
+        self.order, self.stands = None, False
+        return None if home else Seen.OBEYED
 
     def _has_time(self, limit_s: float, now: float) -> bool:
         """What is awaited may still come; until then."""

@@ -36,7 +36,7 @@ from tests.core.bench import (
     inside,
     outside,
 )
-from tests.core.safety.test_lookout import ends, mission
+from tests.core.safety.test_lookout import GO_ON, ends, mission
 
 LOST = Reason.COMMANDER_LOST
 HOME, DOWN = Fly(FlightAction.RETURN, LOST), Fly(FlightAction.LAND, LOST)
@@ -559,3 +559,74 @@ class TestSentences:
         bench.alive = {A}
         bench.run(1.0)
         assert said(bench)[-1] == "OVER: commander lost"
+
+
+# ---- what stands still goes on ------------------------------------------------------------------------------------
+
+
+def standing(bench: Bench) -> Bench:
+    """GCSA's zone ends ahead, nobody could take the aircraft: it is held, and stands."""
+    bench.position(ends(4.0, A, B), outside(B))
+    assert bench.flights() == [HOLD]
+    bench.motion = MotionSeen(0.0, 0.0, 300.0)
+    bench.facts = (inside(A), inside(B))
+    bench.run(3.0)
+    return bench
+
+
+def taken_by_b(bench: Bench) -> None:
+    """GCSB appears and takes the aircraft."""
+    bench.alive = {A, B}
+    while bench.arbiter.view.partner is None:
+        bench.run(0.1)
+    view = bench.arbiter.view
+    key = TransferKey(A, B, view.handover_id, view.epoch)
+    for station, word in ((B, OnHandover(key)), (A, OkHandover(key)), (B, DroneConnected(key))):
+        bench.say(station, word)
+    bench.say(A, DisconnectHandover(key))
+    assert bench.arbiter.view.commander == B
+
+
+def test_an_order_to_go_on_that_was_lost_is_given_again_until_it_moves() -> None:
+    """The fault: the autopilot did not hear it, and the aircraft stood there under a commander who knew nothing."""
+    bench = standing(aloft())
+    taken_by_b(bench)
+    assert bench.flights() == [HOLD, GO_ON]
+    bench.run(12.5)
+    assert bench.flights() == [HOLD, GO_ON, GO_ON, GO_ON]
+    assert [text for text in said(bench) if "again" in text] == ["CONTINUE again: the autopilot flies AUTO"]
+    bench.motion = MotionSeen(8.0, 0.0, 300.0)
+    bench.run(60.0)
+    assert bench.flights() == [HOLD, GO_ON, GO_ON, GO_ON]
+    assert bench.records("order")[-1].text == "CONTINUE: the autopilot follows, AUTO"
+
+
+def test_whose_return_was_never_flown_goes_on_when_that_is_over() -> None:
+    """The fault: held, then ordered home while the autopilot heard nothing; when another station took it that was over,
+    and it stood there until its battery was empty. Found by a campaign."""
+    bench = standing(aloft(Limits(hold_s=4.0)))
+    bench.run(3.0)
+    assert bench.flights() == [HOLD, BACK]
+    taken_by_b(bench)
+    assert bench.flights()[-1] == GO_ON
+    bench.motion = MotionSeen(8.0, 0.0, 300.0)
+    bench.run(60.0)
+    assert bench.flights()[-1] == GO_ON
+
+
+def test_whose_return_is_flown_flies_it() -> None:
+    bench = standing(aloft(Limits(hold_s=4.0)))
+    bench.run(3.0)
+    bench.mode, bench.motion = RTL, HOMEWARD
+    bench.run(1.0)
+    taken_by_b(bench)
+    nearer(bench, 20.0, 8.0)
+    assert bench.flights() == [HOLD, BACK]
+
+
+def test_who_is_told_to_stand_by_the_commander_is_not_told_to_go_on_again() -> None:
+    bench = standing(aloft())
+    taken_by_b(bench)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.run(60.0)
+    assert bench.flights() == [HOLD, GO_ON]

@@ -61,16 +61,103 @@ def returning(left_m: float | None = FAR_M, climb_mps: float = 0.0) -> Watched:
 
 def test_without_an_order_nothing_is_seen() -> None:
     assert Watched().look(100.0) is None
-    watched = Watched().order(RETURN).order(CONTINUE)
-    assert watched.supervision.order is None, "to go on ends an order, and is none"
-    assert watched.look(100.0) is None
 
 
-def test_to_go_on_ends_a_hold_and_asks_for_nothing() -> None:
+# ---- to go on -----------------------------------------------------------------------------------------------------
+
+
+def going_on(speed_mps: float = 0.0) -> Watched:
+    """It stood still, and has just been commanded to go on."""
     watched = Watched().order(HOLD)
-    watched.order(CONTINUE)
-    assert watched.look(100.0) is None
-    assert watched.supervision.unable == frozenset()
+    watched.moves(speed_mps)
+    watched.supervision.go_on(watched.now)
+    assert watched.supervision.order is CONTINUE
+    return watched
+
+
+def test_what_was_not_held_has_nothing_to_show_when_it_goes_on() -> None:
+    for before in (Watched(), Watched().order(RETURN), returning()):
+        before.supervision.go_on(before.now)
+        assert (before.supervision.order, before.look(100.0)) == (None, None)
+
+
+def test_what_moves_goes_on() -> None:
+    for speed_mps, climb_mps in ((1.0, 0.0), (0.0, 0.31), (0.0, -0.31)):
+        watched = going_on()
+        watched.moves(speed_mps, climb_mps)
+        assert watched.look(5.9) is None
+        assert watched.supervision.due_at == watched.now + 0.1
+        assert watched.supervision.stands
+        assert watched.look(0.1) is OBEYED
+        assert (watched.supervision.order, watched.supervision.stands) == (None, False)
+        assert watched.look(100.0) is None
+
+
+def test_what_stands_still_is_told_to_go_on_again_for_ever() -> None:
+    """The fault: one command that was lost on its way left it standing there until its battery was empty."""
+    for speed_mps, climb_mps in ((0.99, 0.0), (0.0, 0.3), (0.0, -0.3)):
+        watched = going_on()
+        watched.moves(speed_mps, climb_mps)
+        assert [watched.look(6.0) for _ in range(20)] == [AGAIN] * 20
+        assert watched.supervision.unable == frozenset()
+
+
+def test_what_may_not_have_come_to_rest_yet_is_no_proof() -> None:
+    """It still moved when it was told to go on: for the time that a stop takes, moving says nothing."""
+    watched = going_on(10.0)
+    assert watched.look(9.9) is None
+    watched.moves(0.0)
+    assert watched.look(0.1) is AGAIN
+    assert watched.look(5.9) is None
+    assert watched.look(0.1) is AGAIN
+
+
+def test_without_a_motion_nothing_is_known_of_going_on_either() -> None:
+    watched = Watched(motion=False).order(HOLD)
+    watched.supervision.go_on(watched.now)
+    assert watched.look(6.0) is OBEYED
+
+
+def test_what_comes_home_does_not_go_on() -> None:
+    for fact in (Fact.RETURNING, Fact.LANDING):
+        watched = going_on()
+        watched.facts = ALOFT | {fact}
+        assert watched.look(6.0) is None
+        assert (watched.supervision.order, watched.supervision.stands) == (None, False)
+
+
+def test_a_return_that_was_never_flown_has_not_ended_the_hold() -> None:
+    watched = Watched().order(HOLD)
+    watched.moves(0.0)
+    watched.order(RETURN)
+    assert watched.look(1.0) is None
+    assert watched.supervision.stands
+    watched.flies(Flown.RETURN)
+    assert watched.look(1.0) is OBEYED
+    assert not watched.supervision.stands
+
+
+def test_whoever_takes_it_ends_the_hold_and_its_end() -> None:
+    for hand in (Hand.PILOT, Hand.COMMANDER, Hand.FAILSAFE):
+        watched = going_on()
+        assert watched.supervision.taken(hand) is CONTINUE
+        assert not watched.supervision.stands
+        assert watched.look(100.0) is None
+
+
+def test_by_the_commanders_word_it_stands_or_moves() -> None:
+    for watched in (going_on(), Watched().order(HOLD)):
+        watched.supervision.commanded()
+        assert (watched.supervision.order, watched.supervision.stands) == (None, False)
+    watched = Watched().order(HOLD).order(RETURN)
+    watched.supervision.commanded()
+    assert (watched.supervision.order, watched.supervision.stands) == (RETURN, False)
+
+
+def test_when_it_is_over_nothing_stands() -> None:
+    watched = going_on()
+    watched.supervision.over()
+    assert (watched.supervision.order, watched.supervision.stands) == (None, False)
 
 
 def test_on_the_ground_without_a_mode_or_under_another_hand_nothing_is_counted() -> None:
