@@ -114,8 +114,16 @@ FIRST = {
     "station.briefing": ("test_briefing.py",),
     "station.decisions": ("test_decisions.py", "../module/test_station_module.py"),
 }
-#: slow, so they come last
-LAST = ("test_arbiter_deadline.py", "test_arbiter_hostile.py", "test_two_sides.py")
+#: slow, so they come last, the slowest behind the others
+LAST = (
+    "test_arbiter_hostile.py",
+    "test_arbiter_deadline.py",
+    "test_foresight.py",
+    "safety/test_whatever_comes.py",
+    "test_power_loss.py",
+    "safety/test_places.py",
+    "test_two_sides.py",
+)
 STATION_LAST = ("../core/test_foresight.py", "../core/test_two_sides.py")
 #: of the station these alone have a part in what is explored
 EXPLORED_STATION = ("station.core", "station.ahead")
