@@ -20,6 +20,7 @@ from mavproxy_handover.core.model import (
     GapFact,
     GuardState,
     Hand,
+    Kind,
     Reason,
     ZoneFact,
 )
@@ -108,17 +109,20 @@ class BordersSeen:
 class AutopilotState:
     """A heartbeat of the autopilot. `flying`: off the ground as far as the autopilot knows.
 
-    `foreign`: what it says that it is, in words, if that is no ArduCopter.
+    `foreign`: what it says that it is, in words, if that is nothing that is flown here; else `kind` counts.
+    `circles_s`: so long before a border (s) an aircraft with wings has to be told to circle, to stay inside.
     """
 
     armed: bool
     flying: bool
     foreign: str = ""
+    kind: Kind = Kind.COPTER
+    circles_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class ModeSeen:
-    """The autopilot's flight mode: what it does, None for what is no ArduCopter, and its name.
+    """The autopilot's flight mode: what it does, None for what is not flown here, and its name.
 
     `landing`: it is coming down to land, in whatever mode. `radio`: a pilot could steer, as far as the autopilot knows.
     """

@@ -12,7 +12,7 @@ from math import inf
 
 from mavproxy_handover.core.events import AutopilotState, GuardSeen
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.model import GuardState, Kind
 
 __all__ = ["Flight"]
 
@@ -30,9 +30,11 @@ class Flight:
         "_stale_told",
         "aloft",
         "armed",
+        "circles_s",
         "energy_short",
         "foreign",
         "gaps_lack",
+        "kind",
         "rehearsing",
     )
 
@@ -44,8 +46,11 @@ class Flight:
         self.aloft = False
         #: it is carried along its route
         self.rehearsing = False
-        #: what the aircraft is, in words, if it is no ArduCopter
+        #: what the aircraft is, in words, if it is nothing that is flown here
         self.foreign = ""
+        self.kind = Kind.COPTER
+        #: so long before a border an aircraft with wings has to be told to circle (s)
+        self.circles_s = 0.0
         #: what the loaded mission lacks in energy, in words
         self.energy_short = ""
         #: what the gaps of the loaded mission lack, in words
@@ -68,6 +73,7 @@ class Flight:
         self.armed = event.armed
         self.aloft = event.armed and event.flying
         self.foreign = event.foreign
+        self.kind, self.circles_s = event.kind, event.circles_s
 
     def position_seen(self, now: float) -> None:
         """A fresh position."""

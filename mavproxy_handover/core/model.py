@@ -26,6 +26,7 @@ __all__ = [
     "GapFact",
     "GuardState",
     "Hand",
+    "Kind",
     "LeaseState",
     "Mission",
     "Outcome",
@@ -81,13 +82,26 @@ class FlightAction(IntEnum):
     LAND = 5  #: here and now
 
 
+class Kind(Enum):
+    """What kind of aircraft it is, as far as that changes what can be asked of it."""
+
+    COPTER = "copter"  #: ArduCopter: stands still where it is told to
+    PLANE = "plane"  #: ArduPlane on its wings alone: never stands still, and lands where it can roll out
+    QUADPLANE = "quadplane"  #: ArduPlane that hovers as well: flies like a plane, takes off and lands like a copter
+
+    @property
+    def winged(self) -> bool:
+        """It flies on wings: it holds by circling."""
+        return self is not Kind.COPTER
+
+
 class Flown(Enum):
     """What a flight mode does, whatever it is called."""
 
     HANDS = "by hand"
     MISSION = "the mission"
     GUIDED = "to a place that is named"
-    STOP = "stands still"
+    STOP = "stands still, or circles where it is"
     RETURN = "to the place of a return"
     LAND = "down to the ground"
     OTHER = "something else"

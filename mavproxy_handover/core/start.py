@@ -25,7 +25,7 @@ __all__ = ["Start", "StartFacts", "refused", "start_needs"]
 class StartFacts:
     """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft.
 
-    `foreign`: what the autopilot says that it is, in words, if that is no ArduCopter. `energy_short`: what the
+    `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what the
     loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do. `rehearsing`: the aircraft is carried.
     """
 
@@ -60,7 +60,7 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
     if not facts.autopilot_alive:
         needs.append("no autopilot")
     if facts.foreign:
-        needs.append(f"{facts.foreign} is no ArduCopter")
+        needs.append(f"{facts.foreign} is neither ArduCopter nor ArduPlane")
     if not facts.guarded:
         needs.append("the guard does not answer the lease")
     if not facts.position_known:

@@ -45,8 +45,8 @@ def test_each_fact_alone_is_named(fact: str) -> None:
 
 
 def test_what_is_no_arducopter_does_not_start() -> None:
-    assert start_needs(replace(READY, foreign="ardupilotmega fixed wing")) == (
-        "ardupilotmega fixed wing is no ArduCopter",
+    assert start_needs(replace(READY, foreign="ardupilotmega ground rover")) == (
+        "ardupilotmega ground rover is neither ArduCopter nor ArduPlane",
     )
 
 
