@@ -110,7 +110,8 @@ class AutopilotState:
     """A heartbeat of the autopilot. `flying`: off the ground as far as the autopilot knows.
 
     `foreign`: what it says that it is, in words, if that is nothing that is flown here; else `kind` counts.
-    `circles_s`: so long before a border (s) an aircraft with wings has to be told to circle, to stay inside.
+    What has wings holds by circling: to stay inside it has to be told `circles_s` (s) before it would fly over a
+    border, and where none is nearer than `circle_m` (m). Both are 0 for what stands still.
     """
 
     armed: bool
@@ -118,6 +119,7 @@ class AutopilotState:
     foreign: str = ""
     kind: Kind = Kind.COPTER
     circles_s: float = 0.0
+    circle_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

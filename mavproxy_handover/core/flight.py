@@ -30,6 +30,7 @@ class Flight:
         "_stale_told",
         "aloft",
         "armed",
+        "circle_m",
         "circles_s",
         "energy_short",
         "foreign",
@@ -49,8 +50,8 @@ class Flight:
         #: what the aircraft is, in words, if it is nothing that is flown here
         self.foreign = ""
         self.kind = Kind.COPTER
-        #: so long before a border an aircraft with wings has to be told to circle (s)
-        self.circles_s = 0.0
+        #: so long before a border (s), and so far from any (m), it has to be told to circle
+        self.circles_s = self.circle_m = 0.0
         #: what the loaded mission lacks in energy, in words
         self.energy_short = ""
         #: what the gaps of the loaded mission lack, in words
@@ -73,7 +74,7 @@ class Flight:
         self.armed = event.armed
         self.aloft = event.armed and event.flying
         self.foreign = event.foreign
-        self.kind, self.circles_s = event.kind, event.circles_s
+        self.kind, self.circles_s, self.circle_m = event.kind, event.circles_s, event.circle_m
 
     def position_seen(self, now: float) -> None:
         """A fresh position."""

@@ -25,8 +25,8 @@ __all__ = ["Start", "StartFacts", "refused", "start_needs"]
 class StartFacts:
     """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft.
 
-    `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what the
-    loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do. `rehearsing`: the aircraft is carried.
+    `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what
+    the loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do. `rehearsing`: the aircraft is carried.
     """
 
     station: str

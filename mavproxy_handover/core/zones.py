@@ -122,6 +122,11 @@ class ZoneTracker:
         exit_s = self._facts[station].exit_s
         return inf if exit_s is None else exit_s
 
+    def margin_m(self, station: int) -> float:
+        """How far inside its border the station's zone holds the aircraft (m); less than 0 outside, -inf if unknown."""
+        fact = self._facts.get(station)
+        return -inf if fact is None else fact.margin_m
+
     def ends_s(self, station: int) -> float:
         """How soon the known way leaves the station's zone; 0 outside, inf when it stays inside for the next while."""
         if station not in self._inside or self._facts[station].margin_m < 0.0:

@@ -47,7 +47,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, GapFact, GuardState, Outcome, Phase, Reason, Station, ZoneFact
+from mavproxy_handover.core.model import Consent, GapFact, GuardState, Kind, Outcome, Phase, Reason, Station, ZoneFact
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.watch import Watch
 
@@ -148,6 +148,8 @@ class Bench:
         self.guard: GuardSeen | None = GuardSeen(GuardState.LIVE, ours=True)
         #: the gap that the mission declares where the aircraft is
         self.gap: GapFact | None = None
+        #: what kind of aircraft it is, and the room that it needs to circle: ahead (s), and on both sides (m)
+        self.kind, self.circles_s, self.circle_m = Kind.COPTER, 0.0, 0.0
         self.facts: tuple[ZoneFact, ...] | None = (inside(A), outside(B), outside(C), outside(D))
         #: everything the arbiter asked for, with its time
         self.log: list[tuple[float, Action]] = []
@@ -212,7 +214,11 @@ class Bench:
     def autopilot_says(self, *, armed: bool, flying: bool) -> list[Action]:
         """The autopilot says this from now on."""
         self.armed, self.flying = armed, flying
-        return self.give(AutopilotState(armed, flying))
+        return self.give(self._state)
+
+    @property
+    def _state(self) -> AutopilotState:
+        return AutopilotState(self.armed, self.flying, kind=self.kind, circles_s=self.circles_s, circle_m=self.circle_m)
 
     def run(self, duration_s: float) -> list[tuple[float, Action]]:
         """Let time pass; returns what the arbiter asked for meanwhile."""
@@ -232,7 +238,7 @@ class Bench:
         for station in sorted(self.alive):
             self.give(StationHeard(station))
         if self.autopilot:
-            self.give(AutopilotState(self.armed, self.flying))
+            self.give(self._state)
             for said in (self.mode, self.motion):
                 if said is not None:
                     self.give(said)

@@ -37,6 +37,8 @@ __all__ = ["Execution"]
 _TAKES: Final = {Change.PILOT: Hand.PILOT, Change.COMMANDER: Hand.COMMANDER, Change.FAILSAFE: Hand.FAILSAFE}
 #: the mode of an order, which needs no order where it is flown
 _SAME: Final = {FlightAction.RETURN: (Flown.RETURN,), FlightAction.LAND: (Flown.LAND,)}
+#: what has wings does this in a mode of its own; a copter within the one that it flies
+_CIRCLED: Final = {FlightAction.HOLD: Flown.STOP, FlightAction.CONTINUE: Flown.MISSION}
 #: what is commanded, or left out in its place
 _COMMANDED: Final = (FlightAction.HOLD, FlightAction.CONTINUE, FlightAction.RETURN, FlightAction.LAND)
 #: what is commanded again and again is told so often (s)
@@ -140,7 +142,7 @@ class Execution:
             return
         if news.resumes or (news.mends and self._supervision.stands):
             self._supervision.go_on(now)
-            actions.append(Fly(FlightAction.CONTINUE, news.reason))
+            self._fly(FlightAction.CONTINUE, news.reason, now, actions)
         elif decision is not None and not news.warning and not news.continues:
             self._supervision.ordered(decision.action, now)
             if not self._flown_already(decision.action):
@@ -195,11 +197,14 @@ class Execution:
     def _fly(self, action: FlightAction, reason: Reason, now: float, actions: list[Action]) -> None:
         if action in _SAME:
             self._helm.heard(HandSeen(Hand.COMPANION), now)
+        elif self._flight.kind.winged and action in _CIRCLED:
+            self._helm.heard(HandSeen(Hand.COMPANION, _CIRCLED[action]), now)
         actions.append(Fly(action, reason))
 
     def look(self, facts: Situation, now: float, actions: list[Action]) -> bool:
         """Compare what the autopilot does to what it was commanded; whether it is to be decided anew."""
         supervision, decision = self._supervision, self._emergency.told
+        supervision.kind = self._flight.kind
         order, breached = supervision.order, self._lookout.told.fence
         seen = supervision.look(self._helm, facts, breached, now)
         if seen is None:

@@ -11,7 +11,8 @@ thinks, a message is on its way), not behind the border. The transfer goes on me
 Where the last coverage ends ahead (`hold_lead_s`), the aircraft is to stop inside. It then stands still, which looks as
 if nothing ended: so that sign stays until another station has authority, or the flight is over. If its commander has it
 fly on in spite of it, that is the commander's word. Outside of the commander's zone nobody is held: who waits there for
-a partner is commanded from where no station should command.
+a partner is commanded from where no station should command. What has wings circles where it is held, and needs room for
+that: ahead (`circles_s`), and on both sides (`circle_m`).
 
 A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
 Weak links are no sign while one is crossed.
@@ -148,7 +149,10 @@ class Lookout:
         """Whether the last coverage that counts ends ahead. `others`: who could take the aircraft here."""
         zones = self._candidates.zones
         left_s = zones.ends_s(owner)
-        if not zones.holds(owner) or left_s > self._limits.hold_lead_s:
+        if not zones.holds(owner) or left_s == inf:
+            return False
+        room = zones.margin_m(owner) >= self._flight.circle_m
+        if room and left_s > max(self._limits.hold_lead_s, self._flight.circles_s):
             return False
         partner, _answers, quick = self._asked(now)
         if any(zones.ends_s(station) > left_s for station in others if station != partner or quick):

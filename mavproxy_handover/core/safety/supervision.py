@@ -15,6 +15,10 @@ how long each may take (the limits have the seconds):
 * LAND shows by the mode, then by coming down.
 * CONTINUE, which ends a hold, shows by motion alone: what stands still within its mode looks like what flies in it.
 
+That is how a copter shows. What has wings never rests: it holds by circling, in a mode for that, and goes on by leaving
+it. Where it flies back to it circles, some way from the place, and what cannot hover lands by a landing sequence: of
+that nothing but the mode can be asked. So there is a table of `FOLLOW` for each kind.
+
 What keeps a return or a landing from showing that it gets on, a climb, a breached fence, a place that nobody knows,
 keeps its time from running: that begins with the first look behind it. So nothing here depends on how often it is
 looked at, and `due_at` says when it has to be, if nothing is said until then.
@@ -47,17 +51,19 @@ from typing import Final
 
 from mavproxy_handover.core.events import MotionSeen
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, Hand
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind
 from mavproxy_handover.core.safety.helm import Helm
 from mavproxy_handover.core.safety.strategy import Fact
 
-__all__ = ["AT_PLACE_M", "FOLLOW", "NEARER_M", "TRIES", "Follow", "Seen", "Supervision"]
+__all__ = ["AT_PLACE_M", "CIRCLES_THERE_M", "FOLLOW", "NEARER_M", "TRIES", "Follow", "Seen", "Supervision"]
 
 #: commanded so often before it is given up
 TRIES: Final = 2
-#: what counts as nearer (m), as at the place (m), as a climb and a descent (m/s), and as rest (m/s)
+#: what counts as nearer (m), as at the place (m; what has wings circles there), as a climb and a descent (m/s), and as
+#: rest (m/s)
 NEARER_M: Final = 5.0
 AT_PLACE_M: Final = 15.0
+CIRCLES_THERE_M: Final = 250.0
 CLIMBS_MPS: Final = 0.3
 RESTS_MPS: Final = 1.0
 #: a stop loses at least so much speed each second (m/s2), once the command has arrived (s)
@@ -67,24 +73,38 @@ ARRIVES_S: Final = 2.0
 OTHER_PLACE_M: Final = 50.0
 
 _COMING_HOME: Final = frozenset({Fact.RETURNING, Fact.LANDING})
+#: nothing graver is to come behind these
+_ENDLESS: Final = (FlightAction.CONTINUE, FlightAction.LAND)
 #: the aircraft stands still by these, or is to move again
 _STANDING: Final = (FlightAction.HOLD, FlightAction.CONTINUE)
 
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """How an action shows: the modes of it (none: any), and the name of the motion."""
+    """How an action shows: the modes of it (none: any), and the name of the motion ("": none is looked at)."""
 
     modes: frozenset[Flown]
     motion: str
 
 
-#: A landing is more than a return: the wing lands what cannot return.
-FOLLOW: Final[Mapping[FlightAction, Follow]] = {
-    FlightAction.HOLD: Follow(frozenset(), "comes to rest"),
-    FlightAction.CONTINUE: Follow(frozenset(), "moves"),
-    FlightAction.RETURN: Follow(frozenset({Flown.RETURN, Flown.LAND}), "gets nearer to the place, or climbs"),
-    FlightAction.LAND: Follow(frozenset({Flown.LAND}), "comes down"),
+#: A landing is more than a return: what cannot return is landed by it.
+_COMES_BACK: Final = Follow(frozenset({Flown.RETURN, Flown.LAND}), "gets nearer to the place, or climbs")
+_COMES_DOWN: Final = Follow(frozenset({Flown.LAND}), "comes down")
+_CIRCLES: Final[Mapping[FlightAction, Follow]] = {
+    FlightAction.HOLD: Follow(frozenset({Flown.STOP}), ""),
+    FlightAction.CONTINUE: Follow(frozenset({Flown.MISSION}), ""),
+    FlightAction.RETURN: _COMES_BACK,
+}
+FOLLOW: Final[Mapping[Kind, Mapping[FlightAction, Follow]]] = {
+    Kind.COPTER: {
+        FlightAction.HOLD: Follow(frozenset(), "comes to rest"),
+        FlightAction.CONTINUE: Follow(frozenset(), "moves"),
+        FlightAction.RETURN: _COMES_BACK,
+        FlightAction.LAND: _COMES_DOWN,
+    },
+    Kind.QUADPLANE: {**_CIRCLES, FlightAction.LAND: _COMES_DOWN},
+    # its landing sequence is a part of a mission, or waits at the end of a return
+    Kind.PLANE: {**_CIRCLES, FlightAction.LAND: Follow(frozenset({Flown.LAND, Flown.MISSION, Flown.RETURN}), "")},
 }
 
 
@@ -113,6 +133,7 @@ class Supervision:
         "_since",
         "_tries",
         "due_at",
+        "kind",
         "order",
         "stands",
         "unable",
@@ -120,6 +141,8 @@ class Supervision:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
+        #: of the aircraft that is watched
+        self.kind = Kind.COPTER
         #: what the autopilot is to do; None: nothing is commanded
         self.order: FlightAction | None = None
         #: what it has been commanded in vain, while something is wrong
@@ -230,7 +253,7 @@ class Supervision:
 
     def _follows(self, helm: Helm) -> bool:
         assert self.order is not None
-        modes = FOLLOW[self.order].modes
+        modes = FOLLOW[self.kind][self.order].modes
         return not modes or helm.flown in modes or (self.order is FlightAction.LAND and helm.landing)
 
     def _astray(self, was_deaf: bool, home: bool, now: float) -> Seen | None:
@@ -244,10 +267,12 @@ class Supervision:
             return self._again(order, now)
         if self._has_time(self._limits.obey_s, now):
             return None
-        return self._again(order, now) if self._tries < TRIES or order is FlightAction.LAND else self._give_up(order)
+        return self._again(order, now) if self._tries < TRIES or order in _ENDLESS else self._give_up(order)
 
     def _moves(self, order: FlightAction, helm: Helm, facts: Set[Fact], breached: bool, now: float) -> Seen | None:
         """The mode is right: what of the motion?"""
+        if not FOLLOW[self.kind][order].motion:
+            return self._shows(order)
         if order is FlightAction.HOLD:
             return self._rests(now)
         if order is FlightAction.CONTINUE:
@@ -265,6 +290,15 @@ class Supervision:
         if first:
             return Seen.OBEYED
         return None if has_time else self._give_up(order)
+
+    def _shows(self, order: FlightAction) -> Seen | None:
+        """The mode is all that there is to be seen."""
+        first, self._shown = not self._shown, True
+        if order is not FlightAction.HOLD:
+            self.stands = False
+        if order is FlightAction.CONTINUE:
+            self.order = None
+        return Seen.OBEYED if first else None
 
     def _rests(self, now: float) -> Seen | None:
         if self._shown or self._motion is None:
@@ -304,7 +338,8 @@ class Supervision:
         if Fact.LANDING in facts:  # a gust may hold it up: that it lands is enough for a return
             return order is FlightAction.RETURN or motion.climb_mps < -CLIMBS_MPS
         # it climbs, or it is not known where to, or it is there
-        return motion.climb_mps > CLIMBS_MPS or motion.left_m is None or motion.left_m <= AT_PLACE_M
+        there_m = CIRCLES_THERE_M if self.kind.winged else AT_PLACE_M
+        return motion.climb_mps > CLIMBS_MPS or motion.left_m is None or motion.left_m <= there_m
 
     def _give_up(self, order: FlightAction) -> Seen | None:
         if order in self.unable:

@@ -575,7 +575,7 @@ def standing(bench: Bench) -> Bench:
 
 
 def taken_by_b(bench: Bench) -> None:
-    """GCSB appears and takes the aircraft."""
+    """GCSB appears, here, and takes the aircraft."""
     bench.alive = {A, B}
     while bench.arbiter.view.partner is None:
         bench.run(0.1)
