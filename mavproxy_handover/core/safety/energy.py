@@ -13,6 +13,9 @@ A way is a list of straight pieces (`Piece`). What one costs is power times time
   be flown at all, its need is infinite. Wind from behind counts as calm: it helps nobody who has to come back.
 * Each piece is flown from rest to rest: speeding up and braking cost speed / `ACCELERATION_MPSS` seconds.
 * Climb, descent and waiting stand against the same wind.
+* What has wings (`wings`) holds the airspeed that it was told, and the power that goes with it; the wind adds to that,
+  or takes from it, and what blows across is flown against at an angle. It waits by circling. Going straight up or down
+  is done by rotors, as a copter does it, and each time TRANSITION_S of both stand between the two ways to fly.
 * A lighter aircraft, once its payload is dropped: hover, climb and descent cost the part of what they did that is left
   of the mass. By momentum theory it is that part to the power of 1.5, which is less; how much of that motors and
   propellers keep nobody knows. What drag adds stays, and the airspeed at the lean limit goes with the root of the mass:
@@ -23,7 +26,7 @@ is not negative the aircraft may go on. Whatever is not known makes the need lar
 makes it smaller. Energies are watt-hours, powers watts.
 
 Sources: Leishman, Principles of Helicopter Aerodynamics, 5.5 (parasitic power); flights on ArduCopter SITL, where the
-cube fits within 1 % at 5 and 10 m/s; ArduCopter's defaults for WPNAV_ACCEL and WPNAV_JERK, WPNAV_SPEED_UP and _DN,
+cube fits within 1 % at 5 and 10 m/s; ArduPlane's Q_TRANSITION_MS; ArduCopter's defaults for WPNAV_ACCEL and WPNAV_JERK, WPNAV_SPEED_UP and _DN,
 LAND_SPEED, LAND_ALT_LOW, RTL_LOIT_TIME.
 """
 
@@ -35,10 +38,12 @@ from math import cos, hypot, inf, isfinite, radians, sin, sqrt
 from typing import Final
 
 __all__ = [
+    "CIRCLE_S",
     "CLIMB_MPS",
     "DESCENT_MPS",
     "LANDING_BELOW_M",
     "LANDING_MPS",
+    "TRANSITION_S",
     "EnergyFact",
     "EnergyModel",
     "MadeGood",
@@ -55,6 +60,10 @@ CLIMB_MPS, DESCENT_MPS, LANDING_MPS, LANDING_BELOW_M = 2.5, 1.5, 0.5, 10.0
 ACCELERATION_MPSS: Final = 1.5
 #: RTL_LOIT_TIME: how long a return waits above its place before it comes down
 LOITER_S: Final = 5.0
+#: and what has wings: one circle of 90 m, at 20 m/s
+CIRCLE_S: Final = 30.0
+#: from wings to rotors and back, with both at work: Q_TRANSITION_MS 5 s, and as much to get to the speed
+TRANSITION_S: Final = 10.0
 _SECONDS_AN_HOUR: Final = 3600.0
 
 
@@ -111,6 +120,7 @@ class EnergyModel:
     Powers in W: `cruise_w` at airspeed `cruise_mps` in level flight, the others at rest in calm air. `airspeed_mps` is
     the fastest airspeed that it can hold. `wind` None: it is not known, and `headwind_mps` blows from ahead wherever it
     flies. `unloaded_part`: what its mass is without the payload, as a part of what it is now; 1 where there is none.
+    `wings`: it flies on them, and what it is told is an airspeed; the powers of hovering are those of its rotors.
     """
 
     battery_wh: float
@@ -128,6 +138,7 @@ class EnergyModel:
     return_alt_m: float
     wind: Wind | None = None
     unloaded_part: float = 1.0
+    wings: bool = False
 
     @property
     def unloaded(self) -> EnergyModel:
@@ -135,6 +146,14 @@ class EnergyModel:
         if self.unloaded_part == 1.0:
             return self
         part = self.unloaded_part
+        if self.wings:  # what a lighter wing saves is not counted on
+            return replace(
+                self,
+                hover_w=self.hover_w * part,
+                climb_w=self.climb_w * part,
+                descent_w=self.descent_w * part,
+                unloaded_part=1.0,
+            )
         return replace(
             self,
             hover_w=self.hover_w * part,
@@ -146,25 +165,33 @@ class EnergyModel:
         )
 
     def power_w(self, airspeed_mps: float) -> float:
-        """Power in level flight at that airspeed; never less than that of hovering."""
+        """Power in level flight at that airspeed; never less than that of hovering, or on wings that of cruising."""
+        if self.wings:
+            return self.cruise_w * max(1.0, airspeed_mps / self.cruise_mps) ** 3
         more_w = max(0.0, self.cruise_w - self.hover_w)
         return self.hover_w + more_w * (airspeed_mps / self.cruise_mps) ** 3
 
     def made_good(self, bearing_deg: float, speed_mps: float | None = None) -> MadeGood:
-        """How that direction is flown when the autopilot is told this ground speed (None: the cruise speed)."""
+        """How that direction is flown when the autopilot is told this speed (None: the cruise speed): over ground, or
+        on wings through the air."""
         told = self.cruise_mps if speed_mps is None else speed_mps
         ahead, across = (self.headwind_mps, 0.0) if self.wind is None else self.wind.against(bearing_deg)
-        if across >= self.airspeed_mps:
+        airspeed = min(told, self.airspeed_mps) if self.wings else self.airspeed_mps
+        if across >= airspeed:
             return MadeGood(0.0, inf)
-        speed = min(told, sqrt(self.airspeed_mps**2 - across**2) - ahead)
+        speed = min(told, sqrt(airspeed**2 - across**2) - ahead)
         if speed <= 0.0:
             return MadeGood(0.0, inf)
+        if self.wings:
+            return MadeGood(speed, self.power_w(airspeed))
         return MadeGood(speed, self.power_w(hypot(speed + ahead, across)))
 
     def piece_wh(self, piece: Piece) -> float:
         """What one piece costs this aircraft; infinite where the wind does not let it be flown."""
         if piece.unloaded and self.unloaded_part < 1.0:
             return self.unloaded.piece_wh(piece)
+        if self.wings:
+            return self._on_wings_wh(piece)
         wind_mps = self.headwind_mps if self.wind is None else self.wind.speed_mps
         still_w = self.power_w(min(wind_mps, self.airspeed_mps))
         level_w, level_s = still_w, 0.0
@@ -177,6 +204,22 @@ class EnergyModel:
         joules = level_w * max(level_s, vertical_s) + still_w * piece.hold_s
         climb_s = piece.climb_m / CLIMB_MPS
         joules += (self.climb_w - self.hover_w) * climb_s + (self.descent_w - self.hover_w) * (vertical_s - climb_s)
+        return max(0.0, joules) / _SECONDS_AN_HOUR
+
+    def _on_wings_wh(self, piece: Piece) -> float:
+        """A piece that leads anywhere is flown on the wings, climbing and sinking on its way; another one by rotors."""
+        climb_s, vertical_s = piece.climb_m / CLIMB_MPS, piece.vertical_s
+        joules = (self.climb_w - self.hover_w) * climb_s
+        if piece.length_m > 0.0:
+            made = self.made_good(piece.bearing_deg, piece.speed_mps)
+            if made.speed_mps <= 0.0:
+                return inf
+            joules += made.power_w * (max(piece.length_m / made.speed_mps, climb_s) + piece.hold_s)
+        elif vertical_s > 0.0:
+            joules += self.hover_w * (vertical_s + piece.hold_s) + (self.hover_w + self.cruise_w) * TRANSITION_S
+            joules += (self.descent_w - self.hover_w) * (vertical_s - climb_s)
+        else:
+            joules += self.cruise_w * piece.hold_s
         return max(0.0, joules) / _SECONDS_AN_HOUR
 
     def need_wh(self, way: Iterable[Piece]) -> float:
@@ -207,14 +250,24 @@ def landing(alt_m: float) -> Piece:
 
 
 def way_home(
-    distance_m: float, bearing_deg: float, alt_m: float, place_alt_m: float, return_alt_m: float
+    distance_m: float,
+    bearing_deg: float,
+    alt_m: float,
+    place_alt_m: float,
+    return_alt_m: float,
+    *,
+    wings: bool = False,
 ) -> tuple[Piece, ...]:
     """The way that RTL takes to a place: up to the height of the return, straight there, a pause, and down.
 
     Heights above home. `place_alt_m`: that of a rally point is a floor for the return, as `return_alt_m` is; where the
-    aircraft is higher, it stays there. The ground at the place is taken to be as high as home.
+    aircraft is higher, it stays there. The ground at the place is taken to be as high as home. `wings`: it climbs on its
+    way, and circles once above the place.
     """
     height = max(alt_m, place_alt_m, return_alt_m)
+    if wings:
+        there = Piece(length_m=distance_m, bearing_deg=bearing_deg, climb_m=height - alt_m, hold_s=CIRCLE_S)
+        return there, landing(height)
     return (
         Piece(climb_m=height - alt_m),
         Piece(length_m=distance_m, bearing_deg=bearing_deg, hold_s=LOITER_S),

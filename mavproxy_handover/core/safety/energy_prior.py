@@ -5,6 +5,7 @@
 Both files have the same keys, all may be left out, and the mission's go before the vehicle's: it knows the payload.
 What nobody says is made of what is said, or is a default with its source beside it. Without the energy of the battery,
 or without anything that tells the power in hover, there is no model: the budget is unknown, and says what is missing.
+For an aircraft with wings either power is enough: the one that is missing is taken to be as large as the other.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ _CRUISE_TO_HOVER: Final = 1.1
 _CLIMB_TO_HOVER: Final = 1.2
 #: ArduCopter's WPNAV_SPEED (m/s), RTL_ALT (m) and lean limit (ANGLE_MAX, degrees)
 _WPNAV_SPEED_MPS, RETURN_ALT_M, _ANGLE_MAX_DEG = 10.0, 15.0, 30.0
+#: ArduPlane's AIRSPEED_CRUISE (m/s; before 4.5 TRIM_ARSPD_CM)
+_AIRSPEED_MPS: Final = 12.0
 #: a gentle breeze (Beaufort 3): what is taken to blow from ahead where nobody knows
 _HEADWIND_MPS: Final = 3.0
 #: PX4's rule for its return: a tenth more than was computed
@@ -130,12 +133,19 @@ class EnergySettings:
 
     @property
     def missing(self) -> str:
-        """What there is no budget without, in words; "" where all of it is there."""
-        if self.battery_wh is None and self._hover_w is None:
+        """What a copter has no budget without, in words; "" where all of it is there."""
+        return self.missing_for(wings=False)
+
+    def missing_for(self, *, wings: bool) -> str:
+        """The same of an aircraft that has wings, or has none."""
+        power = self._hover_w if self._hover_w is not None or not wings else self.cruise_w
+        if self.battery_wh is None and power is None:
             return "no [energy] numbers"
         if self.battery_wh is None:
             return "[energy] has no battery_wh"
-        return "" if self._hover_w is not None else "[energy] has neither hover_w nor mass_kg"
+        if power is not None:
+            return ""
+        return "[energy] has neither cruise_w nor hover_w" if wings else "[energy] has neither hover_w nor mass_kg"
 
     @property
     def unloaded_part(self) -> float:
@@ -173,18 +183,22 @@ class EnergySettings:
             return self.mass_kg * _WORST_W_PER_KG
         return hover_power_w(self.mass_kg, self.rotor_area_m2)
 
-    def model(self, wind: Wind | None = None) -> EnergyModel | None:
-        """The model before anything is learned; None where something is `missing`."""
+    def model(self, wind: Wind | None = None, *, wings: bool = False) -> EnergyModel | None:
+        """The model before anything is learned; None where something is `missing_for` it."""
         battery_wh, hover_w = self.battery_wh, self._hover_w
+        if hover_w is None and wings:
+            hover_w = self.cruise_w
         if battery_wh is None or hover_w is None:
             return None
-        cruise_mps = _WPNAV_SPEED_MPS if self.cruise_mps is None else self.cruise_mps
-        cruise_w = hover_w * _CRUISE_TO_HOVER if self.cruise_w is None else self.cruise_w
+        usual_mps = _AIRSPEED_MPS if wings else _WPNAV_SPEED_MPS
+        cruise_mps = usual_mps if self.cruise_mps is None else self.cruise_mps
+        usual_w = hover_w if wings else hover_w * _CRUISE_TO_HOVER
+        cruise_w = usual_w if self.cruise_w is None else self.cruise_w
         reserve_wh = _RESERVE_PART * battery_wh + hover_w * _RESERVE_HOVER_S / 3600.0
         return EnergyModel(
             battery_wh=battery_wh,
             hover_w=hover_w,
-            cruise_w=max(hover_w, cruise_w),
+            cruise_w=cruise_w if wings else max(hover_w, cruise_w),
             climb_w=hover_w * (_CLIMB_TO_HOVER if self.climb_factor is None else self.climb_factor),
             descent_w=hover_w * (1.0 if self.descent_factor is None else self.descent_factor),
             cruise_mps=cruise_mps,
@@ -195,4 +209,5 @@ class EnergySettings:
             return_alt_m=RETURN_ALT_M if self.return_alt_m is None else self.return_alt_m,
             wind=wind,
             unloaded_part=self.unloaded_part,
+            wings=wings,
         )

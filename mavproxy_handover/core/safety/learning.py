@@ -20,6 +20,8 @@ Rules:
 5. What was learned with a payload on board is brought down, by the mass, to what it takes without it, once it is
    dropped; what was seen last is forgotten then. If it is still there, the next samples say so: the dearer one holds.
 6. The airspeed that it holds is learned at the lean limit, by the autopilot's wind alone: the others rest on it.
+7. What has wings holds the airspeed that it was told, so any steady level flight teaches what it takes to cruise, and
+   what it takes to climb or sink on the wings is not learned. It leans to turn: of the wind that says nothing.
 """
 
 from __future__ import annotations
@@ -178,11 +180,11 @@ class _Winds:
 class Learner:
     """Learns one flight after the other, from the numbers of `settings` on. Times are monotonic seconds."""
 
-    def __init__(self, settings: EnergySettings) -> None:
-        """Raises ValueError if there is no model to learn from."""
-        prior = settings.model()
+    def __init__(self, settings: EnergySettings, *, wings: bool = False) -> None:
+        """`wings`: the aircraft flies on them. Raises ValueError if there is no model to learn from."""
+        prior = settings.model(wings=wings)
         if prior is None:
-            raise ValueError(settings.missing)
+            raise ValueError(settings.missing_for(wings=wings))
         self._prior: EnergyModel = prior
         self._configured = prior
         self._lean_limit_deg = settings.lean_limit_deg
@@ -240,7 +242,7 @@ class Learner:
             return
         changes = (motion.north_mps - before.north_mps, motion.east_mps - before.east_mps)
         steady = hypot(*changes) <= _STEADY_MPS and abs(motion.up_mps) <= _VERTICAL_MPS
-        if steady:
+        if steady and not self._prior.wings:
             self._learn_wind(motion, now)
         self._learn_power(motion, steady, now)
 
@@ -270,7 +272,10 @@ class Learner:
         watts = motion.power_w
         if watts is None or not isfinite(watts) or not 0.0 < watts <= _MOST_W:
             return
-        if motion.up_mps > _VERTICAL_MPS:
+        if self._prior.wings and motion.ground_mps >= _HOVER_MPS:
+            if steady:  # whatever the wind, it flies at the airspeed that it was told
+                self._cruise.add(watts)
+        elif motion.up_mps > _VERTICAL_MPS:
             self._climb.add(watts)
         elif motion.up_mps < -_VERTICAL_MPS:
             self._descent.add(watts)
@@ -306,7 +311,7 @@ class Learner:
         model = replace(
             prior,
             hover_w=hover_w,
-            cruise_w=max(hover_w, self._cruise.value),
+            cruise_w=self._cruise.value if prior.wings else max(hover_w, self._cruise.value),
             climb_w=max(hover_w, self._climb.value),
             descent_w=self._descent.value,
             airspeed_mps=self._airspeed.value,
