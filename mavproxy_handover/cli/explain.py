@@ -15,7 +15,7 @@ from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import load_vehicle
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
-from mavproxy_handover.core.safety.explain import HEAD, facts_table, story, table
+from mavproxy_handover.core.safety.explain import HEAD, facts_table, kinds_table, story, table
 from mavproxy_handover.core.safety.strategy import Fact
 from mavproxy_handover.gate.explain import columns, markdown_table
 
@@ -74,7 +74,7 @@ def markdown() -> str:
     """The tables for the documentation, of the defaults."""
     causes = markdown_table([HEAD, *table(Limits())])
     facts = markdown_table([("fact", "it holds when", "what it does"), *facts_table()])
-    return f"{causes}\n\n{facts}"
+    return f"{causes}\n\n{facts}\n\n{markdown_table(kinds_table())}"
 
 
 def main(argv: Sequence[str]) -> int:
@@ -110,4 +110,6 @@ def main(argv: Sequence[str]) -> int:
     print(columns([HEAD, *table(limits)]))
     print()
     print(columns([("fact", "it holds when", "what it does"), *facts_table()]))
+    print()
+    print(columns(kinds_table()))
     return 0

@@ -152,3 +152,16 @@ def test_what_makes_no_sense_is_said_in_one_line(
     assert said.startswith("handover explain: ")
     assert error in said
     assert said.count("\n") == 1
+
+
+def test_it_says_how_each_kind_of_aircraft_does_what_is_decided(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    lines = [line.split("  ") for line in capsys.readouterr().out.splitlines()]
+    rows = {line[0]: [cell.strip() for cell in line[1:] if cell.strip()] for line in lines}
+    assert rows["action"] == ["copter", "plane", "quadplane"]
+    assert rows["hold"] == ["stops, its mission paused", "circles, in LOITER", "circles, in LOITER"]
+    assert rows["land"] == [
+        "LAND, where it is",
+        "the next landing sequence: it cannot come down where it is",
+        "QLAND, where it is",
+    ]

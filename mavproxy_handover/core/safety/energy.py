@@ -26,8 +26,8 @@ is not negative the aircraft may go on. Whatever is not known makes the need lar
 makes it smaller. Energies are watt-hours, powers watts.
 
 Sources: Leishman, Principles of Helicopter Aerodynamics, 5.5 (parasitic power); flights on ArduCopter SITL, where the
-cube fits within 1 % at 5 and 10 m/s; ArduPlane's Q_TRANSITION_MS; ArduCopter's defaults for WPNAV_ACCEL and WPNAV_JERK, WPNAV_SPEED_UP and _DN,
-LAND_SPEED, LAND_ALT_LOW, RTL_LOIT_TIME.
+cube fits within 1 % at 5 and 10 m/s; ArduCopter's defaults for WPNAV_ACCEL and WPNAV_JERK, WPNAV_SPEED_UP and _DN,
+LAND_SPEED, LAND_ALT_LOW, RTL_LOIT_TIME; ArduPlane's Q_TRANSITION_MS.
 """
 
 from __future__ import annotations
@@ -261,8 +261,8 @@ def way_home(
     """The way that RTL takes to a place: up to the height of the return, straight there, a pause, and down.
 
     Heights above home. `place_alt_m`: that of a rally point is a floor for the return, as `return_alt_m` is; where the
-    aircraft is higher, it stays there. The ground at the place is taken to be as high as home. `wings`: it climbs on its
-    way, and circles once above the place.
+    aircraft is higher, it stays there. The ground at the place is taken to be as high as home. `wings`: it climbs on
+    its way, and circles once above the place.
     """
     height = max(alt_m, place_alt_m, return_alt_m)
     if wings:

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.causes import CAUSES, Cause, Ends
 from mavproxy_handover.core.safety.strategy import (
+    CARRIED_OUT,
     MILDER_THAN,
     OVERRULE,
     POLICY_LADDERS,
@@ -27,7 +29,7 @@ from mavproxy_handover.core.safety.strategy import (
     withheld,
 )
 
-__all__ = ["HEAD", "Considered", "consider", "facts_table", "story", "table"]
+__all__ = ["HEAD", "Considered", "consider", "facts_table", "kinds_table", "story", "table"]
 
 Row = tuple[str, ...]
 #: what the columns of `table` are
@@ -75,6 +77,12 @@ def facts_table() -> list[Row]:
             does = f"{', '.join(action.name.lower() for action in needed)} can be"
         rows.append((fact.name.lower(), fact.value, does))
     return rows
+
+
+def kinds_table() -> list[Row]:
+    """How each kind of aircraft does what is decided: what the columns are, and a row for each action."""
+    rows: list[Row] = [("action", *(kind.value for kind in Kind))]
+    return rows + [(action.name.lower(), *(row[kind] for kind in Kind)) for action, row in CARRIED_OUT.items()]
 
 
 _ALL: Final = [*(ladder(cause, "warn") for cause in Cause), *POLICY_LADDERS.values()]

@@ -16,6 +16,9 @@ Above the ladders stand four facts: on the ground, with a pilot who steers, with
 chosen what is flown, and while the autopilot is not heard, nothing is commanded: all but to wait is a warning. And
 beside them two: what returns already is not stopped, and what lands already is not sent anywhere (MILDER_THAN).
 
+What is decided is the same for every kind of aircraft; how it is done is not (`CARRIED_OUT`). What has wings cannot stand
+still, so it circles, and for that it needs room: whether it may be held is a fact of its own for it (`lookout.py`).
+
 `Strategy` remembers what was decided: a return or a landing lasts as long as its cause, whatever milder causes come and
 go, and whatever milder that cause would ask for by now. That is the only state.
 """
@@ -27,10 +30,11 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
 
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.model import FlightAction, Kind
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
 
 __all__ = [
+    "CARRIED_OUT",
     "FIRST",
     "MILDER_THAN",
     "OVERRULE",
@@ -99,6 +103,31 @@ POLICY_LADDERS: Final[Mapping[str, tuple[Rung, ...]]] = {
 #: What comes to nothing more than a warning, whatever is asked for; and what does if it is milder than this.
 OVERRULE: Final = (Fact.PILOT, Fact.FAILSAFE)
 MILDER_THAN: Final[Mapping[Fact, FlightAction]] = {Fact.LANDING: FlightAction.LAND, Fact.RETURNING: FlightAction.RETURN}
+
+
+#: How each is done by an aircraft of that kind, for people; the autopilot's words of it are the edge's.
+CARRIED_OUT: Final[Mapping[FlightAction, Mapping[Kind, str]]] = {
+    FlightAction.HOLD: {
+        Kind.COPTER: "stops, its mission paused",
+        Kind.PLANE: "circles, in LOITER",
+        Kind.QUADPLANE: "circles, in LOITER",
+    },
+    FlightAction.CONTINUE: {
+        Kind.COPTER: "flies on, its mission resumed",
+        Kind.PLANE: "flies on, in AUTO",
+        Kind.QUADPLANE: "flies on, in AUTO",
+    },
+    FlightAction.RETURN: {
+        Kind.COPTER: "RTL to the chosen place, and down",
+        Kind.PLANE: "RTL to the chosen place, and down by the landing sequence there",
+        Kind.QUADPLANE: "RTL to the chosen place, and down by its rotors",
+    },
+    FlightAction.LAND: {
+        Kind.COPTER: "LAND, where it is",
+        Kind.PLANE: "the next landing sequence: it cannot come down where it is",
+        Kind.QUADPLANE: "QLAND, where it is",
+    },
+}
 
 
 @dataclass(frozen=True, slots=True)
