@@ -16,8 +16,8 @@ Above the ladders stand four facts: on the ground, with a pilot who steers, with
 chosen what is flown, and while the autopilot is not heard, nothing is commanded: all but to wait is a warning. And
 beside them two: what returns already is not stopped, and what lands already is not sent anywhere (MILDER_THAN).
 
-What is decided is the same for every kind of aircraft; how it is done is not (`CARRIED_OUT`). What has wings cannot stand
-still, so it circles, and for that it needs room: whether it may be held is a fact of its own for it (`lookout.py`).
+What is decided is the same for every kind of aircraft; how it is done is not (`CARRIED_OUT`). What has wings cannot
+stand still, so it circles, and for that it needs room: where it is to be held is seen by that (`lookout.py`).
 
 `Strategy` remembers what was decided: a return or a landing lasts as long as its cause, whatever milder causes come and
 go, and whatever milder that cause would ask for by now. That is the only state.
