@@ -154,6 +154,7 @@ class Companion:
         self.rehearsal = RehearsalDesk(config.sysid, self.arbiter, self.handle, *told_by, around)
         self._briefing = Briefing(self.arbiter, self.autopilot, ports, self.fault)
         self.gate.targets.judge = self.autopilot.desk.target
+        self.gate.takes_over = self.autopilot.orders.takes_over
         self.gate.copter = lambda: not self.autopilot.aircraft.foreign
         self._overrides = Overrides(self.autopilot.desk, lambda: self.view.commander, config.sysid)
         jobs = [
@@ -274,7 +275,7 @@ class Companion:
 
     def _chosen(self, frame: Frame, now: float) -> None:
         """The commander's command goes to the autopilot: perhaps it asks for another mode."""
-        hand = hands.of_command(frame)
+        hand = hands.of_command(frame, self.autopilot.aircraft.vehicle)
         if hand is not None:
             self.handle(hand, now)
 
@@ -331,6 +332,10 @@ class Companion:
             return
         intent = intent_of(frame)
         if intent is None or self.autopilot.desk.judge(port, intent, now).passes:
+            if self.autopilot.orders.takes_over(frame):
+                self.narrator.accepted(port.name, verdict.what)
+                self.autopilot.orders.pause_asked(port, frame, now)
+                return
             self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
             self._chosen(frame, now)
             return

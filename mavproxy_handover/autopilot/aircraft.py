@@ -10,24 +10,24 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.down import WaysDown
+from mavproxy_handover.autopilot.kinds import COPTER, PLANE, Vehicle, vehicle_of
+from mavproxy_handover.core.model import Flown, Kind
 from mavproxy_handover.wire.codec import AircraftState
 
 __all__ = ["Aircraft"]
 
-#: the MAV_TYPEs that ArduCopter gives itself; flight modes have other numbers everywhere else
-_COPTERS: Final = frozenset(
-    {
-        mavlink.MAV_TYPE_QUADROTOR,
-        mavlink.MAV_TYPE_COAXIAL,
-        mavlink.MAV_TYPE_HELICOPTER,
-        mavlink.MAV_TYPE_HEXAROTOR,
-        mavlink.MAV_TYPE_OCTOROTOR,
-        mavlink.MAV_TYPE_TRICOPTER,
-        mavlink.MAV_TYPE_DODECAROTOR,
-        mavlink.MAV_TYPE_DECAROTOR,
-    }
-)
 _ON_GROUND = mavlink.MAV_LANDED_STATE_ON_GROUND
+_HOVERS: Final = (mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC, mavlink.MAV_VTOL_STATE_MC)
+
+#: ArduPlane's circle, if it does not tell, or has none (m)
+_CIRCLE_M: Final = 60.0
+#: to circle takes a moment to be told, and then a circle and a half of room; no wing flies slower (s, m/s)
+_REACTION_S: Final = 2.0
+_ROOM: Final = 1.5
+_SLOWEST_MPS: Final = 5.0
+#: parameters that say what an aircraft with wings can do
+_HAS_ROTORS, _RADIUS, _RETURN_RADIUS = "Q_ENABLE", "WP_LOITER_RAD", "RTL_RADIUS"
 
 
 class Aircraft:
@@ -36,8 +36,16 @@ class Aircraft:
     def __init__(self) -> None:
         self.armed = False
         self.custom_mode = 0
-        #: what it is, in words, where that is no ArduCopter: the numbers of its flight modes are not known here
+        #: what it is, in words, where that is nothing that is flown here: the numbers of its modes are not known
         self.foreign = ""
+        #: its firmware, ArduCopter until it is known, and where it is none of ours
+        self.vehicle: Vehicle = COPTER
+        #: whether a plane in AUTO flies its mission, or has been sent down
+        self.ways_down = WaysDown()
+        self._vtol_state = mavlink.MAV_VTOL_STATE_UNDEFINED
+        #: a plane that hovers too: it has said so, or has the parameter
+        self._has_rotors = False
+        self._radius_m: dict[str, float] = {}
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
         self.landed_state_at = -math.inf
         #: the position that counts, and when it came
@@ -77,8 +85,10 @@ class Aircraft:
         self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
         self.custom_mode = m.custom_mode
         self.critical = m.system_status == mavlink.MAV_STATE_CRITICAL
-        ours = m.autopilot == mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA and m.type in _COPTERS
-        self.foreign = "" if ours else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}"
+        known = vehicle_of(m.autopilot, m.type)
+        self.vehicle = COPTER if known is None else known
+        self.foreign = "" if known else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}"
+        self.ways_down.mode(self.vehicle, m.custom_mode, now)
 
     def _take_position(self, m: Any, now: float) -> None:
         if m.lat == 0 and m.lon == 0:  # no position yet
@@ -101,9 +111,18 @@ class Aircraft:
 
     def _take_landed(self, m: Any, now: float) -> None:
         self.landed_state, self.landed_state_at = m.landed_state, now
+        self._vtol_state = m.vtol_state
+        self._has_rotors = self._has_rotors or m.vtol_state != mavlink.MAV_VTOL_STATE_UNDEFINED
+
+    def _take_parameter(self, m: Any, _now: float) -> None:
+        if m.param_id == _HAS_ROTORS:
+            self._has_rotors = m.param_value > 0.0
+        elif m.param_id in (_RADIUS, _RETURN_RADIUS) and math.isfinite(m.param_value):
+            self._radius_m[m.param_id] = abs(m.param_value)
 
     def _take_waypoint(self, m: Any, now: float) -> None:
         self.waypoint, self.waypoint_at = m.seq, now
+        self.ways_down.waypoint(m.seq, now)
 
     def _take_distance(self, m: Any, now: float) -> None:
         self.waypoint_distance_m, self.waypoint_distance_at = float(m.wp_dist), now
@@ -113,6 +132,57 @@ class Aircraft:
 
     def _take_text(self, m: Any, _now: float) -> None:
         self.status_text = m.text
+
+    # ---- what it is -----------------------------------------------------------------------------------------------
+
+    @property
+    def kind(self) -> Kind:
+        """What kind of aircraft it is; a copter where it is nothing that is flown here."""
+        if self.vehicle is not PLANE:
+            return Kind.COPTER
+        return Kind.QUADPLANE if self._has_rotors else Kind.PLANE
+
+    @property
+    def flown(self) -> Flown | None:
+        """What it flies; None: nobody knows what its modes are."""
+        if self.foreign:
+            return None
+        return self.ways_down.flown or self.vehicle.flown(self.custom_mode)
+
+    @property
+    def in_auto(self) -> bool:
+        """Its mode is the one that flies missions."""
+        return self.custom_mode == self.vehicle.auto
+
+    @property
+    def flies_mission(self) -> bool:
+        """It flies its mission, and is not on a way down that it was sent on."""
+        return self.in_auto and self.ways_down.flown is None
+
+    @property
+    def to_place(self) -> bool:
+        """It flies to the place that its rally list held when it began to."""
+        return self.custom_mode in self.vehicle.to_place
+
+    @property
+    def hovers(self) -> bool:
+        """It has wings, and is carried by its rotors, or about to be."""
+        return self.kind.winged and self._vtol_state in _HOVERS
+
+    @property
+    def circle_m(self) -> float:
+        """How far from the place of a return it stays while it circles there (m); 0 where it does not."""
+        if not self.kind.winged or self.hovers:
+            return 0.0
+        return self._radius_m.get(_RETURN_RADIUS) or self._radius_m.get(_RADIUS) or _CIRCLE_M
+
+    @property
+    def circles_s(self) -> float:
+        """So long before a border (s) it has to be told to circle, to stay inside; 0 where it can stand still."""
+        if not self.kind.winged or self.hovers:
+            return 0.0
+        radius_m = self._radius_m.get(_RADIUS) or _CIRCLE_M
+        return _REACTION_S + _ROOM * radius_m / max(self.own_speed_mps, _SLOWEST_MPS)
 
     @property
     def dead_reckoning(self) -> bool:
@@ -215,4 +285,5 @@ _TAKE: Final[dict[str, Callable[[Aircraft, Any, float], None]]] = {
     "STATUSTEXT": Aircraft._take_text,
     "FENCE_STATUS": Aircraft._take_fence,
     "GPS_RAW_INT": Aircraft._take_fix,
+    "PARAM_VALUE": Aircraft._take_parameter,
 }

@@ -18,16 +18,19 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.border_watch import BorderWatch
 from mavproxy_handover.autopilot.command_desk import CommandDesk
-from mavproxy_handover.autopilot.copter import AUTO, COPTER_MODES, Copter
+from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
 from mavproxy_handover.autopilot.gaps import GapWatch
+from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.autopilot.places import PlaceWatch
+from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight
+from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
@@ -87,10 +90,14 @@ class Autopilot:
         self._lease = LeaseSequence(nonce, None if config.guard_key is None else load_key(config.guard_key))
         #: those with the autopilot that are going on
         talks = self.conversations = Conversations(ties.voice.to_autopilot, ties.fault)
-        self._copter = copter = Copter(config.sysid, lambda: self.aircraft.status_text, lambda: self.aircraft.foreign)
+        to_whom = config.sysid, lambda: self.aircraft.status_text
+        self._procedures = {
+            COPTER: Copter(*to_whom, lambda: self.aircraft.foreign),
+            PLANE: Plane(*to_whom, self.aircraft),
+        }
         self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight)
-        self._streams = Streams(copter, ties.voice.ask_rates)
-        self.orders = Orders(copter, talks, ties)
+        self._streams = Streams(self.procedures, ties.voice.ask_rates)
+        self.orders = Orders(self.procedures, talks, ties)
         self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
         self._energy = EnergyWatch(config.energy, ties)
         self._loader = MissionLoader(config, self._adopted)
@@ -102,11 +109,13 @@ class Autopilot:
         self._execution = ExecutionWatch(self.aircraft, ties, lambda: self._preflight.radio_watched)
         #: where a return goes
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
-        self._missions = MissionWriter(self._loader, copter, talks, ties, self._flies_by, self.places.first_point)
+        self._missions = MissionWriter(
+            self._loader, self.procedures, talks, ties, self._flies_by, self.places.first_point
+        )
         #: the commander's commands in flight, judged by the situation
         self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places.candidates, ties)
         #: and what it uploads then
-        self.staging = Staging(self.desk, copter, talks, ties, lambda: self._loader.package, self._rerouted)
+        self.staging = Staging(self.desk, self.procedures, talks, ties, lambda: self._loader.package, self._rerouted)
         self._heed: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_state,
             "EXTENDED_SYS_STATE": self._on_state,
@@ -149,13 +158,17 @@ class Autopilot:
         """The commander has changed the mission in flight: it is not the package's any more."""
         return self._changed_aloft
 
+    def procedures(self) -> Procedures:
+        """What there is to ask an autopilot of its kind."""
+        return self._procedures[self.aircraft.vehicle]
+
     def zone_facts(self) -> tuple[ZoneFact, ...]:
         """Facts about every zone at the last position; none before there are mission and position."""
         finder, where = self._loader.finder, self.aircraft.where
         if finder is None or where is None:
             return ()
         lat_deg, lon_deg, alt_m = where
-        way = self._loader.way(self.aircraft.waypoint) if self.aircraft.custom_mode == AUTO else ()
+        way = self._loader.way(self.aircraft.waypoint) if self.aircraft.flies_mission else ()
         return self._waypoints.marked(finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m, way))
 
     # ---- what it says ---------------------------------------------------------------------------------------------
@@ -164,14 +177,16 @@ class Autopilot:
         """A message of the autopilot itself."""
         aircraft, narrator = self.aircraft, self._ties.narrator
         waypoint, mode, known = aircraft.waypoint, aircraft.custom_mode, aircraft.heartbeat_at > -math.inf
+        on_mission = aircraft.flies_mission
         aircraft.take(message, now)
         if self.conversations and _for_companion(message, self._sysid):
             self.conversations.on_message(message, now)
         if aircraft.custom_mode != mode:
-            narrator.mode(COPTER_MODES.get(aircraft.custom_mode, f"mode {aircraft.custom_mode}"))
+            narrator.mode(aircraft.vehicle.mode_name(aircraft.custom_mode))
             if known:
                 self.orders.mode_changed()
-                self._mode_changed(now)
+        if known and aircraft.flies_mission is not on_mission:
+            self._mission_flown(now)
         if aircraft.waypoint != waypoint:
             narrator.waypoint(aircraft.waypoint)
             self._waypoints.flies_on()
@@ -196,10 +211,13 @@ class Autopilot:
         self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact()), now)
         self.route.look(now)
 
-    def _mode_changed(self, now: float) -> None:
-        """In AUTO again, in flight: it has forgotten what a DO_CHANGE_SPEED had set before the aircraft left it."""
+    def _mission_flown(self, now: float) -> None:
+        """It flies its mission, or does so no more.
+
+        In AUTO again, in flight, it has forgotten what a DO_CHANGE_SPEED had set before the aircraft left it.
+        """
         aircraft, route = self.aircraft, self._flown
-        resumes = aircraft.custom_mode == AUTO and aircraft.flying and not aircraft.foreign
+        resumes = aircraft.flies_mission and aircraft.flying and not aircraft.foreign
         speed_mps = speed_at(route, aircraft.waypoint) if resumes and route is not None else None
         self.orders.resume_speed(speed_mps, now)
 
@@ -209,7 +227,12 @@ class Autopilot:
         # without a heartbeat of late nothing is known of arming and of the mode: what was before need not be so
         if now - aircraft.heartbeat_at < _HEARTBEAT_S:
             self._execution.state(now)  # first: what is flown by now need not be commanded
-            self._ties.handle(AutopilotState(aircraft.armed, aircraft.flying, aircraft.foreign), now)
+            self._ties.handle(self._autopilot_state(), now)
+
+    def _autopilot_state(self) -> AutopilotState:
+        aircraft = self.aircraft
+        is_one = aircraft.armed, aircraft.flying, aircraft.foreign
+        return AutopilotState(*is_one, aircraft.kind, aircraft.circles_s if aircraft.flying else 0.0)
 
     def _on_text(self, message: Any, now: float) -> None:
         self._preflight.text(message.text)
@@ -280,7 +303,7 @@ class Autopilot:
             if talk.result:
                 self._rerouted(None, now)
 
-        asking = self._copter.holds_another(package.route.upload_items())
+        asking = self.procedures().holds_another(package.route.upload_items())
         self.conversations.begin(_HELD, asking, done, now)
 
     def holds(self, prepared: Prepared, now: float) -> None:
@@ -307,6 +330,7 @@ class Autopilot:
 
     def _flies(self, route: Route | None) -> None:
         self._flown = route
+        self.aircraft.ways_down.adopt(route)
         self.route.adopt(route)
         self._energy.released_at = None if route is None else released_at(route)
 

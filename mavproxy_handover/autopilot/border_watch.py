@@ -15,7 +15,6 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import BordersSeen
 from mavproxy_handover.core.model import BorderFact
 from mavproxy_handover.mission.crossings import WayAhead
-from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["BorderWatch"]
 
@@ -52,6 +51,6 @@ class BorderWatch:
         aircraft = self._aircraft
         if self._way is None or aircraft.where is None or not aircraft.flying or aircraft.foreign:
             return ()
-        if aircraft.custom_mode != COPTER_AUTO:
+        if not aircraft.flies_mission:
             return ()
         return self._way.borders(aircraft.waypoint, *aircraft.where[:2], self._within_s)

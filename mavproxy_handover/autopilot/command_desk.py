@@ -30,7 +30,6 @@ from mavproxy_handover.mission.energy import Place, pieces_along, released_at
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.walk import Leg
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["MOST", "PER_S", "CommandDesk"]
 
@@ -191,7 +190,7 @@ class CommandDesk:
         fact, places, ahead, here = self._energy.fact, self._places(), self.ahead, self._aircraft.where
         if fact.model is None or places is None or ahead is None or here is None:
             return None
-        if self._aircraft.custom_mode != COPTER_AUTO:
+        if not self._aircraft.flies_mission:
             return None
         legs = ahead.way(self.item_in(ahead), here)
         way = pieces_along(legs, places, fact.model, released_at(ahead.route))
@@ -214,7 +213,7 @@ class CommandDesk:
         aircraft, ahead = self._aircraft, self.ahead
         if intent.aim is not None:
             return self._to(intent.aim)
-        if ahead is None or aircraft.where is None or (intent.auto_only and aircraft.custom_mode != COPTER_AUTO):
+        if ahead is None or aircraft.where is None or (intent.auto_only and not aircraft.flies_mission):
             return ()
         item = aircraft.waypoint if intent.item is None or intent.item < 0 else max(1, intent.item)
         legs = ahead.way(item, aircraft.where)

@@ -8,38 +8,42 @@ called off, the mission would go on at whatever the parameter says. The paramete
 computer above the autopilot is dead; a return is flown by it too. A DO_CHANGE_SPEED in the mission stays what it is, an
 item, and the companion says it again when the aircraft comes back to AUTO behind it.
 
-Sources: ArduPilot's AC_WPNav (`_check_wp_speed_change`) and ModeAuto::init, which forgets every DO_CHANGE_SPEED.
+Of a plane it is an airspeed, and one between the least and the most that it is set up for: a wing that is told to fly
+slower than it can does not, and the check would have walked at a speed that nobody flies.
+
+Sources: ArduPilot's AC_WPNav (`_check_wp_speed_change`) and ModeAuto::init, which forgets every DO_CHANGE_SPEED;
+ArduPlane's Mode::enter, which does too, and `do_change_speed`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.kinds import COPTER, Vehicle
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
 __all__ = ["held_cruise", "write_cruise"]
 
-#: name of the parameter -> its units in one m/s: up to firmware 4.6, and from 4.7 on
-_UNITS: Final = {"WPNAV_SPEED": 100.0, "WP_SPD": 1.0}
 #: parameters have 24 bits
 _ROUNDED: Final = 1e-4
 
 
-def held_cruise(sysid: int) -> Asking:
+def held_cruise(sysid: int, vehicle: Vehicle = COPTER) -> Asking:
     """Returns the speed between waypoints (m/s) that the autopilot has. Raises NoAnswer."""
-    message = yield from _read(sysid)
-    return message.param_value / _UNITS[message.param_id]
+    message = yield from _read(sysid, vehicle.cruise)
+    return message.param_value / vehicle.cruise[message.param_id]
 
 
-def write_cruise(sysid: int, cruise_mps: float) -> Asking:
+def write_cruise(sysid: int, cruise_mps: float, vehicle: Vehicle = COPTER) -> Asking:
     """Have the autopilot fly missions at `cruise_mps`, and see that it will. Raises NoAnswer, AutopilotError."""
-    message = yield from _read(sysid)
-    name, wanted = message.param_id, cruise_mps * _UNITS[message.param_id]
+    yield from _within(sysid, cruise_mps, vehicle)
+    message = yield from _read(sysid, vehicle.cruise)
+    name, wanted = message.param_id, cruise_mps * vehicle.cruise[message.param_id]
     if _equal(message.param_value, wanted):
         return
     order = mavlink.MAVLink_param_set_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), wanted, message.param_type)
@@ -50,17 +54,30 @@ def write_cruise(sysid: int, cruise_mps: float) -> Asking:
         raise AutopilotError(f"the autopilot does not take {name} {wanted:g}, the mission's cruise speed") from None
 
 
-def _read(sysid: int) -> Asking:
+def _within(sysid: int, cruise_mps: float, vehicle: Vehicle) -> Asking:
+    for limits, too in ((vehicle.slowest, "slower"), (vehicle.fastest, "faster")):
+        if not limits:
+            continue
+        message = yield from _read(sysid, limits)
+        limit_mps = message.param_value / limits[message.param_id]
+        if (cruise_mps < limit_mps) if too == "slower" else (cruise_mps > limit_mps):
+            what = f"the mission's cruise speed, {cruise_mps:g} m/s, is {too} than {message.param_id}"
+            raise AutopilotError(f"{what}, {limit_mps:g} m/s")
+
+
+def _read(sysid: int, names: Mapping[str, float]) -> Asking:
     requests = tuple(
-        mavlink.MAVLink_param_request_read_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), -1) for name in _UNITS
+        mavlink.MAVLink_param_request_read_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), -1) for name in names
     )
-    message = yield Ask(" or ".join(_UNITS), requests, _value_of(tuple(_UNITS), lambda value: 0.0 < value < 1e6))
+    message = yield Ask(" or ".join(names), requests, _value_of(names, lambda value: 0.0 < value < 1e6))
     return message
 
 
-def _value_of(names: tuple[str, ...], fits: Callable[[float], bool]) -> Callable[[Any], Any]:
+def _value_of(names: Iterable[str], fits: Callable[[float], bool]) -> Callable[[Any], Any]:
+    wanted = tuple(names)
+
     def answer(m: Any) -> Any:
-        known = m.get_type() == "PARAM_VALUE" and m.param_id in names
+        known = m.get_type() == "PARAM_VALUE" and m.param_id in wanted
         return m if known and fits(m.param_value) else None
 
     return answer

@@ -22,7 +22,6 @@ from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, P
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
-from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["EnergyWatch", "pack_report"]
 
@@ -156,7 +155,7 @@ class EnergyWatch:
             return
         if not aircraft.flying:
             learner.carry(True)
-        elif released is not None and aircraft.custom_mode == COPTER_AUTO and aircraft.waypoint > released:
+        elif released is not None and aircraft.flies_mission and aircraft.waypoint > released:
             learner.carry(False)
 
     def _learn(self, aircraft: Aircraft, now: float) -> None:

@@ -15,7 +15,6 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.copter import COPTER_MODES, RTL
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import HandSeen, ModeSeen, MotionSeen
 from mavproxy_handover.core.model import Hand
@@ -50,11 +49,9 @@ class ExecutionWatch:
         if aircraft.critical and not self._critical:
             self._ties.handle(HandSeen(Hand.FAILSAFE), now)
         self._critical = aircraft.critical
-        mode = aircraft.custom_mode
-        name = COPTER_MODES.get(mode, f"mode {mode}")
-        flown = None if aircraft.foreign else hands.flown(mode)
+        name = aircraft.vehicle.mode_name(aircraft.custom_mode)
         landing = aircraft.landed_state == _LANDING
-        self._ties.handle(ModeSeen(flown, name, landing, self._radio), now)
+        self._ties.handle(ModeSeen(aircraft.flown, name, landing, self._radio), now)
 
     @property
     def _radio(self) -> bool:
@@ -63,7 +60,7 @@ class ExecutionWatch:
 
     def text(self, text: str, now: float) -> None:
         """A STATUSTEXT of the autopilot."""
-        hand = hands.of_text(text)
+        hand = hands.of_text(text, self._aircraft.vehicle)
         if hand is not None:
             self._ties.handle(hand, now)
 
@@ -80,7 +77,8 @@ class ExecutionWatch:
         if not aircraft.flying or aircraft.own_position is None:
             return
         fresh = now - aircraft.waypoint_distance_at < _STOPPED_S
-        left_m = aircraft.waypoint_distance_m if fresh and aircraft.custom_mode == RTL else None
+        # a circle around the place is at the place
+        left_m = max(0.0, aircraft.waypoint_distance_m - aircraft.circle_m) if fresh and aircraft.to_place else None
         if now - aircraft.own_position_at < _STOPPED_S:
             climb_mps = -aircraft.own_position.vz / 100.0
             self._ties.handle(MotionSeen(aircraft.own_speed_mps, climb_mps, left_m), now)

@@ -21,7 +21,6 @@ from mavproxy_handover.core.events import GapsJudged
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GapFact
 from mavproxy_handover.mission.gaps import Stretch
-from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["ALONE_MAX", "GapWatch", "lacking"]
 
@@ -84,7 +83,7 @@ class GapWatch:
         """The gap that the aircraft is in at its last position, or flies into in a moment; None: in none."""
         aircraft = self._aircraft
         where = aircraft.where
-        if not self._stretches or where is None or aircraft.custom_mode != COPTER_AUTO:
+        if not self._stretches or where is None or not aircraft.flies_mission:
             return None
         if aircraft.foreign or not aircraft.flying:
             return None

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.copter import Copter, Plan
+from mavproxy_handover.autopilot.procedures import Plan, Procedures
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.config.files import VehicleConfig
 from mavproxy_handover.core.events import MissionLoaded
@@ -179,14 +179,14 @@ class MissionWriter:
     def __init__(
         self,
         loader: MissionLoader,
-        copter: Copter,
+        procedures: Callable[[], Procedures],
         conversations: Conversations,
         ties: Ties,
         flies_by: Callable[[MissionPackage | None, Along, float], None],
         first_point: Callable[[MissionPackage], RallyPoint],
     ) -> None:
         self._loader = loader
-        self._copter = copter
+        self._procedures = procedures
         self._conversations = conversations
         self._ties = ties
         self._flies_by = flies_by
@@ -277,7 +277,7 @@ class MissionWriter:
             self._flies_by(package, prepared.along, now)
             ties.handle(MissionLoaded(package.digest, prepared.commanders, loader.out_of_coverage), now)
 
-        asking = self._copter.load(_plan(package, self._first_point(package)))
+        asking = self._procedures().load(_plan(package, self._first_point(package)))
         self._conversations.begin(_LOAD, asking, done, now)
 
 

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What the companion itself has the autopilot fly: START for a station that waits for the answer, and the way home.
+"""What the companion itself has the autopilot fly: START and STOP for a station that waits for the answer, and the way
+home.
 
 START is here from the station's command to its last answer: who asked, what a repetition gets, what came of it. Whether
 the aircraft may take off is the arbiter's to say. The way home comes first: it ends a START that is under way, and the
-station that asked is told so.
+station that asked is told so. The commander's STOP and CONTINUE are here where the autopilot knows none
+(`takes_over`): done by modes, and answered as an autopilot would.
 """
 
 from __future__ import annotations
@@ -17,16 +19,16 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.copter import COPTER_MODES, RTL, Copter
+from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.core.events import StartFinished, StartRequested
-from mavproxy_handover.core.model import FlightAction
+from mavproxy_handover.core.events import HandSeen, StartFinished, StartRequested
+from mavproxy_handover.core.model import FlightAction, Hand
 from mavproxy_handover.core.start import refused
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.words import called, subject_of
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
-from mavproxy_handover.wire.frames import Frame, field_int
+from mavproxy_handover.wire.frames import Frame, field_float, field_int
 from mavproxy_handover.wire.ids import MISSION_START
 
 __all__ = ["Orders", "commanded"]
@@ -35,6 +37,10 @@ __all__ = ["Orders", "commanded"]
 _START: Final = "start"
 _HOME: Final = "home"
 _SPEED: Final = "speed"
+_PAUSE: Final = "pause"
+_PAUSE_CONTINUE: Final[int] = mavlink.MAV_CMD_DO_PAUSE_CONTINUE
+#: its first parameter
+_STOP, _CONTINUE = 0.0, 1.0
 #: so long (s) a return waits for its place to be in the autopilot's list
 _PLACE_S: Final = 1.0
 
@@ -46,20 +52,22 @@ def commanded(frame: Frame) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class _Asker:
-    """Who asked for START: the station, and system and component there."""
+    """Who asked for START, or for a stop: the station, and system and component there."""
 
     port: StationPort
     sender: tuple[int, int]
 
 
 class Orders:
-    """Carries out START and the way home, one of each at a time."""
+    """Carries out START, STOP and the way home, one of each at a time. `procedures`: those of the autopilot's kind."""
 
-    def __init__(self, copter: Copter, conversations: Conversations, ties: Ties) -> None:
-        self._copter = copter
+    def __init__(self, procedures: Callable[[], Procedures], conversations: Conversations, ties: Ties) -> None:
+        self._procedures = procedures
         self._conversations = conversations
         self._ties = ties
         self._asker: _Asker | None = None
+        #: who asked for the stop that is under way, and for which
+        self._stopper: tuple[_Asker, bool] | None = None
         self._needs = OncePerCause()
         #: is told that a return is about to be ordered; returns what tells whether its place is in the autopilot's list
         self.before_return: Callable[[float], Callable[[], bool]] = lambda _now: lambda: True
@@ -100,7 +108,7 @@ class Orders:
             self._answer(asker, result, f"START failed: {text}" if text else "")
 
         self._ties.narrator.start_begun(asker.port.name)
-        self._conversations.begin(_START, self._copter.start(), done, now)
+        self._conversations.begin(_START, self._procedures().start(), done, now)
 
     def refuse_start(self, needs: tuple[str, ...], now: float) -> None:
         """START cannot be: what it still needs."""
@@ -129,9 +137,53 @@ class Orders:
             self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
 
     def _answer(self, asker: _Asker, result: int, why: str = "") -> None:
-        self._ties.voice.acknowledge(asker.port, asker.sender, MISSION_START, result)
+        self._reply(asker, MISSION_START, result, why)
+
+    def _reply(self, asker: _Asker, command: int, result: int, why: str = "") -> None:
+        self._ties.voice.acknowledge(asker.port, asker.sender, command, result)
         if why:
             self._ties.voice.say(asker.port, why)
+
+    # ---- STOP and CONTINUE ----------------------------------------------------------------------------------------
+
+    def takes_over(self, frame: Frame) -> bool:
+        """Whether a command of the commander in flight is carried out here, in the autopilot's place."""
+        return commanded(frame) == _PAUSE_CONTINUE and self._procedures().holds_by(pause=True) is not None
+
+    def pause_asked(self, port: StationPort, frame: Frame, now: float) -> None:
+        """The commander's STOP or CONTINUE, which the autopilot does not know."""
+        asker, which = _Asker(port, (frame.sysid, frame.compid)), field_float(frame, "param1")
+        if which not in (_STOP, _CONTINUE):
+            self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_DENIED)
+            return
+        pause, procedures = which == _STOP, self._procedures()
+        if self._stopper == (asker, pause):  # asked again: it is on its way
+            self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_IN_PROGRESS)
+            return
+        if _HOME in self._conversations:
+            self._reply(asker, _PAUSE_CONTINUE, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+            return
+        self._give_stop_up("another one was asked for")
+        self._stopper = asker, pause
+
+        def done(talk: Conversation, _now: float) -> None:
+            self._stopper = None
+            result = mavlink.MAV_RESULT_ACCEPTED if talk.failure is None else mavlink.MAV_RESULT_FAILED
+            self._reply(
+                asker,
+                _PAUSE_CONTINUE,
+                result,
+                f"{called(subject_of(frame))} failed: {talk.failure}" if talk.failure else "",
+            )
+
+        self._ties.handle(HandSeen(Hand.COMMANDER, procedures.holds_by(pause)), now)
+        self._conversations.begin(_PAUSE, procedures.hold(pause), done, now)
+
+    def _give_stop_up(self, why: str) -> None:
+        """End a stop that is under way, if one is."""
+        stopper, self._stopper = self._stopper, None
+        if self._conversations.drop(_PAUSE) and stopper is not None:
+            self._reply(stopper[0], _PAUSE_CONTINUE, mavlink.MAV_RESULT_FAILED, f"given up: {why}")
 
     # ---- the mission's speed --------------------------------------------------------------------------------------
 
@@ -147,7 +199,7 @@ class Orders:
         def done(talk: Conversation, _now: float) -> None:
             self._ties.narrator.speed(speed_mps, talk.failure)
 
-        self._conversations.begin(_SPEED, self._copter.set_speed(speed_mps), done, now)
+        self._conversations.begin(_SPEED, self._procedures().set_speed(speed_mps), done, now)
 
     # ---- the way home ---------------------------------------------------------------------------------------------
 
@@ -160,17 +212,25 @@ class Orders:
         self._ordered += 1
         ordered = self._ordered
         pauses = action in (FlightAction.HOLD, FlightAction.CONTINUE)
+        self._give_stop_up("the companion commands")
         if not pauses:
             self.give_start_up("the aircraft is brought home", now)
         written = self._place(now) if action is FlightAction.RETURN else lambda: True
         if ordered != self._ordered:
             return
-        asking = self._copter.hold(action is FlightAction.HOLD) if pauses else self._way_home(action, written)
+        asking = self._holding(action is FlightAction.HOLD, now) if pauses else self._way_home(action, written)
         self._begin_home(action, asking, now)
+
+    def _holding(self, pause: bool, now: float) -> Asking:
+        procedures = self._procedures()
+        flown = procedures.holds_by(pause)
+        if flown is not None:  # whose mode this is shows by nothing else
+            self._ties.handle(HandSeen(Hand.COMPANION, flown), now)
+        return procedures.hold(pause)
 
     def again(self, now: float) -> None:
         """Begin the return anew: the autopilot reads where to when it begins."""
-        self._begin_home(FlightAction.RETURN, self._copter.return_anew(), now)
+        self._begin_home(FlightAction.RETURN, self._procedures().return_anew(), now)
 
     def mode_changed(self) -> None:
         """The autopilot flies another mode than before."""
@@ -179,7 +239,9 @@ class Orders:
 
     def _begin_home(self, action: FlightAction, asking: Asking, now: float) -> None:
         def done(talk: Conversation, _now: float) -> None:
-            self.returning = action is FlightAction.RETURN and talk.result == COPTER_MODES[RTL]
+            vehicle = self._procedures().vehicle
+            to_place = {vehicle.mode_name(mode) for mode in vehicle.to_place}
+            self.returning = action is FlightAction.RETURN and talk.result in to_place
             self._ties.narrator.flown(action, talk.result, talk.failure)
 
         self._conversations.begin(_HOME, asking, done, now)
@@ -189,7 +251,7 @@ class Orders:
         if not written():
             with suppress(NoAnswer):
                 yield Ask("the place to be written", (), lambda _m: written() or None, _PLACE_S, tries=1)
-        return (yield from self._copter.bring_home(action))
+        return (yield from self._procedures().bring_home(action))
 
     def _place(self, now: float) -> Callable[[], bool]:
         try:

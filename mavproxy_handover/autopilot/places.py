@@ -29,7 +29,6 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.copter import AUTO, RTL
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.preflight import reading
@@ -66,9 +65,11 @@ _LAST_S: Final = 12.0
 #: what was said of a breach of the fence counts so long
 _BREACH_S: Final = 3.0
 _GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
+#: parameter for the height of a return -> its units in a metre; a firmware has one of them
+_RETURN_ALTS: Final = {"RTL_ALT_M": 1.0, "RTL_ALT": 100.0, "RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0}
 #: what is read of the autopilot, and what counts of what it tells
 _NAMES: Final = (
-    "RTL_ALT", "RTL_ALT_M", "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
+    *_RETURN_ALTS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
 )  # fmt: skip
 _CEILING, _CIRCLE = 1, 2
 _HOME: Final = "home"
@@ -298,7 +299,7 @@ class PlaceWatch:
         )
 
     def _within(self, limits: FenceLimits, place: Place) -> bool:
-        """Whether ArduCopter's fences around home and above it hold the place."""
+        """Whether the autopilot's own fences around home and above it hold the place."""
         if limits.ceiling_m is not None and place.alt_m > limits.ceiling_m:
             return False
         home = next(entry for entry in self._places if entry.name == _HOME)
@@ -306,9 +307,8 @@ class PlaceWatch:
         return limits.radius_m is None or away <= limits.radius_m
 
     def _return_alt_m(self) -> float:
-        if "RTL_ALT_M" in self._parameters:
-            return self._parameters["RTL_ALT_M"]
-        return self._parameters["RTL_ALT"] / 100.0 if "RTL_ALT" in self._parameters else RETURN_ALT_M
+        held = (self._parameters[name] / units for name, units in _RETURN_ALTS.items() if name in self._parameters)
+        return next(held, RETURN_ALT_M)
 
     def _choose(self, now: float) -> None:
         if not self._facts or (not self._keeper.known and now < self._unread_until):
@@ -319,7 +319,7 @@ class PlaceWatch:
         if self._settled_at == math.inf:
             self._settled_at = now + _SETTLE_S
             self._take_up(now)
-        returning = self._aircraft.flying and self._aircraft.custom_mode == RTL
+        returning = self._aircraft.flying and self._aircraft.to_place
         unsettled = now < self._settled_at or view.lease is LeaseState.RECOVERING
         fixed = unsettled or (returning and not self._may_bounce(now))
         before = self.choice
@@ -343,7 +343,7 @@ class PlaceWatch:
     def _mission_returns(self) -> bool:
         """The mission flies to where it ends with a return, and is nearly there."""
         aircraft = self._aircraft
-        if self._last is None or aircraft.custom_mode != AUTO or aircraft.where is None:
+        if self._last is None or not aircraft.flies_mission or aircraft.where is None:
             return False
         seq, place = self._last
         return aircraft.waypoint == seq and distance_m(*aircraft.where[:2], *place) < _LAST_S * aircraft.track[1]
@@ -440,7 +440,7 @@ class PlaceWatch:
         if name != self._told:
             self._tell()
         bounces, self._bounces_to = self._bounces_to == name, None
-        if bounces and self._aircraft.custom_mode == RTL and self._may_bounce(now):
+        if bounces and self._aircraft.to_place and self._may_bounce(now):
             self._ties.narrator.bounced(name)
             self._orders.again(now)
 
@@ -477,11 +477,12 @@ class PlaceWatch:
         view, where = self._ties.arbiter.view, self._aircraft.where
         outside = where is None or not self._finder.in_fence(where[:2]) or now - self._breached_at <= _BREACH_S
         commanded = view.commander is not None and view.lease in _COMMANDED
-        return self._orders.returning and commanded and not outside and not self._failsafe
+        # by a bounce what hovers already would fly off forwards once more
+        return self._orders.returning and commanded and not outside and not self._failsafe and not self._aircraft.hovers
 
 
 def _fence_limits(parameters: Mapping[str, float]) -> FenceLimits:
-    """ArduCopter's fences around home and above it, as far as they are known to be on."""
+    """The autopilot's own fences around home and above it, as far as they are known to be on."""
     kinds = int(parameters.get("FENCE_TYPE", 0))
     if not parameters.get("FENCE_ENABLE", 0) and not parameters.get("FENCE_AUTOENABLE", 0):
         kinds = 0

@@ -75,7 +75,7 @@ class Found:
     guard: GuardState
     #: major and minor version that the guard gives; None while it is silent
     firmware: tuple[int, int] | None = None
-    #: what the vehicle is, in words, if it is no ArduCopter
+    #: what the vehicle is, in words, if that is nothing that is flown here
     foreign: str = ""
     #: the channel that the guard says leases come in on, when it refuses them for that
     heard_on: int | None = None
@@ -135,9 +135,9 @@ Rule = Callable[[Mapping[str, float], Found, Limits], "str | None"]
 
 
 def _vehicle(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    return (
-        f"{found.foreign} is no ArduCopter: START is refused, and so is arming by the guard" if found.foreign else None
-    )
+    if not found.foreign:
+        return None
+    return f"{found.foreign} is neither ArduCopter nor ArduPlane: START is refused, and so is arming by the guard"
 
 
 def _guard_there(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:

@@ -16,7 +16,6 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.track import Motion, RouteTracker
-from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["RouteWatch"]
 
@@ -73,5 +72,5 @@ class RouteWatch:
         if aircraft.where is None:
             return None
         lat_deg, lon_deg, _alt_m = aircraft.where
-        on_mission = aircraft.flying and aircraft.custom_mode == COPTER_AUTO and not aircraft.foreign
+        on_mission = aircraft.flying and aircraft.flies_mission and not aircraft.foreign
         return Motion(lat_deg, lon_deg, *aircraft.track, aircraft.waypoint, on_mission)

@@ -31,8 +31,8 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.command_desk import CommandDesk
-from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.mission_protocol import same_fence
+from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.gate.mission_items import Flaw, flaw
 from mavproxy_handover.gate.mission_server import MissionServer, Turn, Upload
@@ -90,14 +90,14 @@ class Staging:
     def __init__(
         self,
         desk: CommandDesk,
-        copter: Copter,
+        procedures: Callable[[], Procedures],
         conversations: Conversations,
         ties: Ties,
         package: Callable[[], MissionPackage | None],
         rerouted: Callable[[Rerouted | None, float], None],
     ) -> None:
         self._desk = desk
-        self._copter = copter
+        self._procedures = procedures
         self._conversations = conversations
         self._ties = ties
         self._package = package
@@ -213,7 +213,7 @@ class Staging:
             self._rerouted(read, now)
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_ACCEPTED, "", now)
 
-        self._conversations.begin(_WRITE, self._copter.replace_mission(items), done, now)
+        self._conversations.begin(_WRITE, self._procedures().replace_mission(items), done, now)
 
 
 def _read_route(

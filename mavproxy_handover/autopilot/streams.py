@@ -20,7 +20,7 @@ from typing import Any
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.copter import STREAMS, Copter
+from mavproxy_handover.autopilot.procedures import STREAMS, Procedures
 
 __all__ = ["Streams"]
 
@@ -35,8 +35,8 @@ _NO_LANDED_STATE_S = 3.0
 class Streams:
     """`send` puts a message on its way to the autopilot."""
 
-    def __init__(self, copter: Copter, send: Callable[[Any], None]) -> None:
-        self._copter = copter
+    def __init__(self, procedures: Callable[[], Procedures], send: Callable[[Any], None]) -> None:
+        self._procedures = procedures
         self._send = send
         self._asked = False
         self._again_at = 0.0
@@ -65,6 +65,6 @@ class Streams:
             wanted.update(STREAMS)
         if wanted and now >= self._again_at:
             self._again_at, self._asked = now + _PAUSE_S, True
-            for msgid, request in zip(STREAMS, self._copter.stream_requests(), strict=True):
+            for msgid, request in zip(STREAMS, self._procedures().stream_requests(), strict=True):
                 if msgid in wanted:
                     self._send(request)

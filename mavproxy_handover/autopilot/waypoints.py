@@ -24,7 +24,6 @@ from typing import Final
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.core.model import ZoneFact
 from mavproxy_handover.mission.reached import Belonging
-from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["MISSING_S", "WaypointWatch"]
 
@@ -77,7 +76,7 @@ class WaypointWatch:
         if belonging is None or aircraft.foreign:
             return None
         mode_known = aircraft.heartbeat_at > -math.inf
-        if mode_known and aircraft.custom_mode != COPTER_AUTO:
+        if mode_known and not aircraft.flies_mission:
             return None
         if aircraft.position_at - max(aircraft.waypoint_at, self._since) > MISSING_S:
             return None

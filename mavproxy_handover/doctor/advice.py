@@ -40,7 +40,7 @@ _OWN: Final = {
 _WORDS: Final = (
     ("scripting is off", "Set SCR_ENABLE to 1 and start the autopilot anew."),
     ("guard is not loaded", "Put the guard on the SD card with 'handover guard CARD', start the autopilot anew."),
-    ("no ArduCopter", "Name the line of the right vehicle, or load ArduCopter."),
+    ("neither ArduCopter nor ArduPlane", "Name the line of the right vehicle, or load one of the two."),
     ("firmware", "Load a firmware between these two, or try all of it in simulation first."),
     ("no request", "Set the port's SERIALn_PROTOCOL to 2, and look whether its signing key is autopilot_key."),
 )

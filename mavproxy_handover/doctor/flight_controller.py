@@ -141,7 +141,7 @@ class _Visit:
             yield from self._silent()
             return
         state = "armed" if self._aircraft.armed else "disarmed"
-        kind = self._aircraft.foreign or "ArduCopter"
+        kind = self._aircraft.foreign or self._aircraft.vehicle.name
         yield ok(_NAME, f"heartbeat of system {self._vehicle.sysid} on {self._spec.text}: {kind}, {state}")
         if not self._grounded():
             yield self._is_armed()

@@ -29,6 +29,8 @@ Rules that live here
    and of its link probes) or in its language (the messages of `handover.xml`, whoever says them) stays aboard and is
    counted. It would be sealed with the stations' keys, and they would believe it. The companion's own words do not come
    this way.
+9. What the autopilot of this aircraft does not know and the companion does in its place (`takes_over`: a plane's STOP)
+   is the companion's matter in flight. The verdict is the same: the commander's passes, and nobody else's.
 
 What breaks in the noting of a frame costs that frame's note and is told; whatever else raises is the caller's.
 """
@@ -137,6 +139,8 @@ class Gate:
         self._fault = fault
         self._told = told
         self._say = say
+        #: whether the companion carries this out in the autopilot's place; whoever knows the aircraft sets it
+        self.takes_over: Callable[[Frame], bool] = lambda _frame: False
         #: whether the numbers of its modes are ArduCopter's; whoever knows the autopilot sets it
         self.copter: Callable[[], bool] = lambda: True
         self._flusher = FlushTracker(vehicle)
@@ -183,6 +187,13 @@ class Gate:
             if frame.msgid in TARGET_MESSAGES and verdict.fate is Fate.FORWARD and self.view.phase is not Phase.ON_LOAD:
                 verdict = self.targets.limit(frame, verdict, port.sysid, now)
         commands = port.sysid == self.view.commander
+        if (
+            verdict.access is Access.COMMAND
+            and verdict.fate is Fate.FORWARD
+            and self._in_flight
+            and self.takes_over(frame)
+        ):
+            verdict = verdict._replace(fate=Fate.CONSUME, reason=GateReason.COMPANION)
         if not commands:
             self.note()
             verdict = self._questions.limit(frame, verdict, port.sysid, self.view.commander, now)
@@ -201,6 +212,10 @@ class Gate:
         elif verdict.reason is GateReason.OBSERVER_RATES:
             self._grant_rates(port, frame, now)
         return verdict
+
+    @property
+    def _in_flight(self) -> bool:
+        return self.view.phase is not Phase.ON_LOAD and not self.view.rehearsal
 
     def _keeps_sticks(self) -> GateReason | None:
         """Why nobody's sticks pass now; None: the commander's do."""

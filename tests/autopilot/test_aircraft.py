@@ -159,14 +159,15 @@ def test_each_lease_has_the_next_number_and_they_go_round() -> None:
     ("kind", "autopilot", "foreign"),
     [
         *((kind, 3, "") for kind in (2, 3, 4, 13, 14, 15, 29, 35)),
-        (1, 3, "ardupilotmega fixed wing"),
+        *((kind, 3, "") for kind in (1, 19, 20, 21, 22, 23, 24, 25)),
         (10, 3, "ardupilotmega ground rover"),
         (0, 3, "ardupilotmega generic"),
         (2, 12, "px4 quadrotor"),
+        (1, 12, "px4 fixed wing"),
         (250, 99, "99 250"),
     ],
 )
-def test_only_an_arducopter_has_the_modes_that_are_known_here(kind: int, autopilot: int, foreign: str) -> None:
+def test_only_of_arducopter_and_arduplane_the_modes_are_known_here(kind: int, autopilot: int, foreign: str) -> None:
     aircraft = Aircraft()
     aircraft.take(mavlink.MAVLink_heartbeat_message(kind, autopilot, 0, 4, 4, 3), 1.0)
     assert aircraft.foreign == foreign

@@ -12,8 +12,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.copter import Copter, Loaded, Plan
+from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError, fence_items, fence_parts
+from mavproxy_handover.autopilot.procedures import Loaded, Plan
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import FenceCircle, FencePolygon
 from mavproxy_handover.wire.conversation import NoAnswer

@@ -248,14 +248,14 @@ TAKE_OFF, AUX, FLY = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_DO_AUX_FUNCTIO
 MODE = mavlink.MAV_CMD_DO_SET_MODE
 
 
-def test_a_plane_does_not_start_and_the_operator_reads_why(ready: Bench) -> None:
+def test_a_rover_does_not_start_and_the_operator_reads_why(ready: Bench) -> None:
     """Mode 4 and mode 3 are no GUIDED and no AUTO there."""
-    ready.autopilot.kind = mavlink.MAV_TYPE_FIXED_WING
+    ready.autopilot.kind = mavlink.MAV_TYPE_GROUND_ROVER
     ready.run(1.5)
     ready.a.command(START)
     ready.run(0.5)
     assert ready.a.acks(START)[-1] == REJECTED
-    assert "START refused: ardupilotmega fixed wing is no ArduCopter" in ready.a.texts()
+    assert "START refused: ardupilotmega ground rover is neither ArduCopter nor ArduPlane" in ready.a.texts()
     assert START not in ready.autopilot.commands()
 
 

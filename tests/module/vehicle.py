@@ -206,6 +206,50 @@ class Autopilot:
             self.mode, self.airborne = AUTO, True
 
 
+class PlaneAutopilot(Autopilot):
+    """An ArduPlane likewise. With rotors it hovers while `vtol_state` says so."""
+
+    def __init__(self, rotors: bool = False) -> None:
+        super().__init__()
+        self.kind = mavlink.MAV_TYPE_FIXED_WING
+        self.vtol_state = mavlink.MAV_VTOL_STATE_FW if rotors else mavlink.MAV_VTOL_STATE_UNDEFINED
+        self.landed_state: int | None = None
+        #: modes that it does not have, or cannot take up now
+        self.lacks: set[int] = set() if rotors else {19, 20, 21, 26}
+        #: the mode that it takes up instead of one
+        self.instead: dict[int, int] = {}
+        #: the item behind its mission's DO_LAND_START; None: it has none
+        self.way_down: int | None = None
+        self.waypoint = 0
+        self.script[mavlink.MAV_CMD_DO_PAUSE_CONTINUE] = mavlink.MAV_RESULT_UNSUPPORTED
+        self.parameters = {"AIRSPEED_CRUISE": 22.0, "AIRSPEED_MIN": 13.0, "AIRSPEED_MAX": 35.0}
+
+    def beat(self) -> None:
+        super().beat()
+        landed = self.landed_state or (2 if self.airborne else 1)
+        self.say(stock.MAVLink_extended_sys_state_message(self.vtol_state, landed))
+
+    def _command(self, m: Any) -> None:
+        modes = m.command == mavlink.MAV_CMD_DO_SET_MODE
+        if modes and int(m.param2) in self.lacks:
+            self.say(stock.MAVLink_command_ack_message(m.command, 4, 0, 0, m.get_srcSystem(), m.get_srcComponent()))
+            return
+        if m.command == mavlink.MAV_CMD_DO_LAND_START and self.way_down is None:
+            self.say(stock.MAVLink_command_ack_message(m.command, 4, 0, 0, m.get_srcSystem(), m.get_srcComponent()))
+            return
+        super()._command(m)
+        if m.command in self.forgets or self.script.get(m.command, 0) != 0:
+            return
+        if modes:
+            self.mode = self.instead.get(self.mode, self.mode)
+        elif m.command == mavlink.MAV_CMD_DO_LAND_START:
+            self.mode, self.waypoint = 10, self.way_down
+        elif m.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
+            self.waypoint = int(m.param1)
+        self.airborne = self.airborne or (self.armed and self.mode == 10)
+        self.beat()
+
+
 class Station:
     """A ground station at its own UDP socket: it beats, answers CONNECT, and keeps what it hears."""
 

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Whether a plane in AUTO flies its mission, or has been sent down: ArduPlane lands in the mode that flies missions.
+
+Theory of operation
+-------------------
+What is behind a DO_LAND_START, to the landing, is a way down: the mission's own, and everybody's. RTL goes on there
+(RTL_AUTOLAND), DO_LAND_START and a battery's failsafe begin there, and all of them show as AUTO. By its number alone
+that mode would be the mission, and a return that has come to its landing would look as if a pilot had called it off.
+So AUTO on a way down is
+
+* what it was before, where it was a return or a landing: RTL has gone on;
+* what it was when AUTO was left, where it goes on with the same item: it was held on its way down;
+* the mission, where it came there item by item, and where no way down is known;
+* a landing, where it has come there otherwise: out of another mode, or by a jump.
+
+The mode is told before the item is (HEARTBEAT at once, MISSION_CURRENT half a second later, or never on a bad link).
+So AUTO that was just entered counts as what was flown before, until the item is told, but no longer than `_WAIT_S`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from mavproxy_handover.autopilot.kinds import PLANE, Vehicle
+from mavproxy_handover.core.model import Flown
+from mavproxy_handover.mission.items import COMMANDS
+from mavproxy_handover.mission.plan import Route
+
+__all__ = ["WaysDown", "ways_down"]
+
+_LAND_START: Final = 189
+#: NAV_LAND, NAV_VTOL_LAND
+_LANDINGS: Final = (21, 85)
+#: the item that is flown to is told twice a second (s)
+_WAIT_S: Final = 1.5
+#: so many items may be passed without being told of before it is a jump
+_MISSED: Final = 1
+_ENDS: Final = (Flown.RETURN, Flown.LAND)
+
+
+def ways_down(route: Route) -> tuple[range, ...]:
+    """The numbers of the items of each way down: from behind a DO_LAND_START to a landing; those without have none."""
+    found = []
+    for item in route.items:
+        if item.command != _LAND_START:
+            continue
+        lands = [each.seq for each in route.items if each.seq > item.seq and each.command in _LANDINGS]
+        if lands:
+            found.append(range(item.seq, lands[0] + 1))
+    return tuple(found)
+
+
+class WaysDown:
+    """Of one aircraft. Times are monotonic seconds."""
+
+    def __init__(self) -> None:
+        #: what AUTO is now, where that is not the mission; None: what the mode is called is what is flown
+        self.flown: Flown | None = None
+        self._route: Route | None = None
+        self._ways: tuple[range, ...] = ()
+        self._vehicle: Vehicle | None = None
+        self._mode: int | None = None
+        #: what was flown before AUTO was entered, and since when that is to be told from the mission
+        self._before = Flown.OTHER
+        self._entered_at: float | None = None
+        #: the item that is flown to, and the one at which AUTO was left, with what AUTO was then
+        self._seq: int | None = None
+        self._left: tuple[int | None, Flown | None] = None, None
+
+    @property
+    def may_be(self) -> bool:
+        """It is in AUTO at an item of a way down, or at one of a mission that nobody knows."""
+        in_auto = self._vehicle is PLANE and self._mode == PLANE.auto
+        return in_auto and (self._route is None or self._is_down(self._seq))
+
+    def adopt(self, route: Route | None) -> None:
+        """The autopilot holds this mission; None: nobody knows which one."""
+        self._route = route
+        self._ways = () if route is None else ways_down(route)
+        if not self._ways:
+            self.flown = self._entered_at = None
+
+    def lands(self) -> None:
+        """It was told to land, and may be on a way down: whatever that was before, it is a landing now."""
+        self.flown, self._entered_at = Flown.LAND, None
+
+    def mode(self, vehicle: Vehicle, mode: int, now: float) -> None:
+        """The mode of a heartbeat."""
+        before, self._vehicle, self._mode = self._mode, vehicle, mode
+        if vehicle is not PLANE or mode != vehicle.auto:
+            if before == vehicle.auto:
+                self._left = self._seq, self.flown
+            self.flown = self._entered_at = None
+        elif before not in (None, mode) and self._ways:
+            assert before is not None
+            self._before = vehicle.flown(before)
+            self.flown, self._entered_at = self._before, now
+        elif self._entered_at is not None and now - self._entered_at > _WAIT_S:
+            self.flown = self._entered_at = None
+
+    def waypoint(self, seq: int, now: float) -> None:
+        """The item that is flown to."""
+        before, self._seq = self._seq, seq
+        if self._vehicle is not PLANE or self._mode != self._vehicle.auto or not self._ways:
+            return
+        entered, self._entered_at = self._entered_at is not None, None
+        if not self._is_down(seq):
+            self.flown = None
+        elif entered and self._before in _ENDS:
+            self.flown = self._before
+        elif entered:
+            at, flown = self._left
+            self.flown = flown if at == seq else Flown.LAND
+        elif self.flown is None and before is not None and not self._is_down(before):
+            self.flown = None if self._follows(before, seq) else Flown.LAND
+
+    def _is_down(self, seq: int | None) -> bool:
+        return any(seq in way for way in self._ways)
+
+    def _follows(self, before: int, seq: int) -> bool:
+        """The mission goes on from one item to the other by itself."""
+        assert self._route is not None
+        between = [item for item in self._route.items if before < item.seq < seq and _flown(item.command)]
+        return before < seq and len(between) <= _MISSED
+
+
+def _flown(command: int) -> bool:
+    known = COMMANDS.get(command)
+    return known is None or known.flown

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What the companion itself says to ArduPlane, hovering or not: START, the stop, the way home.
+
+* START is the mode AUTO first and arming behind it: a plane is armed in the mode that it takes off in, and its mission
+  begins with the take-off. A mission that was flown before is at its end still where it ended in AUTO, so it is set to
+  its first item. If arming is refused, the mode of before is set again: AUTO would take off by whoever arms it next.
+* There is no DO_PAUSE_CONTINUE. It stops by LOITER, a circle around where it is, and goes on by AUTO, which takes up
+  the item that was flown (MIS_RESTART 0). While it hovers there is no stop: QLOITER sinks half a metre a second
+  without a radio (`get_pilot_desired_climb_rate_cms`), and with one it does what the throttle stick says, wherever that
+  was left; LOITER flies off forwards from a take-off or a landing. Nor is there one in a return, or by hand.
+* To return is RTL. It may show as QRTL (Q_RTL_MODE), as QLAND (during a guided take-off), or, where it goes on to the
+  landing at once (RTL_AUTOLAND 2), as AUTO on a way down (`down.py`).
+* To land now is QLAND with rotors. Without it is, of what can be had, the mission's nearest way down (DO_LAND_START),
+  AUTOLAND (from 4.7, with the direction of the take-off), RTL. One that is on a way down already stays there: ordered
+  again, it would begin it again, each time.
+
+Sources: ArduPlane's GCS_MAVLink_Plane.cpp, AP_Arming_Plane.cpp, mode_auto.cpp, mode_rtl.cpp, mode_qloiter.cpp,
+mode_autoland.cpp, quadplane.cpp; AP_Mission (`jump_to_landing_sequence`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.kinds import PLANE, Vehicle
+from mavproxy_handover.autopilot.mission_protocol import AutopilotError
+from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.core.model import FlightAction, Flown, Kind
+from mavproxy_handover.wire.conversation import Asking, NoAnswer
+
+__all__ = ["WAY_DOWN", "Plane"]
+
+#: what it flies in AUTO where that is no mission any more, in words
+WAY_DOWN: Final = "landing sequence"
+_MANUAL: Final = 0
+_AUTOLAND: Final = 26
+_LOITER: Final = 12
+_FIRST: Final = 1
+_ENDS: Final = (Flown.RETURN, Flown.LAND)
+#: what is stopped, and goes on
+_HELD: Final = (Flown.MISSION, Flown.GUIDED, Flown.STOP)
+_NEAR_GROUND: Final = (mavlink.MAV_LANDED_STATE_TAKEOFF, mavlink.MAV_LANDED_STATE_LANDING)
+
+
+@dataclass(frozen=True, slots=True)
+class Plane(Procedures):
+    """Those of ArduPlane; `aircraft`: what it has said of itself, which is told each message before these are."""
+
+    aircraft: Aircraft
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """ArduPlane."""
+        return PLANE
+
+    # ---- START --------------------------------------------------------------------------------------------------
+
+    def start(self) -> Asking:
+        """AUTO at the mission's first item, then arm: what START means."""
+        before = self.aircraft.custom_mode
+        yield from self._do("first item", mavlink.MAV_CMD_DO_SET_MISSION_CURRENT, _FIRST)
+        yield from self._mode(PLANE.auto)
+        try:
+            yield from self._do("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        except AutopilotError:
+            with suppress(NoAnswer):
+                yield from self._mode(_MANUAL if before == PLANE.auto else before)
+            raise
+        armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        yield from self._shows("arming in AUTO", lambda m: bool(m.base_mode & armed) and m.custom_mode == PLANE.auto)
+
+    # ---- the stop -----------------------------------------------------------------------------------------------
+
+    def hold(self, pause: bool) -> Asking:
+        """Circle where it is, or fly the mission on. Returns what it does."""
+        flown, mode = self.aircraft.flown, PLANE.mode_name(self.aircraft.custom_mode)
+        if flown not in _HELD:
+            raise AutopilotError(f"it flies {mode}, which nothing stops and nothing goes on with")
+        if pause and self.aircraft.hovers:
+            raise AutopilotError("it hovers: there is no stop before it flies forwards")
+        if pause and self.aircraft.landed_state in _NEAR_GROUND:
+            raise AutopilotError("it takes off or lands: there is no stop so low")
+        if pause:
+            yield from self._mode(_LOITER)
+        elif flown is Flown.STOP:
+            yield from self._mode(PLANE.auto)
+        return PLANE.mode_name(self.aircraft.custom_mode)
+
+    def holds_by(self, pause: bool) -> Flown | None:
+        """What is flown once that is done."""
+        return Flown.STOP if pause else Flown.MISSION
+
+    # ---- the way home -------------------------------------------------------------------------------------------
+
+    def bring_home(self, action: FlightAction) -> Asking:
+        """Return, and land if that cannot be had. Returns the name of what the autopilot flies then."""
+        ways = self._ways_to_land()
+        if action is FlightAction.RETURN:
+            ways = (self._return, *(way for way in ways if way != self._return))
+        trouble = ""
+        for way in ways:
+            try:
+                return (yield from way())
+            except NoAnswer as error:
+                trouble = str(error)
+        raise AutopilotError(f"the autopilot does not obey: {trouble}")
+
+    def return_anew(self) -> Asking:
+        """Leave the return by LOITER and begin it again: it reads its place when it begins. What `bring_home` returns.
+
+        If it does not leave, it returns still.
+        """
+        with suppress(NoAnswer):
+            yield from self._mode(_LOITER)
+        return (yield from self.bring_home(FlightAction.RETURN))
+
+    def _ways_to_land(self) -> tuple[Callable[[], Asking], ...]:
+        if self.aircraft.kind is Kind.QUADPLANE:
+            return (self._land,)
+        return self._way_down, self._autoland, self._return
+
+    def _return(self) -> Asking:
+        if self._on_way_down:
+            return WAY_DOWN
+        name = yield from self._set_mode(PLANE.back)
+        yield from self._shows(name, lambda _m: self.aircraft.flown in _ENDS)
+        return self._flies
+
+    def _land(self) -> Asking:
+        yield from self._mode(PLANE.land)
+        return self._flies
+
+    def _autoland(self) -> Asking:
+        yield from self._mode(_AUTOLAND)
+        return self._flies
+
+    def _way_down(self) -> Asking:
+        if not self._on_way_down:
+            yield from self._do(WAY_DOWN, mavlink.MAV_CMD_DO_LAND_START)
+            yield from self._shows(WAY_DOWN, lambda _m: self.aircraft.ways_down.may_be)
+        self.aircraft.ways_down.lands()
+        return WAY_DOWN
+
+    @property
+    def _on_way_down(self) -> bool:
+        return self.aircraft.in_auto and self.aircraft.flown in _ENDS
+
+    @property
+    def _flies(self) -> str:
+        return WAY_DOWN if self._on_way_down else PLANE.mode_name(self.aircraft.custom_mode)

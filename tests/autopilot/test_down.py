@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A plane lands in AUTO: when that is its mission, when a return that goes on, when a landing it was sent to."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.core.model import Flown
+from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.plan import Home, Route
+
+MANUAL, AUTO, RTL, LOITER, GUIDED = 0, 10, 11, 12, 15
+#: take-off, three waypoints, DO_LAND_START (5), two waypoints and the landing (8)
+COMMANDS = (22, 16, 16, 16, 189, 16, 16, 21)
+
+
+def route(*commands: int) -> Route:
+    items = (MissionItem(n, command, 3, 0, 0, 0, 0, 52.68, 5.92, 50) for n, command in enumerate(commands, 1))
+    return Route(Home(52.679, 5.924, 0.0), tuple(items))
+
+
+class Cockpit:
+    """What the autopilot says, and what is made of it."""
+
+    def __init__(self, mission: Route | None) -> None:
+        self.aircraft = Aircraft()
+        self.aircraft.ways_down.adopt(mission)
+        self.now = 10.0
+
+    def mode(self, mode: int, kind: int = 1) -> Flown | None:
+        self.now += 0.1
+        self.aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, mode, 4, 3), self.now)
+        return self.aircraft.flown
+
+    def item(self, seq: int) -> Flown | None:
+        self.now += 0.1
+        self.aircraft.take(mavlink.MAVLink_mission_current_message(seq), self.now)
+        return self.aircraft.flown
+
+
+@pytest.fixture
+def cockpit() -> Cockpit:
+    """In AUTO, on its way to the second waypoint."""
+    cockpit = Cockpit(route(*COMMANDS))
+    cockpit.mode(MANUAL)
+    cockpit.mode(AUTO)
+    assert cockpit.item(3) is Flown.MISSION
+    return cockpit
+
+
+def test_a_mission_that_comes_to_its_landing_is_a_mission(cockpit: Cockpit) -> None:
+    assert [cockpit.item(seq) for seq in (4, 6, 7, 8)] == [Flown.MISSION] * 4
+
+
+def test_an_item_that_nobody_told_of_makes_no_jump(cockpit: Cockpit) -> None:
+    assert cockpit.item(6) is Flown.MISSION
+
+
+def test_a_return_that_goes_on_to_the_landing_is_a_return(cockpit: Cockpit) -> None:
+    """RTL_AUTOLAND: the mode is told before the item, or behind it."""
+    assert cockpit.mode(RTL) is Flown.RETURN
+    assert cockpit.mode(AUTO) is Flown.RETURN
+    assert [cockpit.item(seq) for seq in (6, 7, 8)] == [Flown.RETURN] * 3
+    assert cockpit.mode(AUTO) is Flown.RETURN
+    assert not cockpit.aircraft.flies_mission
+
+
+def test_a_return_whose_item_is_told_first_is_one_too(cockpit: Cockpit) -> None:
+    cockpit.mode(RTL)
+    assert cockpit.item(6) is Flown.RETURN
+    assert cockpit.mode(AUTO) is Flown.RETURN
+    assert cockpit.item(6) is Flown.RETURN
+
+
+def test_a_jump_to_the_way_down_is_a_landing(cockpit: Cockpit) -> None:
+    cockpit.item(2)
+    assert cockpit.item(6) is Flown.LAND
+    assert cockpit.item(7) is Flown.LAND
+
+
+def test_from_another_mode_to_the_way_down_is_a_landing(cockpit: Cockpit) -> None:
+    cockpit.mode(GUIDED)
+    cockpit.mode(AUTO)
+    assert cockpit.item(6) is Flown.LAND
+
+
+def test_back_in_the_mission_from_a_return_is_the_mission(cockpit: Cockpit) -> None:
+    cockpit.mode(RTL)
+    assert cockpit.mode(AUTO) is Flown.RETURN, "not told yet"
+    assert cockpit.item(3) is Flown.MISSION
+    assert cockpit.aircraft.flies_mission
+
+
+def test_a_landing_that_was_held_goes_on_as_what_it_was(cockpit: Cockpit) -> None:
+    for seq in (4, 6):
+        cockpit.item(seq)
+    assert cockpit.mode(LOITER) is Flown.STOP
+    assert cockpit.mode(AUTO) is Flown.STOP, "not told yet"
+    assert cockpit.item(6) is Flown.MISSION
+
+
+def test_the_item_is_not_waited_for_without_end(cockpit: Cockpit) -> None:
+    cockpit.mode(RTL)
+    cockpit.mode(AUTO)
+    cockpit.now += 2.0
+    assert cockpit.mode(AUTO) is Flown.MISSION
+
+
+def test_a_way_down_that_is_told_to_land_lands(cockpit: Cockpit) -> None:
+    cockpit.mode(RTL)
+    cockpit.mode(AUTO)
+    cockpit.item(6)
+    cockpit.aircraft.ways_down.lands()
+    assert cockpit.aircraft.flown is Flown.LAND
+    assert cockpit.item(7) is Flown.LAND
+
+
+@pytest.mark.parametrize(
+    "mission", [None, route(22, 16, 21), route(22, 16, 189, 16)], ids=["unknown", "no way down", "one that ends aloft"]
+)
+def test_without_a_way_down_auto_is_the_mission_at_once(mission: Route | None) -> None:
+    cockpit = Cockpit(mission)
+    cockpit.mode(RTL)
+    assert cockpit.mode(AUTO) is Flown.MISSION
+    assert cockpit.item(3) is Flown.MISSION
+
+
+def test_a_copters_auto_is_always_its_mission() -> None:
+    cockpit = Cockpit(route(*COMMANDS))
+    cockpit.mode(6, kind=2)
+    assert cockpit.mode(3, kind=2) is Flown.MISSION
+    assert cockpit.item(6) is Flown.MISSION

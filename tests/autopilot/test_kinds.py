@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The firmware that is flown here: numbers of modes, words, and what an aircraft says that it is."""
+
+from __future__ import annotations
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.autopilot import hands
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.kinds import COPTER, PLANE, VEHICLES, Vehicle
+from mavproxy_handover.core.events import HandSeen
+from mavproxy_handover.core.model import Flown, Hand, Kind
+
+#: ArduPlane's mode.h
+PLANE_MODES = {
+    0: ("MANUAL", Flown.HANDS),
+    1: ("CIRCLE", Flown.STOP),
+    2: ("STABILIZE", Flown.HANDS),
+    3: ("TRAINING", Flown.HANDS),
+    4: ("ACRO", Flown.HANDS),
+    5: ("FBWA", Flown.HANDS),
+    6: ("FBWB", Flown.HANDS),
+    7: ("CRUISE", Flown.HANDS),
+    8: ("AUTOTUNE", Flown.HANDS),
+    9: ("mode 9", Flown.OTHER),
+    10: ("AUTO", Flown.MISSION),
+    11: ("RTL", Flown.RETURN),
+    12: ("LOITER", Flown.STOP),
+    13: ("TAKEOFF", Flown.OTHER),
+    14: ("AVOID_ADSB", Flown.OTHER),
+    15: ("GUIDED", Flown.GUIDED),
+    16: ("INITIALISING", Flown.OTHER),
+    17: ("QSTABILIZE", Flown.HANDS),
+    18: ("QHOVER", Flown.HANDS),
+    19: ("QLOITER", Flown.HANDS),
+    20: ("QLAND", Flown.LAND),
+    21: ("QRTL", Flown.RETURN),
+    22: ("QAUTOTUNE", Flown.HANDS),
+    23: ("QACRO", Flown.HANDS),
+    24: ("THERMAL", Flown.OTHER),
+    25: ("LOITER_ALT_QLAND", Flown.LAND),
+    26: ("AUTOLAND", Flown.LAND),
+    27: ("mode 27", Flown.OTHER),
+}
+COPTER_FLOWN = {
+    3: Flown.MISSION,
+    4: Flown.GUIDED,
+    5: Flown.HANDS,
+    6: Flown.RETURN,
+    7: Flown.OTHER,
+    9: Flown.LAND,
+    10: Flown.OTHER,
+    17: Flown.STOP,
+    20: Flown.GUIDED,
+    21: Flown.RETURN,
+    27: Flown.RETURN,
+    28: Flown.HANDS,
+}
+
+
+def test_every_mode_of_arduplane_has_its_name_and_what_it_does() -> None:
+    assert {number: (PLANE.mode_name(number), PLANE.flown(number)) for number in PLANE_MODES} == PLANE_MODES
+
+
+def test_the_same_number_is_another_mode_for_a_copter() -> None:
+    assert {number: COPTER.flown(number) for number in COPTER_FLOWN} == COPTER_FLOWN
+    assert (COPTER.mode_name(6), PLANE.mode_name(6)) == ("RTL", "FBWB")
+
+
+def test_the_names_are_those_of_the_dialect() -> None:
+    found = {entry.name.removeprefix("COPTER_MODE_"): n for n, entry in mavlink.enums["COPTER_MODE"].items()}
+    assert {mode.name: number for number, mode in COPTER.modes.items()}.items() <= found.items()
+    written = {"FBWA": "FLY_BY_WIRE_A", "FBWB": "FLY_BY_WIRE_B"}
+    known = {entry.name.removeprefix("PLANE_MODE_"): n for n, entry in mavlink.enums["PLANE_MODE"].items()}
+    ours = {written.get(mode.name, mode.name): number for number, mode in PLANE.modes.items()}
+    newer = {"LOITER_ALT_QLAND", "AUTOLAND", "INITIALISING"} - known.keys()
+    assert {name: number for name, number in ours.items() if name not in newer}.items() <= known.items()
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES, ids=[vehicle.name for vehicle in VEHICLES])
+def test_the_modes_by_role_do_what_their_role_says(vehicle: Vehicle) -> None:
+    assert vehicle.flown(vehicle.auto) is Flown.MISSION
+    assert vehicle.flown(vehicle.guided) is Flown.GUIDED
+    assert vehicle.flown(vehicle.back) is Flown.RETURN
+    assert vehicle.flown(vehicle.land) is Flown.LAND
+    assert vehicle.hold is None or vehicle.flown(vehicle.hold) is Flown.STOP
+    assert vehicle.back in vehicle.to_place
+    assert {vehicle.flown(mode) for mode in vehicle.to_place} == {Flown.RETURN}
+
+
+# ---- what it says of itself ---------------------------------------------------------------------------------------
+
+
+def told(kind: int, vtol_state: int = 0, **parameters: float) -> Aircraft:
+    """An aircraft that has said this of itself, in flight at 20 m/s."""
+    aircraft = Aircraft()
+    aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 10, 4, 3), 1.0)
+    aircraft.take(mavlink.MAVLink_extended_sys_state_message(vtol_state, 2), 1.0)
+    aircraft.take(mavlink.MAVLink_global_position_int_message(0, 526790000, 59240000, 0, 0, 2000, 0, 0, 0), 1.0)
+    for name, value in parameters.items():
+        aircraft.take(mavlink.MAVLink_param_value_message(name.encode(), value, 9, 900, 0), 1.0)
+    return aircraft
+
+
+@pytest.mark.parametrize(
+    ("aircraft", "kind"),
+    [
+        (told(mavlink.MAV_TYPE_QUADROTOR), Kind.COPTER),
+        (told(mavlink.MAV_TYPE_HELICOPTER, 3, Q_ENABLE=1.0), Kind.COPTER),
+        (told(mavlink.MAV_TYPE_FIXED_WING), Kind.PLANE),
+        (told(mavlink.MAV_TYPE_FIXED_WING, Q_ENABLE=0.0), Kind.PLANE),
+        (told(mavlink.MAV_TYPE_FIXED_WING, Q_ENABLE=1.0), Kind.QUADPLANE),
+        (told(mavlink.MAV_TYPE_FIXED_WING, 4), Kind.QUADPLANE),
+        (told(21, 3), Kind.QUADPLANE),
+        (told(mavlink.MAV_TYPE_GROUND_ROVER), Kind.COPTER),
+    ],
+    ids=["copter", "heli", "plane", "no rotors", "rotors", "says so", "tiltrotor", "rover"],
+)
+def test_a_plane_hovers_too_where_it_says_so(aircraft: Aircraft, kind: Kind) -> None:
+    """ArduPlane's MAV_TYPE is FIXED_WING with rotors and without, unless Q_MAV_TYPE says otherwise."""
+    assert aircraft.kind is kind
+
+
+@pytest.mark.parametrize(
+    ("aircraft", "circles_s", "circle_m"),
+    [
+        (told(mavlink.MAV_TYPE_QUADROTOR, WP_LOITER_RAD=80.0), 0.0, 0.0),
+        (told(mavlink.MAV_TYPE_FIXED_WING), 6.5, 60.0),
+        (told(mavlink.MAV_TYPE_FIXED_WING, WP_LOITER_RAD=-80.0), 8.0, 80.0),
+        (told(mavlink.MAV_TYPE_FIXED_WING, WP_LOITER_RAD=0.0), 6.5, 60.0),
+        (told(mavlink.MAV_TYPE_FIXED_WING, WP_LOITER_RAD=80.0, RTL_RADIUS=-120.0), 8.0, 120.0),
+        (told(mavlink.MAV_TYPE_FIXED_WING, 4), 6.5, 60.0),
+        (told(mavlink.MAV_TYPE_FIXED_WING, 3), 0.0, 0.0),
+        (told(mavlink.MAV_TYPE_FIXED_WING, 2), 0.0, 0.0),
+    ],
+    ids=["copter", "default", "left turns", "zero", "return's own", "forwards", "hovers", "slows down to hover"],
+)
+def test_what_flies_on_wings_needs_room_for_a_circle(aircraft: Aircraft, circles_s: float, circle_m: float) -> None:
+    """Two seconds and one and a half radii, at 20 m/s; the circle of ArduPlane is 60 m if it says nothing."""
+    assert aircraft.circles_s == pytest.approx(circles_s)
+    assert aircraft.circle_m == circle_m
+
+
+def test_what_stands_on_its_wheels_does_not_need_for_ever_to_circle() -> None:
+    aircraft = Aircraft()
+    aircraft.take(mavlink.MAVLink_heartbeat_message(1, 3, 0, 0, 4, 3), 1.0)
+    assert aircraft.circles_s == pytest.approx(20.0)
+
+
+# ---- who may have chosen a mode -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "acts"),
+    [
+        ("GCS Failsafe On: RTL", True),
+        ("RC Long Failsafe On: RTL", True),
+        ("RC Short Failsafe: switched to CIRCLE", True),
+        ("RC Short Failsafe On", True),
+        ("Failsafe. Long event on: type=1/reason=5", True),
+        ("Failsafe. Short event on: type=2/reason=3", True),
+        ("Throttle failsafe on", True),
+        ("Battery 1 is low 10.40V used 1200 mAh", True),
+        ("Battery 2 is critical 9.90V used 3000 mAh", True),
+        ("Polygon fence breached", True),
+        ("EKF variance", True),
+        ("Mission complete, changing mode to RTL", True),
+        ("Aircraft in auto without a running mission", True),
+        ("Failed to complete takeoff within time limit", True),
+        ("Transition failed, exceeded time limit", True),
+        ("GCS Failsafe Off", False),
+        ("Failsafe. Long event off: reason=5", False),
+        ("RC Long Failsafe Cleared", False),
+        ("Short Failsafe Cleared", False),
+        ("Throttle failsafe off", False),
+        ("Fence breach cleared", False),
+        ("Transition done", False),
+        ("Reached waypoint #3 dist 12m", False),
+        ("Handover: GCS Failsafe", False),
+    ],
+)
+def test_arduplane_says_what_it_does_by_itself(text: str, acts: bool) -> None:
+    assert hands.of_text(text, PLANE) == (HandSeen(Hand.FAILSAFE) if acts else None)
+
+
+def test_a_copters_words_are_read_as_before() -> None:
+    assert hands.of_text("GCS Failsafe") == HandSeen(Hand.FAILSAFE)
+    assert hands.of_text("GCS Failsafe Cleared") is None
+    assert hands.of_text("Battery 1 is low 10.40V used 1200 mAh", COPTER) is None

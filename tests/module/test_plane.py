@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""A vehicle with wings under the whole companion: START, the stations' STOP and CONTINUE, what everybody is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from pymavlink.dialects.v20 import handover as mavlink
+
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase
+from mavproxy_handover.mission.package import MissionPackage
+from tests.module.conftest import Bench
+from tests.module.vehicle import PlaneAutopilot
+
+START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+PAUSE, CURRENT = mavlink.MAV_CMD_DO_PAUSE_CONTINUE, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
+ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
+REJECTED, IN_PROGRESS = mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_IN_PROGRESS
+AUTO, RTL, LOITER, GUIDED = 10, 11, 12, 15
+STOP, CONTINUE = 0.0, 1.0
+
+
+@pytest.fixture
+def ready(bench: Bench, delivery: MissionPackage) -> Bench:
+    """The parent commands, a plane that hovers too holds the mission, the guard answers."""
+    bench.autopilot = PlaneAutopilot(rotors=True)
+    bench.autopilot.parameters["Q_RTL_MODE"] = 1.0
+    bench.autopilot.parameters["ARMING_REQUIRE"] = 1.0
+    bench.autopilot.parameters["AIRSPEED_MIN"] = 9.0  # the mission is a copter's, of 10 m/s
+    bench.connect()
+    bench.share(delivery)
+    bench.run(12.0)
+    return bench
+
+
+@pytest.fixture
+def flight(ready: Bench) -> Bench:
+    """In AUTO, forwards."""
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.autopilot.waypoint = 3
+    ready.run(2.0)
+    ready.autopilot.received.clear()
+    ready.a.received.clear()
+    return ready
+
+
+def told(bench: Bench) -> list[tuple[int, float, float]]:
+    """Commands that the autopilot got, without those for rates."""
+    return [(m.command, m.param1, m.param2) for m in bench.autopilot.got("COMMAND_LONG") if m.command != 511]
+
+
+def hear(bench: Bench, message: mavlink.MAVLink_message) -> None:
+    """The autopilot says this now."""
+    bench.autopilot.say(message)
+    bench.mpstate.deliver(bench.autopilot._out.pop())
+
+
+def test_it_starts_in_auto(ready: Bench) -> None:
+    ready.autopilot.received.clear()
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(0.5)
+    assert told(ready) == [(CURRENT, 1.0, 0.0), (MODE, 1.0, AUTO), (ARM, 1.0, 0.0)]
+    assert ready.a.acks(START) == [IN_PROGRESS, ACCEPTED]
+    assert "mode AUTO" in [entry["text"] for entry in ready.journal("mode")]
+
+
+def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench) -> None:
+    aircraft = flight.companion.autopilot.aircraft
+    assert (aircraft.kind, aircraft.foreign, aircraft.flown) == (Kind.QUADPLANE, "", Flown.MISSION)
+    state = flight.companion.autopilot._autopilot_state()
+    assert (state.kind, state.circles_s) == (Kind.QUADPLANE, 20.0)
+    aircraft.take(mavlink.MAVLink_param_value_message(b"WP_LOITER_RAD", 30.0, 9, 900, 0), flight.clock.now)
+    assert flight.companion.autopilot._autopilot_state().circles_s == 11.0
+
+
+# ---- STOP and CONTINUE --------------------------------------------------------------------------------------------
+
+
+def test_a_stations_stop_is_a_circle_and_its_continue_the_mission(flight: Bench) -> None:
+    flight.a.command(PAUSE, STOP)
+    flight.run(0.5)
+    assert (flight.autopilot.mode, flight.a.acks(PAUSE)) == (LOITER, [ACCEPTED])
+    flight.a.command(PAUSE, CONTINUE)
+    flight.run(0.5)
+    assert (flight.autopilot.mode, flight.a.acks(PAUSE)) == (AUTO, [ACCEPTED, ACCEPTED])
+    assert told(flight) == [(MODE, 1.0, LOITER), (MODE, 1.0, AUTO)]
+    assert flight.a.texts() == ""
+
+
+def test_of_whom_the_circle_is_is_known_where_a_pilot_could_steer(flight: Bench) -> None:
+    """Without a word of it the mode that changed would be the pilot's."""
+    radio = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+    hear(flight, mavlink.MAVLink_sys_status_message(radio, radio, radio, 0, 0, 0, -1, 0, 0, 0, 0, 0, 0))
+    flight.run(1.0)
+    flight.a.command(PAUSE, STOP)
+    flight.run(3.0)
+    helm = flight.companion.arbiter._execution._helm
+    assert (helm.radio, helm.flown, helm.chosen_by) == (True, Flown.STOP, Hand.COMMANDER)
+
+
+def test_a_partner_stops_nothing(flight: Bench) -> None:
+    flight.b.command(PAUSE, STOP)
+    flight.run(0.5)
+    assert (flight.autopilot.mode, flight.b.acks(PAUSE), told(flight)) == (AUTO, [10], [])
+
+
+def test_what_cannot_be_stopped_is_answered_with_the_reason(flight: Bench) -> None:
+    flight.autopilot.vtol_state = mavlink.MAV_VTOL_STATE_MC
+    flight.run(1.0)
+    flight.a.command(PAUSE, STOP)
+    flight.run(0.5)
+    assert flight.a.acks(PAUSE) == [FAILED]
+    assert flight.a.texts() == "STOP failed: it hovers: there is no stop before it flies forwards"
+    assert told(flight) == []
+
+
+def test_asked_again_while_it_is_on_its_way_it_is_done_once(flight: Bench) -> None:
+    flight.autopilot.script[MODE] = None
+    flight.a.command(PAUSE, STOP)
+    flight.run(0.3)
+    flight.a.command(PAUSE, STOP)
+    flight.run(0.3)
+    del flight.autopilot.script[MODE]
+    flight.run(2.0)
+    assert flight.a.acks(PAUSE) == [IN_PROGRESS, ACCEPTED]
+    assert flight.autopilot.mode == LOITER
+
+
+def test_the_opposite_takes_its_place(flight: Bench) -> None:
+    flight.autopilot.script[MODE] = None
+    flight.a.command(PAUSE, STOP)
+    flight.run(0.3)
+    del flight.autopilot.script[MODE]
+    flight.a.command(PAUSE, CONTINUE)
+    flight.run(2.0)
+    assert flight.a.acks(PAUSE) == [FAILED, ACCEPTED]
+    assert flight.autopilot.mode == AUTO
+
+
+@pytest.mark.parametrize("which", [2.0, -1.0, float("nan")])
+def test_neither_stop_nor_continue_is_denied(flight: Bench, which: float) -> None:
+    flight.a.command(PAUSE, which)
+    flight.run(0.5)
+    assert (flight.a.acks(PAUSE), told(flight)) == ([DENIED], [])
+
+
+def test_a_way_home_ends_a_stop_that_is_under_way(flight: Bench) -> None:
+    flight.autopilot.script[MODE] = None
+    flight.a.command(PAUSE, STOP)
+    flight.run(0.3)
+    flight.companion.autopilot.orders.fly(FlightAction.RETURN, flight.clock.now)
+    flight.a.command(PAUSE, STOP)
+    flight.run(0.3)
+    assert flight.a.acks(PAUSE) == [FAILED, REJECTED]
+    del flight.autopilot.script[MODE]
+    flight.run(2.0)
+    assert flight.autopilot.mode == RTL
+
+
+def test_on_the_ground_it_is_the_autopilots_to_refuse(ready: Bench) -> None:
+    ready.a.command(PAUSE, STOP)
+    ready.run(0.5)
+    assert ready.a.acks(PAUSE) == [mavlink.MAV_RESULT_UNSUPPORTED]
+
+
+def test_a_copters_stop_is_its_own(bench: Bench, delivery: MissionPackage) -> None:
+    bench.connect()
+    bench.share(delivery)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.autopilot.received.clear()
+    bench.a.command(PAUSE, STOP)
+    bench.run(0.5)
+    (passed,) = [m for m in bench.autopilot.got("COMMAND_LONG") if m.command == PAUSE]
+    assert (passed.get_srcSystem(), passed.param1) == (251, STOP)
+    assert bench.a.acks(PAUSE) == [ACCEPTED]
+
+
+# ---- what the companion orders ------------------------------------------------------------------------------------
+
+
+def test_a_hold_of_the_companions_own_is_known_to_be_its_own(flight: Bench) -> None:
+    flight.companion.autopilot.orders.fly(FlightAction.HOLD, flight.clock.now)
+    flight.run(3.0)
+    helm = flight.companion.arbiter._execution._helm
+    assert (flight.autopilot.mode, helm.flown, helm.chosen_by) == (LOITER, Flown.STOP, Hand.COMPANION)
+
+
+def test_a_circle_around_the_place_is_at_the_place(flight: Bench) -> None:
+    flight.autopilot.mode = RTL
+    seen = []
+    handle = flight.companion.autopilot._execution._ties.handle
+
+    def note(event: object, now: float) -> None:
+        seen.append(event)
+        handle(event, now)
+
+    watch = flight.companion.autopilot._execution
+    watch._ties = replace(watch._ties, handle=note)
+    for away_m in (60, 200):
+        hear(flight, mavlink.MAVLink_nav_controller_output_message(0, 0, 0, 0, away_m, 0, 0, 0))
+        flight.run(1.5)
+    left = [event.left_m for event in seen if type(event).__name__ == "MotionSeen"]
+    assert {0.0, 140.0} <= set(left)
