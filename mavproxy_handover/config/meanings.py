@@ -210,6 +210,7 @@ MISSION: Final[Mapping[str, Meanings]] = {
     "": {
         "name": "of the mission",
         "description": "for people",
+        "aircraft": "what kind flies it: which items the route may have, how its path and its return are judged",
         "detector": "where zones come from",
         "route": "file of this folder: a QGroundControl .plan, or .waypoints (QGC WPL 110)",
         "zones": "file of this folder, GeoJSON; with detectors circles and polygons alone, which need it",

@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,
@@ -48,9 +49,19 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["DETECTORS", "MISSION_FILE", "MissionPackage", "StationEntry", "from_bytes", "from_texts", "load"]
+__all__ = [
+    "AIRCRAFT",
+    "DETECTORS",
+    "MISSION_FILE",
+    "MissionPackage",
+    "StationEntry",
+    "from_bytes",
+    "from_texts",
+    "load",
+]
 
 MISSION_FILE = "mission.toml"
+AIRCRAFT = tuple(kind.value for kind in Kind)
 DETECTORS = ("circles", "polygons", "waypoints", "reached")
 #: those for which stations list waypoints
 _LISTED = ("waypoints", "reached")
@@ -77,6 +88,7 @@ _POLICIES = {"on_out_of_coverage": ("return", "land", "warn")}
 _KEYS = (
     "name",
     "description",
+    "aircraft",
     "detector",
     "route",
     "zones",
@@ -108,6 +120,8 @@ class MissionPackage:
 
     name: str
     description: str
+    #: of aircraft, that flies it
+    kind: Kind
     #: in the order of mission.toml; the first is the parent, which starts the flight
     stations: tuple[StationEntry, ...]
     #: "circles", "polygons", "waypoints" or "reached"
@@ -305,7 +319,8 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     detector = where.choice(where.need(mission, "detector"), "detector", DETECTORS)
     stations = _stations(where, where.need(mission, "stations"), detector)
     route_file = str(mission["route"])
-    route = read_route(route_file, texts[route_file])
+    kind = Kind(where.choice(mission.get("aircraft", Kind.COPTER.value), "aircraft", AIRCRAFT))
+    route = read_route(route_file, texts[route_file], kind)
     speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or DEFAULT_CRUISE_MPS)
     terrain = _terrain(mission.get("terrain"), texts)
     description = mission.get("description")
@@ -316,6 +331,7 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     return MissionPackage(
         name=where.text(where.need(mission, "name"), "name", 40),
         description="" if description is None else where.text(description, "description", 400),
+        kind=kind,
         stations=stations,
         detector=detector,
         zones=zones,

@@ -216,6 +216,7 @@ def keys_of_missions() -> Mapping[str, Mapping[str, Key]]:
         "": (
             Key("name", "text", "1 to 40 characters", required=True),
             Key("description", "text", "1 to 400 characters"),
+            Key("aircraft", "text", _words(packages.AIRCRAFT), _shown(packages.AIRCRAFT[0])),
             Key("detector", "text", _words(packages.DETECTORS), required=True),
             Key("route", "text", "file name", required=True),
             Key("zones", "text", "file name"),
