@@ -38,6 +38,7 @@ from mavproxy_handover.mission.items import (
     MissionItem,
     RallyPoint,
 )
+from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
 
 __all__ = ["FenceCircle", "FencePart", "FencePolygon", "Home", "Route", "read_route", "with_items"]
 
@@ -130,6 +131,8 @@ class Route:
     return_to: tuple[float, float] | None = None
     #: of aircraft, that the route is for
     kind: Kind = Kind.COPTER
+    #: how it turns, where it has wings
+    wings: Wings = AS_IT_COMES
 
     def upload_items(self) -> tuple[MissionItem, ...]:
         """All items to write to the autopilot, in order, home as item 0 first."""
