@@ -210,6 +210,7 @@ MISSION: Final[Mapping[str, Meanings]] = {
     "": {
         "name": "of the mission",
         "description": "for people",
+        "aircraft": "what kind flies it: which items the route may have, how its path and its return are judged",
         "detector": "where zones come from",
         "route": "file of this folder: a QGroundControl .plan, or .waypoints (QGC WPL 110)",
         "zones": "file of this folder, GeoJSON; with detectors circles and polygons alone, which need it",
@@ -218,11 +219,12 @@ MISSION: Final[Mapping[str, Meanings]] = {
         "need it",
         "expected_handovers": "the check fails when the route makes another number",
         "cruise_speed_mps": "ground speed on the route; the plan's hover speed, where it has one, goes before the "
-        "default",
+        "default. Of wings the airspeed, the plan's cruise speed, or 12",
         "delivery_waypoint": "item of the route where the delivery happens: one that is flown to",
         "stations": "one table [[stations]] for each station, the parent, which starts the flight, first",
         "policy": "the table [policy]",
         "energy": "the table [energy]: as in the vehicle's configuration, and goes before it",
+        "wings": "the table [wings]: how an aircraft with wings turns, as its autopilot is set",
         "gap": "one table [[gap]] for each gap in coverage that the mission means to cross",
     },
     "stations": {
@@ -232,6 +234,11 @@ MISSION: Final[Mapping[str, Meanings]] = {
         "alone, which need it",
     },
     "policy": {"on_out_of_coverage": "what is done outside every zone: goes before the vehicle's out_of_coverage"},
+    "wings": {
+        "bank_deg": "how steeply it banks in a turn: ROLL_LIMIT_DEG",
+        "waypoint_m": "how near a waypoint it turns to the next one, at the most: WP_RADIUS",
+        "circle_m": "radius of a circle whose item has none, without its sign: WP_LOITER_RAD",
+    },
     "gap": {
         "from": "the station whose zone ends there",
         "to": "the station whose zone begins, or the number of the item that is flown to where the gap ends",

@@ -15,20 +15,24 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from math import ceil, isclose, isfinite
+from math import ceil, cos, inf, isclose, isfinite, radians, sin
 from pathlib import Path
 
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_of, released_at
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
 from mavproxy_handover.mission.gaps import Stretch, undeclared
-from mavproxy_handover.mission.geodesy import distance_m
+from mavproxy_handover.mission.geodesy import distance_m, offset
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
+from mavproxy_handover.mission.path import Path as FlownPath
+from mavproxy_handover.mission.path import Turn
 from mavproxy_handover.mission.terrain import CLEAR_M, Relief
-from mavproxy_handover.mission.walk import Gap, Handover, Leg, Walk, legs_of
+from mavproxy_handover.mission.walk import Gap, Handover, Leg, Walk, landing_sequences, sequence_place
+from mavproxy_handover.mission.wings import Air
 from mavproxy_handover.mission.zones import overlap
 
 __all__ = ["CheckReport", "Finding", "Severity", "check", "main", "report_text"]
@@ -41,6 +45,10 @@ OPERATOR_S = Limits().operator_timeout_s
 EXIT_SOON_S = Limits().exit_soon_s
 #: a rally point farther than this from every place of the route is no help
 REACH_M = 5000.0
+#: a landing sequence that begins farther from a place of a return than this is none of its own
+SEQUENCE_M = 2000.0
+#: all around a place
+_ROUND = [radians(15.0 * number) for number in range(24)]
 #: a way that climbs is compared to the ground in pieces of this length (m)
 _GROUND_STEP_M = 25.0
 
@@ -74,6 +82,9 @@ class CheckReport:
     energy: Budget | None = None
     #: the declared gaps that are on the route
     crossed: tuple[Stretch, ...] = ()
+    #: what wings fly, and in what; None: the aircraft has none
+    path: FlownPath | None = None
+    air: Air | None = None
 
     def count(self, severity: Severity) -> int:
         """Number of findings that bad."""
@@ -96,16 +107,19 @@ def check(
     """Walk the mission and judge it.
 
     `transfer_s`: time that a transfer needs; `operator_s`: that an operator who is asked may take to answer. `reach_m`:
-    how far off the route a rally point may lie. `wind`: that the energy is counted with; None: what [energy] has for a
-    wind that is not known.
+    how far off the route a rally point may lie. `wind`: that the energy is counted with, and that wings fly in; None:
+    what [energy] has for a wind that is not known.
     """
-    walk = package.walk()
+    walk = package.walk(wind)
+    path = package.path(wind)
     model = package.energy.model(wind)
     energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
     crossed = package.stretches(walk, wind)
     findings = [
         *_start(package, walk),
-        *_gaps(package, walk),
+        *_gaps(package, walk, path),
+        *(() if path is None else _turns(path)),
+        *_returns(package),
         *_declared(package, crossed),
         *_handovers(package, walk, crossed, transfer_s),
         *_waypoints(package, walk),
@@ -121,7 +135,8 @@ def check(
     ]
     order = list(Severity)
     findings.sort(key=lambda finding: order.index(finding.severity))
-    return CheckReport(package, walk, tuple(findings), transfer_s, energy, crossed)
+    air = None if path is None else package.air(wind)
+    return CheckReport(package, walk, tuple(findings), transfer_s, energy, crossed, path, air)
 
 
 def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
@@ -130,12 +145,62 @@ def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
         yield Finding(Severity.ERROR, text)
 
 
-def _gaps(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
+def _gaps(package: MissionPackage, walk: Walk, path: FlownPath | None) -> Iterator[Finding]:
     # a mission that only warns out there has decided to fly its gaps
     warns = package.policies.get("on_out_of_coverage") == "warn"
     for gap in undeclared(package.gaps, walk):
-        text = f"no coverage for {_gap_words(gap)}"
+        turn = None if path is None else path.turn_at(gap.distance_along_m)
+        text = f"no coverage for {_gap_words(gap)}" + ("" if turn is None else f", in {_turn_words(turn)}")
         yield Finding(Severity.WARNING if warns else Severity.ERROR, text)
+
+
+def _turn_words(turn: Turn) -> str:
+    if turn.circle:
+        return f"the circle of {turn.radius_m:.0f} m at item {turn.seq}"
+    outside = f", {turn.outside_m:.0f} m outside" if turn.outside_m >= 0.5 else ""
+    return f"the turn at item {turn.seq} ({turn.angle_deg:.0f} degrees, radius {turn.radius_m:.0f} m{outside})"
+
+
+def _turns(path: FlownPath) -> Iterator[Finding]:
+    """Legs and directions that wings cannot fly."""
+    for seq in path.unflown:
+        yield Finding(Severity.ERROR, f"the wind does not let the way to item {seq} be flown")
+    for tight in path.tight:
+        text = (
+            f"the leg to item {tight.seq} is {tight.length_m:.0f} m, the turns at its ends need {tight.needed_m:.0f} m:"
+            " where it is flown is not known"
+        )
+        yield Finding(Severity.ERROR, text)
+
+
+def _returns(package: MissionPackage) -> Iterator[Finding]:
+    """How the return of an aircraft with wings ends: hovering, or in a landing sequence; by itself it circles."""
+    if package.kind is Kind.QUADPLANE:
+        text = (
+            "a return ends in a hovering landing at its place: it needs Q_RTL_MODE 1 to 3 (RTL alone circles for ever)"
+        )
+        yield Finding(Severity.INFO, text)
+    if package.kind is not Kind.PLANE:
+        return
+    starts = [(*sequence_place(each), each[0].seq) for each in landing_sequences(package.route)]
+    finder = package.zone_finder()
+    circle = package.route.wings.circle_radius_m(0.0, package.air().fastest_mps)
+    for place in places_of(package.route):
+        near = [(distance_m(place.lat_deg, place.lon_deg, lat, lon), seq) for lat, lon, seq in starts]
+        away, seq = min(near, default=(inf, 0))
+        if away > SEQUENCE_M:
+            text = (
+                f"a return to {place.name} would circle for ever: no landing sequence (DO_LAND_START to NAV_LAND) "
+                f"begins within {SEQUENCE_M:g} m of it"
+            )
+            yield Finding(Severity.ERROR, text)
+            continue
+        text = f"a return to {place.name} ends in the landing sequence of item {seq}: it needs RTL_AUTOLAND 1 or 2"
+        yield Finding(Severity.INFO, text)
+        around = [offset(place.lat_deg, place.lon_deg, circle * cos(a), circle * sin(a)) for a in _ROUND]
+        if not all(finder.holding(*spot, place.alt_m) for spot in around):
+            text = f"the circle of {circle:.0f} m around {place.name} leaves every zone: a return waits there"
+            yield Finding(Severity.WARNING, text)
 
 
 def _gap_words(gap: Gap) -> str:
@@ -275,7 +340,7 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
     if relief.terrain.lowest_m((home.lat_deg, home.lon_deg)) is None:
         yield Finding(Severity.WARNING, "the heights of the ground do not reach to home: the plan's altitude counts")
     places = places_of(package.route)
-    for leg in legs_of(package.route, package.cruise_speed_mps):
+    for leg in package.legs():
         if leg.length_m <= 0.0:
             continue
         way = _above_ground_m(relief, leg)
@@ -368,6 +433,31 @@ def _energy_line(report: CheckReport) -> str:
     return f"the route takes {budget.need_wh:.1f} Wh, with the reserve {_of_battery(budget)}; wind: {words}"
 
 
+def _wings_lines(report: CheckReport) -> Iterator[str]:
+    air, package = report.air, report.package
+    if air is None:
+        return
+    wings = package.route.wings
+    if air.wind is None:
+        blows = f"wind up to {air.wind_mps:g} m/s from anywhere"
+    else:
+        blows = f"wind {air.wind.speed_mps:g} m/s from {air.wind.from_deg:g} degrees"
+    radius = wings.turn_radius_m(air.fastest_mps)
+    yield (
+        f"wings       {package.kind.value}, airspeed {air.airspeed_mps:g} m/s, {blows}: up to {air.fastest_mps:g} m/s "
+        f"over ground, turns of {radius:.0f} m at {wings.bank_deg:g} degrees"
+    )
+
+
+def _turn_rows(path: FlownPath) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [("at item", "turn", "radius", "outside", "begins")]
+    for turn in path.turns:
+        angle = "circle" if turn.circle else f"{turn.angle_deg:.0f} deg"
+        outside = "-" if turn.circle else f"{turn.outside_m:.0f} m"
+        rows.append((str(turn.seq), angle, f"{turn.radius_m:.0f} m", outside, f"{turn.begins_m:.0f} m"))
+    return rows
+
+
 def _crossed_line(report: CheckReport) -> str:
     if not report.crossed:
         return ""
@@ -428,6 +518,7 @@ def report_text(report: CheckReport) -> str:
         f"coverage    {covered:.1f} % of the route{_crossed_line(report)}",
         f"commanders  {' -> '.join(names[sysid] for sysid in walk.commanders)}",
         f"energy      {_energy_line(report)}",
+        *_wings_lines(report),
     ]
     if walk.handovers:
         rows: list[tuple[str, ...]] = [
@@ -449,6 +540,8 @@ def report_text(report: CheckReport) -> str:
                 )
             )
         lines += ["", *_table(rows, (1, 2, 3))]
+    if report.path is not None and report.path.turns:
+        lines += ["", *_table(_turn_rows(report.path), ())]
     if report.energy is not None:
         lines += ["", *_table(_energy_rows(report.energy), (6,))]
     if report.findings:
@@ -506,7 +599,8 @@ def main(args: Sequence[str]) -> int:
         "--wind",
         type=_wind,
         metavar="SPEED,DIRECTION",
-        help="count the energy with this wind: m/s, degrees that it comes from (else: headwind_mps of [energy])",
+        help="count the energy with this wind, and the turns of wings: m/s, degrees that it comes from (else: "
+        "headwind_mps of [energy])",
     )
     try:
         options = parser.parse_args(list(args))

@@ -25,7 +25,7 @@ from mavproxy_handover.core.safety.energy import (
     way_home,
 )
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m
-from mavproxy_handover.mission.items import GRIPPER, LAND, PAYLOAD_PLACE, RETURN_TO_LAUNCH
+from mavproxy_handover.mission.items import GRIPPER, LANDINGS, PAYLOAD_PLACE, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Leg, legs_of
 
@@ -124,7 +124,7 @@ def _landing(route: Route) -> tuple[float, float] | None:
 
 def _lands(route: Route, last: Leg) -> bool:
     """Whether the way ends there on the ground."""
-    return route.items[last.seq - 1].command in (LAND, RETURN_TO_LAUNCH)
+    return last.end[2] <= 0.0 and route.items[last.seq - 1].command in (*LANDINGS, RETURN_TO_LAUNCH)
 
 
 def released_at(route: Route) -> int | None:

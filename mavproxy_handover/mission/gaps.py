@@ -7,7 +7,8 @@ where it ends (a landing outside every zone, one of several gaps between the sam
 route finds what is really there; both are brought together here, and each declared gap becomes a stretch of the way:
 lines that tell from item and place of the aircraft how far it has come.
 
-How long one takes is counted against the wind that the energy is counted with, each corner in it as a stop.
+How long one takes is counted against the wind that the energy is counted with, each corner in it as a stop; wings do
+not stop.
 """
 
 from __future__ import annotations
@@ -156,10 +157,16 @@ def undeclared(gaps: Sequence[DeclaredGap], walk: Walk) -> tuple[Gap, ...]:
 
 
 def stretches(
-    gaps: Sequence[DeclaredGap], legs: Sequence[Leg], walk: Walk, settings: EnergySettings, wind: Wind | None = None
+    gaps: Sequence[DeclaredGap],
+    legs: Sequence[Leg],
+    walk: Walk,
+    settings: EnergySettings,
+    wind: Wind | None = None,
+    *,
+    stops: bool = True,
 ) -> tuple[Stretch, ...]:
     """The declared gaps on the route of these legs, in the order in which they are flown. A gap between two stations
-    that the route has twice is there twice."""
+    that the route has twice is there twice. `stops`: the aircraft does at each corner."""
     if not gaps:
         return ()
     # only how fast it gets against the wind is asked for
@@ -170,11 +177,11 @@ def stretches(
         # one that names the item is meant for this gap; one that names a station for all of them
         fitting = sorted((each for each in gaps if _fits(each, found)), key=lambda each: each.to_item is None)
         if fitting:
-            made.append(_stretch(fitting[0], found.gap, legs, model))
+            made.append(_stretch(fitting[0], found.gap, legs, model, stops=stops))
     return tuple(made)
 
 
-def _stretch(declared: DeclaredGap, gap: Gap, legs: Sequence[Leg], model: EnergyModel) -> Stretch:
+def _stretch(declared: DeclaredGap, gap: Gap, legs: Sequence[Leg], model: EnergyModel, *, stops: bool) -> Stretch:
     begins, ends = gap.distance_along_m, gap.distance_along_m + gap.length_m
     ways: list[_Way] = []
     time_s, speed_mps, along = 0.0, 0.0, 0.0
@@ -183,7 +190,7 @@ def _stretch(declared: DeclaredGap, gap: Gap, legs: Sequence[Leg], model: Energy
         if along <= ends + _AROUND_M and along + length >= begins - _AROUND_M:
             ways.append(_Way(leg.seq, along - begins, Line(leg.start[:2], leg.end[:2])))
         if _has_part(leg, along, begins, ends):
-            time_s += _time_s(leg, along, (begins, ends), model)
+            time_s += _time_s(leg, along, (begins, ends), model, stops=stops)
             speed_mps = max(speed_mps, leg.speed_mps)
         along += length
     return Stretch(declared, gap, max(time_s, gap.duration_s), speed_mps, tuple(ways))
@@ -193,7 +200,7 @@ def _has_part(leg: Leg, along: float, begins: float, ends: float) -> bool:
     return along <= ends and along + leg.length_m >= begins
 
 
-def _time_s(leg: Leg, along: float, gap: tuple[float, float], model: EnergyModel) -> float:
+def _time_s(leg: Leg, along: float, gap: tuple[float, float], model: EnergyModel, *, stops: bool) -> float:
     """What the part of a leg within the gap takes against the wind, with a stop at its end where that is within."""
     begins, ends = gap
     length = leg.length_m
@@ -205,5 +212,5 @@ def _time_s(leg: Leg, along: float, gap: tuple[float, float], model: EnergyModel
     if made.speed_mps <= 0.0:
         return inf
     part = max(0.0, min(along + length, ends) - max(along, begins)) / length
-    stop_s = made.speed_mps / ACCELERATION_MPSS if stays else 0.0
+    stop_s = made.speed_mps / ACCELERATION_MPSS if stays and stops else 0.0
     return part * max(leg.duration_s, length / made.speed_mps) + stop_s + hold_s

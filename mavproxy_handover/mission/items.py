@@ -3,21 +3,28 @@
 """Mission items and rally points as they go to the autopilot, and what the autopilot keeps of them.
 
 `COMMANDS` is the list of what a mission package may tell the aircraft to do, each entry with the parameters that
-ArduCopter stores. The list is shorter than the autopilot's own: commands that move the place to return to
-(DO_SET_HOME), switch the fence off, jump back along the route or hand the aircraft to another controller would make
-the check before flight worthless.
+ArduPilot stores and the kinds of aircraft that fly it. The list is shorter than the autopilot's own: commands that move
+the place to return to (DO_SET_HOME), switch the fence off, jump back along the route or hand the aircraft to another
+controller would make the check before flight worthless. ArduCopter and ArduPlane share one mission storage, so each
+stores much that it then passes over in flight; what an aircraft would pass over is not for it.
 
-ArduCopter does not store an item as it got it (AP_Mission, `mavlink_int_to_mission_cmd`): whole numbers are cut off,
+ArduPilot does not store an item as it got it (AP_Mission, `mavlink_int_to_mission_cmd`): whole numbers are cut off,
 signs kept without their value, unused parameters forgotten, altitudes held in centimetres. `difference` knows that, so
-that a mission that was written can be read back and compared.
+that a mission that was written can be read back and compared. Of a waypoint ArduCopter keeps the time to wait, and
+ArduPlane in the same place how near and how far past it is flown.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from mavproxy_handover.core.model import Kind
+
 __all__ = [
+    "CHANGE_ALTITUDE",
+    "CHANGE_SPEED",
     "COMMANDS",
     "FRAME_ABOVE_HOME",
     "FRAME_ABOVE_SEA",
@@ -25,11 +32,20 @@ __all__ = [
     "FRAME_NONE",
     "GRIPPER",
     "LAND",
+    "LANDINGS",
+    "LAND_START",
+    "LOITERS",
     "LOITER_TIME",
+    "LOITER_TO_ALTITUDE",
+    "LOITER_TURNS",
     "LOITER_UNLIMITED",
     "PAYLOAD_PLACE",
     "RETURN_TO_LAUNCH",
     "TAKEOFF",
+    "TAKEOFFS",
+    "VTOL_LAND",
+    "VTOL_TAKEOFF",
+    "VTOL_TRANSITION",
     "WAYPOINT",
     "Command",
     "MissionItem",
@@ -37,7 +53,7 @@ __all__ = [
     "difference",
 ]
 
-#: MAV_FRAME values that ArduCopter stores; the others that exist are written as one of these
+#: MAV_FRAME values that ArduPilot stores; the others that exist are written as one of these
 FRAME_ABOVE_SEA = 0
 FRAME_NONE = 2
 FRAME_ABOVE_HOME = 3
@@ -45,50 +61,86 @@ FRAME_ABOVE_TERRAIN = 10
 
 WAYPOINT = 16
 LOITER_UNLIMITED = 17
+LOITER_TURNS = 18
 LOITER_TIME = 19
 RETURN_TO_LAUNCH = 20
 LAND = 21
 TAKEOFF = 22
+CHANGE_ALTITUDE = 30
+LOITER_TO_ALTITUDE = 31
+VTOL_TAKEOFF = 84
+VTOL_LAND = 85
 PAYLOAD_PLACE = 94
+CHANGE_SPEED = 178
+LAND_START = 189
 GRIPPER = 211
+VTOL_TRANSITION = 3000
+
+TAKEOFFS = frozenset((TAKEOFF, VTOL_TAKEOFF))
+LANDINGS = frozenset((LAND, VTOL_LAND))
+#: what wings fly as circles
+LOITERS = frozenset((LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, LOITER_TO_ALTITUDE))
+
+_ALL = frozenset(Kind)
+_COPTER = frozenset((Kind.COPTER,))
+_WINGED = frozenset(kind for kind in Kind if kind.winged)
+_QUADPLANE = frozenset((Kind.QUADPLANE,))
+#: why others do not fly those
+_BOTH = "it takes an aircraft that hovers and has wings"
+_PASSED_OVER = "ArduPlane passes over it"
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
     """One MAV_CMD of a mission.
 
-    `kept` has a letter for each of the parameters 1 to 4, saying what ArduCopter stores of it: `f` the value, `i` its
-    whole part, `s` its sign, `b` whether it is above zero, `-` nothing. `flown` marks the commands that move the
-    aircraft or make it wait; the rest are done on the way. `located` commands carry a place.
+    `kept` has a letter for each of the parameters 1 to 4, saying what ArduPilot stores of it: `f` the value, `i` its
+    whole part, `s` its sign, `b` whether it is above zero, `-` nothing; `y` its whole part up to 255, `t` the same but
+    below 1 in parts of 256, `r` a radius up to 255 in metres, beyond in tens of them up to 2550. `kept_by_plane`: where
+    ArduPlane stores something else. `flown` marks the commands that move the aircraft or make it wait; the rest are
+    done on the way. `located` commands carry a place. `kinds` of aircraft fly it, and the others do not because of
+    `why`.
     """
 
     name: str
     located: bool
     flown: bool
     kept: str
+    kinds: frozenset[Kind] = _ALL
+    why: str = ""
+    kept_by_plane: str | None = None
+
+    def kept_by(self, kind: Kind) -> str:
+        """What the autopilot of such an aircraft stores of the parameters."""
+        return self.kept if self.kept_by_plane is None or not kind.winged else self.kept_by_plane
 
 
 COMMANDS: Mapping[int, Command] = {
-    WAYPOINT: Command("NAV_WAYPOINT", True, True, "i---"),
+    WAYPOINT: Command("NAV_WAYPOINT", True, True, "i---", kept_by_plane="-yy-"),
     LOITER_UNLIMITED: Command("NAV_LOITER_UNLIM", True, True, "--i-"),
-    18: Command("NAV_LOITER_TURNS", True, True, "i-ib"),
+    LOITER_TURNS: Command("NAV_LOITER_TURNS", True, True, "i-ib", kept_by_plane="t-rb"),
     LOITER_TIME: Command("NAV_LOITER_TIME", True, True, "i-sb"),
     RETURN_TO_LAUNCH: Command("NAV_RETURN_TO_LAUNCH", False, True, "----"),
     LAND: Command("NAV_LAND", True, True, "i--s"),
     TAKEOFF: Command("NAV_TAKEOFF", True, True, "i---"),
-    31: Command("NAV_LOITER_TO_ALT", True, True, "-i-b"),
-    82: Command("NAV_SPLINE_WAYPOINT", True, True, "i---"),
-    93: Command("NAV_DELAY", False, True, "fiii"),
-    PAYLOAD_PLACE: Command("NAV_PAYLOAD_PLACE", True, True, "f---"),
+    CHANGE_ALTITUDE: Command("NAV_CONTINUE_AND_CHANGE_ALT", True, True, "i---", _WINGED, "ArduCopter passes over it"),
+    LOITER_TO_ALTITUDE: Command("NAV_LOITER_TO_ALT", True, True, "-i-b"),
+    82: Command("NAV_SPLINE_WAYPOINT", True, True, "i---", _COPTER, "ArduPlane does not store it"),
+    VTOL_TAKEOFF: Command("NAV_VTOL_TAKEOFF", True, True, "----", _QUADPLANE, _BOTH),
+    VTOL_LAND: Command("NAV_VTOL_LAND", True, True, "i---", _QUADPLANE, _BOTH),
+    93: Command("NAV_DELAY", False, True, "fiii", _COPTER, "ArduPlane does not wait in flight: take NAV_LOITER_TIME"),
+    PAYLOAD_PLACE: Command(
+        "NAV_PAYLOAD_PLACE", True, True, "f---", _COPTER, "ArduPlane lands there, and need not go on behind it"
+    ),
     112: Command("CONDITION_DELAY", False, False, "f---"),
     114: Command("CONDITION_DISTANCE", False, False, "f---"),
-    115: Command("CONDITION_YAW", False, False, "ffib"),
-    178: Command("DO_CHANGE_SPEED", False, False, "iff-"),
+    115: Command("CONDITION_YAW", False, False, "ffib", _COPTER, _PASSED_OVER),
+    CHANGE_SPEED: Command("DO_CHANGE_SPEED", False, False, "iff-"),
     181: Command("DO_SET_RELAY", False, False, "ii--"),
     182: Command("DO_REPEAT_RELAY", False, False, "iif-"),
     183: Command("DO_SET_SERVO", False, False, "ii--"),
     184: Command("DO_REPEAT_SERVO", False, False, "iiif"),
-    189: Command("DO_LAND_START", True, False, "----"),
+    LAND_START: Command("DO_LAND_START", True, False, "----"),
     195: Command("DO_SET_ROI_LOCATION", True, False, "----"),
     197: Command("DO_SET_ROI_NONE", False, False, "----"),
     201: Command("DO_SET_ROI", True, False, "i---"),
@@ -97,7 +149,8 @@ COMMANDS: Mapping[int, Command] = {
     GRIPPER: Command("DO_GRIPPER", False, False, "ii--"),
     2000: Command("IMAGE_START_CAPTURE", False, False, "ifii"),
     2001: Command("IMAGE_STOP_CAPTURE", False, False, "i---"),
-    42600: Command("DO_WINCH", False, False, "iiff"),
+    VTOL_TRANSITION: Command("DO_VTOL_TRANSITION", False, False, "i---", _QUADPLANE, _BOTH),
+    42600: Command("DO_WINCH", False, False, "iiff", _COPTER, _PASSED_OVER),
 }
 
 
@@ -127,7 +180,7 @@ class MissionItem:
 
     @property
     def has_place(self) -> bool:
-        """The item carries a place. Latitude and longitude both 0 mean "where the aircraft is" to ArduCopter."""
+        """The item carries a place. Latitude and longitude both 0 mean "where the aircraft is" to ArduPilot."""
         return COMMANDS[self.command].located and (self.lat_deg != 0.0 or self.lon_deg != 0.0)
 
 
@@ -140,18 +193,26 @@ class RallyPoint:
     alt_m: float
 
 
-def _stored(value: float, kind: str) -> float:
-    if kind == "f":
+def _stored(value: float, letter: str) -> float:
+    if letter == "f":
         return value
-    if kind == "i":
+    if letter == "i":
         return float(int(value))
-    if kind == "b":
+    if letter == "b":
         return 1.0 if value > 0 else 0.0
-    return (-1.0 if value < 0 else 1.0) if kind == "s" else 0.0
+    if letter == "y":
+        return float(min(255, int(value)))
+    if letter == "t":
+        return int(256.0 * value) / 256.0 if 0.0 < value < 1.0 else float(min(255, int(value)))
+    if letter == "r":
+        radius = abs(value)
+        return math.copysign(int(radius) if radius <= 255.0 else 10 * min(255, int(radius // 10.0)), value)
+    return (-1.0 if value < 0 else 1.0) if letter == "s" else 0.0
 
 
-def difference(sent: MissionItem, got: MissionItem) -> str | None:
-    """How an item read back from ArduCopter differs from the one sent, as words for a log line; None: it does not.
+def difference(sent: MissionItem, got: MissionItem, kind: Kind = Kind.COPTER) -> str | None:
+    """How an item read back from an aircraft of that kind differs from the one sent, as words for a log line; None: it
+    does not.
 
     Rounding and what the autopilot does not store are no difference. Item 0 is home, which the autopilot sets itself:
     comparing it is meaningless.
@@ -159,8 +220,9 @@ def difference(sent: MissionItem, got: MissionItem) -> str | None:
     if got.command != sent.command:
         return f"item {sent.seq}: command {sent.command} came back as {got.command}"
     command = COMMANDS[sent.command]
-    for number, kind, ours, theirs in zip((1, 2, 3, 4), command.kept, sent.params, got.params, strict=True):
-        want, have = _stored(ours, kind), _stored(theirs, kind)
+    kept = command.kept_by(kind)
+    for number, letter, ours, theirs in zip((1, 2, 3, 4), kept, sent.params, got.params, strict=True):
+        want, have = _stored(ours, letter), _stored(theirs, letter)
         if not abs(want - have) <= 0.01 + 1e-6 * abs(want):
             return f"item {sent.seq}: parameter {number} {want:g} came back as {have:g}"
     if not command.located:

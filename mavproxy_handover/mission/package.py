@@ -19,10 +19,11 @@ import re
 import sys
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import (
     ENERGY_KEYS,
@@ -36,11 +37,21 @@ from mavproxy_handover.mission.errors import MissionError, Where
 from mavproxy_handover.mission.gaps import DeclaredGap, Stretch, read_gaps, stretches
 from mavproxy_handover.mission.geojson import read_zones
 from mavproxy_handover.mission.items import COMMANDS
+from mavproxy_handover.mission.path import Path as FlownPath
+from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import Route, read_route
 from mavproxy_handover.mission.reached import Belonging, belonging_of
 from mavproxy_handover.mission.returns import with_return
 from mavproxy_handover.mission.terrain import Relief, Terrain, read_terrain, relief_of
-from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Walk, commanders_along, legs_of
+from mavproxy_handover.mission.walk import (
+    Leg,
+    Walk,
+    commanders_along,
+    default_speed_mps,
+    legs_of,
+    walk_legs,
+)
+from mavproxy_handover.mission.wings import WINGS_RANGES, Air, Wings
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
 
 if sys.version_info >= (3, 11):
@@ -48,9 +59,19 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = ["DETECTORS", "MISSION_FILE", "MissionPackage", "StationEntry", "from_bytes", "from_texts", "load"]
+__all__ = [
+    "AIRCRAFT",
+    "DETECTORS",
+    "MISSION_FILE",
+    "MissionPackage",
+    "StationEntry",
+    "from_bytes",
+    "from_texts",
+    "load",
+]
 
 MISSION_FILE = "mission.toml"
+AIRCRAFT = tuple(kind.value for kind in Kind)
 DETECTORS = ("circles", "polygons", "waypoints", "reached")
 #: those for which stations list waypoints
 _LISTED = ("waypoints", "reached")
@@ -77,6 +98,7 @@ _POLICIES = {"on_out_of_coverage": ("return", "land", "warn")}
 _KEYS = (
     "name",
     "description",
+    "aircraft",
     "detector",
     "route",
     "zones",
@@ -88,6 +110,7 @@ _KEYS = (
     "stations",
     "policy",
     "energy",
+    "wings",
     "gap",
 )
 
@@ -108,6 +131,8 @@ class MissionPackage:
 
     name: str
     description: str
+    #: of aircraft, that flies it
+    kind: Kind
     #: in the order of mission.toml; the first is the parent, which starts the flight
     stations: tuple[StationEntry, ...]
     #: "circles", "polygons", "waypoints" or "reached"
@@ -118,7 +143,7 @@ class MissionPackage:
     belonging: Belonging | None
     route: Route
     expected_handovers: int
-    #: what the mission, or else its plan, says; DEFAULT_CRUISE_MPS where neither does
+    #: what the mission, or else its plan, says, or as the autopilot comes where neither does; of wings, the airspeed
     cruise_speed_mps: float
     #: one of them does
     cruise_speed_named: bool
@@ -154,8 +179,28 @@ class MissionPackage:
         """The ground, as far as the mission knows it, with heights above `home`, None: above the plan's."""
         return relief_of(self.terrain, self.route.home, home)
 
-    def walk(self) -> Walk:
-        """The route walked through the zones: commanders in order, handovers, gaps."""
+    def air(self, wind: Wind | None = None) -> Air:
+        """What wings fly in; `wind` None: not known, and as much as [energy] has for that comes from anywhere."""
+        # only what blows where nobody knows is asked for
+        model = self.energy.over(EnergySettings(battery_wh=1.0, hover_w=10.0)).model()
+        assert model is not None
+        return Air(self.cruise_speed_mps, wind, model.headwind_mps)
+
+    def path(self, wind: Wind | None = None) -> FlownPath | None:
+        """The path that wings fly in that wind, see `air`; None: the aircraft has none."""
+        return path_of(self.route, self.air(wind)) if self.kind.winged else None
+
+    def legs(self, wind: Wind | None = None) -> tuple[Leg, ...]:
+        """What is flown, as straight pieces: the lines of the route, or the path of wings."""
+        path = self.path(wind)
+        return legs_of(self.route, self.cruise_speed_mps) if path is None else path.legs
+
+    def walk(self, wind: Wind | None = None) -> Walk:
+        """What is flown, walked through the zones: commanders in order, handovers, gaps. `wind`: see `air`; copters are
+        walked without it."""
+        if self.kind.winged:
+            finder = self.zone_finder()
+            return walk_legs(self.legs(wind), finder, self.parent.sysid, belonging=self.belonging)
         return commanders_along(
             self.route,
             self.zone_finder(),
@@ -167,7 +212,8 @@ class MissionPackage:
     def stretches(self, walk: Walk, wind: Wind | None = None) -> tuple[Stretch, ...]:
         """Where the declared gaps are on the route, which was walked; `wind` None: what [energy] has for one that is
         not known."""
-        return stretches(self.gaps, legs_of(self.route, self.cruise_speed_mps), walk, self.energy, wind)
+        stops = not self.kind.winged
+        return stretches(self.gaps, self.legs(wind), walk, self.energy, wind, stops=stops)
 
     def to_bytes(self) -> bytes:
         """The package as it travels, at most 64 KiB; `from_bytes` makes an equal package of it."""
@@ -305,8 +351,12 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     detector = where.choice(where.need(mission, "detector"), "detector", DETECTORS)
     stations = _stations(where, where.need(mission, "stations"), detector)
     route_file = str(mission["route"])
-    route = read_route(route_file, texts[route_file])
-    speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or DEFAULT_CRUISE_MPS)
+    kind = Kind(where.choice(mission.get("aircraft", Kind.COPTER.value), "aircraft", AIRCRAFT))
+    route = read_route(route_file, texts[route_file], kind)
+    route = replace(route, wings=_wings(where, mission.get("wings"), kind))
+    speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or default_speed_mps(kind))
+    speed_mps = where.number(speed, "cruise_speed_mps", 0.1, 100.0)
+    energy = _energy(where, mission.get("energy", {}))
     terrain = _terrain(mission.get("terrain"), texts)
     description = mission.get("description")
     files = {name: text.encode() for name, text in texts.items()}
@@ -316,18 +366,19 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     return MissionPackage(
         name=where.text(where.need(mission, "name"), "name", 40),
         description="" if description is None else where.text(description, "description", 400),
+        kind=kind,
         stations=stations,
         detector=detector,
         zones=zones,
         belonging=belonging,
         route=with_return(route, zones, terrain),
         expected_handovers=where.whole(where.need(mission, "expected_handovers"), "expected_handovers", 0, 1000),
-        cruise_speed_mps=where.number(speed, "cruise_speed_mps", 0.1, 100.0),
+        cruise_speed_mps=speed_mps,
         cruise_speed_named="cruise_speed_mps" in mission or route.cruise_speed_mps is not None,
         delivery_waypoint=_delivery(where, mission.get("delivery_waypoint"), route),
         policies=_policies(where, mission.get("policy", {})),
         gaps=read_gaps(where, mission.get("gap", []), {each.name: each.sysid for each in stations}, route),
-        energy=_energy(where, mission.get("energy", {})),
+        energy=energy.over(_flown_at(speed_mps)) if kind.winged else energy,
         terrain=terrain,
         files=MappingProxyType(files),
         digest=hashlib.sha256(_plain_form(files)).digest(),
@@ -417,6 +468,22 @@ def _policies(where: Where, value: object) -> Mapping[str, str]:
     table = inside.table(value, "policy")
     inside.known_keys(table, _POLICIES)
     return MappingProxyType({key: inside.choice(word, key, _POLICIES[key]) for key, word in table.items()})
+
+
+def _wings(where: Where, value: object, kind: Kind) -> Wings:
+    if value is None:
+        return Wings()
+    if not kind.winged:
+        raise where.error(f"[wings] does not go with aircraft '{kind.value}' (allowed: with plane, quadplane)")
+    inside = where.at("[wings]")
+    table = inside.table(value, "wings")
+    inside.known_keys(table, WINGS_RANGES)
+    return Wings(**{key: inside.number(number, key, *WINGS_RANGES[key]) for key, number in table.items()})
+
+
+def _flown_at(speed_mps: float) -> EnergySettings:
+    """Wings fly at their airspeed, where [energy] says nothing else."""
+    return EnergySettings(cruise_mps=speed_mps, airspeed_mps=speed_mps)
 
 
 def _energy(where: Where, value: object) -> EnergySettings:

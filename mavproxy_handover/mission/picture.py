@@ -33,7 +33,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.flat import parts, quiet_place
 from mavproxy_handover.mission.gaps import undeclared
 from mavproxy_handover.mission.geodesy import LocalPlane
-from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH, TAKEOFF
+from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH, TAKEOFFS
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import FenceCircle
 from mavproxy_handover.mission.walk import Gap, Sample, Walk, by_commander
@@ -286,21 +286,21 @@ class MapSheet:
 
     def _items(self, axes: Axes) -> None:
         package = self._package
-        ends = {sample.seq: sample for sample in self._walk.samples}
+        ends = self._ends()
         shared: dict[tuple[int, int], list[int]] = {}
         for item in package.route.items:
             if COMMANDS[item.command].flown and item.seq in ends:
-                x, y = self.place(ends[item.seq].lat_deg, ends[item.seq].lon_deg)
+                x, y = ends[item.seq]
                 shared.setdefault((round(x / 3.0), round(y / 3.0)), []).append(item.seq)
         for seqs in shared.values():
             commands = {package.route.items[seq - 1].command for seq in seqs}
-            x, y = self.place(ends[seqs[0]].lat_deg, ends[seqs[0]].lon_deg)
+            x, y = ends[seqs[0]]
             words = [
                 word
-                for word, command in (("take-off", TAKEOFF), ("landing", LAND), ("return", RETURN_TO_LAUNCH))
-                if command in commands
+                for word, those in (("take-off", TAKEOFFS), ("landing", LANDINGS), ("return", {RETURN_TO_LAUNCH}))
+                if those & commands
             ]
-            ground = bool(commands & {TAKEOFF, LAND, RETURN_TO_LAUNCH})
+            ground = bool(words)
             face = "#dddddd" if ground else PAPER
             if package.delivery_waypoint in seqs:
                 face = DELIVERY
@@ -321,6 +321,17 @@ class MapSheet:
                 note(axes, ", ".join(words), (x, y), (0, -13), va="top", ha="center")
             elif words:
                 note(axes, ", ".join(words), (x, y), (14, 0), va="center")
+
+    def _ends(self) -> dict[int, tuple[float, float]]:
+        """Where each item ends. Wings fly past it: there it is the place of the item."""
+        ends = {sample.seq: self.place(sample.lat_deg, sample.lon_deg) for sample in self._walk.samples}
+        if self._package.kind.winged:
+            ends |= {
+                item.seq: self.place(item.lat_deg, item.lon_deg)
+                for item in self._package.route.items
+                if item.has_place and item.command not in TAKEOFFS
+            }
+        return ends
 
     # --- the sheet ---
 

@@ -15,21 +15,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission.errors import Where, parse_json
 from mavproxy_handover.mission.items import (
+    CHANGE_SPEED,
     COMMANDS,
     FRAME_ABOVE_HOME,
     FRAME_ABOVE_SEA,
     FRAME_ABOVE_TERRAIN,
     FRAME_NONE,
     LAND,
+    LANDINGS,
+    LOITER_TURNS,
     LOITER_UNLIMITED,
     RETURN_TO_LAUNCH,
     TAKEOFF,
+    TAKEOFFS,
+    VTOL_LAND,
+    VTOL_TRANSITION,
     WAYPOINT,
+    Command,
     MissionItem,
     RallyPoint,
 )
+from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
 
 __all__ = ["FenceCircle", "FencePart", "FencePolygon", "Home", "Route", "read_route", "with_items"]
 
@@ -51,6 +60,29 @@ _FRAMES = {
     11: FRAME_ABOVE_TERRAIN,
 }
 _COPTER_TYPES = {2, 3, 4, 13, 14, 15, 29, 35}
+#: command and parameter -> lowest and highest number for wings, and that in words: what ArduPlane can store and fly
+_WING_NUMBERS: Mapping[tuple[int, int], tuple[float, float, str]] = {
+    (WAYPOINT, 1): (0, 0, "0: wings do not wait at a place, NAV_LOITER_TIME circles there"),
+    (WAYPOINT, 2): (0, 255, "0 to 255 m"),
+    (WAYPOINT, 3): (0, 255, "0 to 255 m"),
+    (LOITER_TURNS, 1): (1 / 256, 255, "more than 0, up to 255 turns"),
+    (LOITER_TURNS, 3): (-2550, 2550, "a radius up to 2550 m, below 0 to the left"),
+    (CHANGE_SPEED, 1): (0, 0, "0, airspeed: another one changes a parameter of ArduPlane for good"),
+    (CHANGE_SPEED, 2): (1, 100, "1 to 100 m/s"),
+    (VTOL_LAND, 1): (0, 1, "0, or 1 for a circle down before it"),
+    (VTOL_TRANSITION, 1): (3, 4, "3 to hover, 4 to fly on its wings"),
+}
+#: what a route of each kind begins with, and ends with besides a return
+_BEGINS: Mapping[Kind, tuple[str, frozenset[int]]] = {
+    Kind.COPTER: ("NAV_TAKEOFF", frozenset((TAKEOFF,))),
+    Kind.PLANE: ("NAV_TAKEOFF", frozenset((TAKEOFF,))),
+    Kind.QUADPLANE: ("NAV_VTOL_TAKEOFF", TAKEOFFS),
+}
+_ENDS: Mapping[Kind, tuple[str, frozenset[int]]] = {
+    Kind.COPTER: ("NAV_LAND", frozenset((LAND,))),
+    Kind.PLANE: ("NAV_LAND", frozenset((LAND,))),
+    Kind.QUADPLANE: ("NAV_VTOL_LAND", LANDINGS),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +129,10 @@ class Route:
     warnings: tuple[str, ...] = ()
     #: latitude and longitude where its RTL item ends (`returns.py`); None: not known, or it has none
     return_to: tuple[float, float] | None = None
+    #: of aircraft, that the route is for
+    kind: Kind = Kind.COPTER
+    #: how it turns, where it has wings
+    wings: Wings = AS_IT_COMES
 
     def upload_items(self) -> tuple[MissionItem, ...]:
         """All items to write to the autopilot, in order, home as item 0 first."""
@@ -115,20 +151,21 @@ class Route:
         return (home, *self.items)
 
 
-def read_route(file: str, text: str) -> Route:
-    """Read the route in `text`; the ending of `file` tells the format. Raises MissionError."""
+def read_route(file: str, text: str, kind: Kind = Kind.COPTER) -> Route:
+    """Read the route in `text`, for an aircraft of that kind; the ending of `file` tells the format. Raises
+    MissionError."""
     where = Where(file)
     if file.endswith(".plan"):
-        return _read_plan(where, text)
+        return _read_plan(where, text, kind)
     if file.endswith(".waypoints"):
-        return _read_waypoints(where, text)
+        return _read_waypoints(where, text, kind)
     raise where.error("not a route (allowed: a file named *.plan or *.waypoints)")
 
 
 # --- QGroundControl .plan ---
 
 
-def _read_plan(where: Where, text: str) -> Route:
+def _read_plan(where: Where, text: str, kind: Kind) -> Route:
     plan = where.table(parse_json(text, where), "the file")
     if plan.get("fileType") != "Plan":
         raise where.error("not a QGroundControl plan (fileType is not 'Plan')")
@@ -138,7 +175,7 @@ def _read_plan(where: Where, text: str) -> Route:
     _version(inside, mission, "version", 2)
     home = Home(*_coordinate(inside, inside.need(mission, "plannedHomePosition"), "plannedHomePosition", 3))
     listed = inside.array(inside.need(mission, "items"), "items")
-    items = tuple(_plan_item(where, seq, entry) for seq, entry in enumerate(listed, 1))
+    items = tuple(_plan_item(where, seq, entry, kind) for seq, entry in enumerate(listed, 1))
     fence = plan.get("geoFence")
     rally = plan.get("rallyPoints")
     return _finish(
@@ -148,7 +185,8 @@ def _read_plan(where: Where, text: str) -> Route:
         rally=() if rally is None else _rally_points(where.at("rallyPoints"), rally),
         fence=() if fence is None else _fence(where.at("geoFence"), fence),
         cruise_speed_mps=_plan_speed(inside, mission),
-        warnings=_plan_warnings(mission),
+        warnings=_plan_warnings(mission, kind),
+        kind=kind,
     )
 
 
@@ -169,7 +207,7 @@ def _coordinate(where: Where, value: object, name: str, length: int) -> tuple[fl
     )
 
 
-def _plan_item(where: Where, seq: int, entry: object) -> MissionItem:
+def _plan_item(where: Where, seq: int, entry: object, aircraft: Kind) -> MissionItem:
     inside = where.at(f"item {seq}")
     item = inside.table(entry, "the item")
     kind = inside.need(item, "type")
@@ -190,6 +228,7 @@ def _plan_item(where: Where, seq: int, entry: object) -> MissionItem:
         frame=inside.need(item, "frame"),
         numbers=numbers,
         auto_continue=item.get("autoContinue") is not False,
+        kind=aircraft,
     )
 
 
@@ -230,16 +269,20 @@ def _plan_speed(where: Where, mission: Mapping[str, object]) -> float | None:
     return None if value is None else where.number(value, key, 0.1, 100.0)
 
 
-def _plan_warnings(mission: Mapping[str, object]) -> tuple[str, ...]:
+def _plan_warnings(mission: Mapping[str, object], kind: Kind) -> tuple[str, ...]:
+    found = []
     if mission.get("firmwareType", 3) != 3:
-        return ("the plan was made for another autopilot than ArduPilot (firmwareType is not 3)",)
-    return ()
+        found.append("the plan was made for another autopilot than ArduPilot (firmwareType is not 3)")
+    made_for = mission.get("vehicleType")
+    if kind.winged and isinstance(made_for, int) and made_for in _COPTER_TYPES:
+        found.append(f"the plan was made for a multicopter (vehicleType {made_for}), the mission is for a {kind.value}")
+    return tuple(found)
 
 
 # --- QGC WPL 110 .waypoints ---
 
 
-def _read_waypoints(where: Where, text: str) -> Route:
+def _read_waypoints(where: Where, text: str, kind: Kind) -> Route:
     lines = text.splitlines()
     if not lines or lines[0].split() != ["QGC", "WPL", "110"]:
         raise where.error("not a waypoint file (allowed: a first line 'QGC WPL 110')")
@@ -264,10 +307,13 @@ def _read_waypoints(where: Where, text: str) -> Route:
             )
             continue
         command = inside.whole(values[1], "command", 0, 65535)
-        items.append(_item(inside, seq, command, frame=values[0], numbers=values[2:9], auto_continue=fields[11] != "0"))
+        goes_on = fields[11] != "0"
+        items.append(
+            _item(inside, seq, command, frame=values[0], numbers=values[2:9], auto_continue=goes_on, kind=kind)
+        )
     if home is None:
         raise where.error("no items (allowed: item 0 is home, item 1 the first one flown)")
-    return _finish(where, home, tuple(items))
+    return _finish(where, home, tuple(items), kind=kind)
 
 
 def _field(where: Where, field: str, number: int) -> float | None:
@@ -282,12 +328,30 @@ def _field(where: Where, field: str, number: int) -> float | None:
 
 
 def _item(
-    where: Where, seq: int, command: int, *, frame: object, numbers: Sequence[object], auto_continue: bool
+    where: Where, seq: int, command: int, *, frame: object, numbers: Sequence[object], auto_continue: bool, kind: Kind
 ) -> MissionItem:
     """Check one item. `numbers` are parameters 1 to 4, latitude, longitude, altitude; None where left open."""
     known = COMMANDS.get(command)
     if known is None:
-        raise where.error(f"command {command} is not one a mission package may hold (allowed: {_allowed()})")
+        raise where.error(f"command {command} is not one a mission package may hold (allowed: {_allowed(kind)})")
+    if kind not in known.kinds:
+        raise where.error(f"{known.name} is not for a {kind.value}: {known.why}")
+    item = _item_of(where, seq, command, known, frame=frame, numbers=numbers, auto_continue=auto_continue)
+    if kind.winged:
+        _check_numbers(where, known, item)
+    return item
+
+
+def _item_of(
+    where: Where,
+    seq: int,
+    command: int,
+    known: Command,
+    *,
+    frame: object,
+    numbers: Sequence[object],
+    auto_continue: bool,
+) -> MissionItem:
     param1, param2, param3, param4 = (
         0.0 if value is None else where.number(value, f"parameter {n}", -LONGEST_NUMBER, LONGEST_NUMBER)
         for n, value in enumerate(numbers[:4], 1)
@@ -315,8 +379,16 @@ def _item(
     )
 
 
-def _allowed() -> str:
-    return ", ".join(f"{number} {command.name}" for number, command in COMMANDS.items())
+def _allowed(kind: Kind) -> str:
+    return ", ".join(f"{number} {command.name}" for number, command in COMMANDS.items() if kind in command.kinds)
+
+
+def _check_numbers(where: Where, known: Command, item: MissionItem) -> None:
+    """What wings cannot do, and what ArduPlane would take for something else. Raises MissionError."""
+    for number, value in enumerate(item.params, 1):
+        low, high, allowed = _WING_NUMBERS.get((item.command, number), (-math.inf, math.inf, ""))
+        if not low <= value <= high:
+            raise where.error(f"parameter {number} of {known.name} is {value:g} (allowed: {allowed})")
 
 
 def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
@@ -335,6 +407,7 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
             frame=item.frame,
             numbers=(*item.params, item.lat_deg, item.lon_deg, item.alt_m),
             auto_continue=item.auto_continue,
+            kind=route.kind,
         )
         for seq, item in enumerate(items[1:], 1)
     )
@@ -352,28 +425,45 @@ def _finish(
     fence: tuple[FencePart, ...] = (),
     cruise_speed_mps: float | None = None,
     warnings: tuple[str, ...] = (),
+    kind: Kind = Kind.COPTER,
 ) -> Route:
     """Rules on the route as a whole: what makes no flight is refused, what makes an odd one is a warning."""
     if len(items) > MAX_ITEMS:
         raise where.error(f"{len(items)} items (allowed: at most {MAX_ITEMS})")
     flown = [item for item in items if COMMANDS[item.command].flown]
-    if not flown or flown[0].command != TAKEOFF:
+    name, begins = _BEGINS[kind]
+    if not flown or flown[0].command not in begins:
         first = f"the first flown item is {COMMANDS[flown[0].command].name}" if flown else "nothing is flown"
-        raise where.error(f"{first} (allowed: NAV_TAKEOFF first)")
-    ground = home.alt_m if flown[0].frame == FRAME_ABOVE_SEA else 0.0
-    if flown[0].alt_m <= ground:
-        raise where.at(f"item {flown[0].seq}").error(f"take-off to {flown[0].alt_m:g} m (allowed: above home)")
+        raise where.error(f"{first} (allowed: {name} first)")
+    _check_takeoff(where, home, flown[0], kind)
     found = list(warnings)
-    if flown[-1].command not in (LAND, RETURN_TO_LAUNCH):
-        name = COMMANDS[flown[-1].command].name
-        found.append(f"the route ends with {name}, not with NAV_LAND or NAV_RETURN_TO_LAUNCH")
+    name, ends = _ENDS[kind]
+    if flown[-1].command not in (*ends, RETURN_TO_LAUNCH):
+        last = COMMANDS[flown[-1].command].name
+        found.append(f"the route ends with {last}, not with {name} or NAV_RETURN_TO_LAUNCH")
     for item in flown[:-1]:
         if item.command == RETURN_TO_LAUNCH:
             found.append(f"item {item.seq} is NAV_RETURN_TO_LAUNCH: what follows it is never flown")
             break
     for item in flown:
         if item.command == LOITER_UNLIMITED:
+            if kind.winged:
+                circles = "it would circle there for ever (allowed: NAV_LOITER_TIME, NAV_LOITER_TURNS)"
+                raise where.at(f"item {item.seq}").error(f"NAV_LOITER_UNLIM: {circles}")
             found.append(f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft waits there until told to go on")
     if not rally:
         found.append("no rally point: the aircraft can only return to home")
-    return Route(home, items, rally, fence, cruise_speed_mps, tuple(found))
+    return Route(home, items, rally, fence, cruise_speed_mps, tuple(found), kind=kind)
+
+
+def _check_takeoff(where: Where, home: Home, item: MissionItem, kind: Kind) -> None:
+    inside = where.at(f"item {item.seq}")
+    ground = home.alt_m if item.frame == FRAME_ABOVE_SEA else 0.0
+    if item.alt_m <= ground:
+        raise inside.error(f"take-off to {item.alt_m:g} m (allowed: above home)")
+    if kind is Kind.QUADPLANE and item.frame == FRAME_ABOVE_SEA:
+        raise inside.error(
+            "take-off to a height above the sea, which ArduPlane adds to where it stands (allowed: above home)"
+        )
+    if kind is Kind.PLANE and not item.has_place:
+        raise inside.error("take-off without a place (allowed: one ahead on the runway, to where it climbs)")

@@ -13,29 +13,43 @@ notes at each which zones hold it, and moves authority by the rule of the core:
 
 Times come from the cruise speed and ArduCopter's default vertical speeds, without the time that speeding up, slowing
 down and corners cost: the aircraft has at least the time told here. Wind is left out.
+
+Of an aircraft with wings these are the lines between its waypoints, at its airspeed: energy and route are judged by
+them. The path that it flies, with turns and circles and in the wind, is that of `path.py`, and is walked here as well.
+A quadplane rises and comes down as a copter does, and flies at the speed of one behind a DO_VTOL_TRANSITION to hover. A
+plane climbs towards the place of its take-off, lands on a straight way down, and returns to a place from where it flies
+the nearest landing sequence (DO_LAND_START to NAV_LAND).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS, LANDING_BELOW_M, LANDING_MPS
-from mavproxy_handover.mission.geodesy import distance_m, wrap_longitude_deg
+from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset, wrap_longitude_deg
 from mavproxy_handover.mission.items import (
+    CHANGE_ALTITUDE,
+    CHANGE_SPEED,
     COMMANDS,
     FRAME_ABOVE_SEA,
     LAND,
+    LAND_START,
+    LANDINGS,
     LOITER_TIME,
+    LOITER_TURNS,
     PAYLOAD_PLACE,
     RETURN_TO_LAUNCH,
-    TAKEOFF,
+    TAKEOFFS,
+    VTOL_TRANSITION,
     WAYPOINT,
     MissionItem,
 )
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.reached import Belonging
+from mavproxy_handover.mission.wings import DEFAULT_AIRSPEED_MPS, HOVER_MPS
 from mavproxy_handover.mission.zones import ZoneFinder
 
 __all__ = [
@@ -46,8 +60,12 @@ __all__ = [
     "Walk",
     "by_commander",
     "commanders_along",
+    "default_speed_mps",
+    "hovers_at",
+    "landing_sequences",
     "legs_from",
     "legs_of",
+    "sequence_place",
     "speed_at",
     "walk_legs",
 ]
@@ -61,15 +79,19 @@ MOST_STEPS = 20000
 #: a border between two steps is found to this part of a metre
 BORDER_M = 0.05
 
-_SPLINE_WAYPOINT, _DELAY, _CHANGE_SPEED = 82, 93, 178
+_SPLINE_WAYPOINT, _DELAY = 82, 93
 _HOLDING = (WAYPOINT, LOITER_TIME, _SPLINE_WAYPOINT)
+#: how slowly wings may climb or sink while they go straight on to another height
+_WING_CLIMB_MPS = 2.0
+#: MAV_VTOL_STATE: hovering
+_HOVERING = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
     """A straight piece of the path, flown on the way to item `seq`; altitudes above home, `hold_s` at its end.
 
-    `speed_mps`: the ground speed that the autopilot was told.
+    `speed_mps`: the ground speed that the autopilot was told; of wings, the airspeed.
     """
 
     seq: int
@@ -190,7 +212,12 @@ def by_commander(samples: tuple[Sample, ...]) -> Iterator[tuple[int, list[Sample
 
 def legs_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Leg, ...]:
     """The path of a route as straight legs, from home to the ground. The speed given goes before the plan's own."""
-    return tuple(_legs(route, cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS))
+    return tuple(_legs(route, cruise_speed_mps or route.cruise_speed_mps or default_speed_mps(route.kind)))
+
+
+def default_speed_mps(kind: Kind) -> float:
+    """What an aircraft of that kind flies at where neither mission nor plan names a speed."""
+    return DEFAULT_AIRSPEED_MPS if kind.winged else DEFAULT_CRUISE_MPS
 
 
 def legs_from(
@@ -200,7 +227,7 @@ def legs_from(
 
     `here`: latitude, longitude, metres above home. A take-off is a climb where the aircraft is.
     """
-    speed_mps = speed_at(route, seq) or cruise_speed_mps or route.cruise_speed_mps or DEFAULT_CRUISE_MPS
+    speed_mps = speed_at(route, seq) or cruise_speed_mps or route.cruise_speed_mps or default_speed_mps(route.kind)
     return tuple(_legs(route, speed_mps, seq, here))
 
 
@@ -211,23 +238,118 @@ def speed_at(route: Route, seq: int) -> float | None:
 
 
 def _new_speed(item: MissionItem) -> float | None:
-    changes = item.command == _CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0
+    changes = item.command == CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0
     return item.param2 if changes else None
+
+
+def hovers_at(route: Route, seq: int) -> bool:
+    """Whether a quadplane flies to that item hovering: the last DO_VTOL_TRANSITION before it says so."""
+    states = [item.param1 for item in route.items if item.command == VTOL_TRANSITION and item.seq < seq]
+    return bool(states) and states[-1] == _HOVERING
+
+
+def landing_sequences(route: Route) -> tuple[tuple[MissionItem, ...], ...]:
+    """The landing sequences of a plane: from DO_LAND_START to the landing. Each begins at the first place in it."""
+    found: list[tuple[MissionItem, ...]] = []
+    for start in route.items:
+        if start.command == LAND_START:
+            behind = [item for item in route.items if item.seq > start.seq]
+            lands = next((n for n, item in enumerate(behind) if item.command in LANDINGS), None)
+            if lands is not None and any(item.has_place for item in (start, *behind[: lands + 1])):
+                found.append((start, *behind[: lands + 1]))
+    return tuple(found)
+
+
+def sequence_place(sequence: Sequence[MissionItem]) -> tuple[float, float]:
+    """Where a landing sequence begins."""
+    return next((item.lat_deg, item.lon_deg) for item in sequence if item.has_place)
 
 
 def _legs(
     route: Route, speed_mps: float, first: int = 0, start_at: tuple[float, float, float] | None = None
 ) -> Iterator[Leg]:
-    lat, lon, alt = start_at or (route.home.lat_deg, route.home.lon_deg, 0.0)
-    for item in route.items:
-        if item.seq < first:
+    here = start_at or (route.home.lat_deg, route.home.lon_deg, 0.0)
+    items = [item for item in route.items if item.seq >= first]
+    if not route.kind.winged:
+        yield from _copter_legs(route, items, speed_mps, here)
+        return
+    end = next((n for n, item in enumerate(items) if item.command == RETURN_TO_LAUNCH), len(items))
+    yield from _wing_legs(route, items[: end + 1], speed_mps, here)
+
+
+def _wing_legs(
+    route: Route, items: Sequence[MissionItem], speed_mps: float, here: tuple[float, float, float]
+) -> Iterator[Leg]:
+    before = here
+    for item in items:
+        speed_mps = _new_speed(item) or speed_mps
+        if not COMMANDS[item.command].flown:
             continue
+        made_mps = min(speed_mps, HOVER_MPS) if hovers_at(route, item.seq) else speed_mps
+        end = _wing_end(route, item, before, here, made_mps)
+        hold_s = _circling_s(route, item, made_mps)
+        if here != end or hold_s > 0.0:
+            length = distance_m(*here[:2], *end[:2])
+            time_s = length / made_mps if length > 0.0 else _duration_s(here, end, made_mps)
+            yield Leg(item.seq, here, end, time_s, hold_s, made_mps)
+        before, here = (here if here[:2] != end[:2] else before), end
+        if item.command in (*LANDINGS, RETURN_TO_LAUNCH) and route.kind is Kind.QUADPLANE:
+            yield from _down(item.seq, here)
+            here = (*here[:2], 0.0)
+        elif item.command == RETURN_TO_LAUNCH:
+            near = [(distance_m(*here[:2], *sequence_place(each)), each) for each in landing_sequences(route)]
+            if near:
+                yield from _wing_legs(route, min(near, key=lambda found: found[0])[1][1:], speed_mps, here)
+
+
+def _wing_end(
+    route: Route,
+    item: MissionItem,
+    before: tuple[float, float, float],
+    here: tuple[float, float, float],
+    speed_mps: float,
+) -> tuple[float, float, float]:
+    """Where the way to an item ends. `before`: where the aircraft came from to `here`."""
+    lat, lon, alt = here
+    place = (item.lat_deg, item.lon_deg) if item.has_place else (lat, lon)
+    if item.command == RETURN_TO_LAUNCH:
+        return (*_return_place(route, lat, lon), alt)
+    if item.command in LANDINGS:
+        return (*place, alt if route.kind is Kind.QUADPLANE else 0.0)
+    to_alt = _above_home(route, item)
+    if item.command in TAKEOFFS and route.kind is Kind.QUADPLANE:
+        return lat, lon, to_alt
+    if item.command == CHANGE_ALTITUDE:  # straight on until it is there
+        east, north = east_north_m(*before[:2], lat, lon)
+        length = math.hypot(east, north)
+        on_m = speed_mps * abs(to_alt - alt) / _WING_CLIMB_MPS
+        return (
+            *(offset(lat, lon, on_m * east / length, on_m * north / length) if length > 0.0 else (lat, lon)),
+            to_alt,
+        )
+    return (*place, to_alt)
+
+
+def _circling_s(route: Route, item: MissionItem, speed_mps: float) -> float:
+    """How long it circles at an item."""
+    if item.command == LOITER_TIME:
+        return max(0.0, item.param1)
+    if item.command == LOITER_TURNS:
+        return item.param1 * math.tau * route.wings.circle_radius_m(item.param3, speed_mps) / speed_mps
+    return 0.0
+
+
+def _copter_legs(
+    route: Route, items: Sequence[MissionItem], speed_mps: float, here: tuple[float, float, float]
+) -> Iterator[Leg]:
+    lat, lon, alt = here
+    for item in items:
         speed_mps = _new_speed(item) or speed_mps
         if not COMMANDS[item.command].flown:
             continue
         if item.command == RETURN_TO_LAUNCH:
             to_lat, to_lon, to_alt = (*_return_place(route, lat, lon), alt)
-        elif item.command == TAKEOFF:  # straight up, whatever place the item names
+        elif item.command in TAKEOFFS:  # straight up, whatever place the item names
             to_lat, to_lon, to_alt = lat, lon, _above_home(route, item)
         else:
             to_lat, to_lon = (item.lat_deg, item.lon_deg) if item.has_place else (lat, lon)

@@ -175,7 +175,9 @@ def test_worst_findings_come_first(small):
     assert report.exit_code == 1
 
 
-@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints"])
+@pytest.mark.parametrize(
+    "name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints", "ferry"]
+)
 def test_shipped_missions_pass_without_a_warning(missions, name):
     report = check(load(missions / name))
     assert [f.text for f in report.findings if f.severity is not Severity.INFO] == []
@@ -247,7 +249,9 @@ def test_command_without_a_mission_is_bad_input_and_help_is_not(capsys):
 # --- map ---
 
 
-@pytest.mark.parametrize("name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints"])
+@pytest.mark.parametrize(
+    "name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints", "ferry"]
+)
 def test_map_of_each_shipped_mission_is_drawn(missions, tmp_path, name):
     target = tmp_path / "map.png"
     draw(load(missions / name), target)

@@ -174,8 +174,8 @@ def test_refuses_unknown_keys_and_suggests_the_right_one(small):
     small.toml = small.toml.replace("expected_handovers", "expected_handover")
     assert refusal(small) == (
         "mission.toml: unknown key 'expected_handover', did you mean 'expected_handovers'? (allowed: name, description,"
-        " detector, route, zones, terrain, corridor_m, expected_handovers, cruise_speed_mps, delivery_waypoint,"
-        " stations, policy, energy, gap)"
+        " aircraft, detector, route, zones, terrain, corridor_m, expected_handovers, cruise_speed_mps,"
+        " delivery_waypoint, stations, policy, energy, wings, gap)"
     )
 
 

@@ -32,6 +32,8 @@ from mavproxy_handover.core.safety.energy_prior import (
 from mavproxy_handover.gate.tongues import POLICIES as TONGUES
 from mavproxy_handover.mission import gaps
 from mavproxy_handover.mission import package as packages
+from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS
+from mavproxy_handover.mission.wings import AS_IT_COMES, WINGS_RANGES
 from tests.structure.imports import ROOT
 from tests.structure.reference.markdown import cell, code, page, table
 
@@ -216,17 +218,19 @@ def keys_of_missions() -> Mapping[str, Mapping[str, Key]]:
         "": (
             Key("name", "text", "1 to 40 characters", required=True),
             Key("description", "text", "1 to 400 characters"),
+            Key("aircraft", "text", _words(packages.AIRCRAFT), _shown(packages.AIRCRAFT[0])),
             Key("detector", "text", _words(packages.DETECTORS), required=True),
             Key("route", "text", "file name", required=True),
             Key("zones", "text", "file name"),
             Key("terrain", "text", "file name"),
             Key("corridor_m", "number", "5 to 10000"),
             Key("expected_handovers", "whole number", "0 to 1000", required=True),
-            Key("cruise_speed_mps", "number", "0.1 to 100", _shown(packages.DEFAULT_CRUISE_MPS)),
+            Key("cruise_speed_mps", "number", "0.1 to 100", _shown(DEFAULT_CRUISE_MPS)),
             Key("delivery_waypoint", "whole number", "an item of the route"),
             Key("stations", "tables", "1 or more", required=True),
             Key("policy", "table"),
             Key("energy", "table"),
+            Key("wings", "table"),
             Key("gap", "tables"),
         ),
         "stations": (
@@ -235,6 +239,9 @@ def keys_of_missions() -> Mapping[str, Mapping[str, Key]]:
             Key("waypoints", "list", "items of the route"),
         ),
         "policy": tuple(Key(key, "text", _words(words)) for key, words in packages._POLICIES.items()),
+        "wings": tuple(
+            Key(key, "number", _range(*WINGS_RANGES[key]), _shown(getattr(AS_IT_COMES, key))) for key in WINGS_RANGES
+        ),
         "gap": (
             Key("from", "text", "a station", required=True),
             Key("to", "text or whole number", "a station, or an item of the route", required=True),

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""What a mission may hold depends on the kind of aircraft: wings do not wait, a copter has none, each is told why."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from mavproxy_handover.core.model import Kind
+from mavproxy_handover.mission import MissionError, MissionItem, difference, load, read_route
+from mavproxy_handover.mission.items import COMMANDS
+from mavproxy_handover.mission.plan import with_items
+
+
+def read(plan, kind):
+    return read_route("small.plan", json.dumps(plan), kind)
+
+
+def refusal(plan, kind):
+    with pytest.raises(MissionError) as caught:
+        read(plan, kind)
+    return str(caught.value)
+
+
+def hovering(small):
+    """The small mission for a quadplane."""
+    small.items[0]["command"], small.items[2]["command"] = 84, 85
+    small.plan["mission"]["vehicleType"] = 20
+    small.toml = small.toml.replace("detector", 'aircraft = "quadplane"\ndetector', 1)
+    return small
+
+
+# --- mission.toml ---
+
+
+def test_a_mission_that_names_no_aircraft_is_for_a_copter(small):
+    package = load(small.write())
+    assert (package.kind, package.route.kind) == (Kind.COPTER, Kind.COPTER)
+
+
+def test_a_mission_says_what_kind_of_aircraft_flies_it(small):
+    package = load(hovering(small).write())
+    assert (package.kind, package.route.kind) == (Kind.QUADPLANE, Kind.QUADPLANE)
+    assert [item.command for item in package.route.items] == [84, 16, 85]
+    assert package.route.warnings == ()
+    assert package.cruise_speed_mps == 15.0, "the plan's cruise speed, not its hover speed"
+
+
+def test_a_kind_that_is_none_is_refused_with_file_key_and_values(small):
+    small.toml = small.toml.replace("detector", 'aircraft = "glider"\ndetector', 1)
+    with pytest.raises(MissionError) as caught:
+        load(small.write())
+    assert str(caught.value) == "mission.toml: aircraft is 'glider' (allowed: copter, plane, quadplane)"
+
+
+# --- items of another kind ---
+
+
+@pytest.mark.parametrize(
+    ("command", "name", "why"),
+    [
+        (84, "NAV_VTOL_TAKEOFF", "it takes an aircraft that hovers and has wings"),
+        (85, "NAV_VTOL_LAND", "it takes an aircraft that hovers and has wings"),
+        (3000, "DO_VTOL_TRANSITION", "it takes an aircraft that hovers and has wings"),
+        (30, "NAV_CONTINUE_AND_CHANGE_ALT", "ArduCopter passes over it"),
+    ],
+)
+def test_a_copter_has_no_items_of_wings(small, command, name, why):
+    small.items[1]["command"] = command
+    assert refusal(small.plan, Kind.COPTER) == f"small.plan: item 2: {name} is not for a copter: {why}"
+
+
+@pytest.mark.parametrize("kind", [Kind.PLANE, Kind.QUADPLANE])
+@pytest.mark.parametrize(
+    ("command", "name", "why"),
+    [
+        (82, "NAV_SPLINE_WAYPOINT", "ArduPlane does not store it"),
+        (93, "NAV_DELAY", "ArduPlane does not wait in flight: take NAV_LOITER_TIME"),
+        (94, "NAV_PAYLOAD_PLACE", "ArduPlane lands there, and need not go on behind it"),
+        (115, "CONDITION_YAW", "ArduPlane passes over it"),
+        (42600, "DO_WINCH", "ArduPlane passes over it"),
+    ],
+)
+def test_wings_have_no_items_of_a_copter(small, kind, command, name, why):
+    small.items[1]["command"] = command
+    assert refusal(small.plan, kind) == f"small.plan: item 2: {name} is not for a {kind.value}: {why}"
+
+
+def test_a_plane_does_not_take_off_by_hovering(small):
+    small.items[0]["command"] = 84
+    assert refusal(small.plan, Kind.PLANE) == (
+        "small.plan: item 1: NAV_VTOL_TAKEOFF is not for a plane: it takes an aircraft that hovers and has wings"
+    )
+
+
+def test_the_list_of_what_is_allowed_is_that_of_the_kind(small):
+    small.items[1]["command"] = 177
+    assert "84 NAV_VTOL_TAKEOFF" not in refusal(small.plan, Kind.COPTER)
+    assert "84 NAV_VTOL_TAKEOFF" in refusal(small.plan, Kind.QUADPLANE)
+    assert "82 NAV_SPLINE_WAYPOINT" not in refusal(small.plan, Kind.QUADPLANE)
+
+
+def test_an_upload_in_flight_is_read_for_the_same_kind(small):
+    route = read(small.plan, Kind.PLANE)
+    delay = MissionItem(1, 93, 2, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    with pytest.raises(MissionError, match="the upload: item 1: NAV_DELAY is not for a plane"):
+        with_items(route, (delay, delay))
+
+
+# --- numbers that wings do not have ---
+
+
+@pytest.mark.parametrize(
+    ("command", "params", "words"),
+    [
+        (16, [5, 0, 0], "parameter 1 of NAV_WAYPOINT is 5 (allowed: 0: wings do not wait at a place, NAV_LOITER_TIME"),
+        (16, [0, 256, 0], "parameter 2 of NAV_WAYPOINT is 256 (allowed: 0 to 255 m)"),
+        (16, [0, 0, -1], "parameter 3 of NAV_WAYPOINT is -1 (allowed: 0 to 255 m)"),
+        (18, [0, 0, 80], "parameter 1 of NAV_LOITER_TURNS is 0 (allowed: more than 0, up to 255 turns)"),
+        (
+            18,
+            [1, 0, 3000],
+            "parameter 3 of NAV_LOITER_TURNS is 3000 (allowed: a radius up to 2550 m, below 0 to the left",
+        ),
+        (
+            178,
+            [1, 20, -1],
+            "parameter 1 of DO_CHANGE_SPEED is 1 (allowed: 0, airspeed: another one changes a parameter",
+        ),
+        (178, [0, -2, -1], "parameter 2 of DO_CHANGE_SPEED is -2 (allowed: 1 to 100 m/s)"),
+        (3000, [2, 0, 0], "parameter 1 of DO_VTOL_TRANSITION is 2 (allowed: 3 to hover, 4 to fly on its wings)"),
+        (85, [2, 0, 0], "parameter 1 of NAV_VTOL_LAND is 2 (allowed: 0, or 1 for a circle down before it)"),
+        (
+            17,
+            [0, 0, 0],
+            "NAV_LOITER_UNLIM: it would circle there for ever (allowed: NAV_LOITER_TIME, NAV_LOITER_TURNS)",
+        ),
+    ],
+)
+def test_numbers_that_arduplane_takes_for_something_else_are_refused(small, command, params, words):
+    hovering(small).items[1]["command"] = command
+    small.items[1]["params"][:3] = params
+    assert refusal(small.plan, Kind.QUADPLANE).startswith(f"small.plan: item 2: {words}")
+
+
+def test_a_commander_may_send_an_endless_circle_in_flight(small):
+    """It ends by the next command; a mission of which it is a part would not."""
+    circle = MissionItem(1, 17, 3, 0.0, 0.0, 80.0, 0.0, 0.0, 10.003, 30.0)
+    assert with_items(read(small.plan, Kind.PLANE), (circle, circle)).items[0].command == 17
+
+
+def test_hovering_up_to_a_height_above_the_sea_is_refused(small):
+    """ArduPlane takes the number for a height above where it stands, whatever the frame."""
+    hovering(small).items[0].update(frame=0)
+    small.items[0]["params"][6] = 130
+    assert refusal(small.plan, Kind.QUADPLANE) == (
+        "small.plan: item 1: take-off to a height above the sea, which ArduPlane adds to where it stands "
+        "(allowed: above home)"
+    )
+
+
+def test_a_plane_takes_off_towards_a_place(small):
+    small.items[0]["params"][4:6] = [0, 0]
+    assert refusal(small.plan, Kind.PLANE) == (
+        "small.plan: item 1: take-off without a place (allowed: one ahead on the runway, to where it climbs)"
+    )
+
+
+def test_a_quadplane_that_ends_in_the_air_is_a_warning(small):
+    del hovering(small).items[2]
+    assert read(small.plan, Kind.QUADPLANE).warnings == (
+        "the route ends with NAV_WAYPOINT, not with NAV_VTOL_LAND or NAV_RETURN_TO_LAUNCH",
+    )
+
+
+def test_a_plan_for_a_multicopter_is_a_warning(small):
+    assert read(small.plan, Kind.PLANE).warnings == (
+        "the plan was made for a multicopter (vehicleType 2), the mission is for a plane",
+    )
+
+
+# --- what ArduPlane stores ---
+
+
+def item(command, *params):
+    return MissionItem(4, command, 3, *params, 52.679, 5.924, 30.0, True)
+
+
+@pytest.mark.parametrize("kind", [Kind.PLANE, Kind.QUADPLANE])
+def test_of_a_waypoint_arduplane_keeps_how_near_and_how_far_past_it_is_flown(kind):
+    sent = item(16, 0.0, 60.7, 40.0, 90.0)
+    assert difference(sent, item(16, 0.0, 60.0, 40.0, 0.0), kind) is None
+    assert difference(sent, item(16, 0.0, 61.0, 40.0, 0.0), kind) == "item 4: parameter 2 60 came back as 61"
+    assert difference(sent, item(16, 0.0, 60.0, 0.0, 0.0), kind) == "item 4: parameter 3 40 came back as 0"
+
+
+def test_parts_of_a_turn_are_kept_in_parts_of_256():
+    sent = item(18, 0.3, 0.0, 80.0, 1.0)
+    assert difference(sent, item(18, 76 / 256, 0.0, 80.0, 1.0), Kind.PLANE) is None
+    assert difference(sent, item(18, 0.0, 0.0, 80.0, 1.0), Kind.PLANE) == "item 4: parameter 1 0.296875 came back as 0"
+
+
+def test_a_wide_circle_is_kept_in_tens_of_metres_and_its_direction():
+    sent = item(18, 3.0, 0.0, -307.0, 0.0)
+    assert difference(sent, item(18, 3.0, 0.0, -300.0, 0.0), Kind.PLANE) is None
+    assert difference(sent, item(18, 3.0, 0.0, 300.0, 0.0), Kind.PLANE) == ("item 4: parameter 3 -300 came back as 300")
+    assert difference(item(18, 3.0, 0.0, 2550.0, 0.0), item(18, 3.0, 0.0, 2550.0, 0.0), Kind.PLANE) is None
+
+
+@pytest.mark.parametrize("command", [84, 85, 3000, 30, 31, 189])
+def test_the_items_of_wings_come_back_as_they_are_stored(command):
+    """What `mission_cmd_to_mavlink_int` makes of each: parameter 1 of 85, 30, 3000, 2 and 4 of 31, none of the rest."""
+    kept = {84: (0, 0, 0, 0), 189: (0, 0, 0, 0), 31: (0, -60, 0, 1)}.get(command, (3, 0, 0, 0))
+    back = tuple(float(value) for value in kept)
+    sent = replace(item(command, 3.0, -60.0, 7.0, 1.0), frame=3)
+    assert (
+        difference(sent, replace(sent, param1=back[0], param2=back[1], param3=back[2], param4=back[3]), Kind.PLANE)
+        is None
+    )
+
+
+@pytest.mark.parametrize("kind", list(Kind))
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_each_command_compares_equal_to_itself_for_each_kind(command, kind):
+    assert difference(item(command, 1.0, 2.0, 3.0, 4.0), item(command, 1.0, 2.0, 3.0, 4.0), kind) is None
+    assert len(COMMANDS[command].kept_by(kind)) == 4
+    assert set(COMMANDS[command].kept_by(kind)) <= set("fisbytr-")
+    assert (COMMANDS[command].why == "") == (len(COMMANDS[command].kinds) == len(Kind))
