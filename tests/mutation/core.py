@@ -10,9 +10,9 @@ small exploration (`tests/model`); one of a station (`station.MODULE`) by `tests
 that exploration. One that is not is a survivor; survivors that are no faults are listed in `core_survivors.py` with
 the reason, and any other ends this with exit code 1. So does one that is listed and does not survive any more, or that
 no fault is called by any more, and a module of the core that no test here is named for. `--part 1/4` takes every fourth
-fault, `--sample 100` a hundred of each module by chance, `--only TEXT` those whose names have that in them; then what is
-listed and not met says nothing. `--first` asks only the tests that come first (`FIRST`): a fault that they let through
-has still to be tried with the others.
+fault, `--sample 100` a hundred of each module by chance, `--only TEXT` those that have that in their names; then what
+is listed and not met says nothing. `--first` asks only the tests that come first (`FIRST`): a fault that they let
+through has still to be tried with the others.
 
 Nothing is written: a mutant is compiled in memory, in a process of its own.
 """
@@ -431,8 +431,8 @@ def _plant(module: str, table: str, number: int, target: str) -> None:
 
 
 def unnoticed(module: str, fault: Fault | None, *, first: bool = False) -> bool:
-    """Whether tests and exploration find nothing wrong (`first`: the tests that come first). In a process of its own: it
-    spoils the modules."""
+    """Whether tests and exploration, or only the tests that come `first`, find nothing wrong. In a process of its own:
+    it spoils the modules."""
     import importlib
 
     import pytest
