@@ -4,7 +4,8 @@
 
 1. At most one commander: the view names one station or none, and every change of it is announced.
 2. The commander changes with one of these causes only:
-   * lost: to nobody, when its heartbeat has run out, in the same epoch;
+   * lost: to nobody, in the same epoch, when its heartbeat has run out, or it has not answered for too long: since its
+     last answer, or since this epoch has been in this run (who commands on after a restart has commanded before it);
    * released: to nobody, on the ground, by its own request;
    * back: from nobody to the one that had authority, when it is heard;
    * parent: from nobody to the parent, on the ground and disarmed, unless control was released;
@@ -71,8 +72,8 @@ class Watch:
         #: questions to each station that may be answered, and when one last was
         self._asked: dict[int, list[int]] = {}
         self._answered: dict[int, float] = {}
-        #: since when this commander has commanded in this epoch
-        self._since = -inf
+        #: since when this epoch has been, in this run; None before its first event
+        self._since: float | None = None
         #: the last position was in a declared gap
         self._gap = False
         self._words: set[tuple[int, Message]] = set()
@@ -104,6 +105,8 @@ class Watch:
 
     def saw(self, event: Event, actions: list[Action], now: float) -> None:
         """Check what `event` has led to."""
+        if self._since is None:
+            self._since = now
         if isinstance(event, AutopilotState):
             self._armed = event.armed
         in_gap = self._gap  # what runs out with this event ran out where the position before had it
@@ -112,7 +115,7 @@ class Watch:
         heard_before = dict(self._heard)
         if isinstance(event, (StationHeard, StationMessage)):
             self._heard[event.station] = now
-        before = self._view
+        epoch = self._view.epoch
         if isinstance(event, StationMessage) and not isinstance(event.message, (Connect, ConnectAck)):
             self._words.add((event.station, event.message))
         if isinstance(event, ControlRequested) and event.station == self._view.commander:
@@ -132,7 +135,7 @@ class Watch:
         assert self._arbiter.view == self._view, "a change that was not announced"
         if isinstance(event, StationMessage) and isinstance(event.message, ConnectAck):
             self._note_answer(event.station, event.message.nonce, now)
-        if (before.commander, before.epoch) != (self._view.commander, self._view.epoch):
+        if self._view.epoch != epoch:
             self._since = now
 
     def _note_answer(self, station: int, nonce: int, now: float) -> None:
@@ -144,6 +147,7 @@ class Watch:
 
     def _lost(self, station: int, heard: dict[int, float], now: float) -> bool:
         """Whether that commander is silent, or answers no more."""
+        assert self._since is not None
         answered_at = max(self._answered.get(station, -inf), self._since)
         silent = now - heard[station] >= self._limits.heartbeat_lost_s - 1e-9
         deaf = station not in self._standard and now - answered_at >= self._limits.deaf_lost_s - 1e-9

@@ -137,6 +137,22 @@ def test_after_a_restart_it_has_time_to_answer() -> None:
     assert bench.arbiter.view.commander is None
 
 
+def test_after_a_restart_its_time_counts_from_there_whenever_it_is_heard() -> None:
+    """Flight 1064923 of the campaign, where its books counted from when it was heard: it had commanded all the time."""
+    bench = deafened()
+    bench.run(3.0)
+    bench.alive.clear()
+    bench.restart(1.0)
+    begun = bench.now
+    bench.run(1.5)
+    bench.alive = {A}
+    bench.run(8.0)
+    assert bench.arbiter.view.commander == A
+    bench.run(1.5)
+    (at,) = lost_at(bench)
+    assert 10.0 <= at - begun <= 10.5
+
+
 def test_a_station_of_the_standard_answers_nothing_and_commands() -> None:
     bench = Bench(standard={A})
     bench.alive = {A}

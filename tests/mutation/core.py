@@ -2,14 +2,17 @@
 
 """Tests the tests of the rules of authority, vehicle's and station's: `make mutants`, after those of the gate, or
 
-    python tests/mutation/core.py [--part I/N] [--sample N] [MODULE ...]        (default: all modules, every fault)
+    python tests/mutation/core.py [--part I/N] [--sample N] [--only TEXT] [--first] [MODULE ...]
+                                                                            (default: all modules, every fault)
 
 Each fault, in the code (`faults`) or in a transition table (`table_faults`), must be noticed by `tests/core`, or by a
 small exploration (`tests/model`); one of a station (`station.MODULE`) by `tests/gcs`, by both sides together, or by
 that exploration. One that is not is a survivor; survivors that are no faults are listed in `core_survivors.py` with
 the reason, and any other ends this with exit code 1. So does one that is listed and does not survive any more, or that
 no fault is called by any more, and a module of the core that no test here is named for. `--part 1/4` takes every fourth
-fault, `--sample 100` a hundred of each module by chance; then what is listed and not met says nothing.
+fault, `--sample 100` a hundred of each module by chance, `--only TEXT` those that have that in their names; then what
+is listed and not met says nothing. `--first` asks only the tests that come first (`FIRST`): a fault that they let
+through has still to be tried with the others.
 
 Nothing is written: a mutant is compiled in memory, in a process of its own.
 """
@@ -427,8 +430,9 @@ def _plant(module: str, table: str, number: int, target: str) -> None:
 # ---- whether they are noticed --------------------------------------------------------------------------------------
 
 
-def unnoticed(module: str, fault: Fault | None) -> bool:
-    """Whether tests and exploration find nothing wrong. In a process of its own: it spoils the modules."""
+def unnoticed(module: str, fault: Fault | None, *, first: bool = False) -> bool:
+    """Whether tests and exploration, or only the tests that come `first`, find nothing wrong. In a process of its own:
+    it spoils the modules."""
     import importlib
 
     import pytest
@@ -452,10 +456,12 @@ def unnoticed(module: str, fault: Fault | None) -> bool:
         last = [each for each in slow if each not in FIRST[module]]
         options = [*run.PYTEST, "--rootdir", str(ROOT), "--timeout=60"]
         # most faults die in the first files, and to read the others takes longer than that
-        for files in (FIRST[module], middle, last):
+        for files in (FIRST[module],) if first else (FIRST[module], middle, last):
             paths = [str(tests / each) for each in files]
             if paths and int(pytest.main([*options, *paths], plugins=[_EachInTime()])) != 0:
                 return False
+        if first:
+            return True
         run.limit(run.TIMEOUT_S)  # the tests have had the clock for their own limits
         return (station and module not in EXPLORED_STATION) or not _found_by_exploring()
 
@@ -490,13 +496,15 @@ def _found_by_exploring() -> bool:
     return False
 
 
-def of_module(module: str, choose: Callable[[list[Fault]], list[Fault]]) -> tuple[int, list[str]]:
+def of_module(
+    module: str, choose: Callable[[list[Fault]], list[Fault]], *, first: bool = False
+) -> tuple[int, list[str]]:
     """How many faults were planted in a module, and which nobody noticed."""
-    assert in_child(lambda: unnoticed(module, None)) is True, f"{module}: something is found without any fault"
+    assert in_child(lambda: unnoticed(module, None, first=first)) is True, f"{module}: found without any fault"
     chosen = choose([*faults(_source(module)), *table_faults(module)])
     alive = []
     for number, fault in enumerate(chosen, 1):
-        if in_child(lambda fault=fault: unnoticed(module, fault)) is True:  # type: ignore[misc]
+        if in_child(lambda fault=fault: unnoticed(module, fault, first=first)) is True:  # type: ignore[misc]
             alive.append(fault.name)
             print(f"  survived: {module}: {fault.name}", flush=True)
         if number % 50 == 0:
@@ -545,17 +553,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("modules", nargs="*", metavar="MODULE", help=", ".join(FIRST))
     parser.add_argument("--part", default="1/1", metavar="I/N", help="every Nth fault, beginning with the Ith")
     parser.add_argument("--sample", type=int, metavar="N", help="N faults of each module, by chance")
+    parser.add_argument("--only", metavar="TEXT", default="", help="those whose names have it in them")
+    parser.add_argument("--first", action="store_true", help="ask only the tests that come first")
     parser.add_argument("--list", action="store_true", help="print the faults instead")
     options = parser.parse_args(arguments)
     part, parts = (int(each) for each in options.part.split("/"))
 
     def choose(all_of_them: list[Fault]) -> list[Fault]:
-        chosen = all_of_them[part - 1 :: parts]
+        chosen = [fault for fault in all_of_them[part - 1 :: parts] if options.only in fault.name]
         if options.sample is not None and options.sample < len(chosen):
             chosen = random.Random(0).sample(chosen, options.sample)
         return chosen
 
-    whole = parts == 1 and options.sample is None
+    whole = parts == 1 and options.sample is None and not options.only and not options.first
     unknown = [module for module in options.modules if module not in FIRST]
     if unknown:
         parser.error(f"unknown {', '.join(unknown)}; known are {', '.join(FIRST)}")
@@ -571,7 +581,7 @@ def main(arguments: list[str] | None = None) -> int:
                 print(f"{module}: {fault.name}")
             continue
         begun = time.monotonic()
-        total, alive = of_module(module, choose)
+        total, alive = of_module(module, choose, first=options.first)
         known = KNOWN_SURVIVORS.get(module, {})
         surprising = [name for name in alive if name not in known]
         stale = [name for name in known if name not in alive] if whole else []
