@@ -18,9 +18,9 @@ beside them two: what returns already is not stopped, and what lands already is 
 
 `Strategy` remembers two things. What was decided: a return or a landing lasts as long as its cause, whatever milder
 causes come and go, and whatever milder that cause would ask for by now; who can return no more lands, and is not held
-again. And what the commander has overruled: of all that is wrong when he has it fly otherwise than ordered, he knows. So
-each of these causes is a warning from then on, until it is over or asks for something graver; what comes later, or is
-another, counts as if nothing else were wrong.
+again. And what the commander has overruled: of all that is wrong when he has it fly otherwise than ordered, he knows.
+So each of these causes is a warning from then on, until it is over or asks for something graver; what comes later, or
+is another, counts as if nothing else were wrong.
 """
 
 from __future__ import annotations
