@@ -556,7 +556,7 @@ class Packer:
             _off=plain,
             active=plain,
         )
-        strategy = _Class(Strategy, decision=plain, policies=_Policies())
+        strategy = _Class(Strategy, decision=plain, overruled=plain, policies=_Policies())
         emergency = _Class(
             Emergency, _grave=plain, _resumed=plain, _strategy=_Object(strategy), _watch=_Object(watch), told=plain
         )

@@ -133,6 +133,13 @@ class Emergency:
         self.told = Decision(FlightAction.HOLD, cause)
         self._resumed = self._grave = True
 
+    def overrule(self, facts: Situation) -> None:
+        """The commander has the aircraft fly otherwise than ordered: of what is wrong by now nothing more comes, until
+        it gets graver."""
+        self._strategy.overrule(self._watch.active, facts)
+        if self.told is not None:
+            self.told = Decision(FlightAction.WARN, self.told.cause)
+
     def landed(self) -> None:
         """The flight is over. The cause may go on: on the ground that is no news, in the next flight it is acted on."""
         self._watch.landed()

@@ -98,19 +98,19 @@ class Execution:
 
     def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
         """The autopilot has said its mode."""
-        self._changed(self._helm.seen(event, self._flight.aloft, now), actions)
+        self._changed(self._helm.seen(event, self._flight.aloft, now), now, actions)
 
     def hand_seen(self, event: HandSeen, now: float, actions: list[Action]) -> None:
         """Somebody has, or may have, chosen the mode."""
-        self._changed(self._helm.heard(event, now), actions)
-        if event.hand is Hand.COMMANDER:
-            self._supervision.commanded()
+        self._changed(self._helm.heard(event, now), now, actions)
+        if event.hand is Hand.COMMANDER and self._supervision.commanded() is FlightAction.HOLD:
+            self._emergency.overrule(self._lookout.facts(now))
 
     def settle(self, now: float, actions: list[Action]) -> None:
         """Time has passed: what was in doubt is not any more."""
-        self._changed(self._helm.settle(now), actions)
+        self._changed(self._helm.settle(now), now, actions)
 
-    def _changed(self, change: Change | None, actions: list[Action]) -> None:
+    def _changed(self, change: Change | None, now: float, actions: list[Action]) -> None:
         if change is None:
             return
         who = {Change.COMMANDER: self._authority.name(self._authority.owner)}.get(change)
@@ -126,6 +126,8 @@ class Execution:
         elif ended is not None:
             text = f"{text}; {ended.name} is not commanded any more"
             self._tell(text, FlightAction.WARN, told, actions)
+            if change is Change.COMMANDER:
+                self._emergency.overrule(self._lookout.facts(now))
 
     # ---- what was decided -----------------------------------------------------------------------------------------
 

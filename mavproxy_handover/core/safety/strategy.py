@@ -19,8 +19,11 @@ beside them two: what returns already is not stopped, and what lands already is 
 What is decided is the same for every kind of aircraft; how it is done is not (`CARRIED_OUT`). What has wings cannot
 stand still, so it circles, and for that it needs room: where it is to be held is seen by that (`lookout.py`).
 
-`Strategy` remembers what was decided: a return or a landing lasts as long as its cause, whatever milder causes come and
-go, and whatever milder that cause would ask for by now. That is the only state.
+`Strategy` remembers two things. What was decided: a return or a landing lasts as long as its cause, whatever milder
+causes come and go, and whatever milder that cause would ask for by now; who can return no more lands, and is not held
+again. And what the commander has overruled: of all that is wrong when he has it fly otherwise than ordered, he knows.
+So each of these causes is a warning from then on, until it is over or asks for something graver; what comes later, or
+is another, counts as if nothing else were wrong.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 from enum import Enum
+from types import MappingProxyType
 from typing import Final
 
 from mavproxy_handover.core.model import FlightAction, Kind
@@ -38,6 +42,7 @@ __all__ = [
     "FIRST",
     "MILDER_THAN",
     "OVERRULE",
+    "OVERRULED",
     "POLICY_LADDERS",
     "Decision",
     "Fact",
@@ -102,6 +107,10 @@ POLICY_LADDERS: Final[Mapping[str, tuple[Rung, ...]]] = {
 
 #: What comes to nothing more than a warning, whatever is asked for; and what does if it is milder than this.
 OVERRULE: Final = (Fact.PILOT, Fact.FAILSAFE)
+#: What lets the aircraft go on: it is worth to wait for.
+_GOES_ON: Final = (FlightAction.TRANSFER, FlightAction.CONTINUE)
+#: What the commander can overrule: all that brings the aircraft elsewhere than it flies.
+OVERRULED: Final = (FlightAction.HOLD, FlightAction.RETURN, FlightAction.LAND)
 MILDER_THAN: Final[Mapping[Fact, FlightAction]] = {Fact.LANDING: FlightAction.LAND, Fact.RETURNING: FlightAction.RETURN}
 
 
@@ -162,12 +171,20 @@ def withheld(action: FlightAction, facts: Situation) -> Fact | None:
     return next((fact for fact, least in MILDER_THAN.items() if fact in facts and action < least), None)
 
 
-def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) -> Decision | None:
-    """What is done about these causes; None if there are none. `policies`: as configured, for every cause."""
+def decide(
+    causes: Set[Cause],
+    facts: Situation,
+    policies: Mapping[Cause, str],
+    overruled: Mapping[Cause, FlightAction] = MappingProxyType({}),
+) -> Decision | None:
+    """What is done about these causes; None if there are none. `policies`: as configured, for every cause. `overruled`:
+    the gravest that the commander will not have of a cause."""
     order = list(Cause)
     best: Decision | None = None
     for cause in sorted(causes, key=order.index):
         action = _asked(cause, policies[cause], facts)
+        if action in OVERRULED and action <= overruled.get(cause, FlightAction.WARN):
+            action = FlightAction.WARN
         held_back = withheld(action, facts)
         if held_back is not None:
             action = FlightAction.WARN
@@ -179,26 +196,39 @@ def decide(causes: Set[Cause], facts: Situation, policies: Mapping[Cause, str]) 
 class Strategy:
     """The decision in force. Not safe for threads."""
 
-    __slots__ = ("decision", "policies")
+    __slots__ = ("decision", "overruled", "policies")
 
     def __init__(self, policies: Mapping[Cause, str]) -> None:
         """`policies`: those that differ from the table's."""
         self.policies = {cause: policies.get(cause, row.policies[0]) for cause, row in CAUSES.items()}
         self.decision: Decision | None = None
+        #: causes that the commander has overruled, each with what it asked for
+        self.overruled: frozenset[tuple[Cause, FlightAction]] = frozenset()
+
+    def overrule(self, causes: Set[Cause], facts: Situation) -> None:
+        """The commander has the aircraft fly otherwise than ordered, with these causes and facts."""
+        self.overruled = frozenset((cause, _asked(cause, self.policies[cause], facts)) for cause in causes)
+        self.decision = None
 
     def judge(self, causes: Set[Cause], facts: Situation) -> Decision | None:
         """The causes and facts of this moment; returns the decision in force.
 
         A graver one than they ask for stays while its cause does, unless it cannot be any more.
         """
-        found, held = decide(causes, facts, self.policies), self.decision
+        if self.overruled:
+            self.overruled = frozenset(row for row in self.overruled if row[0] in causes)
+        found, held = decide(causes, facts, self.policies, dict(self.overruled)), self.decision
         if held is not None and held.action >= FlightAction.RETURN and held.cause in causes:
             graver = found is not None and found.action >= held.action
             if not graver and withheld(held.action, facts) is None:
-                return held
+                waits = found is not None and found.action in _GOES_ON
+                if held.action is FlightAction.LAND or Fact.PLACE in facts or waits:
+                    return held
+                found = Decision(FlightAction.LAND, held.cause)
         self.decision = found
         return found
 
     def landed(self) -> None:
         """The flight is over."""
         self.decision = None
+        self.overruled = frozenset()

@@ -213,11 +213,14 @@ class Supervision:
             self._awaits_pilot = order or self._awaits_pilot
         return order
 
-    def commanded(self) -> None:
-        """The commander has said how it flies: whether it stands or moves now, it does so by that word."""
+    def commanded(self) -> FlightAction | None:
+        """The commander has said how it flies: whether it stands or moves now, it does so by that word. Returns the
+        order that this has ended, None if none."""
         self.stands = False
-        if self.order in _STANDING:
-            self.order = None
+        if self.order not in _STANDING:
+            return None
+        order, self.order = self.order, None
+        return order
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
 

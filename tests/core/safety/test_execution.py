@@ -416,7 +416,9 @@ class TestOtherHands:
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
         assert "AUTO: chosen by GCSA; RETURN is not commanded any more (energy for the way back only)" in said(bench)
         bench.motion = HOMEWARD
-        assert lost(bench, None).flights()[-1] == Fly(FlightAction.RETURN, Reason.ENERGY)
+        bench.alive = set()
+        bench.run(8.0)
+        assert bench.flights()[1] == HOME
 
     def test_a_mode_of_somebody_unknown_is_commanded_away(self) -> None:
         bench = lost(aloft())
@@ -630,3 +632,22 @@ def test_who_is_told_to_stand_by_the_commander_is_not_told_to_go_on_again() -> N
     bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
     bench.run(60.0)
     assert bench.flights() == [HOLD, GO_ON]
+
+
+def test_a_return_out_of_a_hold_that_is_given_up_is_followed_by_a_landing() -> None:
+    """Flight 1175909 of the campaign: with the end of the hold its time began anew, so that it could be held again as
+    soon as the return was given up: milder than that, so it counted for nothing, and nothing more was ordered."""
+    bench = standing(aloft(Limits(hold_s=4.0)))
+    bench.run(3.0)
+    assert bench.flights() == [HOLD, BACK]
+    bench.run(14.0)
+    assert bench.flights() == [HOLD, BACK, BACK, Fly(FlightAction.LAND, Reason.COVERAGE_ENDS)]
+
+
+def test_a_return_out_of_a_hold_that_hangs_is_followed_by_a_landing() -> None:
+    """The same where it flies RTL, and gets no nearer: who returns is not held, and that it could be is no reason."""
+    bench = standing(aloft(Limits(hold_s=4.0)))
+    bench.run(3.0)
+    bench.mode, bench.motion = RTL, HOMEWARD
+    bench.run(33.0)
+    assert bench.flights() == [HOLD, BACK, Fly(FlightAction.LAND, Reason.COVERAGE_ENDS)]

@@ -273,3 +273,20 @@ def test_when_every_station_is_lost_outside_a_gap_it_comes_down_somewhere(
     found = decide({LOST}, facts, policies)
     assert found is not None
     assert found.action in (R, L)
+
+
+@pytest.mark.parametrize("cause", [cause for cause in Cause if "hold" in CAUSES[cause].policies])
+def test_who_can_return_no_more_lands_and_is_not_held_again(cause: Cause) -> None:
+    strategy = Strategy({cause: "hold"})
+    assert strategy.judge({cause}, ALOFT | {Fact.PLACE}) == Decision(FlightAction.RETURN, cause)
+    assert strategy.judge({cause}, ALOFT | {Fact.PLACE, Fact.MAY_HOLD}) == Decision(FlightAction.RETURN, cause)
+    assert strategy.judge({cause}, ALOFT | {Fact.MAY_HOLD}) == Decision(FlightAction.LAND, cause)
+    assert strategy.judge({cause}, ALOFT | {Fact.PLACE, Fact.MAY_HOLD}) == Decision(FlightAction.LAND, cause)
+
+
+@pytest.mark.parametrize(("fact", "cause"), [(Fact.SUCCESSOR, Cause.COMMANDER_LOST), (Fact.GAP, Cause.OUT_OF_COVERAGE)])
+def test_what_lets_it_go_on_is_waited_for_before_it_lands(fact: Fact, cause: Cause) -> None:
+    strategy = Strategy({})
+    assert strategy.judge({cause}, ALOFT | {Fact.PLACE}) == Decision(FlightAction.RETURN, cause)
+    assert strategy.judge({cause}, ALOFT | {fact}) == Decision(FlightAction.RETURN, cause)
+    assert strategy.judge({cause}, ALOFT) == Decision(FlightAction.LAND, cause)

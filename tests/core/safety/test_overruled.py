@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The commander's word ends what was ordered for what is wrong by then, and for nothing else.
+
+The fault, found by a campaign (flight 1118681): an operator sent the aircraft on that had turned back for its energy.
+The return went on being what is decided, though nobody commanded it any more, and was graver than anything that came
+later: the aircraft was flown out of its commander's zone, past the border where it would have been held, and would have
+been flown out of every zone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, MotionSeen, PlaceJudged, SignsSeen
+from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Reason
+from mavproxy_handover.core.safety.causes import Cause
+from tests.core.bench import A, B, Bench, inside, outside
+from tests.core.safety.test_execution import AUTO, HOLD, HOMEWARD, LAND, RTL, aloft, said, taken_by_b
+from tests.core.safety.test_lookout import ends
+
+BACK = Fly(FlightAction.RETURN, Reason.ENERGY)
+DOWN = Fly(FlightAction.LAND, Reason.ENERGY)
+OUT = Fly(FlightAction.RETURN, Reason.OUT_OF_COVERAGE)
+WEAK = Fly(FlightAction.HOLD, Reason.LINK_QUALITY)
+PLACE = PlaceJudged("home", True, "900 m")
+
+
+def overruled(limits: Limits | None = None) -> Bench:
+    """It has turned back for its energy, and its commander has it fly its mission on."""
+    bench = aloft(limits)
+    bench.give(PLACE)
+    bench.give(SignsSeen(energy=True))
+    bench.run(3.0)
+    bench.mode, bench.motion = RTL, HOMEWARD
+    bench.run(3.0)
+    assert bench.flights() == [BACK]
+    flies_on(bench)
+    assert bench.flights() == [BACK]
+    bench.log.clear()
+    return bench
+
+
+def flies_on(bench: Bench) -> None:
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.mode = AUTO
+    bench.run(3.0)
+
+
+def test_for_the_same_cause_nothing_is_commanded_and_nothing_told_any_more() -> None:
+    bench = overruled()
+    bench.give(replace(PLACE, name="rally 1"))
+    bench.run(120.0)
+    assert bench.flights() == []
+    assert said(bench) == []
+
+
+def test_it_is_held_at_the_border_all_the_same() -> None:
+    bench = overruled()
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights() == [HOLD]
+
+
+def test_and_flies_on_when_another_station_has_it() -> None:
+    bench = overruled()
+    bench.position(ends(4.0), outside(B))
+    bench.run(1.0)
+    bench.facts = (inside(A), inside(B))
+    bench.run(1.0)
+    taken_by_b(bench)
+    assert [flight.action for flight in bench.flights()] == [FlightAction.HOLD, FlightAction.CONTINUE]
+
+
+def test_it_comes_home_from_outside_every_zone_all_the_same() -> None:
+    bench = overruled()
+    bench.facts = (outside(A), outside(B))
+    bench.run(3.0)
+    assert bench.flights() == [OUT]
+
+
+def test_what_is_graver_of_the_same_cause_is_commanded() -> None:
+    bench = overruled()
+    bench.give(PlaceJudged("home", False))
+    bench.run(1.0)
+    assert bench.flights() == [DOWN]
+
+
+def test_a_landing_that_was_overruled_is_not_ordered_again_as_a_return() -> None:
+    bench = aloft()
+    bench.give(PlaceJudged("home", False))
+    bench.give(SignsSeen(energy=True))
+    bench.run(3.0)
+    bench.mode, bench.motion = LAND, MotionSeen(0.0, -1.0)
+    bench.run(2.0)
+    assert bench.flights() == [DOWN]
+    flies_on(bench)
+    bench.give(PLACE)
+    bench.run(60.0)
+    assert bench.flights() == [DOWN]
+
+
+def test_a_cause_that_was_over_and_is_back_counts_anew() -> None:
+    limits = Limits(policies={Cause.FENCE: "return"})
+    bench = aloft(limits)
+    bench.give(SignsSeen(fence=True))
+    bench.run(2.0)
+    bench.mode, bench.motion = RTL, HOMEWARD
+    bench.run(2.0)
+    flies_on(bench)
+    bench.give(SignsSeen())
+    bench.run(5.0)
+    bench.give(SignsSeen(fence=True))
+    bench.run(2.0)
+    fence = Fly(FlightAction.RETURN, Reason.FENCE)
+    assert bench.flights() == [fence, fence]
+
+
+def test_who_flies_out_of_a_hold_is_held_for_another_cause() -> None:
+    """COVERAGE_ENDS stands before LINKS_WEAK: of two that ask for the same the first was named, and was known."""
+    bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold"}, hold_s=600.0))
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights() == [HOLD]
+    bench.motion = replace(HOMEWARD, speed_mps=0.0)
+    bench.facts = (inside(A), outside(B))
+    bench.run(3.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.motion = HOMEWARD
+    bench.run(3.0)
+    assert bench.flights() == [HOLD]
+    bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+    bench.run(15.0)
+    assert bench.flights() == [HOLD, WEAK]
+
+
+def test_what_was_wrong_beside_it_was_known_to_whoever_overruled_it() -> None:
+    bench = aloft(Limits(policies={Cause.FENCE: "return"}))
+    bench.give(PLACE)
+    bench.give(SignsSeen(energy=True, fence=True))
+    bench.run(5.0)
+    assert [flight.action for flight in bench.flights()] == [FlightAction.RETURN] * len(bench.flights())
+    ordered = len(bench.flights())
+    bench.mode, bench.motion = RTL, HOMEWARD
+    bench.run(2.0)
+    flies_on(bench)
+    bench.run(60.0)
+    assert len(bench.flights()) == ordered
