@@ -67,7 +67,7 @@ def test_of_every_switch_it_looks_at_those_that_arm_or_take_off(make: Make, mode
 
 @pytest.mark.parametrize(
     "name",
-    (
+    [
         "FS_SHORT_ACTN",
         "FS_SHORT_TIMEOUT",
         "FS_LONG_ACTN",
@@ -92,7 +92,7 @@ def test_of_every_switch_it_looks_at_those_that_arm_or_take_off(make: Make, mode
         "TECS_LAND_SINK",
         "RALLY_LIMIT_KM",
         "FENCE_ACTION",
-    ),
+    ],
 )
 def test_what_a_planes_safety_rests_on_is_locked_while_armed(name: str) -> None:
     assert parameter_rule(name).access is Access.SAFEGUARD
