@@ -155,7 +155,6 @@ class Companion:
         self._briefing = Briefing(self.arbiter, self.autopilot, ports, self.fault)
         self.gate.targets.judge = self.autopilot.desk.target
         self.gate.takes_over = self.autopilot.orders.takes_over
-        self.gate.copter = lambda: not self.autopilot.aircraft.foreign
         self._overrides = Overrides(self.autopilot.desk, lambda: self.view.commander, config.sysid)
         jobs = [
             ("send_lease", self._send_lease, status.LEASE_INTERVAL_S),
@@ -330,7 +329,7 @@ class Companion:
         if uploads(frame):
             self.autopilot.staging.on_frame(port, frame, now)
             return
-        intent = intent_of(frame)
+        intent = intent_of(frame, self.gate.modes)
         if intent is None or self.autopilot.desk.judge(port, intent, now).passes:
             if self.autopilot.orders.takes_over(frame):
                 self.narrator.accepted(port.name, verdict.what)
@@ -376,6 +375,7 @@ class Companion:
         if frame.sysid == self.config.sysid and frame.known:
             if frame.compid == AUTOPILOT_COMPID:
                 self.autopilot.take(message, now)
+                self.gate.modes = self.autopilot.aircraft.judged_by
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.second_manager(frame)
         if not self.gate.down(frame, now):

@@ -13,6 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.down import WaysDown
 from mavproxy_handover.autopilot.kinds import COPTER, PLANE, Vehicle, vehicle_of
 from mavproxy_handover.core.model import Flown, Kind
+from mavproxy_handover.gate.policy.modes import UNKNOWN, Modes
 from mavproxy_handover.wire.codec import AircraftState
 
 __all__ = ["Aircraft"]
@@ -148,6 +149,11 @@ class Aircraft:
         if self.foreign:
             return None
         return self.ways_down.flown or self.vehicle.flown(self.custom_mode)
+
+    @property
+    def judged_by(self) -> Modes:
+        """What the gate judges the numbers of its modes by."""
+        return UNKNOWN if self.foreign else self.vehicle.judged_by
 
     @property
     def in_auto(self) -> bool:

@@ -324,9 +324,13 @@ class Autopilot:
         )
         self._lies_along(along)
         self._waypoints.adopt(None if package is None else package.belonging, now)
-        self._gaps.judge(self._preflight.parameters, now)
-        self.places.adopt(package, now)
         self._preflight.planned(None if route is None else plan_facts(route), self._gaps.longest_s)
+        self._judge_gaps(now)
+        self.places.adopt(package, now)
+
+    def _judge_gaps(self, now: float) -> None:
+        preflight = self._preflight
+        self._gaps.judge(preflight.parameters, now, preflight.circles_for_ever(self.aircraft.kind))
 
     def _flies(self, route: Route | None) -> None:
         self._flown = route
@@ -390,7 +394,7 @@ class Autopilot:
         firmware = None if self.guard_status is None else self.guard_status.firmware
         self._preflight.each_second(aircraft, grounded, arbiter.guard(now), firmware, now)
         self._energy.each_second(aircraft, grounded, now)
-        self._gaps.judge(self._preflight.parameters, now)
+        self._judge_gaps(now)
         if now >= self._walk_at:
             self._walk_at = math.inf
             self._walk()

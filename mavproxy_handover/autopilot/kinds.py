@@ -22,6 +22,8 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Flown
+from mavproxy_handover.gate.policy import modes as gate_modes
+from mavproxy_handover.gate.policy.modes import Modes
 from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = ["COPTER", "PLANE", "VEHICLES", "Mode", "Vehicle", "vehicle_of"]
@@ -45,6 +47,8 @@ class Vehicle:
     types: frozenset[int]
     #: number -> flight mode
     modes: Mapping[int, Mode]
+    #: the same as the gate judges by them
+    judged_by: Modes
     #: the mode that flies the mission, the one that flies to places, and the one that a return is
     auto: int
     guided: int
@@ -118,6 +122,7 @@ COPTER: Final = Vehicle(
             Flown.OTHER: {7: "CIRCLE"},
         }
     ),
+    judged_by=gate_modes.COPTER,
     auto=COPTER_AUTO,
     guided=4,
     back=6,
@@ -157,6 +162,7 @@ PLANE: Final = Vehicle(
             Flown.OTHER: {13: "TAKEOFF", 14: "AVOID_ADSB", 16: "INITIALISING", 24: "THERMAL"},
         }
     ),
+    judged_by=gate_modes.PLANE,
     auto=10,
     guided=15,
     back=11,

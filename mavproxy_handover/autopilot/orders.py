@@ -122,7 +122,8 @@ class Orders:
         command = commanded(frame)
         if command is not None:
             voice.acknowledge(port, sender, command, mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
-        self._tell_needs(port, called(subject_of(frame)), needs, now)
+        modes = self._procedures().vehicle.judged_by
+        self._tell_needs(port, called(subject_of(frame), modes=modes), needs, now)
 
     def _tell_needs(self, port: StationPort, what: str, needs: tuple[str, ...], now: float) -> None:
         """All of them in one text. What is behind a colon are figures, which change while the need does not."""

@@ -7,9 +7,13 @@ a return, the one point of the rally list (SMART_RTL flies back the way it came,
 sequence), and only where home is no choice beside it; a fence that is stored and not switched on keeps nothing in; and
 ArduCopter's own fences, around home and above it, end a mission that leaves them.
 
+A plane that returns circles at the place for ever unless something ends that: the mission's landing sequence
+(RTL_AUTOLAND), or its rotors (Q_RTL_MODE). Without, no START (`circles_for_ever`).
+
 Names and units differ by firmware: RTL_ALT and RTL_ALT_FINAL are centimetres, RTL_ALT_M and RTL_ALT_FINAL_M (from 4.7
 on) metres.
-Sources: ArduCopter's Parameters.cpp, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of the parameters.
+Sources: ArduCopter's and ArduPlane's Parameters.cpp, Plane.h (`_failsafe_priorities`), events.cpp, mode_rtl.cpp and
+fence.cpp of the latter, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of the parameters.
 """
 
 from __future__ import annotations
@@ -18,11 +22,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
+from mavproxy_handover.autopilot.down import ways_down
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import legs_of
 
-__all__ = ["NAMES", "RULES", "PlanFacts", "plan_facts"]
+__all__ = ["COPTERS", "EVERY", "NAMES", "PLANE_NAMES", "RULES", "WINGED", "PlanFacts", "circles_for_ever", "plan_facts"]
 
 #: what is read for these rules; of two names in a row a firmware has one
 NAMES: Final = (
@@ -30,6 +36,18 @@ NAMES: Final = (
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RALLY_INCL_HOME", "HNDO_ACTION",
 )  # fmt: skip
+#: the same of an aircraft with wings
+PLANE_NAMES: Final = (
+    "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
+    "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
+    "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART",
+    "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "Q_ENABLE", "Q_RTL_MODE",
+)  # fmt: skip
+
+#: for which kinds a rule is
+COPTERS: Final = frozenset({Kind.COPTER})
+WINGED: Final = frozenset({Kind.PLANE, Kind.QUADPLANE})
+EVERY: Final = COPTERS | WINGED
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +61,8 @@ class PlanFacts:
     #: how far from home the route goes, and how high above it: metres
     farthest_m: float
     highest_m: float
+    #: it has a landing sequence
+    lands: bool = False
 
 
 def plan_facts(route: Route) -> PlanFacts:
@@ -51,7 +71,8 @@ def plan_facts(route: Route) -> PlanFacts:
     legs = legs_of(route)
     farthest_m = max(distance_m(*home, *leg.end[:2]) for leg in legs)
     highest_m = max(leg.end[2] for leg in legs)
-    return PlanFacts(bool(route.fence), sum(part.inclusion for part in route.fence), farthest_m, highest_m)
+    inclusions, lands = sum(part.inclusion for part in route.fence), bool(ways_down(route))
+    return PlanFacts(bool(route.fence), inclusions, farthest_m, highest_m, lands)
 
 
 Parameters = Mapping[str, float]
@@ -76,13 +97,65 @@ _WAYS: Final[Mapping[str, Mapping[int, str]]] = {
 }
 
 
-def _way(name: str) -> Rule:
+_SEQUENCE, _AUTOLAND, _GLIDE, _NO_FENCE, _AROUND = (
+    "the return goes straight to the mission's landing sequence, and not to the place that was chosen",
+    "AUTOLAND lands at home, and not at the place that was chosen",
+    "glides without a motor, wherever it is",
+    "ArduPlane knows no such action: nothing is done",
+    "circles at the fence's own return point, and goes not to the place that was chosen",
+)
+_WINGED_BATTERY: Final = {3: _MOTORS_OFF, 5: "releases the parachute in the air", 7: _AUTOLAND}
+#: the same of aircraft with wings
+_WINGED_WAYS: Final[Mapping[str, Mapping[int, str]]] = {
+    "HNDO_ACTION": {2: "SMART_RTL is no mode of ArduPlane"},
+    "FS_LONG_ACTN": {
+        0: "the failsafes let a mission go on without radio and ground station",
+        2: _GLIDE,
+        3: "the failsafes release the parachute",
+        4: "the failsafes fly the mission on",
+        5: _AUTOLAND,
+    },
+    "FS_SHORT_ACTN": {2: _GLIDE, 4: "flies on straight ahead, by hand, without a radio"},
+    "BATT_FS_LOW_ACT": _WINGED_BATTERY,
+    "BATT_FS_CRT_ACT": _WINGED_BATTERY,
+    "FENCE_ACTION": {**dict.fromkeys((2, 3, 4, 5), _NO_FENCE), 6: _AROUND, 7: _AROUND, 8: _AUTOLAND},
+    "RTL_AUTOLAND": {2: _SEQUENCE, 4: _SEQUENCE},
+    "MIS_RESTART": {1: "CONTINUE, and AUTO behind a return, begin the mission anew"},
+}
+
+
+def _way(name: str, ways: Mapping[str, Mapping[int, str]] = _WAYS) -> Rule:
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
-        value = int(p.get(name, 0))
-        way = _WAYS[name].get(value)
+        if name not in p:
+            return None
+        value = int(p[name])
+        way = ways[name].get(value)
         return None if way is None else f"is {value}: {way}"
 
     return rule
+
+
+#: RTL_AUTOLAND that lands by the mission's sequence, and Q_RTL_MODE that lands by rotors
+_BY_SEQUENCE, _BY_ROTORS = (1, 2), (1, 2, 3)
+
+
+def circles_for_ever(p: Parameters | None, plan: PlanFacts | None, kind: Kind) -> str:
+    """Why a return of this aircraft does not end in a landing, in words; "" if it does, or no mission is known.
+
+    `p` None: not read yet. It is what START asks: an aircraft that circles is not back.
+    """
+    if not kind.winged or plan is None:
+        return ""
+    if p is None:
+        return "its parameters are not read yet"
+    if kind is Kind.QUADPLANE and int(p.get("Q_RTL_MODE", 0)) in _BY_ROTORS:
+        return ""
+    sequence = int(p.get("RTL_AUTOLAND", 0)) in _BY_SEQUENCE
+    if plan.lands and sequence:
+        return ""
+    missing = "RTL_AUTOLAND is not 1" if plan.lands else "the mission has no landing sequence (DO_LAND_START)"
+    rotors = ", and Q_RTL_MODE is 0" if kind is Kind.QUADPLANE else ""
+    return f"it would circle for ever: {missing}{rotors}"
 
 
 def _hover(name: str, unit_m: float) -> Rule:
@@ -114,6 +187,7 @@ def _home(p: Parameters, plan: PlanFacts | None) -> str | None:
 #: ArduCopter's order of actions, the gravest first; what is not in it comes behind all of them. A later failsafe acts
 #: only if it is as grave as the one before
 _GRAVITY: Final = {5: 0, 1: 1, 2: 2, 4: 3, 3: 4, 0: 5}
+_WINGED_GRAVITY: Final = {3: 0, 5: 1, 4: 2, 2: 3, 1: 4, 0: 5}
 _LEAST: Final = 6
 
 
@@ -134,11 +208,14 @@ def _low_when(p: Parameters, plan: PlanFacts | None) -> str | None:
     return "is 0, and so is BATT_LOW_MAH: the battery's failsafe never acts"
 
 
-def _critical(p: Parameters, plan: PlanFacts | None) -> str | None:
-    low, critical = int(p.get("BATT_FS_LOW_ACT", 0)), int(p.get("BATT_FS_CRT_ACT", 0))
-    if critical == 0 or _GRAVITY.get(critical, _LEAST) <= _GRAVITY.get(low, _LEAST):
-        return None
-    return f"is {critical}: never acts after BATT_FS_LOW_ACT {low}"
+def _critical(gravity: Mapping[int, int]) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        low, critical = int(p.get("BATT_FS_LOW_ACT", 0)), int(p.get("BATT_FS_CRT_ACT", 0))
+        if critical == 0 or gravity.get(critical, _LEAST) <= gravity.get(low, _LEAST):
+            return None
+        return f"is {critical}: never acts after BATT_FS_LOW_ACT {low}"
+
+    return rule
 
 
 # ---- the fence ----------------------------------------------------------------------------------------------------
@@ -192,22 +269,26 @@ def _ceiling(p: Parameters, plan: PlanFacts | None) -> str | None:
     return f"is {most_m:g} m, and the route climbs to {plan.highest_m:.0f} m"
 
 
-#: parameter to change, rule; the gravest first
-RULES: Final[tuple[tuple[str, Rule], ...]] = (
-    ("BATT_MONITOR", _monitor),
-    ("BATT_FS_LOW_ACT", _low),
-    ("BATT_LOW_VOLT", _low_when),
-    *((name, _way(name)) for name in _WAYS),
-    ("BATT_FS_CRT_ACT", _critical),
-    ("FENCE_ENABLE", _enabled),
-    ("FENCE_TYPE", _kinds),
-    ("FENCE_ACTION", _reported),
-    ("FENCE_OPTIONS", _union),
-    ("FENCE_RADIUS", _radius),
-    ("FENCE_ALT_MAX", _ceiling),
-    ("RTL_ALT", _return_height("RTL_ALT", 0.01)),
-    ("RTL_ALT_M", _return_height("RTL_ALT_M", 1.0)),
-    ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01)),
-    ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0)),
-    ("RALLY_INCL_HOME", _home),
+#: parameter to change, rule, kinds of aircraft that it is for; the gravest first
+RULES: Final[tuple[tuple[str, Rule, frozenset[Kind]], ...]] = (
+    ("BATT_MONITOR", _monitor, EVERY),
+    ("BATT_FS_LOW_ACT", _low, EVERY),
+    ("BATT_LOW_VOLT", _low_when, EVERY),
+    *((name, _way(name), COPTERS) for name in _WAYS),
+    *((name, _way(name, _WINGED_WAYS), WINGED) for name in _WINGED_WAYS),
+    ("BATT_FS_CRT_ACT", _critical(_GRAVITY), COPTERS),
+    ("BATT_FS_CRT_ACT", _critical(_WINGED_GRAVITY), WINGED),
+    ("FENCE_ENABLE", _enabled, EVERY),
+    ("FENCE_TYPE", _kinds, EVERY),
+    ("FENCE_ACTION", _reported, EVERY),
+    ("FENCE_OPTIONS", _union, EVERY),
+    ("FENCE_RADIUS", _radius, EVERY),
+    ("FENCE_ALT_MAX", _ceiling, EVERY),
+    ("RTL_ALT", _return_height("RTL_ALT", 0.01), COPTERS),
+    ("RTL_ALT_M", _return_height("RTL_ALT_M", 1.0), COPTERS),
+    ("RTL_ALTITUDE", _return_height("RTL_ALTITUDE", 1.0), WINGED),
+    ("ALT_HOLD_RTL", _return_height("ALT_HOLD_RTL", 0.01), WINGED),
+    ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01), COPTERS),
+    ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0), COPTERS),
+    ("RALLY_INCL_HOME", _home, EVERY),
 )

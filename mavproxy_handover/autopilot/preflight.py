@@ -21,28 +21,40 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot import own_failsafes
 from mavproxy_handover.autopilot.aircraft import Aircraft
-from mavproxy_handover.autopilot.own_failsafes import PlanFacts
+from mavproxy_handover.autopilot.kinds import COPTER, PLANE, Vehicle
+from mavproxy_handover.autopilot.own_failsafes import COPTERS, EVERY, WINGED, PlanFacts, circles_for_ever
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
-__all__ = ["NAMES", "Finding", "Found", "Preflight", "judge", "reading"]
+__all__ = ["NAMES", "PLANE_NAMES", "Finding", "Found", "Preflight", "judge", "names_of", "reading"]
 
-#: what is read; of two names in a row a firmware has one (up to 4.6, from 4.7)
-NAMES = (
+#: of the guard, and of whom the autopilot obeys
+_SHARED: Final = (
     "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
     "HNDO_ALONE_MAX",
-    "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "FS_OPTIONS", "RALLY_LIMIT_KM",
+)  # fmt: skip
+#: what is read of ArduCopter; of two names in a row a firmware has one (up to 4.6, from 4.7)
+NAMES = (
+    *_SHARED, "FS_GCS_ENABLE", "FS_GCS_TIMEOUT", "FS_OPTIONS", "RALLY_LIMIT_KM",
     "SYSID_ENFORCE", "MAV_OPTIONS", "FS_THR_ENABLE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
     "ARMING_CHECK", "ARMING_SKIPCHK", *own_failsafes.NAMES,
 )  # fmt: skip
+#: what is read of ArduPlane
+PLANE_NAMES = (
+    *_SHARED, "FS_GCS_ENABL", "FS_LONG_TIMEOUT", "RALLY_LIMIT_KM",
+    "SYSID_ENFORCE", "MAV_OPTIONS", "THR_FAILSAFE", "RC_PROTOCOLS", "SCR_VM_I_COUNT", "SCR_LD_CHECKSUM",
+    "ARMING_CHECK", "ARMING_SKIPCHK", "ARMING_REQUIRE", "WP_LOITER_RAD", "RTL_RADIUS", *own_failsafes.PLANE_NAMES,
+)  # fmt: skip
+_NAMES_OF: Final = {COPTER: NAMES, PLANE: PLANE_NAMES}
+_KNOWN: Final = frozenset((*NAMES, *PLANE_NAMES))
 OLDEST, NEWEST = (4, 5), (4, 7)
 
 #: ArduPilot keeps 20 requests and drops the rest
@@ -56,6 +68,8 @@ _REBOOT_S = 3.0
 #: a forced transfer behind a recovery needs that much of the guard's patience; parameters have 24 bits
 _FORCED_S, _ROUNDED_S = 0.5, 1e-4
 _CONTINUE_AUTO, _CONTINUE_PILOT = 0b10, 0b10000
+#: FS_GCS_ENABL
+_IN_AUTO_ONLY = 3
 _WRONG_CHANNEL = re.compile(r"HNDO: lease refused, channel (\d+) not (-?\d+)")
 
 
@@ -83,6 +97,18 @@ class Found:
     plan: PlanFacts | None = None
     #: the longest that it may be alone in a gap (s); 0 without gaps
     gap_s: float = 0.0
+    #: what kind of aircraft it is
+    kind: Kind = Kind.COPTER
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """Its firmware."""
+        return PLANE if self.kind.winged else COPTER
+
+
+def names_of(vehicle: Vehicle) -> tuple[str, ...]:
+    """The parameters that are read of an autopilot with this firmware."""
+    return _NAMES_OF[vehicle]
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------
@@ -174,8 +200,9 @@ def _timeout(p: Mapping[str, float], found: Found, limits: Limits) -> str | None
     timeout_s = p.get("HNDO_TIMEOUT", 3.0)
     if timeout_s < 1.0:
         return f"is {timeout_s:g} s: a few lost leases (there are five a second) end the flight"
-    if p.get("FS_GCS_ENABLE", 0) and p.get("FS_GCS_TIMEOUT", math.inf) <= timeout_s:
-        return f"is {timeout_s:g} s, not shorter than FS_GCS_TIMEOUT: the guard would not be the first to act"
+    enabled, timeout = found.vehicle.gcs_failsafe, found.vehicle.gcs_timeout
+    if p.get(enabled, 0) and p.get(timeout, math.inf) <= timeout_s:
+        return f"is {timeout_s:g} s, not shorter than {timeout}: the guard would not be the first to act"
     return None
 
 
@@ -207,7 +234,7 @@ def _checksum(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
 
 
 def _pilot(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    if p.get("FS_THR_ENABLE", 1) != 0 or p.get("RC_PROTOCOLS", 1) == 0:
+    if p.get(found.vehicle.radio_failsafe, 1) != 0 or p.get("RC_PROTOCOLS", 1) == 0:
         return None
     return "is 0: the guard believes no pilot then; on a vehicle without radio control set RC_PROTOCOLS 0 as well"
 
@@ -226,15 +253,16 @@ def _alone(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
 
 
 def _gcs_failsafe(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    if p.get("FS_GCS_ENABLE", 1) != 0:
-        return None
-    return "is 0: nothing brings the aircraft home if companion and guard both fail"
+    enabled = p.get(found.vehicle.gcs_failsafe, 1)
+    if enabled == _IN_AUTO_ONLY and found.kind.winged:
+        return "is 3: it acts in AUTO alone, and nothing brings home what circles or flies to a place"
+    return None if enabled != 0 else "is 0: nothing brings the aircraft home if companion and guard both fail"
 
 
 def _gcs_timeout(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    timeout_s = p.get("FS_GCS_TIMEOUT", math.inf)
+    timeout_s = p.get(found.vehicle.gcs_timeout, math.inf)
     needed_s = limits.heartbeat_lost_s + limits.forced_timeout_s
-    if p.get("FS_GCS_ENABLE", 0) == 0 or timeout_s > needed_s:
+    if p.get(found.vehicle.gcs_failsafe, 0) == 0 or timeout_s > needed_s:
         return None
     return f"is {timeout_s:g} s: the autopilot returns before a partner can take over ({needed_s:g} s)"
 
@@ -270,6 +298,17 @@ def _arming_skip(p: Mapping[str, float], found: Found, limits: Limits) -> str | 
     return "is -1: the guard cannot refuse arming, only disarm" if p.get("ARMING_SKIPCHK", 0) < 0 else None
 
 
+def _arming_required(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    if p.get("ARMING_REQUIRE", 1) >= 1:
+        return None
+    return "is 0: it is always armed, and a mode alone makes it take off; nobody can refuse arming"
+
+
+def _lands(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    lacks = circles_for_ever(p, found.plan, found.kind)
+    return f"a return does not land: {lacks}; START is refused" if lacks else None
+
+
 def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     if found.firmware is None or found.firmware == (0, 0) or OLDEST <= found.firmware <= NEWEST:
         return None
@@ -279,29 +318,32 @@ def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
     return f"firmware {major}.{minor} is {what} that this was made for, {edge[0]}.{edge[1]}"
 
 
-#: parameter to change ("" for none), rule, whether it concerns the guard
-_RULES: tuple[tuple[str, Rule, bool], ...] = (
-    ("", _vehicle, False),
-    ("", _guard_there, True),
-    ("HNDO_ENABLE", _guard_on, True),
-    ("HNDO_CHAN", _channel, True),
-    ("HNDO_COMPID", _component, True),
-    ("HNDO_TIMEOUT", _timeout, True),
-    ("HNDO_LOST_T", _lost_time, True),
-    ("HNDO_SYSID_SW", _follows, True),
-    ("HNDO_ALONE_MAX", _alone, True),
-    ("SCR_VM_I_COUNT", _instructions, True),
-    ("SCR_LD_CHECKSUM", _checksum, True),
-    ("FS_THR_ENABLE", _pilot, True),
-    ("FS_GCS_ENABLE", _gcs_failsafe, False),
-    ("FS_GCS_TIMEOUT", _gcs_timeout, False),
-    ("FS_OPTIONS", _options, False),
-    ("RALLY_LIMIT_KM", _rally, False),
-    ("SYSID_ENFORCE", _enforce, False),
-    ("MAV_OPTIONS", _mav_options, False),
-    ("ARMING_CHECK", _arming_check, True),
-    ("ARMING_SKIPCHK", _arming_skip, True),
-    ("", _firmware, True),
+_BY_VEHICLE: Final = ((COPTER, COPTERS), (PLANE, WINGED))
+#: parameter to change ("" for none), rule, whether it concerns the guard, kinds of aircraft that it is for
+_RULES: tuple[tuple[str, Rule, bool, frozenset[Kind]], ...] = (
+    ("", _vehicle, False, EVERY),
+    ("", _lands, False, WINGED),
+    ("ARMING_REQUIRE", _arming_required, False, WINGED),
+    ("", _guard_there, True, EVERY),
+    ("HNDO_ENABLE", _guard_on, True, EVERY),
+    ("HNDO_CHAN", _channel, True, EVERY),
+    ("HNDO_COMPID", _component, True, EVERY),
+    ("HNDO_TIMEOUT", _timeout, True, EVERY),
+    ("HNDO_LOST_T", _lost_time, True, EVERY),
+    ("HNDO_SYSID_SW", _follows, True, EVERY),
+    ("HNDO_ALONE_MAX", _alone, True, EVERY),
+    ("SCR_VM_I_COUNT", _instructions, True, EVERY),
+    ("SCR_LD_CHECKSUM", _checksum, True, EVERY),
+    *((vehicle.radio_failsafe, _pilot, True, kinds) for vehicle, kinds in _BY_VEHICLE),
+    *((vehicle.gcs_failsafe, _gcs_failsafe, False, kinds) for vehicle, kinds in _BY_VEHICLE),
+    *((vehicle.gcs_timeout, _gcs_timeout, False, kinds) for vehicle, kinds in _BY_VEHICLE),
+    ("FS_OPTIONS", _options, False, COPTERS),
+    ("RALLY_LIMIT_KM", _rally, False, EVERY),
+    ("SYSID_ENFORCE", _enforce, False, EVERY),
+    ("MAV_OPTIONS", _mav_options, False, EVERY),
+    ("ARMING_CHECK", _arming_check, True, EVERY),
+    ("ARMING_SKIPCHK", _arming_skip, True, EVERY),
+    ("", _firmware, True, EVERY),
 )
 
 
@@ -310,14 +352,14 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
     if not found.parameters:
         return (Finding("", "the autopilot answers no request for parameters: nothing could be checked"),)
     findings = []
-    for parameter, rule, of_guard in _RULES:
-        if of_guard and not limits.guard_required:
+    for parameter, rule, of_guard, kinds in _RULES:
+        if found.kind not in kinds or (of_guard and not limits.guard_required):
             continue
         text = rule(found.parameters, found, limits)
         if text is not None:
             findings.append(_finding(parameter, text))
-    for parameter, own in own_failsafes.RULES:
-        text = own(found.parameters, found.plan)
+    for parameter, own, kinds in own_failsafes.RULES:
+        text = own(found.parameters, found.plan) if found.kind in kinds else None
         if text is not None:
             findings.append(_finding(parameter, text))
     return tuple(findings)
@@ -368,11 +410,15 @@ class Preflight:
 
     def told(self, name: str, value: float) -> None:
         """A PARAM_VALUE of the autopilot: it tells everybody of each that is set."""
-        if name not in NAMES or not math.isfinite(value):
+        if name not in _KNOWN or not math.isfinite(value):
             return
         self._told[name] = float(value)
         if self.parameters is not None:
             self.parameters = {**self.parameters, name: float(value)}
+
+    def circles_for_ever(self, kind: Kind) -> str:
+        """Why a return does not end in a landing, in words; "" if it does."""
+        return circles_for_ever(self.parameters, self._plan, kind)
 
     def text(self, text: str) -> None:
         """A STATUSTEXT of the autopilot: the guard names the channel that it refuses leases from."""
@@ -397,15 +443,16 @@ class Preflight:
             return
         self._due_at, self._unread = math.inf, False
         self._told.clear()
+        vehicle = aircraft.vehicle
 
         def done(talk: Conversation, now: float) -> None:
             self.parameters = {**(talk.result or {}), **self._told}  # what was set meanwhile may have been read before
-            self.radio_watched = self.parameters.get("FS_THR_ENABLE", 1) != 0
-            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s
+            self.radio_watched = self.parameters.get(vehicle.radio_failsafe, 1) != 0
+            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind
             found = Found(self.parameters, guard, firmware, *told)
             self._conclude(judge(found, self._limits), now)
 
-        self._conversations.begin("preflight", reading(self._sysid), done, now)
+        self._conversations.begin("preflight", reading(self._sysid, names_of(vehicle)), done, now)
 
     def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:
         before, self.findings = self.findings, findings

@@ -27,6 +27,16 @@ _OWN: Final = {
     "HNDO_CHAN": "Set HNDO_CHAN to the number of this port among the autopilot's MAVLink ports (handover_guard.md).",
     "HNDO_ALONE_MAX": "Set HNDO_ALONE_MAX to the longest gap of the mission, if the aircraft may be alone so long.",
     "FS_THR_ENABLE": "Set FS_THR_ENABLE to 1, or RC_PROTOCOLS to 0 on a vehicle without radio control.",
+    "THR_FAILSAFE": "Set THR_FAILSAFE to 1, or RC_PROTOCOLS to 0 on a vehicle without radio control.",
+    "ARMING_REQUIRE": "Set ARMING_REQUIRE to 1.",
+    "FS_GCS_ENABL": "Set FS_GCS_ENABL to 1.",
+    "FS_LONG_TIMEOUT": "Set FS_LONG_TIMEOUT to 10.",
+    "FS_LONG_ACTN": "Set FS_LONG_ACTN to 1.",
+    "FS_SHORT_ACTN": "Set FS_SHORT_ACTN to 0.",
+    "RTL_AUTOLAND": "Set RTL_AUTOLAND to 1.",
+    "RTL_ALTITUDE": "Set RTL_ALTITUDE below FENCE_ALT_MAX.",
+    "ALT_HOLD_RTL": "Set ALT_HOLD_RTL below FENCE_ALT_MAX.",
+    "MIS_RESTART": "Set MIS_RESTART to 0.",
     "SCR_LD_CHECKSUM": "Set SCR_DEBUG_OPTS to 32 once, with the guard running.",
     "SYSID_ENFORCE": "Set SYSID_ENFORCE to 0.",
     "MAV_OPTIONS": "Take bit 0 out of MAV_OPTIONS.",
@@ -38,6 +48,10 @@ _OWN: Final = {
 }
 #: words of a finding that is about no parameter -> what to do
 _WORDS: Final = (
+    (
+        "does not land",
+        "Set Q_RTL_MODE to 1, or give the mission a DO_LAND_START with its landing and set RTL_AUTOLAND to 1.",
+    ),
     ("scripting is off", "Set SCR_ENABLE to 1 and start the autopilot anew."),
     ("guard is not loaded", "Put the guard on the SD card with 'handover guard CARD', start the autopilot anew."),
     ("neither ArduCopter nor ArduPlane", "Name the line of the right vehicle, or load one of the two."),

@@ -217,8 +217,9 @@ class _Visit:
         if self._vehicle.position.box and self._aircraft.own_position is None:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
-        self._patient.tell(f"reading {len(preflight.NAMES)} parameters")
-        parameters = self.talk.ask(preflight.reading(sysid)).result or {}
+        names = preflight.names_of(self._aircraft.vehicle)
+        self._patient.tell(f"reading {len(names)} parameters")
+        parameters = self.talk.ask(preflight.reading(sysid, names)).result or {}
         self.talk.listen(_GUARD_S, lambda: self._guard is not None or not self._grounded())
         if not self._grounded():
             yield self._is_armed()
@@ -247,6 +248,7 @@ class _Visit:
             self._aircraft.foreign,
             plan=None if package is None else plan_facts(package.route),
             gap_s=0.0 if package is None else max((gap.limit_s for gap in package.gaps), default=0.0),
+            kind=self._aircraft.kind,
         )
         wrong = preflight.judge(found, self._vehicle.limits)
         for each in wrong:

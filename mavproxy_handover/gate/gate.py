@@ -53,6 +53,7 @@ from mavproxy_handover.gate.latent import LatentStreams, News, State, arms, line
 from mavproxy_handover.gate.naming import named
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
 from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.questions import Questions
 from mavproxy_handover.gate.refusals import OncePerCause, RefusalLimiter, has_words, line_of_text, refusal
 from mavproxy_handover.gate.targets import TargetStreams
@@ -141,8 +142,8 @@ class Gate:
         self._say = say
         #: whether the companion carries this out in the autopilot's place; whoever knows the aircraft sets it
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
-        #: whether the numbers of its modes are ArduCopter's; whoever knows the autopilot sets it
-        self.copter: Callable[[], bool] = lambda: True
+        #: what the numbers of its modes mean; whoever knows the autopilot sets it
+        self.modes: Modes = COPTER
         self._flusher = FlushTracker(vehicle)
         self._questions = Questions(self._flusher)
         self._latent = LatentStreams(ports)
@@ -176,7 +177,7 @@ class Gate:
         It is passed on or answered here. What is left to the caller is what the companion itself has to do about it
         (CONSUME), and to tell people.
         """
-        verdict = judge(frame, port.identity, self.view, self._vehicle)
+        verdict = judge(frame, port.identity, self.view, self._vehicle, self.modes)
         if verdict.access is _STREAM:
             verdict = self._latent.limit(frame, verdict, port.sysid, now)
             reason = self._keeps_sticks()
@@ -293,7 +294,7 @@ class Gate:
         subject, commander = subject_of(frame), self.view.commander
         if self._in_words.allow(port.sysid, (subject, verdict.reason, commander), now):
             name = "" if commander is None else self._names[commander]
-            words = sentence(subject, verdict.reason, name, tongues.of(sender), copter=self.copter())
+            words = sentence(subject, verdict.reason, name, tongues.of(sender), modes=self.modes)
             self._say(port.sysid, words, now)
 
     def _grant_rates(self, port: Port, frame: Frame, now: float) -> None:

@@ -18,8 +18,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.commands import Kind
 from mavproxy_handover.gate.policy.commands import JUDGED_RULES, MODE_BITS, JudgedRule
+from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int, field_offset
-from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = [
     "GUIDED_ITEM",
@@ -99,17 +99,19 @@ _RULES: Final[Mapping[int, JudgedRule]] = {
 }
 
 
-def intent_of(frame: Frame) -> Intent | None:
-    """What the frame wants; None: nothing that is judged. The frame is known to the dialect."""
+def intent_of(frame: Frame, modes: Modes = COPTER) -> Intent | None:
+    """What the frame wants of an aircraft with these modes; None: nothing that is judged. The frame is known to the
+    dialect."""
     read = _READERS.get(frame.msgid)
-    return None if read is None else read(frame)
+    return None if read is None else read(frame, modes)
 
 
-def _of_command(frame: Frame) -> Intent | None:
+def _of_command(frame: Frame, modes: Modes) -> Intent | None:
     rule = _RULES.get(field_int(frame, "command"))
     if rule is None:
         return None
-    if rule.which is not None and not _holds(field_float(frame, f"param{rule.which}"), rule.values):
+    values = (modes.auto,) if rule.mode else rule.values
+    if rule.which is not None and not _holds(field_float(frame, f"param{rule.which}"), values):
         return None
     if rule.also is not None and not _holds(field_float(frame, f"param{rule.also[0]}"), rule.also[1:]):
         return None
@@ -134,18 +136,18 @@ def _aim_of_command(frame: Frame, whole: bool) -> Aim:
     return Aim(_ABOVE_HOME, *(field_float(frame, f"param{n}") for n in (5, 6, 7)))
 
 
-def _of_mode(frame: Frame) -> Intent | None:
-    if field_int(frame, "custom_mode") & ((1 << MODE_BITS) - 1) != COPTER_AUTO:
+def _of_mode(frame: Frame, modes: Modes) -> Intent | None:
+    if field_int(frame, "custom_mode") & ((1 << MODE_BITS) - 1) != modes.auto:
         return None
     return Intent(Kind.GO_ON, "AUTO", wish_of(frame))
 
 
-def _of_current(frame: Frame) -> Intent | None:
+def _of_current(frame: Frame, _modes: Modes) -> Intent | None:
     item = field_int(frame, "seq")
     return Intent(Kind.GO_ON, f"item {item}", wish_of(frame), item=item)
 
 
-def _of_item(frame: Frame) -> Intent | None:
+def _of_item(frame: Frame, _modes: Modes) -> Intent | None:
     if field_int(frame, "current") != GUIDED_ITEM:
         return None
     return Intent(Kind.FLY_TO, "target", wish_of(frame), aim=_aim_of_item(frame))
@@ -169,7 +171,7 @@ def aim_of(frame: Frame) -> Aim | None:
     return Aim(number, *(field_float(frame, name) for name in ("x", "y", "z")))
 
 
-_READERS: Final[Mapping[int, Callable[[Frame], Intent | None]]] = {
+_READERS: Final[Mapping[int, Callable[[Frame, Modes], Intent | None]]] = {
     _COMMAND_LONG: _of_command,
     _COMMAND_INT: _of_command,
     _SET_MODE: _of_mode,

@@ -39,6 +39,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, Phase
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, intent_of
+from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.rows import MESSAGE_ROWS, TAKE_OFF_MESSAGES, Access, Row, classify, moves, takes_off
 from mavproxy_handover.wire.frames import Frame, field_int, target, target_places
@@ -161,8 +162,11 @@ def outcome(access: Access, commands: bool, armed: bool) -> tuple[Fate, GateReas
     return _FOR_OTHERS_ARMED[access] if armed else _FOR_OTHERS[access]
 
 
-def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int) -> Verdict:
-    """Judge one frame that arrived on a link of `station`. Never raises, whatever the frame holds.
+def judge(
+    frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_sysid: int, modes: Modes = COPTER
+) -> Verdict:
+    """Judge one frame that arrived on a link of `station`. Never raises, whatever the frame holds. `modes`: those of
+    the aircraft's firmware.
 
     The caller counts heartbeats of the commander itself: they are forwarded, and they are its sign of life too.
     """
@@ -177,7 +181,7 @@ def judge(frame: Frame, station: StationIdentity, view: AuthorityView, vehicle_s
         ):
             return commander if station.sysid == view.commander else others
     row = classify(frame)
-    fate, reason = _decide(frame, row, station, view, vehicle_sysid)
+    fate, reason = _decide(frame, row, station, view, vehicle_sysid, modes)
     return Verdict(fate, row.access, reason, row.what)
 
 
@@ -225,7 +229,7 @@ _USUAL: Final = _usual_by_id()
 
 
 def _decide(
-    frame: Frame, row: Row, station: StationIdentity, view: AuthorityView, vehicle_sysid: int
+    frame: Frame, row: Row, station: StationIdentity, view: AuthorityView, vehicle_sysid: int, modes: Modes
 ) -> tuple[Fate, GateReason]:
     if frame.sysid == vehicle_sysid:
         return Fate.DROP, GateReason.SPOOFED_VEHICLE
@@ -239,7 +243,7 @@ def _decide(
     if row.access is None:
         return Fate.REFUSE, GateReason.UNKNOWN_COMMAND
 
-    if view.rehearsal and moves(frame, row):
+    if view.rehearsal and moves(frame, row, modes):
         return Fate.REFUSE, GateReason.REHEARSAL
     commands = station.sysid == view.commander
     if row.access is Access.LIVENESS and frame.sysid != station.sysid:
@@ -252,10 +256,10 @@ def _decide(
         return Fate.CONSUME, GateReason.COMPANION
     if aim is not None and aim[1] == COMPANION_COMPID:
         return Fate.DROP if row.access is Access.STREAM else Fate.REFUSE, GateReason.COMPANION_TARGET
-    if on_ground and takes_off(frame, row):
+    if on_ground and takes_off(frame, row, modes):
         return Fate.CONSUME, GateReason.COMPANION
     may_be = commands and frame.msgid in _LOOKED_AT and view.phase is not Phase.ON_LOAD
-    if may_be and (uploads(frame) or intent_of(frame) is not None):
+    if may_be and (uploads(frame) or intent_of(frame, modes) is not None):
         return Fate.CONSUME, GateReason.COMPANION
     return fate, reason
 

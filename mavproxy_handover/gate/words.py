@@ -7,8 +7,7 @@ matter. Only of what is told `sentence` makes words. Rules:
 
 1. What people type or press has a word here; every other command and message has its MAVLink name in small letters,
    without what all of them begin with.
-2. Modes have ArduCopter's names, because no other autopilot is flown here; of one that is another all the same a mode
-   is just a mode.
+2. Modes have the names of the firmware that is flown; of a vehicle that is none of those a mode is just a mode.
 3. Of what arrived in a frame only a parameter's name is told, made printable.
 """
 
@@ -23,6 +22,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.gate.intent import GUIDED_ITEM
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.gate.policy.commands import MODE_BITS
+from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
@@ -123,11 +123,6 @@ _OPCODE: Final = 3
 _CHANGES_FILES: Final = frozenset(_FILES) - {FTP_TERMINATE, FTP_RESET}
 _BEGINNINGS: Final = ("NAV_", "DO_")
 
-_COPTER_MODES: Final[dict[int, str]] = {
-    number: entry.name.removeprefix("COPTER_MODE_")
-    for number, entry in mavlink.enums["COPTER_MODE"].items()
-    if not entry.name.endswith("_ENUM_END")
-}
 _COMMAND_NAMES: Final[dict[int, str]] = {
     number: entry.name.removeprefix("MAV_CMD_") for number, entry in mavlink.enums["MAV_CMD"].items()
 }
@@ -200,12 +195,12 @@ def _of_command(frame: Frame) -> Subject:
     return zero if field_float(frame, f"param{parameter}") == 0.0 else other
 
 
-def called(subject: Subject, *, copter: bool = True) -> str:
-    """What people call it. `copter`: the numbers of its modes are ArduCopter's."""
+def called(subject: Subject, *, modes: Modes = COPTER) -> str:
+    """What people call it. `modes`: those of the aircraft's firmware."""
     if isinstance(subject, str):
         return subject
     if isinstance(subject, int):
-        return f"mode {_COPTER_MODES.get(subject, '') if copter else ''}".rstrip()
+        return f"mode {modes.names.get(subject, '')}".rstrip()
     return f"parameter {_printable(subject)}"
 
 
@@ -223,9 +218,9 @@ _REASONS: Final[Mapping[GateReason, str]] = {
 }
 
 
-def sentence(subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, copter: bool = True) -> str:
+def sentence(subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, modes: Modes = COPTER) -> str:
     """What is said of a refusal. `commander`: its name, "" if nobody commands; `tongue`: what the sender speaks."""
-    return f"{called(subject, copter=copter)} refused: {_why(reason, commander, tongue)}"
+    return f"{called(subject, modes=modes)} refused: {_why(reason, commander, tongue)}"
 
 
 def _why(reason: GateReason, commander: str, tongue: Tongue) -> str:

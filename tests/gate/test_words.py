@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.judge import Fate, GateReason, judge
+from mavproxy_handover.gate.policy.modes import PLANE, UNKNOWN
 from mavproxy_handover.gate.policy.tables import COMMAND_RULES, MESSAGE_RULES
 from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.gate.words import COMMANDS, MESSAGES, SWITCHES, called, sentence, subject_of
@@ -184,9 +185,17 @@ def test_a_flood_is_told_of_once_and_makes_no_words(make: Make, monkeypatch: pyt
 
 
 def test_another_vehicles_modes_have_no_copters_names(door: Door, make: Make) -> None:
-    door.gate.copter = lambda: False
+    door.gate.modes = UNKNOWN
     door.up(B, make("SET_MODE", sysid=GCSB, custom_mode=6))
     assert door.said == [(GCSB, "mode refused: GCSA commands")]
+
+
+def test_a_planes_modes_have_their_own_names(door: Door, make: Make) -> None:
+    door.gate.modes = PLANE
+    for number in (11, 21, 26):
+        door.up(B, make("SET_MODE", sysid=GCSB, custom_mode=number))
+    names = ("RTL", "QRTL", "AUTOLAND")
+    assert door.said == [(GCSB, f"mode {name} refused: GCSA commands") for name in names]
 
 
 def test_names_in_the_tables_are_names_of_the_dialect() -> None:
@@ -219,5 +228,6 @@ def test_every_refusal_of_the_dialect_has_words_without_numbers(make: Make) -> N
 def test_a_subject_says_what_it_is_called() -> None:
     assert called("arm") == "arm"
     assert called(6) == "mode RTL"
-    assert called(6, copter=False) == "mode"
+    assert called(6, modes=UNKNOWN) == "mode"
+    assert called(6, modes=PLANE) == "mode FLY_BY_WIRE_B"
     assert called(b"RTL_ALT\0\0\0\0\0\0\0\0\0") == "parameter RTL_ALT"

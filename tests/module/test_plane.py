@@ -77,6 +77,23 @@ def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench)
     assert flight.companion.autopilot._autopilot_state().circles_s == 11.0
 
 
+def test_without_a_landing_at_the_end_of_a_return_it_does_not_start(bench: Bench, delivery: MissionPackage) -> None:
+    bench.autopilot = PlaneAutopilot(rotors=True)
+    bench.autopilot.parameters |= {"Q_RTL_MODE": 0.0, "ARMING_REQUIRE": 1.0, "AIRSPEED_MIN": 9.0}
+    bench.connect()
+    bench.share(delivery)
+    bench.run(12.0)
+    bench.a.command(START)
+    bench.run(0.5)
+    assert bench.a.acks(START) == [REJECTED]
+    assert "a return does not land: it would circle for ever" in bench.a.texts()
+    bench.autopilot.parameters["Q_RTL_MODE"] = 1.0
+    hear(bench, mavlink.MAVLink_param_value_message(b"Q_RTL_MODE", 1.0, 9, 900, 0))
+    bench.run(1.5)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+
+
 # ---- STOP and CONTINUE --------------------------------------------------------------------------------------------
 
 

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 
-from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
+from mavproxy_handover.autopilot.own_failsafes import PlanFacts, circles_for_ever, plan_facts
 from mavproxy_handover.autopilot.preflight import NAMES, Finding, Found, judge, reading
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.autopilot.test_copter import talk
 from tests.module.conftest import MISSIONS, Bench, Clock
@@ -482,3 +482,131 @@ def test_a_mission_with_a_geofence_is_a_reason_to_look_again(flown: Bench, deliv
     flown.autopilot.parameters["FENCE_ENABLE"] = 1.0
     flown.run(40.0)
     assert said(flown)[2:] == [("guard, parameters and firmware fit", True)]
+
+
+# ---- wings --------------------------------------------------------------------------------------------------------
+
+#: an ArduPlane 4.7 that hovers too, whose returns land by rotors
+GOOD_PLANE = {
+    **{name: value for name, value in GOOD.items() if name.startswith(("SCR_", "HNDO_", "BATT_", "FENCE_", "RALLY_"))},
+    "FS_GCS_ENABL": 1.0,
+    "FS_LONG_TIMEOUT": 10.0,
+    "FS_LONG_ACTN": 1.0,
+    "FS_SHORT_ACTN": 0.0,
+    "THR_FAILSAFE": 1.0,
+    "RC_PROTOCOLS": 1.0,
+    "MAV_OPTIONS": 0.0,
+    "ARMING_SKIPCHK": 0.0,
+    "ARMING_REQUIRE": 1.0,
+    "BATT_FS_LOW_ACT": 1.0,
+    "BATT_FS_CRT_ACT": 4.0,
+    "RTL_ALTITUDE": 80.0,
+    "RTL_AUTOLAND": 0.0,
+    "Q_ENABLE": 1.0,
+    "Q_RTL_MODE": 1.0,
+    "MIS_RESTART": 0.0,
+    "WP_LOITER_RAD": 60.0,
+    "RTL_RADIUS": 0.0,
+}
+FLAT = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0)
+WITH_LANDING = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0, lands=True)
+
+
+def on_wings(kind: Kind = Kind.QUADPLANE, plan: PlanFacts | None = FLAT, **changes: float) -> list[str]:
+    parameters = {**GOOD_PLANE, **changes}
+    return [each.text for each in judge(Found(parameters, GuardState.LIVE, (4, 7), plan=plan, kind=kind), Limits())]
+
+
+def test_a_plane_as_recommended_fits() -> None:
+    assert on_wings() == []
+    assert on_wings(Kind.PLANE, WITH_LANDING, RTL_AUTOLAND=1.0) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        (
+            {"ARMING_REQUIRE": 0.0},
+            "ARMING_REQUIRE is 0: it is always armed, and a mode alone makes it take off; nobody can refuse arming",
+        ),
+        (
+            {"FS_GCS_ENABL": 0.0},
+            "FS_GCS_ENABL is 0: nothing brings the aircraft home if companion and guard both fail",
+        ),
+        (
+            {"FS_GCS_ENABL": 3.0},
+            "FS_GCS_ENABL is 3: it acts in AUTO alone, and nothing brings home what circles or flies to a place",
+        ),
+        (
+            {"FS_LONG_TIMEOUT": 5.0},
+            "FS_LONG_TIMEOUT is 5 s: the autopilot returns before a partner can take over (7 s)",
+        ),
+        (
+            {"FS_LONG_ACTN": 0.0},
+            "FS_LONG_ACTN is 0: the failsafes let a mission go on without radio and ground station",
+        ),
+        ({"FS_LONG_ACTN": 2.0}, "FS_LONG_ACTN is 2: glides without a motor, wherever it is"),
+        ({"FS_SHORT_ACTN": 2.0}, "FS_SHORT_ACTN is 2: glides without a motor, wherever it is"),
+        (
+            {"THR_FAILSAFE": 0.0},
+            "THR_FAILSAFE is 0: the guard believes no pilot then; on a vehicle without radio control set RC_PROTOCOLS "
+            "0 as well",
+        ),
+        ({"FENCE_ACTION": 2.0}, "FENCE_ACTION is 2: ArduPlane knows no such action: nothing is done"),
+        (
+            {"BATT_FS_CRT_ACT": 7.0},
+            "BATT_FS_CRT_ACT is 7: AUTOLAND lands at home, and not at the place that was chosen",
+        ),
+        ({"BATT_FS_LOW_ACT": 3.0}, "BATT_FS_LOW_ACT is 3: stops the motors in the air"),
+        (
+            {"RTL_ALTITUDE": 120.0, "FENCE_TYPE": 5.0},
+            "RTL_ALTITUDE is 120 m, above FENCE_ALT_MAX: a return is flown at 100 m",
+        ),
+        ({"MIS_RESTART": 1.0}, "MIS_RESTART is 1: CONTINUE, and AUTO behind a return, begin the mission anew"),
+        ({"RALLY_LIMIT_KM": 5.0}, "RALLY_LIMIT_KM is 5: a return goes home where the chosen place is farther away"),
+        (
+            {"Q_RTL_MODE": 0.0},
+            "a return does not land: it would circle for ever: the mission has no landing sequence (DO_LAND_START), "
+            "and Q_RTL_MODE is 0; START is refused",
+        ),
+    ],
+)
+def test_what_does_not_fit_a_plane_is_said(changes: dict[str, float], text: str) -> None:
+    assert text in on_wings(**changes)
+
+
+def test_a_copters_rules_do_not_judge_a_plane() -> None:
+    assert on_wings(FS_OPTIONS=2.0, RTL_ALT_FINAL=300.0, FS_THR_ENABLE=0.0, FS_GCS_ENABLE=0.0) == []
+    assert [each.text for each in judge(found(ARMING_REQUIRE=0.0, FS_LONG_ACTN=0.0, MIS_RESTART=1.0), Limits())] == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "plan", "changes", "lacks"),
+    [
+        (Kind.COPTER, FLAT, {}, ""),
+        (Kind.PLANE, None, {}, ""),
+        (Kind.PLANE, WITH_LANDING, {"RTL_AUTOLAND": 1.0}, ""),
+        (Kind.PLANE, WITH_LANDING, {"RTL_AUTOLAND": 2.0}, ""),
+        (Kind.PLANE, WITH_LANDING, {"RTL_AUTOLAND": 0.0}, "it would circle for ever: RTL_AUTOLAND is not 1"),
+        (Kind.PLANE, WITH_LANDING, {"RTL_AUTOLAND": 3.0}, "it would circle for ever: RTL_AUTOLAND is not 1"),
+        (
+            Kind.PLANE,
+            FLAT,
+            {"RTL_AUTOLAND": 1.0, "Q_RTL_MODE": 1.0},
+            "it would circle for ever: the mission has no landing sequence (DO_LAND_START)",
+        ),
+        *((Kind.QUADPLANE, FLAT, {"Q_RTL_MODE": mode}, "") for mode in (1.0, 2.0, 3.0)),
+        (Kind.QUADPLANE, WITH_LANDING, {"RTL_AUTOLAND": 1.0}, ""),
+        (
+            Kind.QUADPLANE,
+            WITH_LANDING,
+            {},
+            "it would circle for ever: RTL_AUTOLAND is not 1, and Q_RTL_MODE is 0",
+        ),
+        (Kind.PLANE, WITH_LANDING, None, "its parameters are not read yet"),
+    ],
+)
+def test_a_return_ends_in_a_landing_or_it_lacks_something(
+    kind: Kind, plan: PlanFacts | None, changes: dict[str, float] | None, lacks: str
+) -> None:
+    assert circles_for_ever(changes, plan, kind) == lacks

@@ -9,7 +9,6 @@ from typing import Final
 
 from mavproxy_handover.core.safety.commands import Kind
 from mavproxy_handover.gate.policy.access import Access, Rule, names
-from mavproxy_handover.wire.ids import COPTER_AUTO
 
 __all__ = [
     "COMMAND_RULES",
@@ -17,7 +16,6 @@ __all__ = [
     "MODE_BITS",
     "TAKE_OFF_RULES",
     "TURNING",
-    "TURTLE",
     "JudgedRule",
     "TakeOffRule",
 ]
@@ -28,7 +26,8 @@ class TakeOffRule:
     """A command by which an aircraft on the ground is armed or takes off, and why it is one.
 
     `unless_zero`: the number of the parameter that must not be 0 for that. `values`: what parameter `which` must be, if
-    there are any; the autopilot keeps the last `bits` bits of it, whatever stands above them.
+    there are any; the autopilot keeps the last `bits` bits of it, whatever stands above them. `mode`: it is the number
+    of a flight mode, `switch`: of an auxiliary function, so the firmware's own count too (`modes.py`).
     """
 
     name: str
@@ -37,10 +36,10 @@ class TakeOffRule:
     which: int = 1
     values: tuple[int, ...] = ()
     bits: int = 16
+    mode: bool = False
+    switch: bool = False
 
 
-#: ArduCopter's flight mode TURTLE: it arms with hardly a check, and switches the failsafes off.
-TURTLE: Final = 28
 #: A flight mode has so many bits in the autopilot.
 MODE_BITS: Final = 8
 
@@ -49,8 +48,8 @@ MODE_BITS: Final = 8
 TAKE_OFF_RULES: Final = (
     TakeOffRule("COMPONENT_ARM_DISARM", "arms, forced or not; 0 disarms", unless_zero=1),
     # ArmDisarm (41 before 4.2), with AirMode, Turtle, and ArmEmergencyStop; the low position disarms
-    TakeOffRule("DO_AUX_FUNCTION", "a switch that arms", unless_zero=2, values=(41, 151, 153, 154, 165)),
-    TakeOffRule("DO_SET_MODE", "the mode TURTLE arms", which=2, values=(TURTLE,), bits=MODE_BITS),
+    TakeOffRule("DO_AUX_FUNCTION", "a switch that arms", unless_zero=2, values=(41, 151, 153, 154, 165), switch=True),
+    TakeOffRule("DO_SET_MODE", "TURTLE arms a copter, AUTO takes a plane off", which=2, bits=MODE_BITS, mode=True),
     TakeOffRule("NAV_TAKEOFF", "takes off"),
     TakeOffRule("NAV_TAKEOFF_LOCAL", "takes off"),
     TakeOffRule("NAV_VTOL_TAKEOFF", "takes off"),
@@ -67,8 +66,9 @@ class JudgedRule:
     """A command that is judged by the situation in flight: what it does, what people call it, and why it is one.
 
     `which` and `values`: it is one only where that parameter has such a value, of which the autopilot keeps the last
-    8 bits; a second pair likewise. `item`: the parameter that names an item of the mission, `speed`: the one that is a
-    speed. Of `Kind.FLY_TO` parameters 5 to 7 are the place.
+    8 bits; a second pair likewise. `mode`: such a value is the mode by which the firmware flies the mission
+    (`modes.py`). `item`: the parameter that names an item of the mission, `speed`: the one that is a speed. Of
+    `Kind.FLY_TO` parameters 5 to 7 are the place.
     """
 
     name: str
@@ -82,12 +82,13 @@ class JudgedRule:
     speed: int | None = None
     #: it does something in AUTO only; elsewhere it goes on to what was judged before, or the autopilot refuses it
     auto_only: bool = False
+    mode: bool = False
 
 
 #: In flight these are judged by energy, fence and coverage. What leads away from danger is not among them: RTL, LAND,
 #: BRAKE, LOITER, a pause, landing sequences and return paths. Names without their MAV_CMD_.
 JUDGED_RULES: Final = (
-    JudgedRule("DO_SET_MODE", Kind.GO_ON, "AUTO", "AUTO flies the mission on", which=2, values=(COPTER_AUTO,)),
+    JudgedRule("DO_SET_MODE", Kind.GO_ON, "AUTO", "AUTO flies the mission on", which=2, mode=True),
     JudgedRule("MISSION_START", Kind.GO_ON, "START", "the same"),
     # the switch functions of AUTO; its high position
     JudgedRule("DO_AUX_FUNCTION", Kind.GO_ON, "AUTO", "the same, by a switch", which=1, values=(16,), also=(2, 2)),

@@ -49,6 +49,11 @@ PARAMETER_RULES: Final = (
         "where a return ends, and the way there: RALLY_INCL_HOME 1 may send it home, RTL_ALT_FINAL lets it hover",
         names("RALLY_* RTL_* SRTL_* LAND_* Q_RTL_* Q_LAND_*"),
     ),
+    Rule(
+        Access.SAFEGUARD,
+        "how a plane comes down: whether its rotors carry it, what fails over to them, and how it lands",
+        names("Q_ENABLE Q_OPTIONS Q_ASSIST_* Q_TRANS_FAIL* Q_FW_LND_* AUTOLAND_* TECS_LAND_* ALT_HOLD_RTL"),
+    ),
     Rule(Access.SAFEGUARD, "the checks before arming, the guard's among them", names("ARMING_*")),
     Rule(
         Access.SAFEGUARD,

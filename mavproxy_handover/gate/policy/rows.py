@@ -21,8 +21,9 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.gate.policy.access import ANY
-from mavproxy_handover.gate.policy.commands import MODE_BITS, TAKE_OFF_RULES, TURNING, TURTLE, TakeOffRule
+from mavproxy_handover.gate.policy.commands import MODE_BITS, TAKE_OFF_RULES, TURNING, TakeOffRule
 from mavproxy_handover.gate.policy.files import file_rule
+from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
 from mavproxy_handover.gate.policy.parts import MISSION_READ_MESSAGES, MISSION_TYPE_MESSAGES
 from mavproxy_handover.gate.policy.tables import (
@@ -176,27 +177,34 @@ _TURNING: Final = frozenset(
 TAKE_OFF_MESSAGES: Final = frozenset({mavlink.MAVLINK_MSG_ID_SET_MODE})
 
 
-def takes_off(frame: Frame, row: Row) -> bool:
-    """Whether a frame, whose row this is, arms an aircraft on the ground or has it take off."""
+def takes_off(frame: Frame, row: Row, modes: Modes = COPTER) -> bool:
+    """Whether a frame, whose row this is, arms an aircraft with these modes on the ground, or has it take off."""
     if frame.msgid == mavlink.MAVLINK_MSG_ID_SET_MODE:
-        return _keeps(field_int(frame, "custom_mode"), MODE_BITS) == TURTLE
+        return _keeps(field_int(frame, "custom_mode"), MODE_BITS) in modes.take_off
     rule = None if row.part is None else _TAKE_OFFS.get(row.part)
     if rule is None:
         return False
     value = field_float(frame, f"param{rule.which}")
     # the autopilot cuts what is behind the point; what is no number may be anything
-    if rule.values and isfinite(value) and _keeps(int(value), rule.bits) not in rule.values:
+    values = _values(rule, modes)
+    if values and isfinite(value) and _keeps(int(value), rule.bits) not in values:
         return False
     return rule.unless_zero is None or field_float(frame, f"param{rule.unless_zero}") != 0.0
 
 
-def moves(frame: Frame, row: Row) -> bool:
+def _values(rule: TakeOffRule, modes: Modes) -> tuple[int, ...]:
+    if rule.mode:
+        return modes.take_off
+    return (*rule.values, *modes.take_off_switches) if rule.switch else rule.values
+
+
+def moves(frame: Frame, row: Row, modes: Modes = COPTER) -> bool:
     """Whether motors may turn by a frame, whose row this is, of an aircraft that is carried: by START, by what arms or
     takes off, and by tests."""
     if row.access is not Access.COMMAND:
         return False
     turns = frame.msgid in _COMMANDS and (row.part == MISSION_START or row.part in _TURNING)
-    return turns or takes_off(frame, row)
+    return turns or takes_off(frame, row, modes)
 
 
 def _keeps(number: int, bits: int) -> int:

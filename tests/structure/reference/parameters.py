@@ -8,9 +8,9 @@ import re
 from collections.abc import Iterator
 
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts
-from mavproxy_handover.autopilot.preflight import NAMES, Found, judge
+from mavproxy_handover.autopilot.preflight import NAMES, PLANE_NAMES, Found, judge
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import GuardState
+from mavproxy_handover.core.model import GuardState, Kind
 from tests.structure.imports import ROOT
 from tests.structure.reference.markdown import cell, code, page, table
 
@@ -47,6 +47,12 @@ def parameters() -> str:
         "doctor`. Of two names of one thing a firmware has one. These are the companion's own words for "
         "values that do not fit, tried one after another; what has none is read for the sake of the others.",
         table(("parameter", "what is said of it"), ((code(name), cell(_said(name))) for name in NAMES)),
+        "## What it reads of a plane besides",
+        "Of ArduPlane, hovering or not. What the two have in common stands above.",
+        table(
+            ("parameter", "what is said of it"),
+            ((code(name), cell(_said(name, Kind.QUADPLANE))) for name in PLANE_NAMES if name not in NAMES),
+        ),
     )
 
 
@@ -68,16 +74,17 @@ _TRIED = (0, 0.3, 1, 2, 3, 4, 5, 6, 7, 16, 150, 20_000, -1)
 _PLAN = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0)
 
 
-def _said(name: str) -> str:
+def _said(name: str, kind: Kind = Kind.COPTER) -> str:
     """What preflight says of it, one sentence of each kind, where all others are as recommended."""
     fits = {each: float(default) for each, default, *_rest in _guard()}
     fits |= {each: float(value) for each, value, _why in _recommended()}
     fits |= {"HNDO_ALONE_MAX": 120.0, "BATT_MONITOR": 4.0, "BATT_LOW_VOLT": 10.5, "BATT_LOW_MAH": 0.0}
+    fits |= {"FS_GCS_ENABL": 1.0}
     fits |= {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0, "FENCE_RADIUS": 2000.0, "FENCE_ALT_MAX": 100.0}
     found: dict[str, str] = {}
     for guard in (GuardState.LIVE, GuardState.SILENT):
         for value in _TRIED:
-            state = Found(fits | {name: float(value)}, guard, plan=_PLAN, gap_s=120.0)
+            state = Found(fits | {name: float(value)}, guard, plan=_PLAN, gap_s=120.0, kind=kind)
             for finding in judge(state, Limits()):
                 if finding.parameter == name:
                     found.setdefault(re.sub(r"[\d.-]+", "", finding.text), finding.text)
