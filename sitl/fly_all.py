@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Flies every scenario on both vehicles, one after the other, and prints a table: `python -m sitl.fly_all`.
+"""Flies every scenario on every vehicle that its mission is for, and prints a table: `python -m sitl.fly_all`.
 
-A scenario must hold on each vehicle, and on both the same stations must have commanded in the same order. Exit code 0:
-so it was. 1: it was not, or a vehicle is missing. The runs are kept below `--out`.
+A scenario must hold on each vehicle, and on all the same stations must have commanded in the same order. Exit code 0:
+so it was. 1: it was not, or arducopter is missing. A scenario of wings is skipped, with a line that says so, where
+there is no arduplane. The runs are kept below `--out`.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sitl.script.scenario import known_scenarios
-from sitl.vehicles import KINDS, find_arducopter
+from mavproxy_handover.core.model import Kind
+from mavproxy_handover.mission import package as packages
+from sitl.script.places import mission_folder
+from sitl.script.scenario import known_scenarios, load_scenario
+from sitl.vehicles import KINDS, find_arducopter, find_arduplane, flies
 
 __all__ = ["Flight", "agree", "main"]
 
@@ -60,10 +64,11 @@ def agree(flights: Sequence[Flight]) -> list[str]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m sitl.fly_all", description="Fly every scenario on both vehicles.")
+    parser = argparse.ArgumentParser(prog="python -m sitl.fly_all", description="Fly every scenario on every vehicle.")
     parser.add_argument("scenarios", nargs="*", metavar="SCENARIO", help="default: all")
-    parser.add_argument("--vehicle", action="append", choices=KINDS, help="once or twice; default: both")
+    parser.add_argument("--vehicle", action="append", choices=KINDS, help="as often as wanted; default: all")
     parser.add_argument("--arducopter", metavar="PATH", help="ArduCopter's SITL program")
+    parser.add_argument("--arduplane", metavar="PATH", help="ArduPlane's SITL program")
     parser.add_argument("--out", type=Path, default=Path("runs/all"), metavar="DIR", help="default: runs/all")
     arguments = parser.parse_args(argv)
     names = arguments.scenarios or list(known_scenarios())
@@ -72,11 +77,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     if missing:
         vehicles.remove("arducopter")
         print("no arducopter found: its flights are MISSING from this table", file=sys.stderr)
+    wings = find_arduplane(arguments.arduplane) is not None
+    given = {"--arducopter": arguments.arducopter, "--arduplane": arguments.arduplane}
+    programs = [word for option, path in given.items() if path for word in (option, path)]
     stamp = time.strftime("%Y%m%d-%H%M%S")
     flights = []
     for name in names:
-        for vehicle in vehicles:
-            flights.append(_fly(name, vehicle, arguments.out / f"{stamp}-{name}-{vehicle}", arguments.arducopter))
+        kind = _kind_of(name)
+        if kind.winged and not wings:
+            print(f"{name:<22} skipped: it is flown by a {kind.value}, and no arduplane is found", flush=True)
+            continue
+        for vehicle in (each for each in vehicles if flies(each) is kind):
+            flights.append(_fly(name, vehicle, arguments.out / f"{stamp}-{name}-{vehicle}", programs))
             print(flights[-1].row, flush=True)
             for line in flights[-1].failed:
                 print(f"    {line}", flush=True)
@@ -88,9 +100,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 1 if bad or differing or missing else 0
 
 
-def _fly(scenario: str, vehicle: str, folder: Path, arducopter: str | None) -> Flight:
+def _kind_of(name: str) -> Kind:
+    """What the mission of a scenario is for; one that is not known is told by the flight that does not begin."""
+    path = known_scenarios().get(name)
+    return Kind.COPTER if path is None else packages.load(mission_folder(load_scenario(path).mission)).kind
+
+
+def _fly(scenario: str, vehicle: str, folder: Path, programs: Sequence[str]) -> Flight:
     argv = [sys.executable, "-m", "sitl.main", "--json", "--scenario", scenario, "--vehicle", vehicle]
-    argv += ["--out", str(folder), *(["--arducopter", arducopter] if arducopter else [])]
+    argv += ["--out", str(folder), *programs]
     begun = time.monotonic()
     try:
         done = subprocess.run(argv, capture_output=True, text=True, timeout=_LIMIT_S, check=False)

@@ -39,7 +39,7 @@ from sitl.script.scenario import (
     parse_scenario,
     with_opening,
 )
-from sitl.vehicles import KINDS, LaunchError, find_arducopter
+from sitl.vehicles import KINDS, LaunchError, find_arducopter, find_arduplane, flies
 from sitl.vehicles.fetched import PUBLISHED, fetch
 
 __all__ = ["main"]
@@ -135,11 +135,14 @@ def _parser() -> argparse.ArgumentParser:
         "--vehicle",
         default="builtin",
         choices=[*KINDS, "auto"],
-        help="builtin: the copter model that ships here; arducopter: ArduPilot's own SITL program; auto: arducopter "
-        "if there is one (default: builtin)",
+        help="builtin: the copter model that ships here; arducopter: ArduPilot's own SITL program; quadplane, plane: "
+        "ArduPlane's; auto: what the mission is for, of copters arducopter if there is one (default: builtin)",
     )
     parser.add_argument(
         "--arducopter", metavar="PATH", help="the SITL program (else $ARDUCOPTER, PATH, ~/ardupilot, the one fetched)"
+    )
+    parser.add_argument(
+        "--arduplane", metavar="PATH", help="ArduPlane's SITL program (else $ARDUPLANE, PATH, ~/ardupilot)"
     )
     parser.add_argument(
         "--fetch-arducopter",
@@ -181,17 +184,8 @@ def _order(arguments: argparse.Namespace) -> Order:
         )
     if not speedup >= 0.5:
         raise SetupError(f"--speedup {speedup:g} is below 0.5")
-    vehicle = arguments.vehicle
-    if vehicle in ("auto", "arducopter"):
-        found = find_arducopter(arguments.arducopter)
-        if vehicle == "auto":
-            vehicle = "arducopter" if found else "builtin"
-        elif found is None:
-            raise SetupError(
-                "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, bring one with --fetch-arducopter, or "
-                "take --vehicle builtin"
-            )
     package = packages.load(mission_folder(scenario.mission))
+    vehicle = _vehicle(arguments, package)
     _check_names(scenario, package)
     place = None if arguments.home is None else read_place(arguments.home)
     if place is not None:
@@ -204,6 +198,8 @@ def _order(arguments: argparse.Namespace) -> Order:
     if any(character in str(folder) for character in UNUSABLE):
         raise SetupError(f"{folder}: MAVProxy cannot take a path with spaces, quotes or ';': give another --out")
     others = others_of(scenario, package)
+    for craft in others:
+        _check_kind(vehicle, craft.package)
     heading_deg = 0.0 if place is None else place.heading_deg
     return Order(
         scenario,
@@ -212,10 +208,40 @@ def _order(arguments: argparse.Namespace) -> Order:
         speedup,
         folder,
         arguments.arducopter,
+        arguments.arduplane,
         others=others,
         watchers=tuple(map(read_address, arguments.watch)),
         heading_deg=heading_deg,
     )
+
+
+def _vehicle(arguments: argparse.Namespace, package: packages.MissionPackage) -> str:
+    """The vehicle that flies the mission. Raises SetupError: it is not for it, or is not there."""
+    vehicle: str = arguments.vehicle
+    if vehicle == "auto":
+        if package.kind.winged:
+            vehicle = package.kind.value
+        else:
+            vehicle = "arducopter" if find_arducopter(arguments.arducopter) else "builtin"
+    _check_kind(vehicle, package)
+    if vehicle == "arducopter" and find_arducopter(arguments.arducopter) is None:
+        raise SetupError(
+            "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, bring one with --fetch-arducopter, or "
+            "take --vehicle builtin"
+        )
+    if package.kind.winged and find_arduplane(arguments.arduplane) is None:
+        raise SetupError("no arduplane found: give --arduplane PATH, set $ARDUPLANE, or build it in ~/ardupilot")
+    return vehicle
+
+
+def _check_kind(vehicle: str, package: packages.MissionPackage) -> None:
+    """A mission is flown by the kind of aircraft that it is for. Raises SetupError."""
+    if flies(vehicle) is not package.kind:
+        fitting = " or ".join(kind for kind in KINDS if flies(kind) is package.kind)
+        raise SetupError(
+            f"mission {package.name} is for a {package.kind.value}, and --vehicle {vehicle} is a "
+            f"{flies(vehicle).value}: take --vehicle {fitting}"
+        )
 
 
 def _scenario(arguments: argparse.Namespace) -> Scenario:

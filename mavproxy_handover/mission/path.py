@@ -32,7 +32,7 @@ from mavproxy_handover.mission.items import (
 )
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Leg, hovers_at, legs_of
-from mavproxy_handover.mission.wings import Air, Bend, bend
+from mavproxy_handover.mission.wings import ROLL_IN_S, Air, Bend, bend
 
 __all__ = ["Path", "Tight", "Turn", "path_of"]
 
@@ -40,6 +40,8 @@ __all__ = ["Path", "Tight", "Turn", "path_of"]
 _LEAST_TURN_DEG: Final = 2.0
 #: a circle is a row of straight pieces
 _PIECES: Final = 24
+#: so many radii behind the middle of a circle ArduPlane is on its next line (SITL)
+_CONVERGED: Final = 2.3
 #: two places nearer than that (m) are one
 _SAME_M: Final = 0.5
 
@@ -184,7 +186,7 @@ class _Tracer:
             return
         speed_mps = self._air_of(line).fastest_mps
         wings = self._route.wings
-        before = self._begins_before_m(item, speed_mps, turn_deg)
+        before = self._begins_before_m(item, speed_mps, turn_deg) - ROLL_IN_S * speed_mps
         radius = wings.turn_radius_m(speed_mps)
         needed = self._used_m + max(0.0, before)
         if needed > length:
@@ -237,8 +239,19 @@ class _Tracer:
         self._hold(self._longer_s(item, round_s))
         self._turns.append(Turn(line.seq, 360.0, radius, 0.0, begins, self._along_m))
         self._used_m = 0.0
+        if left is not None and following is not None and item.param4 <= 0.0:
+            self._onto(line, following, _CONVERGED * radius)
         if item.command == VTOL_LAND:
             self._straight(line, line.end)
+
+    def _onto(self, line: Leg, following: Leg, along_m: float) -> None:
+        """From a circle onto the line from its middle, which is where it is flown unless parameter 4 says otherwise."""
+        east, north = east_north_m(*following.start[:2], *following.end[:2])
+        length = math.hypot(east, north)
+        if length > 2.0 * along_m:
+            part = along_m / length
+            lat, lon = offset(*following.start[:2], part * east, part * north)
+            self._straight(line, (lat, lon, line.end[2]), seq=following.seq)
 
     def _hold(self, seconds: float) -> None:
         """What it circles longer than once."""

@@ -15,6 +15,10 @@ ends in a landing. In a turn the leg behind counts as well as the one ahead, so 
 the course counts for nothing, as it does below `_SLOW_MPS`: a pause or a hover has none. A hovering aircraft still has
 a place, and that has to be on the leg.
 
+Wings turn before and behind each waypoint and are on neither leg meanwhile: within `Wings.reach_m` of either end of a
+leg nothing is expected of them, nor on a circle, nor behind one until they have turned. Beyond that they have to be on
+their leg as all others; one that flies away is beyond it soon.
+
 Distances are those of the ellipsoid. ArduCopter's straight lines and ours differ by their middle: 1 m for a leg of
 10 km, 30 m for one of 50 km, across both north and east at 52 degrees.
 """
@@ -27,21 +31,36 @@ from itertools import pairwise
 from typing import Final
 
 from mavproxy_handover.core.safety.route import TrackFact
-from mavproxy_handover.mission.geodesy import east_north_m
-from mavproxy_handover.mission.items import COMMANDS, LAND, LOITER_TIME, LOITER_UNLIMITED, TAKEOFF, WAYPOINT
+from mavproxy_handover.mission.geodesy import distance_m, east_north_m
+from mavproxy_handover.mission.items import (
+    CHANGE_ALTITUDE,
+    COMMANDS,
+    LAND,
+    LOITER_TIME,
+    LOITER_TO_ALTITUDE,
+    LOITER_TURNS,
+    LOITER_UNLIMITED,
+    LOITERS,
+    PAYLOAD_PLACE,
+    TAKEOFFS,
+    VTOL_LAND,
+    WAYPOINT,
+    MissionItem,
+)
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import legs_of
 
 __all__ = ["Line", "Motion", "RouteTracker"]
 
-_LOITER_TO_ALT, _LOITER_TURNS, _PAYLOAD_PLACE = 31, 18, 94
 #: commands that are flown to in a straight line; those that land at its end
-_LANDS: Final = frozenset((LAND, _PAYLOAD_PLACE))
-_STRAIGHT: Final = frozenset((WAYPOINT, LOITER_TIME, LOITER_UNLIMITED, _LOITER_TO_ALT)) | _LANDS
+_LANDS: Final = frozenset((LAND, VTOL_LAND, PAYLOAD_PLACE))
+_STRAIGHT: Final = frozenset((WAYPOINT, LOITER_TIME, LOITER_UNLIMITED, LOITER_TO_ALTITUDE)) | _LANDS
 #: behind these the aircraft is not where the item was
-_LEFT_ELSEWHERE: Final = frozenset((_LOITER_TURNS,))
+_LEFT_ELSEWHERE: Final = frozenset((LOITER_TURNS,))
 #: what ArduCopter needs to stop and to turn at 15 m/s, seconds
 _JOIN_S: Final = 5.0
+#: and what wings need to turn back, in a wide turn
+_WING_JOIN_S: Final = 15.0
 #: a turn begins and ends that near a waypoint: metres, or seconds of flight if that is more
 _TURN_M, _TURN_S = 15.0, 3.0
 #: below this speed (m/s) the course over ground is that of gusts
@@ -106,6 +125,11 @@ class RouteTracker:
         self._places: dict[int, tuple[float, float]] = {}
         for item in flown:
             place = self._places[item.seq] = ends.get(item.seq, place)
+        self._wings = route.wings if route.kind.winged else None
+        self._left_elsewhere = LOITERS | {CHANGE_ALTITUDE} if route.kind.winged else _LEFT_ELSEWHERE
+        self._straight = _STRAIGHT | LOITERS if route.kind.winged else _STRAIGHT
+        #: of the circles of wings: they are left from and flown to that far from their middle
+        self._circles = {item.seq: _circle_m(item) for item in flown if route.kind.winged and item.command in LOITERS}
         self._commands = {item.seq: item.command for item in flown}
         self._follower = {item.seq: after.seq for item, after in pairwise(flown)}
         self._seq: int | None = None
@@ -127,7 +151,7 @@ class RouteTracker:
         if motion.waypoint != self._seq:
             self._next(motion, now)
         self._place, self._speed_mps, self._seen_at = motion.place, motion.speed_mps, now
-        if self._landing or self._commands.get(motion.waypoint) not in _STRAIGHT:
+        if self._landing or self._commands.get(motion.waypoint) not in self._straight:
             return None
         if self._line is None:
             if now < self._joins_at:
@@ -142,7 +166,7 @@ class RouteTracker:
         self._behind, self._line = self._line, None
         self._landing = False
         if start is None:
-            self._behind, self._joins_at = None, now + _JOIN_S
+            self._behind, self._joins_at = None, now + (_JOIN_S if self._wings is None else _WING_JOIN_S)
         elif motion.waypoint in self._places:
             self._line = Line(start, self._places[motion.waypoint])
 
@@ -151,22 +175,24 @@ class RouteTracker:
         if self._follower.get(before) != motion.waypoint:
             return None
         command = self._commands[before]
-        if command == TAKEOFF or self._landing:
+        if command in TAKEOFFS or self._landing:
             return self._place
-        if command in _LEFT_ELSEWHERE:
+        if command in self._left_elsewhere:
             return None
         if self._line is not None:
             along, _across, length = self._line.measure(self._place)
             speed_mps = max(motion.speed_mps, self._speed_mps)  # a gust may have stopped it since
-            if length - along > _turn_m(speed_mps) + speed_mps * (now - self._seen_at):
+            if length - along > self._turn_m(speed_mps) + speed_mps * (now - self._seen_at):
                 return None  # it was told to go on before it was there
         return self._places[before]
 
     def _fact(self, line: Line, motion: Motion) -> TrackFact | None:
         along, across, length = line.measure(motion.place)
-        turn = _turn_m(motion.speed_mps)
+        turn = self._turn_m(motion.speed_mps)
         if self._commands[motion.waypoint] in _LANDS and length - along < turn:
             self._landing = True
+            return None
+        if self._wings is not None and self._turns(line, motion, turn):
             return None
         if self._behind is not None and along < turn:
             behind = self._behind.measure(motion.place)[1]
@@ -175,9 +201,23 @@ class RouteTracker:
         course = None if in_turn or motion.speed_mps < _SLOW_MPS else _difference(motion.course_deg, line.bearing_deg)
         return TrackFact(motion.waypoint, across, course, along, length)
 
+    def _turn_m(self, speed_mps: float) -> float:
+        copter_m = max(_TURN_M, _TURN_S * speed_mps)
+        return copter_m if self._wings is None else max(copter_m, self._wings.reach_m(speed_mps))
 
-def _turn_m(speed_mps: float) -> float:
-    return max(_TURN_M, _TURN_S * speed_mps)
+    def _turns(self, line: Line, motion: Motion, turn_m: float) -> bool:
+        """Whether wings are near an end of the line, or near the circle that it leads to."""
+        circle = self._circles.get(motion.waypoint)
+        wings = self._wings
+        circle_m = 0.0 if circle is None or wings is None else wings.circle_radius_m(circle, motion.speed_mps)
+        return (
+            distance_m(*line.start, *motion.place) < turn_m or distance_m(*line.end, *motion.place) < turn_m + circle_m
+        )
+
+
+def _circle_m(item: MissionItem) -> float:
+    """The radius that an item names, 0 where it names none."""
+    return abs({LOITER_TURNS: item.param3, LOITER_TO_ALTITUDE: item.param2}.get(item.command, 0.0))
 
 
 def _difference(course_deg: float, bearing_deg: float) -> float:

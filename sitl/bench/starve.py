@@ -156,7 +156,7 @@ class _Flight:
             home=(home.lat_deg, home.lon_deg, home.alt_m, 0.0),
             sysid=VEHICLE,
             scripts=(script,),
-            defaults=(parameters,),
+            defaults=parameters,
             parameters={"HNDO_CHAN": _COMPANION_CHANNEL},
         )
         self._vehicle = launch(self._kind, spec, self._folder / "vehicle")

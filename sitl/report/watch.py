@@ -30,6 +30,8 @@ __all__ = ["VEHICLE", "Clock", "Sample", "Watch", "number", "samples_of"]
 VEHICLE = "vehicle"
 
 AUTOPILOT = 1
+#: MAV_TYPE of a plane, and of those that hover as well: ArduPlane's modes have other numbers than ArduCopter's
+_WINGED_TYPES = {1, *range(19, 26)}
 ARMED_FLAG = 128
 SAMPLE_INTERVAL_S = 0.2
 AIRBORNE_M = 2.0
@@ -139,7 +141,8 @@ class Watch:
     def _on_heartbeat(self, message: Any, now: float) -> list[Entry]:
         found = []
         number = message.custom_mode
-        mode = mavutil.mode_mapping_acm.get(number, f"mode {number}")
+        names = mavutil.mode_mapping_apm if message.type in _WINGED_TYPES else mavutil.mode_mapping_acm
+        mode = names.get(number, f"mode {number}")
         if mode != self.mode:
             self.mode = mode
             found.append(Entry(now, VEHICLE, "mode", f"mode {mode}", {"mode": mode}))

@@ -64,6 +64,7 @@ class Order:
     speedup: float
     folder: Path
     arducopter: str | None = None
+    arduplane: str | None = None
     #: standard station -> the program that is tried in its place; it takes the options of `sitl.run.standard_gcs`
     instead: Mapping[str, Sequence[str]] = field(default_factory=dict)
     #: further vehicles
@@ -254,15 +255,16 @@ class _Flight:
 
     def _start_vehicle(self, wiring: Wiring, craft: Craft, folder: Path, seen: Path) -> tuple[RunningVehicle, Observer]:
         order, home = self.order, craft.package.route.home
-        script, parameters = guard_files()
+        script, parameters = guard_files(craft.package.kind)
         spec = VehicleSpec(
             home=(home.lat_deg, home.lon_deg, home.alt_m, order.heading_deg),
             sysid=craft.sysid,
             speedup=order.speedup,
             scripts=(script, *wiring.card),
-            defaults=(parameters,),
+            defaults=parameters,
             parameters={"HNDO_CHAN": _COMPANION_CHANNEL, **order.scenario.parameters},
             arducopter=order.arducopter,
+            arduplane=order.arduplane,
         )
         try:
             vehicle = launch(order.vehicle, spec, folder / "vehicle")

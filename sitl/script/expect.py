@@ -16,7 +16,7 @@ from itertools import pairwise
 from math import inf
 
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH
+from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH
 from sitl.report.evidence import NOBODY, Evidence
 from sitl.report.journal_reader import Entry
 from sitl.report.loss import Heard
@@ -323,7 +323,7 @@ class ItemsReached(Expectation):
     def judge(self, evidence: Evidence) -> Verdict:
         route = evidence.package.route.items
         wanted = [item.seq for item in route if COMMANDS[item.command].flown]
-        if route[-1].command in (LAND, RETURN_TO_LAUNCH):
+        if route[-1].command in (*LANDINGS, RETURN_TO_LAUNCH):
             wanted.remove(route[-1].seq)
         numbers = [entry.get("number") for entry in evidence.of(VEHICLE, "reached")]
         missing = [number for number in wanted if number not in numbers]

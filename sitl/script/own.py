@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from mavproxy_handover.mission.items import COMMANDS, LAND, RETURN_TO_LAUNCH
+from mavproxy_handover.mission.items import COMMANDS, LANDINGS, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.script.places import SetupError
 from sitl.script.tables import ScenarioError
@@ -47,7 +47,7 @@ class _Fault:
 def own_scenario(package: MissionPackage, folder: Path, seed: int | None = None) -> str:
     """The text of it. `seed`: of the faults, None: none. Raises SetupError: the mission cannot be flown to an end."""
     last = package.route.items[-1].command
-    if last not in (LAND, RETURN_TO_LAUNCH):
+    if last not in (*LANDINGS, RETURN_TO_LAUNCH):
         raise SetupError(
             f"{folder}: the mission ends in the air: its last item must be a landing or a return, or it never ends"
         )
@@ -72,7 +72,7 @@ def own_scenario(package: MissionPackage, folder: Path, seed: int | None = None)
             {"wait": {"who": "drone-1", "event": "transfer_committed", "station": name}, "timeout_s": longest_s}
             for name in commanders[1:]
         ]
-        near = ["last_item"] if last == LAND else ["home", "rally"]
+        near = ["last_item"] if last in LANDINGS else ["home", "rally"]
         expect: list[dict[str, Any]] = [
             {"commanders": commanders},
             {"handovers": {"committed": len(commanders) - 1}},

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import sitl
 from mavproxy_handover import resources
+from mavproxy_handover.core.model import Kind
 
 __all__ = ["SCENARIOS", "SetupError", "guard_files", "mission_folder"]
 
@@ -28,11 +29,18 @@ def mission_folder(name: str) -> Path:
     raise SetupError(f"no mission {name!r} (known: {known}; or the path of a folder with a mission.toml)")
 
 
-def guard_files() -> tuple[Path, Path]:
-    """The guard's script and its parameter file. Raises SetupError."""
+def guard_files(kind: Kind = Kind.COPTER) -> tuple[Path, tuple[Path, ...]]:
+    """The guard's script and its parameter files for a kind of aircraft. Raises SetupError.
+
+    Where none ships for wings, the base parameters of the simulated plane switch scripting on, and the guard's own have
+    their defaults.
+    """
     folder = resources.shipped("ardupilot_lua")
-    script, parameters = folder / "handover_guard.lua", folder / "handover.parm"
+    script = folder / "handover_guard.lua"
+    parameters = folder / ("handover_plane.parm" if kind.winged else "handover.parm")
+    if kind.winged and not parameters.is_file():
+        parameters = script
     for path in (script, parameters):
         if not path.is_file():
             raise SetupError(f"{path} is missing: the guard cannot be put on the vehicle")
-    return script, parameters
+    return script, () if parameters == script else (parameters,)

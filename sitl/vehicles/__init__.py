@@ -2,16 +2,27 @@
 
 """What flies in a simulation, behind one launch interface.
 
-Two kinds: `arducopter`, ArduPilot's own SITL program, and `builtin`, the copter model that ships with this
-project for machines without one. Both are real processes on loopback, take the same start position, scripts and
-parameter files, and speak MAVLink 2 on the same serial ports: SERIAL1 (channel 1) for the companion, SERIAL2
-(channel 2) for a passive observer, SERIAL0 (channel 0) where a radio wired straight to the autopilot would sit.
+Kinds: `arducopter`, ArduPilot's own SITL program, and `builtin`, the copter model that ships with this project for
+machines without one; `quadplane` and `plane`, ArduPlane's program, for which nothing stands in. All are real processes
+on loopback, take the same start position, scripts and parameter files, and speak MAVLink 2 on the same serial ports:
+SERIAL1 (channel 1) for the companion, SERIAL2 (channel 2) for a passive observer, SERIAL0 (channel 0) where a radio
+wired straight to the autopilot would sit.
 """
 
 from __future__ import annotations
 
 from sitl.vehicles.arducopter import find_arducopter
-from sitl.vehicles.process import KINDS, RunningVehicle, launch
+from sitl.vehicles.arduplane import find_arduplane
+from sitl.vehicles.process import KINDS, RunningVehicle, flies, launch
 from sitl.vehicles.spec import LaunchError, VehicleSpec
 
-__all__ = ["KINDS", "LaunchError", "RunningVehicle", "VehicleSpec", "find_arducopter", "launch"]
+__all__ = [
+    "KINDS",
+    "LaunchError",
+    "RunningVehicle",
+    "VehicleSpec",
+    "find_arducopter",
+    "find_arduplane",
+    "flies",
+    "launch",
+]

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""ArduPilot's SITL program: where it is, and its command line.
+"""ArduPilot's SITL program: where it is, and its command line. ArduPlane's (`arduplane.py`) takes the same one.
 
 Facts that shape it: ports are given explicitly, because the defaults (5760 and up) are everybody's and SERIAL0
 would wait for a client. Whatever arrives on its radio-control port is flown as stick positions, and two
@@ -20,7 +20,7 @@ from pathlib import Path
 from sitl.vehicles.fetched import here
 from sitl.vehicles.spec import LaunchError, VehicleSpec
 
-__all__ = ["command", "find_arducopter"]
+__all__ = ["arguments_of", "command", "find_arducopter", "find_program"]
 
 
 def find_arducopter(explicit: str | None = None) -> Path | None:
@@ -30,17 +30,27 @@ def find_arducopter(explicit: str | None = None) -> Path | None:
     Raises:
         LaunchError: `explicit` or `$ARDUCOPTER` names something that cannot be run.
     """
-    for source, name in (("--arducopter", explicit), ("$ARDUCOPTER", os.environ.get("ARDUCOPTER"))):
+    return find_program("arducopter", explicit) or here()
+
+
+def find_program(program: str, explicit: str | None) -> Path | None:
+    """One of ArduPilot's SITL programs: `explicit`, the environment variable of its name, PATH, ~/ardupilot.
+
+    Raises:
+        LaunchError: `explicit` or the variable names something that cannot be run.
+    """
+    variable = program.upper()
+    for source, name in ((f"--{program}", explicit), (f"${variable}", os.environ.get(variable))):
         if name:
             path = Path(name).expanduser()
             if not path.is_file() or not os.access(path, os.X_OK):
                 raise LaunchError(f"{source}: {path} is not a program that can be run")
             return path.resolve()
-    found = shutil.which("arducopter")
+    found = shutil.which(program)
     if found:
         return Path(found).resolve()
-    built = Path.home() / "ardupilot" / "build" / "sitl" / "bin" / "arducopter"
-    return built if os.access(built, os.X_OK) else here()
+    built = Path.home() / "ardupilot" / "build" / "sitl" / "bin" / program
+    return built if os.access(built, os.X_OK) else None
 
 
 def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path]) -> tuple[list[str], dict[str, str]]:
@@ -55,11 +65,18 @@ def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path])
             "no arducopter found: give --arducopter PATH, set $ARDUCOPTER, build it in ~/ardupilot (waf copter), or "
             "bring it with handover sim --fetch-arducopter"
         )
+    return arguments_of(program, spec, spec.model or "quad", ports, parameters), {}
+
+
+def arguments_of(
+    program: Path, spec: VehicleSpec, model: str, ports: Mapping[int, int], parameters: list[Path]
+) -> list[str]:
+    """The command line of one of ArduPilot's SITL programs."""
     latitude, longitude, altitude, heading = spec.home
     arguments = [
         str(program),
         "--model",
-        spec.model,
+        model,
         "--wipe",
         "--speedup",
         f"{spec.speedup:g}",
@@ -74,4 +91,4 @@ def command(spec: VehicleSpec, ports: Mapping[int, int], parameters: list[Path])
     ]
     for serial, port in ports.items():
         arguments += [f"--serial{serial}", f"tcp:{port}"]
-    return arguments, {}
+    return arguments

@@ -3,9 +3,9 @@
 """A simulated vehicle as a process: starting and stopping it.
 
 Rules: the vehicle's working directory is the one given, and everything it writes (parameters, logs, scripts,
-console) lands there, so that one directory is one flight; parameters come from `copter_base.parm` of the demo folder,
-then the files of the specification in order, then its single overrides, the last word winning; `launch` returns when
-the ports listen.
+console) lands there, so that one directory is one flight; parameters come from the base files of its kind
+(`*_base.parm` of the demo folder), then the files of the specification in order, then its single overrides, the last
+word winning; `launch` returns when the ports listen.
 """
 
 from __future__ import annotations
@@ -17,22 +17,40 @@ import socket
 import subprocess
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.resources import DEPLOY
-from sitl.vehicles import arducopter
+from sitl.vehicles import arducopter, arduplane
 from sitl.vehicles.builtin import launcher
 from sitl.vehicles.parent_death import die_with_parent
 from sitl.vehicles.spec import Command, LaunchError, VehicleSpec
 
-__all__ = ["BASE_PARAMETERS", "KINDS", "RunningVehicle", "launch"]
+__all__ = ["BASE_PARAMETERS", "KINDS", "RunningVehicle", "flies", "launch"]
 
-#: kind -> what makes its command line
-_COMMANDS: Mapping[str, Command] = {"builtin": launcher.command, "arducopter": arducopter.command}
-KINDS = tuple(_COMMANDS)
-
-#: What a copter without radio control needs to arm in GUIDED and fly AUTO, for both kinds.
+#: What a copter without radio control needs to arm in GUIDED and fly AUTO, for both kinds of it.
 BASE_PARAMETERS = DEPLOY / "demo" / "copter_base.parm"
+#: What wings need for the same, and what hovers besides.
+_PLANE_BASE, _QUADPLANE_BASE = DEPLOY / "demo" / "plane_base.parm", DEPLOY / "demo" / "quadplane_base.parm"
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """What makes its command line, what kind of aircraft it is, and its parameters before all others."""
+
+    command: Command
+    aircraft: Kind
+    base: tuple[Path, ...]
+
+
+_KINDS: Mapping[str, _Kind] = {
+    "builtin": _Kind(launcher.command, Kind.COPTER, (BASE_PARAMETERS,)),
+    "arducopter": _Kind(arducopter.command, Kind.COPTER, (BASE_PARAMETERS,)),
+    "quadplane": _Kind(arduplane.flying("quadplane"), Kind.QUADPLANE, (_PLANE_BASE, _QUADPLANE_BASE)),
+    "plane": _Kind(arduplane.flying("plane"), Kind.PLANE, (_PLANE_BASE,)),
+}
+KINDS = tuple(_KINDS)
 
 LOG_NAME = "vehicle.log"
 _START_TIMEOUT_S = 30.0
@@ -84,19 +102,24 @@ class RunningVehicle:
             self._process.wait()
 
 
+def flies(kind: str) -> Kind:
+    """The kind of aircraft that a vehicle of `kind` is."""
+    return _KINDS[kind].aircraft
+
+
 def launch(kind: str, spec: VehicleSpec, directory: Path) -> RunningVehicle:
     """Start a vehicle of `kind` in `directory` (made if absent) and wait until it listens.
 
     Raises:
         LaunchError: unknown kind, no program found, or the process ended or did not listen in time.
     """
-    if kind not in _COMMANDS:
+    if kind not in _KINDS:
         raise LaunchError(f"vehicle kind '{kind}' is unknown; known are {', '.join(KINDS)}")
     directory = directory.resolve()
     directory.mkdir(parents=True, exist_ok=True)
     _install_scripts(spec, directory)
     ports = dict(zip(_SERIALS, _free_ports(len(_SERIALS)), strict=True))
-    arguments, environment = _COMMANDS[kind](spec, ports, _parameter_files(spec, directory))
+    arguments, environment = _KINDS[kind].command(spec, ports, _parameter_files(kind, spec, directory))
     log_path = directory / LOG_NAME
     with log_path.open("wb") as log:
         process = subprocess.Popen(
@@ -127,8 +150,8 @@ def _install_scripts(spec: VehicleSpec, directory: Path) -> None:
         shutil.copy(script, scripts / script.name)
 
 
-def _parameter_files(spec: VehicleSpec, directory: Path) -> list[Path]:
-    files = [BASE_PARAMETERS, *(path.resolve() for path in spec.defaults)]
+def _parameter_files(kind: str, spec: VehicleSpec, directory: Path) -> list[Path]:
+    files = [*_KINDS[kind].base, *(path.resolve() for path in spec.defaults)]
     copies = []
     for index, source in enumerate(files):
         copies.append(directory / f"{index}_{source.name}")
@@ -154,7 +177,7 @@ def _free_ports(count: int) -> list[int]:
 
 
 def _wait_for_ports(vehicle: RunningVehicle) -> None:
-    """Wait until the log says that every port listens; both kinds print ArduPilot's line for it."""
+    """Wait until the log says that every port listens; all kinds print ArduPilot's line for it."""
     deadline = time.monotonic() + _START_TIMEOUT_S
     while True:
         log = vehicle.log_path.read_text(encoding="utf-8", errors="replace")

@@ -33,8 +33,10 @@ class VehicleSpec:
     """Single parameters, applied last."""
     arducopter: str | None = None
     """Explicit path of the SITL program, for kind `arducopter`."""
-    model: str = "quad"
-    """What that program simulates, `--model`: plane and rover want another program too."""
+    arduplane: str | None = None
+    """The same, for kinds `quadplane` and `plane`."""
+    model: str = ""
+    """What that program simulates, `--model`, where it is not what the kind is for: rover wants another program too."""
 
 
 #: What to start, the TCP port of each serial port and the parameter files in order -> arguments and extra environment

@@ -6,16 +6,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.route import TrackFact
-from mavproxy_handover.mission.geodesy import offset
+from mavproxy_handover.mission import Circle, Zone, ZoneFinder
+from mavproxy_handover.mission.geodesy import bearing_deg, offset
 from mavproxy_handover.mission.items import MissionItem
+from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import Home, Route
 from mavproxy_handover.mission.track import Motion, RouteTracker
+from mavproxy_handover.mission.walk import walk_legs
+from mavproxy_handover.mission.wings import Air
 
 HOME = (52.679, 5.924)
 TAKEOFF, WAYPOINT, SPLINE, TURNS, TIME, DELAY, PLACE, LAND, RTL, SPEED = 22, 16, 82, 18, 19, 93, 94, 21, 20, 178
@@ -285,3 +291,47 @@ def test_whatever_is_flown_the_facts_are_sound(moves: list[tuple[int, float, flo
         assert math.isfinite(fact.along_m)
         assert fact.length_m >= 0
         assert fact.course_off_deg is None or -180.0 <= fact.course_off_deg <= 180.0
+
+
+# --- wings ---
+
+#: up, 3 km east, 2 km north, a circle 2 km west of that, and down 2 km south of that
+WINGED = Route(
+    Home(*HOME, 0.0),
+    (
+        MissionItem(1, 84, 3, 0, 0, 0, 0, *HOME, 60.0),
+        MissionItem(2, WAYPOINT, 3, 0, 0, 0, 0, *at(3000, 0), 100.0),
+        MissionItem(3, WAYPOINT, 3, 0, 0, 0, 0, *at(3000, 2000), 100.0),
+        MissionItem(4, TURNS, 3, 1, 0, 100, 0, *at(1000, 2000), 100.0),
+        MissionItem(5, 85, 3, 0, 0, 0, 0, *at(1000, 0), 0.0),
+    ),
+    kind=Kind.QUADPLANE,
+)
+
+
+def test_wings_that_fly_their_path_are_on_their_route_all_the_way():
+    """Its turns of 150 m and its circle are beside the legs, and nothing is expected of them there."""
+    zone = Zone(251, "A", Circle(*HOME, 20_000.0))
+    samples = walk_legs(path_of(WINGED, Air(22.0, None, 5.0)).legs, ZoneFinder((zone,)), 251).samples
+    flight, facts = RouteTracker(WINGED), []
+    for here, ahead in pairwise(samples):
+        if here.alt_m < 59.0 or here.time_s == ahead.time_s:
+            continue
+        course = bearing_deg(here.lat_deg, here.lon_deg, ahead.lat_deg, ahead.lon_deg)
+        fact = flight.follow(Motion(here.lat_deg, here.lon_deg, course, 27.0, ahead.seq, True), ahead.time_s)
+        facts += [fact] if fact is not None else []
+    assert {fact.seq for fact in facts} >= {2, 3, 4}
+    assert len(facts) > 400
+    assert max(abs(fact.cross_track_m) for fact in facts) < 3.0
+
+
+def test_wings_that_fly_away_from_a_turn_are_off_their_route_beyond_its_reach():
+    """At 20 m/s that is 81 m of turn distance and three radii of 41 m around the waypoint: 204 m."""
+    flight = Flight(WINGED).up()
+    assert flight.fly(2, 1000, 0, course=90.0, speed=20.0) is not None
+    assert flight.fly(2, 2910, 0, course=90.0, speed=20.0) is None, "it may turn already"
+    assert flight.fly(3, 2930, 0, course=90.0, speed=20.0) is None
+    assert flight.fly(3, 3190, 0, course=90.0, speed=20.0) is None
+    fact = flight.fly(3, 3250, 0, course=90.0, speed=20.0)
+    assert fact is not None
+    assert fact.cross_track_m == pytest.approx(250.0, abs=1.0)
