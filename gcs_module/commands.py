@@ -26,7 +26,6 @@ from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, comma
 from mavproxy_handover.wire.ids import (
     AUTOPILOT_COMPID,
     COMPANION_COMPID,
-    COPTER_AUTO,
     LIMITS,
     MISSION_START,
     OPERATOR_CONTROL,
@@ -192,7 +191,7 @@ class StationCommands:
             self._module.view.line(f"RESUME not sent: {self._module.decisions.text}", Level.ADVISORY)
             return
         custom = float(mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
-        self._command("RESUME", mavlink.MAV_CMD_DO_SET_MODE, custom, float(COPTER_AUTO))
+        self._command("RESUME", mavlink.MAV_CMD_DO_SET_MODE, custom, float(self._module.route.auto))
 
     def _request(self) -> None:
         """Whoever commands is asked; the answer of the vehicle says that, AUTHORITY_STATUS who commands."""

@@ -24,7 +24,7 @@ from gcs_module.events import Notice
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.track import Motion, RouteTracker
-from mavproxy_handover.wire.ids import COPTER_AUTO
+from mavproxy_handover.wire.ids import COPTER_AUTO, PLANE_AUTO, WINGED_TYPES
 
 __all__ = ["StationRouteWatch"]
 
@@ -44,6 +44,8 @@ class StationRouteWatch:
         self._package: MissionPackage | None = None
         self._tracker: RouteTracker | None = None
         self._telemetry_at = self._looked_at = -math.inf
+        #: the number of the mode that flies the mission, by the last heartbeat
+        self.auto = COPTER_AUTO
         #: of the autopilot's own messages
         self._in_auto, self._mode_at = False, -math.inf
         self._waypoint, self._waypoint_at = 0, -math.inf
@@ -65,7 +67,7 @@ class StationRouteWatch:
     def on_telemetry(self, m: Any, now: float) -> Notice | None:
         """HANDOVER_TELEMETRY; returns what the operator is to be told."""
         self._telemetry_at = now
-        on_mission = bool(m.armed) and m.custom_mode == COPTER_AUTO
+        on_mission = bool(m.armed) and m.custom_mode == self.auto
         return self._look(_motion(m.lat, m.lon, m.vx, m.vy, m.waypoint, on_mission), now)
 
     def on_autopilot(self, m: Any, now: float) -> Notice | None:
@@ -73,7 +75,8 @@ class StationRouteWatch:
         kind = m.get_type()
         if kind == "HEARTBEAT":
             armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            self._in_auto, self._mode_at = armed and m.custom_mode == COPTER_AUTO, now
+            self.auto = PLANE_AUTO if m.type in WINGED_TYPES else COPTER_AUTO
+            self._in_auto, self._mode_at = armed and m.custom_mode == self.auto, now
         elif kind == "MISSION_CURRENT":
             self._waypoint, self._waypoint_at = m.seq, now
         elif kind == "GLOBAL_POSITION_INT" and self._position_counts(m, now):

@@ -176,7 +176,7 @@ class Aircraft:
         return self.kind.winged and self._vtol_state in _HOVERS
 
     @property
-    def circle_m(self) -> float:
+    def return_circle_m(self) -> float:
         """How far from the place of a return it stays while it circles there (m); 0 where it does not."""
         if not self.kind.winged or self.hovers:
             return 0.0
@@ -189,6 +189,13 @@ class Aircraft:
             return 0.0
         radius_m = self._radius_m.get(_RADIUS) or _CIRCLE_M
         return _REACTION_S + _ROOM * radius_m / max(self.own_speed_mps, _SLOWEST_MPS)
+
+    @property
+    def circle_m(self) -> float:
+        """Its circle crosses a border that is nearer than this (m); 0 where it can stand still."""
+        if not self.kind.winged or self.hovers:
+            return 0.0
+        return _ROOM * (self._radius_m.get(_RADIUS) or _CIRCLE_M)
 
     @property
     def dead_reckoning(self) -> bool:

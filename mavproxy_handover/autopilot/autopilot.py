@@ -39,7 +39,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.autopilot.waypoints import WaypointWatch
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.events import AutopilotState, GuardSeen, MissionLoaded, PositionSeen, SignsSeen
-from mavproxy_handover.core.model import AuthorityView, ZoneFact
+from mavproxy_handover.core.model import AuthorityView, Flown, ZoneFact
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.ahead import Ahead
@@ -169,7 +169,10 @@ class Autopilot:
             return ()
         lat_deg, lon_deg, alt_m = where
         way = self._loader.way(self.aircraft.waypoint) if self.aircraft.flies_mission else ()
-        return self._waypoints.marked(finder.facts(lat_deg, lon_deg, *self.aircraft.track, alt_m, way))
+        course_deg, speed_mps = self.aircraft.track
+        if self.aircraft.kind.winged and self.aircraft.flown is Flown.STOP:
+            speed_mps = 0.0  # it circles: its track leads nowhere
+        return self._waypoints.marked(finder.facts(lat_deg, lon_deg, course_deg, speed_mps, alt_m, way))
 
     # ---- what it says ---------------------------------------------------------------------------------------------
 
@@ -232,7 +235,8 @@ class Autopilot:
     def _autopilot_state(self) -> AutopilotState:
         aircraft = self.aircraft
         is_one = aircraft.armed, aircraft.flying, aircraft.foreign
-        return AutopilotState(*is_one, aircraft.kind, aircraft.circles_s if aircraft.flying else 0.0)
+        room = (aircraft.circles_s, aircraft.circle_m) if aircraft.flying else (0.0, 0.0)
+        return AutopilotState(*is_one, aircraft.kind, *room)
 
     def _on_text(self, message: Any, now: float) -> None:
         self._preflight.text(message.text)
@@ -271,7 +275,7 @@ class Autopilot:
         self._energy.take(message, now, on_ground=not self.aircraft.armed)
 
     def _adopted(self, package: MissionPackage, way: Way, now: float) -> None:
-        self._energy.adopt(package.energy, way, now)
+        self._energy.adopt(package.energy, way, now, wings=package.kind.winged)
 
     def _on_reached(self, message: Any, _now: float) -> None:
         owner = self._waypoints.reached(message.seq)

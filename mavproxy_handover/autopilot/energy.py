@@ -62,7 +62,7 @@ class EnergyWatch:
     def __init__(self, settings: EnergySettings, ties: Ties) -> None:
         self._own = settings
         self._ties = ties
-        self._settings = EnergySettings()
+        self._settings, self._wings = EnergySettings(), False
         self._learner: Learner | None = None
         self._batteries: Batteries | None = None
         #: the last report of each monitor
@@ -104,11 +104,14 @@ class EnergyWatch:
         if self._batteries is not None:
             self._batteries.take(number, report, now, on_ground)
 
-    def adopt(self, settings: EnergySettings, way: Callable[[float], Sequence[Piece]], now: float) -> None:
-        """A mission is loaded: its numbers go before the vehicle's. `way`: its pieces, at a height of return."""
+    def adopt(
+        self, settings: EnergySettings, way: Callable[[float], Sequence[Piece]], now: float, *, wings: bool = False
+    ) -> None:
+        """A mission is loaded: its numbers go before the vehicle's. `way`: its pieces, at a height of return; `wings`:
+        it is flown on them."""
         self._way, self._counted = way, None
         try:
-            self._adopt(settings.over(self._own))
+            self._adopt(settings.over(self._own), wings=wings)
             for number, (report, at) in self._reports.items():
                 if self._batteries is not None and now - at < _COUNT_S:
                     self._batteries.take(number, report, at, True)
@@ -116,15 +119,15 @@ class EnergyWatch:
         except Exception:
             self._broke(now)
 
-    def _adopt(self, settings: EnergySettings) -> None:
-        if settings == self._settings:
+    def _adopt(self, settings: EnergySettings, *, wings: bool = False) -> None:
+        if (settings, wings) == (self._settings, self._wings):
             return
-        self._settings = settings
-        prior = settings.model()
+        self._settings, self._wings = settings, wings
+        prior = settings.model(wings=wings)
         if prior is None:
             self._learner = self._batteries = None
             return
-        self._learner = Learner(settings)
+        self._learner = Learner(settings, wings=wings)
         most_w = _MOST_HOVER * max(prior.hover_w, prior.cruise_w, prior.climb_w)
         self._batteries = Batteries(prior.battery_wh, int(settings.batteries or 1), settings.cells, most_w)
 
@@ -145,7 +148,7 @@ class EnergyWatch:
     def _broke(self, now: float) -> None:
         self._ties.fault("energy", traceback.format_exc(limit=-3))
         self.fact = EnergyFact(now, missing=_FAULT)
-        if self._settings.start_policy == "refuse":
+        if self._settings.start_policy_for(wings=self._wings) == "refuse":
             self._say(_FAULT, now)
 
     def _weigh(self, aircraft: Aircraft) -> None:
@@ -171,7 +174,7 @@ class EnergyWatch:
 
     def _observe(self, now: float) -> EnergyFact:
         if self._learner is None or self._batteries is None:
-            self.fact = EnergyFact(now, missing=self._settings.missing)
+            self.fact = EnergyFact(now, missing=self._settings.missing_for(wings=self._wings))
             return self.fact
         charge: Charge = self._batteries.charge(now)
         model, source = self._learner.model(now)
@@ -190,7 +193,7 @@ class EnergyWatch:
 
     def _judge(self, fact: EnergyFact, now: float) -> None:
         """What START lacks, on the ground."""
-        policy = self._settings.start_policy
+        policy = self._settings.start_policy_for(wings=self._wings)
         if policy == "off" or self._way is None or fact.model is None or now < self._lifted_until:
             self._say("", now)
             return
@@ -204,7 +207,7 @@ class EnergyWatch:
     @property
     def shortfall(self) -> str:
         """What START is refused for, in words; "" where it is not."""
-        return self._shortfall if self._settings.start_policy == "refuse" else ""
+        return self._shortfall if self._settings.start_policy_for(wings=self._wings) == "refuse" else ""
 
     def lift(self, until: float, now: float) -> None:
         """The operator has START go on without the energy: so long, and at this moment."""

@@ -78,7 +78,9 @@ class ExecutionWatch:
             return
         fresh = now - aircraft.waypoint_distance_at < _STOPPED_S
         # a circle around the place is at the place
-        left_m = max(0.0, aircraft.waypoint_distance_m - aircraft.circle_m) if fresh and aircraft.to_place else None
+        left_m = (
+            max(0.0, aircraft.waypoint_distance_m - aircraft.return_circle_m) if fresh and aircraft.to_place else None
+        )
         if now - aircraft.own_position_at < _STOPPED_S:
             climb_mps = -aircraft.own_position.vz / 100.0
             self._ties.handle(MotionSeen(aircraft.own_speed_mps, climb_mps, left_m), now)

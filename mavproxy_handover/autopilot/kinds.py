@@ -24,7 +24,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.model import Flown
 from mavproxy_handover.gate.policy import modes as gate_modes
 from mavproxy_handover.gate.policy.modes import Modes
-from mavproxy_handover.wire.ids import COPTER_AUTO
+from mavproxy_handover.wire.ids import COPTER_AUTO, PLANE_AUTO, WINGED_TYPES
 
 __all__ = ["COPTER", "PLANE", "VEHICLES", "Mode", "Vehicle", "vehicle_of"]
 
@@ -141,19 +141,14 @@ COPTER: Final = Vehicle(
 
 PLANE: Final = Vehicle(
     name="ArduPlane",
-    types=frozenset(
-        {
-            mavlink.MAV_TYPE_FIXED_WING,
-            *range(mavlink.MAV_TYPE_VTOL_DUOROTOR, mavlink.MAV_TYPE_VTOL_RESERVED5 + 1),
-        }
-    ),
+    types=WINGED_TYPES,
     modes=_modes(
         {
             Flown.HANDS: {
                 0: "MANUAL", 2: "STABILIZE", 3: "TRAINING", 4: "ACRO", 5: "FBWA", 6: "FBWB", 7: "CRUISE", 8: "AUTOTUNE",
                 17: "QSTABILIZE", 18: "QHOVER", 19: "QLOITER", 22: "QAUTOTUNE", 23: "QACRO",
             },
-            Flown.MISSION: {10: "AUTO"},
+            Flown.MISSION: {PLANE_AUTO: "AUTO"},
             Flown.GUIDED: {15: "GUIDED"},
             # CIRCLE is what the short radio failsafe chooses: it waits there for the long one
             Flown.STOP: {1: "CIRCLE", 12: "LOITER"},
@@ -163,7 +158,7 @@ PLANE: Final = Vehicle(
         }
     ),
     judged_by=gate_modes.PLANE,
-    auto=10,
+    auto=PLANE_AUTO,
     guided=15,
     back=11,
     land=20,

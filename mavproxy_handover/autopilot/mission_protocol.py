@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.gate.mission_items import item_message, item_of
 from mavproxy_handover.mission.items import FRAME_ABOVE_SEA, MissionItem, RallyPoint, difference
 from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon
@@ -58,6 +59,8 @@ class MissionProtocol:
     """What there is to ask the autopilot of system `sysid`. All of it raises AutopilotError."""
 
     sysid: int
+    #: of aircraft: what it stores of an item
+    kind: Kind = Kind.COPTER
 
     def write_mission(self, items: Sequence[MissionItem]) -> Asking:
         """Write a mission; `items` begins with home, item 0.
@@ -83,7 +86,7 @@ class MissionProtocol:
 
     def compare_mission(self, items: Sequence[MissionItem]) -> Asking:
         """Read the mission back; raises AutopilotError where it is another one."""
-        yield from self._compare(_MISSION, items, _mission_difference)
+        yield from self._compare(_MISSION, items, self._mission_difference)
 
     def compare_fence(self, parts: Sequence[FencePart]) -> Asking:
         """Likewise the geofence."""
@@ -137,6 +140,9 @@ class MissionProtocol:
             message = item_message(items[answer.seq], self._target, kind)
             answer = yield Ask(f"{_WORDS[kind]} item {answer.seq}", (message,), _upload_answer(kind))
         _accepted(answer, kind)
+
+    def _mission_difference(self, sent: MissionItem, got: MissionItem) -> str | None:
+        return None if sent.seq == 0 else difference(sent, got, self.kind)  # the autopilot keeps its own home
 
     def _compare(
         self, kind: int, items: Sequence[MissionItem], differs: Callable[[MissionItem, MissionItem], str | None]
@@ -228,10 +234,6 @@ def same_fence(items: Sequence[MissionItem], parts: Sequence[FencePart]) -> bool
 
 
 # ---- what came back -----------------------------------------------------------------------------------------------
-
-
-def _mission_difference(sent: MissionItem, got: MissionItem) -> str | None:
-    return None if sent.seq == 0 else difference(sent, got)  # the autopilot keeps its own home
 
 
 def _rally_difference(sent: MissionItem, got: MissionItem) -> str | None:

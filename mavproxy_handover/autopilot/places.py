@@ -270,7 +270,7 @@ class PlaceWatch:
         spot, energy = (place.lat_deg, place.lon_deg), self._energy()
         model, limits = energy.model, _fence_limits(self._parameters)
         return_alt = max(self._return_alt_m(), 0.0 if model is None else model.return_alt_m)
-        way = way_back(here, place, return_alt)
+        way = way_back(here, place, return_alt, wings=model is not None and model.wings)
         height = max(here[2], place.alt_m, return_alt)
         if limits.ceiling_m is not None:
             height = max(here[2], min(height, limits.ceiling_m))

@@ -60,6 +60,11 @@ class Plane(Procedures):
         """ArduPlane."""
         return PLANE
 
+    @property
+    def kind(self) -> Kind:
+        """Whether it hovers too."""
+        return self.aircraft.kind
+
     # ---- START --------------------------------------------------------------------------------------------------
 
     def start(self) -> Asking:

@@ -21,7 +21,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.autopilot.kinds import Vehicle
 from mavproxy_handover.autopilot.mission_protocol import AutopilotError, MissionProtocol
-from mavproxy_handover.core.model import FlightAction, Flown
+from mavproxy_handover.core.model import FlightAction, Flown, Kind
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import FencePart
 from mavproxy_handover.wire.conversation import Ask, Asking, command_long
@@ -81,6 +81,11 @@ class Procedures(ABC):
     @abstractmethod
     def vehicle(self) -> Vehicle:
         """The firmware that these are for."""
+
+    @property
+    def kind(self) -> Kind:
+        """The kind of aircraft that these are for."""
+        return Kind.COPTER
 
     @abstractmethod
     def start(self) -> Asking:
@@ -159,7 +164,7 @@ class Procedures(ABC):
         that a file says nothing of it is no reason to let it out. Likewise a plan without a cruise speed. Returns what
         holds now, of the plan or not.
         """
-        lists = MissionProtocol(self.sysid)
+        lists = MissionProtocol(self.sysid, self.kind)
         yield from lists.write_mission(plan.items)
         if plan.fence:
             yield from lists.write_fence(plan.fence)
@@ -176,14 +181,14 @@ class Procedures(ABC):
 
     def replace_mission(self, items: tuple[MissionItem, ...]) -> Asking:
         """Write another mission in flight and read it back; `items` begins with home. Raises AutopilotError."""
-        lists = MissionProtocol(self.sysid)
+        lists = MissionProtocol(self.sysid, self.kind)
         yield from lists.write_mission(items)
         yield from lists.compare_mission(items)
 
     def holds_another(self, items: tuple[MissionItem, ...]) -> Asking:
         """Whether the mission that the autopilot holds is another one than these items; `items` begins with home."""
         try:
-            yield from MissionProtocol(self.sysid).compare_mission(items)
+            yield from MissionProtocol(self.sysid, self.kind).compare_mission(items)
         except AutopilotError:
             return True
         return False

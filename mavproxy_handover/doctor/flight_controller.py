@@ -19,6 +19,7 @@ from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.own_failsafes import plan_facts
 from mavproxy_handover.cli.guard import version_of
 from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.core import model
 from mavproxy_handover.core.model import GuardState
 from mavproxy_handover.doctor.advice import advice
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
@@ -295,7 +296,7 @@ class _Visit:
             yield ok("mission in the autopilot", f"not compared: {len(items)} items take too long to read")
             return
         self._patient.tell(f"reading {len(items)} items of the mission")
-        talk = self.talk.ask(_same(self._vehicle.sysid, items))
+        talk = self.talk.ask(_same(self._vehicle.sysid, items, self._aircraft.kind))
         if talk.failure is None:
             yield ok("mission in the autopilot", f"is that of the package {package.name!r}")
         else:
@@ -318,5 +319,5 @@ def _message(sysid: int, kind: str) -> Asking:
         return None
 
 
-def _same(sysid: int, items: Any) -> Asking:
-    yield from MissionProtocol(sysid).compare_mission(items)
+def _same(sysid: int, items: Any, kind: model.Kind) -> Asking:
+    yield from MissionProtocol(sysid, kind).compare_mission(items)

@@ -112,7 +112,7 @@ def check(
     """
     walk = package.walk(wind)
     path = package.path(wind)
-    model = package.energy.model(wind)
+    model = package.energy.model(wind, wings=package.kind.winged)
     energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
     crossed = package.stretches(walk, wind)
     findings = [

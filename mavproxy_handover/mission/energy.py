@@ -144,6 +144,7 @@ class PreparedWay:
         legs = legs_of(route, cruise_speed_mps)
         released = released_at(route)
         self._drops = released is not None
+        self._wings = route.kind.winged
         self._pieces = _pieces(legs, released)
         self._end = legs[-1].end if legs and not _lands(route, legs[-1]) else None
         self._home = places_of(route)[0]
@@ -152,7 +153,7 @@ class PreparedWay:
         """All of it, with the return to home at that height where it does not end on the ground."""
         if self._end is None:
             return self._pieces
-        back = way_back(self._end, self._home, return_alt_m)
+        back = way_back(self._end, self._home, return_alt_m, wings=self._wings)
         return (*self._pieces, *_loaded_as(back, unloaded=self._drops))
 
 
@@ -169,7 +170,7 @@ def pieces_along(
     pieces = _pieces(legs, released)
     if not legs or legs[-1].end[2] <= 0.0:
         return pieces
-    backs = (way_back(legs[-1].end, place, model.return_alt_m) for place in places)
+    backs = (way_back(legs[-1].end, place, model.return_alt_m, wings=model.wings) for place in places)
     ways = (_loaded_as(back, unloaded=pieces[-1].unloaded) for back in backs)
     return (*pieces, *min(ways, key=model.need_wh, default=()))
 
@@ -199,12 +200,14 @@ def _piece(leg: Leg) -> Piece:
     )
 
 
-def way_back(here: tuple[float, float, float], place: Place, return_alt_m: float) -> tuple[Piece, ...]:
+def way_back(
+    here: tuple[float, float, float], place: Place, return_alt_m: float, *, wings: bool = False
+) -> tuple[Piece, ...]:
     """The way of a return, as RTL flies it, from here (degrees, degrees, metres above home) to a place."""
     there = (place.lat_deg, place.lon_deg)
     distance = distance_m(*here[:2], *there)
     bearing = bearing_deg(*here[:2], *there) if distance > 0.0 else 0.0
-    return way_home(distance, bearing, here[2], place.alt_m, return_alt_m)
+    return way_home(distance, bearing, here[2], place.alt_m, return_alt_m, wings=wings)
 
 
 class _Route:
@@ -226,7 +229,7 @@ class _Route:
         """The best return from here, as heavy as `model` is."""
         found = []
         for place in self.places:
-            need = model.need_wh(way_back(here, place, model.return_alt_m))
+            need = model.need_wh(way_back(here, place, model.return_alt_m, wings=model.wings))
             found.append(Return(place.name, need, left_wh - model.budget_wh(need)))
         return max(found, key=lambda way: way.margin_wh)
 

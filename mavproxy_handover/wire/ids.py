@@ -16,6 +16,8 @@ __all__ = [
     "AUTOPILOT_COMPID",
     "COMPANION_COMPID",
     "COPTER_AUTO",
+    "PLANE_AUTO",
+    "WINGED_TYPES",
     "DOCTOR_COMPID",
     "EVERYBODY",
     "FTP_ACK",
@@ -66,8 +68,16 @@ STATION_COMPID: Final[int] = mavlink.MAV_COMP_ID_MISSIONPLANNER
 #: ids of the messages of `handover.xml`
 OUR_MESSAGES: Final = range(47100, 47132)
 
-#: the flight mode in which ArduCopter flies a mission
+#: the flight mode in which ArduCopter flies a mission, and ArduPlane
 COPTER_AUTO: Final = 3
+PLANE_AUTO: Final = 10
+#: the MAV_TYPEs that ArduPlane gives itself
+WINGED_TYPES: Final = frozenset(
+    {
+        mavlink.MAV_TYPE_FIXED_WING,
+        *range(mavlink.MAV_TYPE_VTOL_DUOROTOR, mavlink.MAV_TYPE_VTOL_RESERVED5 + 1),
+    }
+)
 
 #: TUNNEL payload types: the lease (companion to guard) and the guard's status (guard to companion)
 LEASE_TUNNEL: Final = 47116

@@ -140,7 +140,7 @@ def test_a_plane_hovers_too_where_it_says_so(aircraft: Aircraft, kind: Kind) -> 
 def test_what_flies_on_wings_needs_room_for_a_circle(aircraft: Aircraft, circles_s: float, circle_m: float) -> None:
     """Two seconds and one and a half radii, at 20 m/s; the circle of ArduPlane is 60 m if it says nothing."""
     assert aircraft.circles_s == pytest.approx(circles_s)
-    assert aircraft.circle_m == circle_m
+    assert aircraft.return_circle_m == circle_m
 
 
 def test_what_stands_on_its_wheels_does_not_need_for_ever_to_circle() -> None:

@@ -165,10 +165,9 @@ class EnergySettings:
             return f"{self.payload_kg:g} must be less than mass_kg, {self.mass_kg:g}"
         return ""
 
-    @property
-    def start_policy(self) -> str:
+    def start_policy_for(self, *, wings: bool) -> str:
         """What START does: refuse where there is a budget, and nothing was said."""
-        return "off" if self.missing else self.start or "refuse"
+        return "off" if self.missing_for(wings=wings) else self.start or "refuse"
 
     @property
     def lean_limit_deg(self) -> float:

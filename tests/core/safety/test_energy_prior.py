@@ -138,7 +138,7 @@ def test_what_there_is_no_budget_without(settings: EnergySettings, missing: str)
 def test_start_is_refused_where_there_are_numbers_and_nothing_else_was_said(
     settings: EnergySettings, policy: str
 ) -> None:
-    assert settings.start_policy == policy
+    assert settings.start_policy_for(wings=False) == policy
 
 
 def test_key_by_key_the_first_goes_before_the_second() -> None:
