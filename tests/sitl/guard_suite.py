@@ -21,6 +21,8 @@ FILES = (
     "test_guard_floods",
     "test_guard_scripting",
     "test_guard_arming",
+    "test_guard_plane",
+    "test_guard_quadplane",
     "test_guard_vehicles",
 )
 
