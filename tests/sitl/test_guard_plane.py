@@ -235,7 +235,7 @@ def let_climb(flight: WingedFlight) -> Outcome:
     waited_s = (flight.now_ms - flight.last_lease_ms) / 1000
     to_m = flight.altitude_m
     assert waited_s <= 13.5, waited_s
-    assert from_m < 20 < 35 < to_m, (from_m, to_m)
+    assert from_m < 35 < 45 < to_m, (from_m, to_m)
     said(flight, "HNDO: lease lost, taken off, RTL")
     landing = on_the_ground(flight)
     return f"let climb from {from_m:.0f} m, RTL +{waited_s:.0f} s from {to_m:.0f} m; {landing}"
