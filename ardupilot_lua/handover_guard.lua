@@ -705,9 +705,6 @@ end
 
 -- who has chosen the mode that is undone
 local function culprit()
-    if craft.strayed then
-        return "landing sequence left"
-    end
     if firmware.commands[craft.reason] then
         return firmware.commands[craft.reason] .. " undone"
     end
@@ -822,7 +819,7 @@ do
     TRANSITIONS[E.CALM] =      {calm, told, gone, home, land, land, call, call, fail, miss, hand, call, call}
     TRANSITIONS[E.MISSING] =   {over, down, off,  home, land, land, call, call, fail, stay, hand, call, call}
     TRANSITIONS[E.ORDERING] =  {over, down, off,  home, land, call, call, call, fail, stay, hand, hand, call}
-    TRANSITIONS[E.RETURNING] = {over, down, off,  home, land, undo, call, call, fail, stay, hand, hand, undo}
+    TRANSITIONS[E.RETURNING] = {over, down, off,  home, land, undo, call, left, fail, stay, hand, hand, undo}
     TRANSITIONS[E.LANDING] =   {over, down, off,  home, land, land, call, left, fail, stay, hand, hand, undo}
     TRANSITIONS[E.PILOT] =     {over, down, off,  home, land, undo, stay, dead, fail, stay, hand, hand, undo}
     TRANSITIONS[E.FAILSAFE] =  {over, down, off,  home, land, undo, stay, held, fail, stay, hand, hand, undo}

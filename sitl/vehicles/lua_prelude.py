@@ -236,7 +236,7 @@ local mission
 mission, add = object("mission")
 add("get_current_nav_index", 0, forward(py.get_current_nav_index))
 
-if py.fw_type() == 3 then       -- ArduPlane alone has it
+if pass(3, py.fw_type()) == 3 then       -- ArduPlane alone has it
     env.quadplane, add = object("quadplane")
     add("in_vtol_mode", 0, forward(py.in_vtol_mode))
 end

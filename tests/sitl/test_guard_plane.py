@@ -271,7 +271,7 @@ def led_away_from_it(flight: WingedFlight) -> Outcome:
     flight.until(lambda: flight.mode == AUTO, 240, "landing sequence by RTL")
     flight.run(3)
     assert flight.command(SET_CURRENT, FIRST) == ACCEPTED
-    said(flight, "HNDO: lease lost, landing sequence left")
+    said(flight, "HNDO: lease lost, landing left, RTL")
     landing = on_the_ground(flight)
     modes = modes_of(flight)
     assert modes[-4:] == [(RTL, SCRIPTING), (AUTO, ARRIVED)] * 2, modes
