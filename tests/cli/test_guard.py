@@ -59,9 +59,7 @@ def test_script_and_parameters_are_copied_and_a_second_run_finds_nothing_to_do(
     assert main([str(card), "--check"]) == 0
 
 
-def test_a_plane_gets_the_same_script_and_parameters_of_its_own(
-    card: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plane_gets_the_same_script_and_parameters_of_its_own(card: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert handover(["guard", str(card), "--vehicle", "plane"]) == 0
     scripts = card / "APM" / "scripts"
     assert names(scripts) == ["handover_guard.lua", "handover_plane.parm"]

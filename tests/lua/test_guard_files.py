@@ -14,7 +14,7 @@ import pytest
 
 from sitl.vehicles.lua_bindings import VM_INSTRUCTION_LIMIT
 from tests.lua.numbers import COPTER_NUMBERS, PLANE_NUMBERS, Numbers
-from tests.lua.stub import GUARD, PLANE, Bench, stated
+from tests.lua.stub import GUARD, Bench, stated
 from tests.lua.test_guard_tag import keyed_bench
 
 PAGE = GUARD.with_suffix(".md")
@@ -234,7 +234,7 @@ class TestCopterFile:
 
 class TestPlaneFile:
     def test_a_return_comes_from_every_failsafe_and_ends_on_the_ground(self) -> None:
-        """FS_LONG_ACTN 0 would fly on in AUTO, RTL_AUTOLAND and Q_RTL_MODE 0 circle for ever, Q_OPTIONS land anywhere."""
+        """FS_LONG_ACTN 0 would fly on in AUTO, RTL_AUTOLAND and Q_RTL_MODE 0 circle, Q_OPTIONS 0 land anywhere."""
         values = values_of(PLANE_FILE)
         assert (values["FS_GCS_ENABL"], values["FS_LONG_ACTN"], values["FS_SHORT_ACTN"]) == (1, 1, 0)
         assert (values["RTL_AUTOLAND"], values["Q_RTL_MODE"], int(values["Q_OPTIONS"]) & 1 << 5) == (1, 1, 32)

@@ -126,7 +126,9 @@ def answers(kind: int) -> Iterator[tuple[int, int, int, str]]:
     assert vehicle.removed == []
 
 
-@pytest.mark.parametrize(("kind", "numbers"), [(COPTER, COPTER_NUMBERS), (PLANE, PLANE_NUMBERS)], ids=["Copter", "Plane"])
+@pytest.mark.parametrize(
+    ("kind", "numbers"), [(COPTER, COPTER_NUMBERS), (PLANE, PLANE_NUMBERS)], ids=["Copter", "Plane"]
+)
 def test_every_mode_every_reason_every_state(kind: int, numbers: Numbers) -> None:
     wrong: list[tuple[Moment, str]] = []
     asked = 0

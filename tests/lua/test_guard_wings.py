@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What is different on wings: ladders, the ground, take-offs, landing sequences, failsafes that give back what they took."""
+"""What is different on wings: ladders, the ground, take-offs, landing sequences, failsafes that are over."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
@@ -78,7 +79,7 @@ class TestLadder:
             bench.run(10)
             if len(bench.vehicle.mode_requests) > len(tries):
                 tries.append(bench.vehicle.now_ms - lost_ms)
-        gaps = [b - a for a, b in zip(tries, tries[1:], strict=False)]
+        gaps = [b - a for a, b in pairwise(tries)]
         assert 3000 <= tries[0] <= 3060
         assert 1000 <= gaps[0] <= 1050
         assert all(2000 <= gap <= 2050 for gap in gaps[1:])
@@ -458,7 +459,9 @@ class TestResumed:
         assert bench.vehicle.mode == RTL
         assert bench.texts[-1] == "HNDO: lease lost, mode change undone"
 
-    def test_a_mission_that_the_pilot_had_started_goes_on_without_authority_no_more_than_before(self, bench: Bench) -> None:
+    def test_a_mission_that_the_pilot_had_started_goes_on_without_authority_no_more_than_before(
+        self, bench: Bench
+    ) -> None:
         bench.vehicle.rc = True
         bench.fly(AUTO, BY_RC)
         bench.vehicle.mode, bench.vehicle.reason = CIRCLE, BY_RADIO

@@ -29,6 +29,7 @@ from tests.sitl.firmware import Firmware
 ROOT = Path(__file__).parents[2]
 GUARD = ROOT / "ardupilot_lua" / "handover_guard.lua"
 PARAMETERS = ROOT / "ardupilot_lua" / "handover.parm"
+PLANE_PARAMETERS = ROOT / "ardupilot_lua" / "handover_plane.parm"
 
 HOME = (52.679, 5.924, 2.0, 0.0)
 SPEEDUP = 8

@@ -18,10 +18,8 @@ from pymavlink.dialects.v20 import all as dialect
 from tests.sitl.firmware import Firmware
 from tests.sitl.flown import recorded
 from tests.sitl.guard_cases import SOFT_M_S, Outcome, chosen
-from tests.sitl.guard_flight import ACCEPTED, HURRY, LIVE, ROOT, SPEEDUP, Flight, launched, position
+from tests.sitl.guard_flight import ACCEPTED, HURRY, LIVE, PLANE_PARAMETERS, SPEEDUP, Flight, launched, position
 from tests.sitl.guard_suite import EVERY_TIME
-
-PLANE_PARAMETERS = ROOT / "ardupilot_lua" / "handover_plane.parm"
 
 MANUAL, CIRCLE, STABILIZE, FBWA, FBWB, CRUISE = 0, 1, 2, 5, 6, 7
 AUTO, RTL, LOITER, TAKEOFF, GUIDED = 10, 11, 12, 13, 15

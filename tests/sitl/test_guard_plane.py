@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The guard in a plane: a return that never lands in place, a landing sequence that is left alone, a take-off let climb."""
+"""The guard in a plane: a return that never lands in place, a landing sequence left alone, a take-off let climb."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-
-from pymavlink.dialects.v20 import all as dialect
 
 from tests.sitl.guard_cases import (
     SWITCH_LOITER,
@@ -31,6 +29,7 @@ from tests.sitl.guard_flight import (
     LANDING,
     LIVE,
     LOST,
+    PLANE_PARAMETERS,
     RALLY_POINT,
     TAKE_OFF,
     WAYPOINT,
@@ -47,7 +46,6 @@ from tests.sitl.guard_wings import (
     GUIDED,
     LANDING_SEQUENCE,
     MANUAL,
-    PLANE_PARAMETERS,
     RESUMED,
     RTL,
     SET_CURRENT,
@@ -235,7 +233,8 @@ def let_climb(flight: WingedFlight) -> Outcome:
     waited_s = (flight.now_ms - flight.last_lease_ms) / 1000
     to_m = flight.altitude_m
     assert waited_s <= 13.5, waited_s
-    assert from_m < 35 < 45 < to_m, (from_m, to_m)
+    assert from_m < 35, from_m
+    assert to_m > 45, to_m
     said(flight, "HNDO: lease lost, taken off, RTL")
     landing = on_the_ground(flight)
     return f"let climb from {from_m:.0f} m, RTL +{waited_s:.0f} s from {to_m:.0f} m; {landing}"
@@ -331,7 +330,7 @@ def radio_falters(flight: WingedFlight) -> Outcome:
     assert waited_s >= 8, waited_s
     circling = _circles(flight)
     modes = modes_of(flight)
-    assert (FBWA, RESUMED) in modes and (CIRCLE, RADIO) in modes, modes
+    assert {(FBWA, RESUMED), (CIRCLE, RADIO)} <= set(modes), modes
     return f"pilot again after the short failsafe; RTL {waited_s:.0f} s after the next one, {circling}"
 
 
@@ -451,8 +450,6 @@ def parameters_taken(flight: WingedFlight) -> Outcome:
     return f"{taken} taken"
 
 
-
-
 CASES = (
     WingedCase("Plane: take-off", "plane", winged(rolling, cut, let_climb)),
     WingedCase("Plane: AUTO", "plane", winged(on_route, cut, lands_by_sequence)),
@@ -464,9 +461,13 @@ CASES = (
     WingedCase("Plane: landing sequence by command", "plane", winged(in_sequence, cut, lands_by_sequence)),
     WingedCase("Plane: final approach", "plane", winged(in_final_approach, cut, left_in_sequence)),
     WingedCase(
-        "Plane: landing sequence led back to the route before", "plane", winged(led_back_to_the_route, cut, lands_by_sequence)
+        "Plane: landing sequence led back to the route before",
+        "plane",
+        winged(led_back_to_the_route, cut, lands_by_sequence),
     ),
-    WingedCase("Plane: landing sequence led back to the route during it", "plane", winged(on_route, cut, led_away_from_it)),
+    WingedCase(
+        "Plane: landing sequence led back to the route during it", "plane", winged(on_route, cut, led_away_from_it)
+    ),
     WingedCase(
         "Plane: landing sequence by a critical battery",
         "plane",
@@ -475,17 +476,27 @@ CASES = (
     ),
     WingedCase("Plane: GUIDED ordered during the loss", "plane", winged(in_guided, cut, undone(GUIDED))),
     WingedCase("Plane: MANUAL ordered during the loss", "plane", winged(in_guided, cut, undone(MANUAL))),
-    WingedCase("Plane: DO_AUX_FUNCTION 51, MANUAL, during the loss", "plane", winged(in_guided, cut, aux_function_denied)),
-    WingedCase("Plane: lease says for 3 s that nobody commands", "plane", winged(in_guided, says_lost, nobody_commands)),
+    WingedCase(
+        "Plane: DO_AUX_FUNCTION 51, MANUAL, during the loss", "plane", winged(in_guided, cut, aux_function_denied)
+    ),
+    WingedCase(
+        "Plane: lease says for 3 s that nobody commands", "plane", winged(in_guided, says_lost, nobody_commands)
+    ),
     WingedCase("Plane: lease lost, back, and lost again", "plane", winged(in_guided, cut, back_and_lost_again)),
     WingedCase("Plane: HNDO_ACTION 2", "plane", winged(with_action(2), cut, circles_at_home)),
     WingedCase("Plane: HNDO_ACTION 3", "plane", winged(with_action(3), cut, circles_at_home)),
     WingedCase(
-        "Plane: SCR_ENABLE 0, companion dead", "plane", winged(in_guided, scripting_ends_and_companion_dies, failsafe_returns)
+        "Plane: SCR_ENABLE 0, companion dead",
+        "plane",
+        winged(in_guided, scripting_ends_and_companion_dies, failsafe_returns),
     ),
-    WingedCase("Plane: radio failsafe with the loss", "plane", winged(piloted, with_the_radio, circles_at_home), WITH_RADIO),
+    WingedCase(
+        "Plane: radio failsafe with the loss", "plane", winged(piloted, with_the_radio, circles_at_home), WITH_RADIO
+    ),
     WingedCase("Plane: pilot in FBWA", "plane", winged(by_hand, cut, stands_back), WITH_RADIO),
-    WingedCase("Plane: pilot in FBWA, companion dead", "plane", winged(by_hand, companion_dies, failsafe_returns), WITH_RADIO),
+    WingedCase(
+        "Plane: pilot in FBWA, companion dead", "plane", winged(by_hand, companion_dies, failsafe_returns), WITH_RADIO
+    ),
     WingedCase("Plane: pilot in FBWA, transmitter falters", "plane", winged(by_hand, cut, radio_falters), WITH_RADIO),
     WingedCase("Plane: pilot in FBWA, THR_FAILSAFE 0", "plane", winged(by_hand, cut, circles_at_home)),
     WingedCase("Plane: pilot takes over from the return", "plane", winged(piloted, cut, pilot_takes_over), WITH_RADIO),

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The guard in a QuadPlane: QRTL where it hovers, RTL where it flies on its wings, and down at the chosen place either way."""
+"""The guard in a QuadPlane: QRTL where it hovers, RTL on its wings, down at the chosen place either way."""
 
 from __future__ import annotations
 
@@ -153,10 +153,10 @@ def scripting_ends_and_companion_dies(flight: WingedFlight) -> None:
 # ---- what must be seen ---------------------------------------------------------------------------------------------
 
 
-def comes_home(mode: int, name: str, away_m: float = 0, then: tuple[tuple[int, int], ...] = ()) -> Callable[
-    [WingedFlight], Outcome
-]:
-    """The guard chooses the mode in time, the autopilot what follows it; down softly, at home or so far away from it."""
+def comes_home(
+    mode: int, name: str, away_m: float = 0, then: tuple[tuple[int, int], ...] = ()
+) -> Callable[[WingedFlight], Outcome]:
+    """The guard chooses the mode in time, the autopilot what follows; down softly, at home or so far away (m)."""
 
     def seen(flight: WingedFlight) -> Outcome:
         flight.until(lambda: flight.mode in (mode, *(entry[0] for entry in then)), 6, name)
@@ -239,7 +239,9 @@ def stands_back_until_the_radio_dies(flight: WingedFlight) -> Outcome:
 
 CASES = (
     WingedCase("QuadPlane: take-off climb", "quadplane", winged(climbing, cut, comes_home(QRTL, "QRTL"))),
-    WingedCase("QuadPlane: AUTO, VTOL take-off", "quadplane", winged(taking_off_in_auto, cut, comes_home(QRTL, "QRTL"))),
+    WingedCase(
+        "QuadPlane: AUTO, VTOL take-off", "quadplane", winged(taking_off_in_auto, cut, comes_home(QRTL, "QRTL"))
+    ),
     WingedCase("QuadPlane: hover", "quadplane", winged(hovering, cut, comes_home(QRTL, "QRTL"))),
     WingedCase(
         "QuadPlane: hover 600 m from home", "quadplane", winged(hovering_far_away, cut, climbs_first), HOVER_THERE
@@ -264,7 +266,9 @@ CASES = (
         winged(near_rally_point(on_wings), cut, comes_home(RTL, "RTL", 300, then=((QRTL, ARRIVED_VTOL),))),
     ),
     WingedCase(
-        "QuadPlane: hover, rally point", "quadplane", winged(near_rally_point(hovering), cut, comes_home(QRTL, "QRTL", 300))
+        "QuadPlane: hover, rally point",
+        "quadplane",
+        winged(near_rally_point(hovering), cut, comes_home(QRTL, "QRTL", 300)),
     ),
     WingedCase(
         "QuadPlane: AUTO, VTOL landing before its descent",
@@ -275,7 +279,9 @@ CASES = (
     WingedCase("QuadPlane: QRTL", "quadplane", winged(ordered(QRTL, hovering), cut, left())),
     WingedCase("QuadPlane: QLAND", "quadplane", winged(ordered(QLAND, hovering), cut, left())),
     WingedCase(
-        "QuadPlane: hover, HNDO_ACTION 3", "quadplane", winged(with_action(3, hovering), cut, comes_home(QLAND, "QLAND"))
+        "QuadPlane: hover, HNDO_ACTION 3",
+        "quadplane",
+        winged(with_action(3, hovering), cut, comes_home(QLAND, "QLAND")),
     ),
     WingedCase(
         "QuadPlane: on wings, HNDO_ACTION 3",
