@@ -8,14 +8,14 @@
 --
 -- How to use
 --   1. copy this file to the scripts directory of the autopilot's SD card (APM/scripts)
---   2. load handover.parm, set HNDO_CHAN to the port of the companion, reboot
+--   2. load handover.parm (ArduPlane: handover_plane.parm), set HNDO_CHAN to the port of the companion, reboot
 --   3. start the companion; "HNDO: lease live" appears and the vehicle can be armed
 --   Where other than the companion may write to its port: put a key beside this file, see handover_guard.md.
 --
 -- How to test in SITL
 --   1. copy this file to "scripts" in the working directory of the simulation, load handover.parm
 --   2. arm: refused ("HNDO: no lease from companion"); start the companion on SERIAL1 (tcp 5762); arm: accepted
---   3. fly in GUIDED, stop the companion: RTL after HNDO_TIMEOUT
+--   3. fly in GUIDED, stop the companion: RTL after HNDO_TIMEOUT (a QuadPlane that hovers: QRTL)
 --
 -- CAUTION: needs firmware 4.5 or later. Run it alone: all scripts share one MAVLink receive queue, a second script
 -- that receives MAVLink takes leases away from this one.

@@ -27,7 +27,8 @@ QSTABILIZE, QHOVER, QLOITER, QLAND, QRTL, LOITER_ALT_QLAND, AUTOLAND = 17, 18, 1
 
 REPOSITION, LANDING_SEQUENCE, SET_CURRENT = 192, 189, 224
 VTOL_TAKE_OFF, VTOL_LANDING = 84, 85
-#: reasons of a mode that only aircraft with wings have
+#: reasons of a mode: a station's command, and those that only aircraft with wings have
+COMMAND = 2
 ARRIVED_VTOL, ARRIVED, QRTL_AT_ONCE, RESUMED = 39, 40, 44, 48
 #: a landing counts as one at a place within this (m): a plane rolls out
 NEAR_M = 40.0

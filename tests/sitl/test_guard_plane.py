@@ -31,6 +31,7 @@ from tests.sitl.guard_flight import (
     LOST,
     PLANE_PARAMETERS,
     RALLY_POINT,
+    SPEEDUP,
     TAKE_OFF,
     WAYPOINT,
     Item,
@@ -42,6 +43,7 @@ from tests.sitl.guard_wings import (
     ARRIVED,
     AUTO,
     CIRCLE,
+    COMMAND,
     FBWA,
     GUIDED,
     LANDING_SEQUENCE,
@@ -248,13 +250,12 @@ def left_in_sequence(flight: WingedFlight) -> Outcome:
 
 
 def left_from_return_to_landing(flight: WingedFlight) -> Outcome:
-    stays(flight, RTL, 6)
-    said(flight, "HNDO: lease lost, in RTL")
+    said(flight, "HNDO: lease lost, in RTL", 6)
     flight.hurry()
     flight.until(lambda: flight.mode == AUTO, 200, "landing sequence by RTL")
     said(flight, "HNDO: lease lost, in AUTO, landing")
     outcome = left_in_sequence(flight)
-    assert modes_of(flight)[-1] == (AUTO, ARRIVED)
+    assert modes_of(flight)[-2:] == [(RTL, COMMAND), (AUTO, ARRIVED)]
     return outcome
 
 
@@ -381,6 +382,7 @@ def nobody_commands(flight: WingedFlight) -> Outcome:
 def back_and_lost_again(flight: WingedFlight) -> Outcome:
     flight.until(lambda: flight.mode == RTL, 6, "RTL")
     flight.sending = True
+    flight.pace(SPEEDUP)  # with patience, lest a hiccup of this computer be another loss
     said(flight, "HNDO: authority back, staying in RTL")
     stays(flight, RTL, 5)
     flight.fly_to(1500, 60)
