@@ -24,7 +24,9 @@ read_globals = {
     "millis",
     "Parameter",
     vehicle = methods("set_mode", "get_mode", "get_control_mode_reason", "get_likely_flying", "is_landing",
-                      "has_ekf_failsafed"),
+                      "is_taking_off", "has_ekf_failsafed"),
+    quadplane = methods("in_vtol_mode"),    -- ArduPlane
+    mission = methods("get_current_nav_index"),
     arming = methods("is_armed", "disarm", "get_aux_auth_id", "set_aux_auth_passed", "set_aux_auth_failed"),
     param = methods("get", "set", "add_table", "add_param"),
     gcs = methods("send_text"),

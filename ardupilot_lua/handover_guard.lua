@@ -8,14 +8,14 @@
 --
 -- How to use
 --   1. copy this file to the scripts directory of the autopilot's SD card (APM/scripts)
---   2. load handover.parm, set HNDO_CHAN to the port of the companion, reboot
+--   2. load handover.parm (ArduPlane: handover_plane.parm), set HNDO_CHAN to the port of the companion, reboot
 --   3. start the companion; "HNDO: lease live" appears and the vehicle can be armed
 --   Where other than the companion may write to its port: put a key beside this file, see handover_guard.md.
 --
 -- How to test in SITL
 --   1. copy this file to "scripts" in the working directory of the simulation, load handover.parm
 --   2. arm: refused ("HNDO: no lease from companion"); start the companion on SERIAL1 (tcp 5762); arm: accepted
---   3. fly in GUIDED, stop the companion: RTL after HNDO_TIMEOUT
+--   3. fly in GUIDED, stop the companion: RTL after HNDO_TIMEOUT (a QuadPlane that hovers: QRTL)
 --
 -- CAUTION: needs firmware 4.5 or later. Run it alone: all scripts share one MAVLink receive queue, a second script
 -- that receives MAVLink takes leases away from this one.
@@ -45,7 +45,8 @@ local MS = {
     TAMPER_HOLD = 10000,            -- no arming for this long after the registrations were wiped
     AUX = 1000,                     -- after a DO_AUX_FUNCTION or a full queue no mode counts as the pilot's
     RADIO = 2000,                   -- a pilot whose radio has been gone for this long does not fly any more
-    FAILSAFE = 10000,               -- a failsafe, or traffic avoidance that is over, may hold the aircraft this long
+    FAILSAFE = 10000,               -- a failsafe, a take-off, or what follows traffic avoidance may last this long
+    SEQUENCE = 1000,                -- after a change to AUTO its item may still be that of before
     TYPE = 60000,                   -- an unknown vehicle type is said again
 }
 
@@ -60,39 +61,104 @@ local WORK = {
     READ_ON_CALLS = 6,              -- to the end of the queue, before a pilot is believed (0.06 s)
 }
 
--- What follows is ArduCopter's: FWVersion:type() 2. A helicopter (13) has the same numbers, but must not be taken out of
--- AUTOROTATE, and was never flown with this.
-local COPTER = 2
-
-local MODE = {AUTO=3, RTL=6, LAND=9, SMART_RTL=21}
-local RETURN_MODES = {[6]="RTL", [21]="SMART_RTL", [27]="AUTO_RTL"}
--- modes in which a pilot steers by hand: STABILIZE ACRO ALT_HOLD LOITER DRIFT SPORT FLIP AUTOTUNE POSHOLD FLOWHOLD
--- SYSTEMID
-local MANUAL_MODES = {[0]=true, [1]=true, [2]=true, [5]=true, [11]=true, [13]=true, [14]=true, [15]=true, [16]=true,
-                      [22]=true, [25]=true}
-
--- ModeReason of the firmware: who chose the present flight mode
-local REASON = {AVOIDANCE=14, AVOIDANCE_RECOVERY=15}
--- RC switch, throttle escape, toy, RC telemetry, RC auxiliary switch; DO_AUX_FUNCTION comes with 53 (4.5: 1) as well
-local PILOT_REASONS = {[1]=true, [9]=true, [18]=true, [42]=true, [53]=true}
--- radio, battery, GCS, EKF, GPS glitch, fence, terrain, avoidance, termination, crash, general, dead reckoning
-local FAILSAFE_REASONS = {[3]=true, [4]=true, [5]=true, [6]=true, [7]=true, [10]=true, [11]=true, [14]=true,
-                          [17]=true, [19]=true, [25]=true, [50]=true}
-local COMMAND_REASONS = {[2]="command", [32]="script", [52]="DDS command"}
-
--- what is tried in flight, in this order: mode, its number in the status, and the wait after a refusal. A refused mode
--- costs a STATUSTEXT, an error in the log and a buzzer, hence the pauses.
+-- what is done in flight, as the status tells it
 local ACTION = {NONE=0, RTL=1, SMART_RTL=2, LAND=3, DISARM=4}
-local LADDERS = {}
+-- reasons of a mode that mean the same on every vehicle (ModeReason of the firmware)
+local REASON = {EKF=6, AVOIDANCE=14, AVOIDANCE_RECOVERY=15}
+
+-- What numbers mean on each kind of vehicle, by FWVersion:type().
+--   radio_failsafe  parameter that switches the radio failsafe on
+--   auto            mode that flies the mission
+--   rtl             plain return, for last_resort
+--   returns         modes that return
+--   landings        modes that land
+--   manual          modes in which a pilot steers by hand
+--   pilots          reasons of a mode: the pilot chose it; DO_AUX_FUNCTION comes with 53 (4.5: 1) as well
+--   failsafes       reasons: a failsafe of the autopilot
+--   commands        reasons: somebody's order
+--   sequences       reasons: the autopilot has led the mission to its landing sequence
+--   resumed         reasons: the failsafe is over, the mode of before is back
+--   ladder, hover   what is tried in flight, by HNDO_ACTION, and while hovering where that differs: mode, its name and its
+--                   number in the status, and the wait after a refusal. A refused mode costs a STATUSTEXT, an error in the
+--                   log and a buzzer, hence the pauses
+--   lacks           HNDO_ACTION that the vehicle does not have -> what is said of it
+--   guesses         whether it flies is an estimate, whether its EKF is well is not told
+local VEHICLES = {}
 do
-    local function rung(name, wait_ms)
-        return {mode=MODE[name], action=ACTION[name], name=name, wait_ms=wait_ms}
+    local function set(...)
+        local members = {}
+        for _, number in ipairs({...}) do
+            members[number] = true
+        end
+        return members
     end
-    local rtl_1, rtl_2, rtl_3, land = rung("RTL", 1000), rung("RTL", 2000), rung("RTL", 0), rung("LAND", 2000)
-    LADDERS[ACTION.RTL] = {rtl_1, rtl_2, rtl_3, land}
-    LADDERS[ACTION.SMART_RTL] = {rung("SMART_RTL", 0), rtl_1, rtl_2, rtl_3, land}
-    LADDERS[ACTION.LAND] = {land}
+
+    local function rung(mode, name, action, wait_ms)
+        return {mode=mode, name=name, action=action, wait_ms=wait_ms}
+    end
+
+    local orders = {[2]="command", [32]="script", [52]="DDS command"}
+
+    local rtl_1, rtl_2, rtl_3 = rung(6, "RTL", ACTION.RTL, 1000), rung(6, "RTL", ACTION.RTL, 2000),
+        rung(6, "RTL", ACTION.RTL, 0)
+    local land = rung(9, "LAND", ACTION.LAND, 2000)
+    -- ArduCopter. A helicopter (13) has the same numbers, but must not be taken out of AUTOROTATE.
+    VEHICLES[2] = {
+        radio_failsafe = "FS_THR_ENABLE",
+        auto = 3,
+        rtl = 6,
+        returns = {[6]="RTL", [21]="SMART_RTL", [27]="AUTO_RTL"},
+        landings = {[9]="LAND"},
+        -- STABILIZE ACRO ALT_HOLD LOITER DRIFT SPORT FLIP AUTOTUNE POSHOLD FLOWHOLD SYSTEMID
+        manual = set(0, 1, 2, 5, 11, 13, 14, 15, 16, 22, 25),
+        -- RC switch, throttle escape, toy, RC telemetry, RC auxiliary switch
+        pilots = set(1, 9, 18, 42, 53),
+        -- radio, battery, GCS, EKF, GPS glitch, fence, terrain, avoidance, termination, crash, general, dead reckoning
+        failsafes = set(3, 4, 5, 6, 7, 10, 11, 14, 17, 19, 25, 50),
+        commands = orders,
+        sequences = {},
+        resumed = {},
+        ladder = {
+            [ACTION.RTL] = {rtl_1, rtl_2, rtl_3, land},
+            [ACTION.SMART_RTL] = {rung(21, "SMART_RTL", ACTION.SMART_RTL, 0), rtl_1, rtl_2, rtl_3, land},
+            [ACTION.LAND] = {land},
+        },
+        lacks = {},
+        guesses = false,
+    }
+
+    -- RTL for ever: an aircraft with wings has no landing in place. QRTL climbs where it hovers, then returns.
+    local home = {rung(11, "RTL", ACTION.RTL, 1000), rung(11, "RTL", ACTION.RTL, 2000)}
+    local qland = rung(20, "QLAND", ACTION.LAND, 2000)
+    local qhome = {rung(21, "QRTL", ACTION.RTL, 1000), rung(21, "QRTL", ACTION.RTL, 2000),
+                   rung(21, "QRTL", ACTION.RTL, 0), qland}
+    -- ArduPlane, QuadPlanes included
+    VEHICLES[3] = {
+        radio_failsafe = "THR_FAILSAFE",
+        auto = 10,
+        rtl = 11,
+        returns = {[11]="RTL", [21]="QRTL"},
+        landings = {[20]="QLAND", [25]="LOITER_ALT_QLAND", [26]="AUTOLAND"},
+        -- MANUAL STABILIZE TRAINING ACRO FBWA FBWB CRUISE AUTOTUNE QSTABILIZE QHOVER QLOITER QAUTOTUNE QACRO
+        manual = set(0, 2, 3, 4, 5, 6, 7, 8, 17, 18, 19, 22, 23),
+        -- RC switch, RC telemetry, RC auxiliary switch
+        pilots = set(1, 42, 53),
+        -- as above, and VTOL transition failed, VTOL take-off failed, radio or GCS lost in the mode TAKEOFF
+        failsafes = set(3, 4, 5, 6, 7, 10, 11, 14, 17, 19, 23, 24, 25, 50, 51),
+        commands = orders,
+        -- battery, RTL that has arrived (RTL_AUTOLAND)
+        sequences = set(4, 40),
+        -- fence, radio
+        resumed = set(43, 48),
+        ladder = {[ACTION.RTL]=home, [ACTION.SMART_RTL]=home, [ACTION.LAND]=home},
+        hover = {[ACTION.RTL]=qhome, [ACTION.SMART_RTL]=qhome, [ACTION.LAND]={qland}},
+        lacks = {[ACTION.SMART_RTL]="no SmartRTL here, HNDO_ACTION 2 is RTL"},
+        guesses = true,
+    }
 end
+
+-- any other is refused; its name, where the number is known
+local OTHERS = {[1]="Rover", [4]="Tracker", [7]="Sub", [12]="Blimp", [13]="Heli"}
 
 local MAV = {
     TUNNEL = 385,
@@ -138,7 +204,7 @@ HNDO.ENABLE = bind_add_param("ENABLE", 1, 1)
 --[[
   // @Param: HNDO_TIMEOUT
   // @DisplayName: Handover lease timeout
-  // @Description: Time without a lease after which it counts as lost. A lease that names a shorter life of its own dies sooner. Keep FS_GCS_TIMEOUT longer.
+  // @Description: Time without a lease after which it counts as lost. A lease that names a shorter life of its own dies sooner. Keep FS_GCS_TIMEOUT (ArduPlane: FS_LONG_TIMEOUT) longer.
   // @Range: 1 30
   // @Units: s
   // @User: Standard
@@ -158,7 +224,7 @@ HNDO.LOST_T = bind_add_param("LOST_T", 3, 3)
 --[[
   // @Param: HNDO_ACTION
   // @DisplayName: Handover guard action
-  // @Description: What is done in flight when authority is lost. If the mode is refused: SMART_RTL falls back to RTL, RTL to LAND.
+  // @Description: What is done in flight when authority is lost. ArduCopter: if the mode is refused, SMART_RTL falls back to RTL, RTL to LAND. ArduPlane: 1 and 2 are RTL, in hover QRTL; 3 is QLAND in hover and RTL on wings, which lands if RTL_AUTOLAND says so.
   // @Values: 1:RTL,2:SmartRTL,3:Land
   // @User: Standard
 --]]
@@ -213,16 +279,20 @@ local refused = {count=0, reason=nil}
 local state = STATE.WAITING
 local tampering = {seen=false, at=nil}
 
--- the autopilot: fs_thr is its parameter FS_THR_ENABLE, if there is one
-local autopilot = {sysid=1, type=nil, known=false, major=0, minor=0, fs_thr=nil}
+-- the autopilot: name of its type where it is not known here; radio_failsafe: its parameter of that, if there is one
+local autopilot = {sysid=1, type=nil, known=false, name="", major=0, minor=0, radio_failsafe=nil}
 pcall(function()
     autopilot.major, autopilot.minor = FWVersion:major(), FWVersion:minor()
     autopilot.type = FWVersion:type()
 end)
-autopilot.known = autopilot.type == COPTER
-do
-    local there, parameter = pcall(Parameter, "FS_THR_ENABLE")
-    autopilot.fs_thr = there and parameter or nil
+-- of no type: no number means anything
+local firmware = VEHICLES[autopilot.type] or {returns={}, landings={}, manual={}, pilots={}, failsafes={}, commands={},
+                                              sequences={}, resumed={}, lacks={}}
+autopilot.known = VEHICLES[autopilot.type] ~= nil
+autopilot.name = OTHERS[autopilot.type] or "vehicle type " .. tostring(autopilot.type or "?")
+if autopilot.known then
+    local there, parameter = pcall(Parameter, firmware.radio_failsafe)
+    autopilot.radio_failsafe = there and parameter or nil
 end
 
 -- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
@@ -264,15 +334,17 @@ local SEEN = {AUTHORITY=1, DISARMED=2, GROUND=3, RETURN=4, LANDS=5, LAND_ORDER=6
 local enforcement = ENFORCEMENT.CALM
 -- The aircraft. at: last look; changes: how often mode or reason have changed; before: when the former ones were seen
 -- last; unread: calls left to read on before the pilot is believed (by_pilot) or not (why_not); watched: by the radio
--- failsafe (with FS_THR_ENABLE 0 the firmware calls any radio valid for ever); radio, radio_at: it lives, it lived;
--- avoided_at: traffic was avoided, less than 10 s ago.
+-- failsafe (switched off, the firmware may call any radio valid for ever); radio, radio_at: it lives, it lived;
+-- avoided_at: traffic was avoided, less than 10 s ago; hand: the mode that the pilot was last believed in, as long as only
+-- failsafes have changed it; item: of a landing sequence; strayed: it was led back to an earlier one.
 local craft = {armed=false, flying=false, flown=false, flown_at=0, disarm_tried=false, disarm_at=0, mode=nil,
                reason=nil, changes=0, at=since.start, before=since.start, unread=0, by_pilot=false, why_not="",
-               watched=false, radio=false, radio_at=since.start, avoided_at=nil}
+               watched=false, radio=false, radio_at=since.start, avoided_at=nil, hand=nil, item=nil, strayed=false}
 
 -- The loss. action: for the status; mode: what the guard has set or left alone, since when; changes: those of craft
--- when it first acted; resorted: see last_resort.
-local loss = {action=ACTION.NONE, mode=nil, since=0, changes=0, attempts=0, wait_ms=0, tried_at=0, resorted=false}
+-- when it first acted; climbing: what it stands back for is a take-off; resorted: see last_resort.
+local loss = {action=ACTION.NONE, mode=nil, since=0, changes=0, attempts=0, wait_ms=0, tried_at=0, climbing=false,
+              resorted=false}
 
 -- at most one text of a kind in gap_ms
 local function say(severity, kind, gap_ms, text)
@@ -314,7 +386,11 @@ function config.read(now)
     end
     config.timeout_ms = math.floor(value_of(HNDO.TIMEOUT, 1, 30) * 1000)
     config.lost_ms = math.floor(value_of(HNDO.LOST_T, 0, 60) * 1000)
-    config.action = math.floor(value_of(HNDO.ACTION, ACTION.RTL, ACTION.LAND))
+    local action = math.floor(value_of(HNDO.ACTION, ACTION.RTL, ACTION.LAND))
+    if action ~= config.action and firmware.lacks[action] then
+        say(MAV_SEVERITY.NOTICE, "action", 2000, firmware.lacks[action])
+    end
+    config.action = action
     config.chan = math.floor(value_of(HNDO.CHAN, -1, 15))
     config.compid = math.floor(value_of(HNDO.COMPID, 1, 255))
     config.sysid_sw = value_of(HNDO.SYSID_SW, 0, 1) >= 0.5
@@ -361,7 +437,7 @@ local function arming_objection(now)
         return nil
     end
     if not autopilot.known then
-        return string.format("vehicle type %s not supported", autopilot.type or "?")
+        return autopilot.name .. " not supported"
     end
     if rx.blind then
         return "MAVLink rx taken by a script"
@@ -422,24 +498,24 @@ a fault of this script; the guard then asks for the way home.
   state       authority  the guard
   CALM        is there   does nothing
   MISSING     missing    has not seen the aircraft fly in this loss: it stays disarmed or is disarmed
-  ORDERING    missing    asks for the way home, again with pauses while it is refused (LADDERS)
+  ORDERING    missing    asks for the way home, again with pauses while it is refused (ladder, hover)
   RETURNING   missing    watches a return, whoever chose it
-  LANDING     missing    watches a landing: LAND, or AUTO while it comes down
+  LANDING     missing    watches a landing: a mode that lands, or AUTO while it comes down
   PILOT       missing    stands back for a pilot whose radio lives
   FAILSAFE    missing    stands back for a failsafe that holds the aircraft, 10 s, longer with a failed EKF; for traffic
-                         avoidance, and 10 s after it
+                         avoidance, and 10 s after it; for the take-off of an aircraft with wings, 10 s at most
 
   seen, the first that fits
   AUTHORITY   authority is there, or the guard is switched off
   DISARMED    the motors are off
   GROUND      armed, not flying
-  RETURN      a mode that returns
+  RETURN      a mode that returns, or AUTO in a landing sequence that the autopilot has chosen
   LANDS       a landing, or one that was left alone before
   LAND_ORDER  a landing since the loss by a command, without a companion that says LOST, or by a switch that is not
               believed
   KEPT        the mode that the guard stands back for, as long as PATIENCE has it
   OVER        the same mode, longer than that
-  HELD        a failsafe's mode that neither returns nor lands
+  HELD        a failsafe's mode that neither returns nor lands; a take-off that the loss finds under way
   UNREAD      a mode with the pilot's reason; the queue may still hold the DO_AUX_FUNCTION that chose it
   HANDS       a pilot's mode to steer by hand
   SWITCH      any other mode that a pilot has chosen since the loss
@@ -458,7 +534,7 @@ end
 
 -- A firmware that cannot tell who has chosen the mode: it may be the pilot.
 local function may_be_pilots(reason)
-    return reason == nil or PILOT_REASONS[reason]
+    return reason == nil or firmware.pilots[reason]
 end
 
 -- Whether the pilot chose the mode that has just been seen: not if a DO_AUX_FUNCTION came up to a second before, or may
@@ -473,9 +549,29 @@ local function judge_pilot()
     elseif not left_to_us and (not rx.ended or (rx.full_at and elapsed(craft.before, rx.full_at) < MS.AUX)) then
         craft.why_not = "switch undone, rx flooded"
     else
-        craft.by_pilot = true
+        craft.by_pilot, craft.hand = true, craft.mode
     end
     craft.unread = 0
+end
+
+local function hovers()
+    return firmware.hover ~= nil and quadplane ~= nil and quadplane:in_vtol_mode()
+end
+
+-- On wings, from the roll to the height of the take-off: a turn towards home may not end well there.
+local function climbs()
+    return firmware.guesses and vehicle.is_taking_off ~= nil and vehicle:is_taking_off() and not hovers()
+end
+
+-- A landing sequence is one of the autopilot's as long as nobody leads it back to an earlier item.
+local function follow_sequence(now)
+    local item = mission ~= nil and mission:get_current_nav_index() or 0
+    if craft.item and item < craft.item then
+        craft.strayed = true
+    end
+    if elapsed(now, craft.before) >= MS.SEQUENCE then
+        craft.item = item
+    end
 end
 
 local function observe(now)
@@ -486,7 +582,7 @@ local function observe(now)
     elseif craft.flying then
         craft.flown, craft.flown_at = true, now
     end
-    craft.watched = autopilot.fs_thr ~= nil and (autopilot.fs_thr:get() or 0) > 0
+    craft.watched = autopilot.radio_failsafe ~= nil and (autopilot.radio_failsafe:get() or 0) > 0
     craft.radio = craft.watched and rc ~= nil and rc:has_valid_input()
     if craft.radio then
         craft.radio_at = now
@@ -501,7 +597,12 @@ local function observe(now)
     end
     if mode ~= craft.mode or reason ~= craft.reason then
         craft.mode, craft.reason, craft.changes, craft.before = mode, reason, craft.changes + 1, craft.at
-        craft.by_pilot, rx.ended = false, false
+        -- a failsafe that is over gives back what it took
+        craft.by_pilot, rx.ended = firmware.resumed[reason] and firmware.manual[mode] and mode == craft.hand, false
+        if not (firmware.resumed[reason] or firmware.failsafes[reason]) then
+            craft.hand = nil
+        end
+        craft.item, craft.strayed = nil, false
         if not may_be_pilots(reason) then
             craft.unread, judging = 0, false
         elseif not judging then     -- who changes it again and again gains no time
@@ -510,6 +611,9 @@ local function observe(now)
     end
     if judging and (rx.ended or craft.unread == 0) then
         judge_pilot()
+    end
+    if mode == firmware.auto and firmware.sequences[reason] then
+        follow_sequence(now)
     end
     if reason == REASON.AVOIDANCE then
         craft.avoided_at = now
@@ -525,7 +629,11 @@ local PATIENCE = {
         return elapsed(now, craft.radio_at) < MS.RADIO
     end,
     [ENFORCEMENT.FAILSAFE] = function(now)
+        if loss.climbing and not climbs() then
+            return false
+        end
         return elapsed(now, loss.since) < MS.FAILSAFE or craft.avoided_at ~= nil or
+            (firmware.guesses and craft.reason == REASON.EKF) or
             (vehicle.has_ekf_failsafed ~= nil and vehicle:has_ekf_failsafed())
     end,
 }
@@ -541,29 +649,32 @@ local function look(now)
         return SEEN.GROUND
     end
     local mode, reason, pilot = craft.mode, craft.reason, craft.by_pilot and craft.radio
-    if RETURN_MODES[mode] then
+    if firmware.returns[mode] or (mode == firmware.auto and firmware.sequences[reason] and not craft.strayed) then
         return SEEN.RETURN
     end
-    if mode == MODE.LAND or (mode == MODE.AUTO and vehicle.is_landing and vehicle:is_landing()) then
+    if firmware.landings[mode] or (mode == firmware.auto and vehicle.is_landing and vehicle:is_landing()) then
         if mode == loss.mode then
             return SEEN.LANDS
         end
         if may_be_pilots(reason) then
             return craft.unread > 0 and SEEN.UNREAD or pilot and SEEN.LANDS or SEEN.LAND_ORDER
         end
-        return COMMAND_REASONS[reason] and state ~= STATE.LOST and SEEN.LAND_ORDER or SEEN.LANDS
+        return firmware.commands[reason] and state ~= STATE.LOST and SEEN.LAND_ORDER or SEEN.LANDS
     end
     if mode == loss.mode then       -- the mode decides: its reason is overwritten when it is ordered again
         local patience = PATIENCE[enforcement]
         return patience and patience(now) and SEEN.KEPT or SEEN.OVER
     end
-    if FAILSAFE_REASONS[reason] or (reason == REASON.AVOIDANCE_RECOVERY and craft.avoided_at) then
+    if firmware.failsafes[reason] or (reason == REASON.AVOIDANCE_RECOVERY and craft.avoided_at) then
+        return SEEN.HELD
+    end
+    if enforcement <= ENFORCEMENT.MISSING and climbs() then
         return SEEN.HELD
     end
     if may_be_pilots(reason) and craft.unread > 0 then
         return SEEN.UNREAD
     end
-    if pilot and MANUAL_MODES[mode] then
+    if pilot and firmware.manual[mode] then
         return SEEN.HANDS
     end
     return pilot and craft.changes ~= loss.changes and SEEN.SWITCH or SEEN.OTHER
@@ -581,10 +692,7 @@ local function loss_name()
 end
 
 local function mode_name(mode)
-    if mode == MODE.AUTO then
-        return "AUTO, landing"
-    end
-    return mode == MODE.LAND and "LAND" or RETURN_MODES[mode]
+    return firmware.returns[mode] or firmware.landings[mode] or "AUTO, landing"
 end
 
 local function settle(now, text)
@@ -597,16 +705,16 @@ end
 
 -- who has chosen the mode that is undone
 local function culprit()
-    if COMMAND_REASONS[craft.reason] then
-        return COMMAND_REASONS[craft.reason] .. " undone"
+    if firmware.commands[craft.reason] then
+        return firmware.commands[craft.reason] .. " undone"
     end
-    if not PILOT_REASONS[craft.reason] then
+    if not firmware.pilots[craft.reason] then
         return "mode change undone"
     end
     if not craft.by_pilot then
         return craft.why_not
     end
-    return craft.watched and "switch undone, no radio" or "switch undone, FS_THR_ENABLE 0"
+    return craft.watched and "switch undone, no radio" or "switch undone, " .. firmware.radio_failsafe .. " 0"
 end
 
 -- Tries the next rung of the ladder once its pause is over; returns it if the autopilot accepts the mode.
@@ -614,7 +722,8 @@ local function send_home(now)
     if not craft.flying or (loss.attempts > 0 and elapsed(now, loss.tried_at) < loss.wait_ms) then
         return nil
     end
-    local ladder = LADDERS[config.action] or LADDERS[ACTION.RTL]
+    local ladders = hovers() and firmware.hover or firmware.ladder
+    local ladder = ladders[config.action]
     local try = ladder[math.min(loss.attempts + 1, #ladder)]
     loss.attempts = math.min(loss.attempts + 1, #ladder)
     loss.tried_at, loss.wait_ms = now, try.wait_ms
@@ -631,21 +740,21 @@ function DEED.tell()
 end
 
 function DEED.forget()
-    loss.mode, loss.attempts, loss.wait_ms = nil, 0, 0
+    loss.mode, loss.attempts, loss.wait_ms, loss.climbing = nil, 0, 0, false
 end
 
 function DEED.finish()
     loss.action = ACTION.NONE
     if state == STATE.LIVE and craft.flying then
-        local stays = (loss.mode == MODE.LAND or RETURN_MODES[loss.mode]) and ", staying in " .. mode_name(loss.mode)
-        say(MAV_SEVERITY.NOTICE, "back", 1000, "authority back" .. (stays or ""))
+        local mode = firmware.landings[loss.mode] or firmware.returns[loss.mode]
+        say(MAV_SEVERITY.NOTICE, "back", 1000, "authority back" .. (mode and ", staying in " .. mode or ""))
     end
     DEED.forget()
 end
 
--- A script's disarm stops the motors in the air as well: be sure of the ground.
+-- A script's disarm stops the motors in the air as well: be sure of the ground. An estimate is none.
 function DEED.disarm(now)
-    if craft.flown and elapsed(now, craft.flown_at) < MS.LANDED then
+    if craft.flown and (firmware.guesses or elapsed(now, craft.flown_at) < MS.LANDED) then
         return
     end
     if craft.disarm_tried and elapsed(now, craft.disarm_at) < MS.SECOND then
@@ -666,13 +775,16 @@ function DEED.stand_back(now)
     if enforcement == ENFORCEMENT.PILOT then
         settle(now, "pilot flies")
     else
-        settle(now, craft.avoided_at and "traffic avoidance" or "failsafe acts")
+        loss.climbing = not firmware.failsafes[craft.reason] and climbs()
+        settle(now, craft.avoided_at and "traffic avoidance" or loss.climbing and "taking off" or "failsafe acts")
     end
 end
 
 function DEED.order(now, why)
     local done = send_home(now)
     if done then
+        why = loss.climbing and "taken off" or why
+        loss.climbing = false
         why = why and ", " .. why or ""
         say(MAV_SEVERITY.CRITICAL, "action", 1000, loss_name() .. why .. ", " .. done.name)
     end
@@ -707,7 +819,7 @@ do
     TRANSITIONS[E.CALM] =      {calm, told, gone, home, land, land, call, call, fail, miss, hand, call, call}
     TRANSITIONS[E.MISSING] =   {over, down, off,  home, land, land, call, call, fail, stay, hand, call, call}
     TRANSITIONS[E.ORDERING] =  {over, down, off,  home, land, call, call, call, fail, stay, hand, hand, call}
-    TRANSITIONS[E.RETURNING] = {over, down, off,  home, land, undo, call, call, fail, stay, hand, hand, undo}
+    TRANSITIONS[E.RETURNING] = {over, down, off,  home, land, undo, call, left, fail, stay, hand, hand, undo}
     TRANSITIONS[E.LANDING] =   {over, down, off,  home, land, land, call, left, fail, stay, hand, hand, undo}
     TRANSITIONS[E.PILOT] =     {over, down, off,  home, land, undo, stay, dead, fail, stay, hand, hand, undo}
     TRANSITIONS[E.FAILSAFE] =  {over, down, off,  home, land, undo, stay, held, fail, stay, hand, hand, undo}
@@ -751,8 +863,8 @@ local function last_resort(now)
         loss.resorted = false
     elseif not loss.resorted and autopilot.known and arming:is_armed() then
         loss.resorted = true
-        if not RETURN_MODES[vehicle:get_mode()] then
-            vehicle:set_mode(MODE.RTL)
+        if not firmware.returns[vehicle:get_mode()] then
+            vehicle:set_mode(firmware.rtl)
         end
     end
 end
@@ -1231,7 +1343,7 @@ local function second(now)
         rx.full_at = nil
     end
     if not autopilot.known then
-        say(MAV_SEVERITY.ERROR, "type", MS.TYPE, string.format("vehicle type %s not supported", autopilot.type or "?"))
+        say(MAV_SEVERITY.ERROR, "type", MS.TYPE, autopilot.name .. " not supported")
     end
     rx.register(now, false)
     gcs_id.follow()

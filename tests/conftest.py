@@ -20,7 +20,7 @@ from mavproxy_handover.store.memory import in_memory
 from sitl.vehicles import LaunchError, find_arducopter
 from tests.sitl.firmware import Firmware, NotFirmware, firmware_of
 from tests.sitl.flown import Recorder
-from tests.sitl.guard_flight import GUARD, PARAMETERS
+from tests.sitl.guard_flight import GUARD, PARAMETERS, PLANE_PARAMETERS
 
 _SHARED = Path("/dev/shm")
 #: options, fixtures and names of the programs
@@ -43,7 +43,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     page = config.getoption("--flown")
     if page is not None and not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Recorder(page, GUARD, PARAMETERS))
+        config.pluginmanager.register(Recorder(page, GUARD, PARAMETERS, PLANE_PARAMETERS))
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -113,6 +113,7 @@ def test_missions_guard_parameters_definitions_and_samples_are_in_it(names: set[
         data + "ardupilot_lua/handover_guard.md",
         data + "ardupilot_lua/handover_guard_install.md",
         data + "ardupilot_lua/handover.parm",
+        data + "ardupilot_lua/handover_plane.parm",
         "mavproxy_handover/wire/handover.xml",
         "mavproxy_handover/wire/operator_control.xml",
         "mavproxy_handover/deploy/vehicle.toml",

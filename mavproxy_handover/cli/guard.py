@@ -10,6 +10,7 @@ Rules that live here:
    that takes messages from that queue, uses the guard's parameter table, or uses up the arming authorisations stands in
    its way. Those are told by what they call; whoever knows better has `--force`.
 4. No line printed holds a key; a fingerprint names it.
+5. The script is the same for every kind of vehicle that it knows; its recommended parameters are not.
 """
 
 from __future__ import annotations
@@ -29,7 +30,9 @@ from mavproxy_handover.wire.signing import fingerprint
 
 __all__ = ["Finding", "main", "survey", "version_of"]
 
-_SCRIPT, _PARAMETERS, _KEY = "handover_guard.lua", "handover.parm", "handover.key"
+_SCRIPT, _KEY = "handover_guard.lua", "handover.key"
+#: kind of vehicle -> its recommended parameters; the script is the same
+_PARAMETERS = {"copter": "handover.parm", "plane": "handover_plane.parm"}
 #: where ArduPilot looks for scripts, seen from the root of the card
 _FOLDER = Path("APM", "scripts")
 _MAX_SCRIPT_BYTES = 1_000_000
@@ -65,6 +68,12 @@ def main(argv: Sequence[str]) -> int:
         "and check what is there.",
     )
     parser.add_argument("card", type=Path, help="root of the SD card: the folder that holds APM")
+    parser.add_argument(
+        "--vehicle",
+        choices=tuple(_PARAMETERS),
+        default="copter",
+        help="whose parameters: copter (default), or plane for ArduPlane, QuadPlanes included",
+    )
     parser.add_argument("--key", type=Path, metavar="FILE", help="guard_key of the vehicle's configuration")
     parser.add_argument("--check", action="store_true", help="look only, write nothing; 1 if something is missing")
     parser.add_argument("--force", action="store_true", help="replace files that differ, and mind no other script")
@@ -73,7 +82,7 @@ def main(argv: Sequence[str]) -> int:
     except SystemExit as stop:
         return int(stop.code or 0)
     try:
-        return _run(arguments.card, arguments.key, check=arguments.check, force=arguments.force)
+        return _run(arguments.card, arguments.vehicle, arguments.key, check=arguments.check, force=arguments.force)
     except (_Unusable, KeysError) as error:
         print(f"handover guard: {error}", file=sys.stderr)
         return 2
@@ -82,9 +91,9 @@ def main(argv: Sequence[str]) -> int:
         return 2
 
 
-def _run(card: Path, key_file: Path | None, *, check: bool, force: bool) -> int:
+def _run(card: Path, vehicle: str, key_file: Path | None, *, check: bool, force: bool) -> int:
     _look_at_root(card, force=force)
-    wanted = _wanted(key_file)
+    wanted = _wanted(vehicle, key_file)
     findings = survey(card, wanted)
     missing = [name for name, data in wanted.items() if _read(card / _FOLDER / name) != data]
     stops = [finding for finding in findings if finding.stops]
@@ -103,14 +112,14 @@ def _run(card: Path, key_file: Path | None, *, check: bool, force: bool) -> int:
         print(f"{card / _FOLDER / name}: written{version_of(wanted[name])}")
     if not missing:
         print(f"{card}: nothing to write, all is there")
-    _say_what_follows(card, key_file)
+    _say_what_follows(card, vehicle, key_file)
     return 0
 
 
-def _wanted(key_file: Path | None) -> dict[str, bytes]:
+def _wanted(vehicle: str, key_file: Path | None) -> dict[str, bytes]:
     """Name -> content of the files to be on the card."""
     folder = shipped("ardupilot_lua")
-    wanted = {name: (folder / name).read_bytes() for name in (_SCRIPT, _PARAMETERS)}
+    wanted = {name: (folder / name).read_bytes() for name in (_SCRIPT, _PARAMETERS[vehicle])}
     if key_file is not None:
         wanted[_KEY] = load_key(key_file).hex().encode("ascii") + b"\n"
     return wanted
@@ -143,6 +152,9 @@ def survey(card: Path, wanted: dict[str, bytes]) -> list[Finding]:
     if _KEY not in wanted and (folder / _KEY).exists():
         text = "the guard takes leases with the right tag only: the companion needs guard_key"
         findings.append(Finding(folder / _KEY, text, False))
+    for vehicle, name in _PARAMETERS.items():
+        if name not in wanted and (folder / name).exists():
+            findings.append(Finding(folder / name, f"is for a {vehicle}; --vehicle says for which this card is", False))
     for lost in (card / _SCRIPT, card / "APM" / _SCRIPT, folder / "modules" / _SCRIPT, card / "scripts" / _SCRIPT):
         if lost.exists():
             findings.append(Finding(lost, f"the autopilot does not run it there, but in {_FOLDER}", False))
@@ -156,7 +168,7 @@ def _differing(path: Path, data: bytes) -> Finding | None:
         return None
     if path.name == _KEY:
         return Finding(path, "is another key than the one given", True)
-    if path.name == _PARAMETERS:
+    if path.name in _PARAMETERS.values():
         return Finding(path, "differs from the one to be copied", True)
     return Finding(path, f"is another guard{version_of(present)}; this is{version_of(data) or ' of no version'}", True)
 
@@ -222,9 +234,11 @@ def _place(path: Path, data: bytes) -> None:
         raise _Unusable(f"{path}: reads back otherwise than it was written; is the card worn out?")
 
 
-def _say_what_follows(card: Path, key_file: Path | None) -> None:
+def _say_what_follows(card: Path, vehicle: str, key_file: Path | None) -> None:
     if key_file is not None:
         print(f"key {fingerprint(load_key(key_file))}: guard_key of the vehicle's configuration must name the same")
     elif not (card / _FOLDER / _KEY).exists():
         print("no key: whoever can write to the companion's port of the autopilot can send a lease")
-    print(f"next: unmount the card, start the autopilot, load {_PARAMETERS}, check HNDO_CHAN (handover_guard.md)")
+    print(
+        f"next: unmount the card, start the autopilot, load {_PARAMETERS[vehicle]}, check HNDO_CHAN (handover_guard.md)"
+    )

@@ -151,6 +151,18 @@ class ScriptCalls:
         return self._host.is_landing()
 
     @_binding
+    def is_taking_off(self) -> bool:
+        return self._host.is_taking_off()
+
+    @_binding
+    def in_vtol_mode(self) -> bool:
+        return self._host.in_vtol_mode()
+
+    @_binding
+    def get_current_nav_index(self) -> int:
+        return self._host.mission_item()
+
+    @_binding
     def has_ekf_failsafed(self) -> bool:
         return self._host.has_ekf_failsafed()
 

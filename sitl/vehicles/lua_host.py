@@ -39,6 +39,15 @@ class VehicleHost(Protocol):
     def is_landing(self) -> bool:
         """ArduCopter: in LAND, in the last part of RTL and SMART_RTL, and in AUTO while a landing item goes down."""
 
+    def is_taking_off(self) -> bool:
+        """ArduCopter: on the way up in a take-off of GUIDED or AUTO. ArduPlane: from the roll to the height of it."""
+
+    def in_vtol_mode(self) -> bool:
+        """ArduPlane: a QuadPlane whose lift motors carry it. Scripts of other vehicles cannot ask."""
+
+    def mission_item(self) -> int:
+        """Number of the mission's item that is flown to, 0 if there is none."""
+
     def has_ekf_failsafed(self) -> bool:
         """Whether the EKF failsafe is on: the position is not to be trusted."""
 

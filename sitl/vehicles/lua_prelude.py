@@ -149,6 +149,7 @@ add("get_mode", 0, forward(py.get_mode))
 add("get_control_mode_reason", 0, forward(py.get_control_mode_reason))
 add("get_likely_flying", 0, forward(py.get_likely_flying))
 add("is_landing", 0, forward(py.is_landing))
+add("is_taking_off", 0, forward(py.is_taking_off))
 add("has_ekf_failsafed", 0, forward(py.has_ekf_failsafed))
 add("get_time_flying_ms", 0, function() return new((pass(4, py.get_time_flying_ms()))) end)
 
@@ -231,6 +232,15 @@ function logger.write(self, ...)
 end
 if absent["logger.write"] then logger.write = nil end
 
+local mission
+mission, add = object("mission")
+add("get_current_nav_index", 0, forward(py.get_current_nav_index))
+
+if pass(3, py.fw_type()) == 3 then       -- ArduPlane alone has it
+    env.quadplane, add = object("quadplane")
+    add("in_vtol_mode", 0, forward(py.in_vtol_mode))
+end
+
 local version
 version, add = object("FWVersion")
 add("type", 0, forward(py.fw_type))
@@ -239,7 +249,7 @@ add("minor", 0, forward(py.fw_minor))
 add("patch", 0, forward(py.fw_patch))
 
 env.vehicle, env.arming, env.param, env.gcs, env.rc = vehicle, arming, param, gcs, rc
-env.mavlink, env.logger, env.FWVersion = mavlink, logger, version
+env.mavlink, env.logger, env.FWVersion, env.mission = mavlink, logger, version, mission
 for name in pairs(absent) do env[name] = nil end
 
 -- ---------------------------------------------------------------- running within the instruction budget

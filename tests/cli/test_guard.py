@@ -59,6 +59,35 @@ def test_script_and_parameters_are_copied_and_a_second_run_finds_nothing_to_do(
     assert main([str(card), "--check"]) == 0
 
 
+def test_a_plane_gets_the_same_script_and_parameters_of_its_own(card: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert handover(["guard", str(card), "--vehicle", "plane"]) == 0
+    scripts = card / "APM" / "scripts"
+    assert names(scripts) == ["handover_guard.lua", "handover_plane.parm"]
+    for name in names(scripts):
+        assert (scripts / name).read_bytes() == (SHIPPED / name).read_bytes()
+    assert "load handover_plane.parm, check HNDO_CHAN" in capsys.readouterr().out
+    assert main([str(card), "--vehicle", "plane", "--check"]) == 0
+    assert main([str(card), "--check"]) == 1
+    assert "handover.parm: missing" in capsys.readouterr().err
+
+
+def test_parameters_of_the_other_kind_of_vehicle_are_mentioned_and_stay(
+    card: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main([str(card), "--vehicle", "copter"])
+    capsys.readouterr()
+    assert main([str(card), "--vehicle", "plane"]) == 0
+    captured = capsys.readouterr()
+    assert "handover.parm: is for a copter; --vehicle says for which this card is" in captured.out
+    assert names(card / "APM" / "scripts") == ["handover.parm", "handover_guard.lua", "handover_plane.parm"]
+
+
+def test_a_vehicle_that_the_guard_does_not_know_is_wrong_usage(card: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(card), "--vehicle", "rover"]) == 2
+    assert "invalid choice: 'rover'" in capsys.readouterr().err
+    assert names(card / "APM") == ["LOGS"]
+
+
 def test_key_is_copied_as_the_guard_reads_it_and_never_shown(
     card: Path, key: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -39,6 +39,7 @@ FILES = (
     "test_guard_enforcement",
     "test_guard_flight",
     "test_guard_pilot",
+    "test_guard_wings",
     "test_guard_channels",
     "test_guard_vehicles",
     "test_guard_firmware",
@@ -48,6 +49,7 @@ FILES = (
     "test_guard_standing",
     "test_guard_tag",
     "test_guard_files",
+    "test_guard_product",
 )
 #: whose tests are asked first about the functions of these names
 LIKELY = {
@@ -59,8 +61,8 @@ LIKELY = {
         "culprit",
         "read_command",
         "run_aux_function",
-        "PILOT_REASONS",
     ),
+    "test_guard_wings": ("VEHICLES", "hovers", "climbs", "follow_sequence"),
     "test_guard_arming": ("arming_objection", "permit_arming"),
     "test_guard_standing": ("rx", "gcs_id", "status", "say", "second", "housekeeping", "announce_commander", "WORK"),
 }
@@ -70,19 +72,15 @@ PATIENCE = 3
 EVERY = 50
 #: asked only when all the others have noticed nothing
 SLOW = re.compile(
-    "Budget|Resources|wraps_at_16|station_gets_nowhere|while_authority_is_there|ten_minutes|shorter_of_both_limits"
+    "Budget|Resources|every_mode_every_reason|wraps_at_16|station_gets_nowhere|while_authority_is_there|ten_minutes|shorter_of_both_limits"
 )
 #: what is looked at outside of functions
 TABLES = (
     "MS",
     "WORK",
-    "RETURN_MODES",
-    "MANUAL_MODES",
-    "PILOT_REASONS",
-    "FAILSAFE_REASONS",
-    "COMMAND_REASONS",
+    "VEHICLES",
+    "OTHERS",
     "REASON",
-    "LADDERS",
     "PATIENCE",
     "TRANSITIONS",
 )
@@ -251,7 +249,7 @@ def main(arguments: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as folder:
         script = Path(folder) / "scripts" / SCRIPT.name
         script.parent.mkdir()
-        for extra in ("handover_guard.md", "handover.parm", ".luacheckrc"):
+        for extra in ("handover_guard.md", "handover.parm", "handover_plane.parm", ".luacheckrc"):
             (script.parent / extra).write_bytes((SCRIPT.parent / extra).read_bytes())
         script.write_text(source, encoding="utf-8")
         sound: list[bool] = []

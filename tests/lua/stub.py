@@ -27,7 +27,7 @@ STABILIZE, AUTO, GUIDED, LOITER, RTL, LAND, BRAKE, SMART_RTL, AUTO_RTL = 0, 3, 4
 BY_RC, BY_GCS, BY_BATTERY, BY_EKF, BY_FENCE, BY_SCRIPT, BY_AUX = 1, 2, 4, 6, 10, 32, 53
 BY_ESCAPE, BY_AVOIDANCE, BY_AVOIDANCE_END = 9, 14, 15
 #: FWVersion:type()
-ROVER, COPTER, PLANE, SUB, HELI = 1, 2, 3, 7, 13
+ROVER, COPTER, PLANE, TRACKER, SUB, BLIMP, HELI = 1, 2, 3, 4, 7, 12, 13
 #: states of the guard's enforcement, field En of its log
 CALM, MISSING, ORDERING, RETURNING, LANDING, PILOT, FAILSAFE = range(7)
 
@@ -58,6 +58,10 @@ class FakeVehicle:
         self.reason = BY_RC
         self.rc = False
         self.landing = False
+        #: of an aircraft with wings: it takes off, hovers on lift motors, flies to an item of its mission
+        self.taking_off = False
+        self.hovering = False
+        self.item = 0
         self.aux_functions: list[tuple[int, int]] = []
         self.aux_works = True
         self.ekf_failed = False
@@ -116,6 +120,15 @@ class FakeVehicle:
 
     def is_landing(self) -> bool:
         return self.landing
+
+    def is_taking_off(self) -> bool:
+        return self.taking_off
+
+    def in_vtol_mode(self) -> bool:
+        return self.hovering
+
+    def mission_item(self) -> int:
+        return self.item
 
     def has_ekf_failsafed(self) -> bool:
         return self.ekf_failed
@@ -285,9 +298,13 @@ class Bench:
         count_instructions: bool = False,
         guard: Path = GUARD,
         heard: bool = True,
+        kind: int = COPTER,
     ) -> None:
         """`heard`: something has come in on the companion's channel, so that the guard answers there."""
         self.vehicle = FakeVehicle()
+        self.vehicle.type = kind
+        if kind == PLANE:
+            self.vehicle.parameters["THR_FAILSAFE"] = self.vehicle.parameters.pop("FS_THR_ENABLE")
         self.vehicle.now_ms = boot_ms
         self.vehicle.firmware_version = firmware
         self.vehicle.parameters.update(parameters or {})

@@ -58,8 +58,8 @@ TABLE = {
     ),
     "KEPT": (*["ORDERING order"] * 5, "=", "="),
     "OVER": (
-        *["ORDERING order"] * 4,
-        "ORDERING order: landing left",
+        *["ORDERING order"] * 3,
+        *["ORDERING order: landing left"] * 2,
         "ORDERING order: radio gone",
         "ORDERING order: held 10 s",
     ),

@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 
 from sitl.vehicles.lua_bindings import VM_INSTRUCTION_LIMIT
+from tests.lua.numbers import COPTER_NUMBERS, PLANE_NUMBERS, Numbers
 from tests.lua.stub import GUARD, Bench, stated
-from tests.lua.test_guard_flight import BY_HAND, COMMAND, FAILSAFE, PILOT
 from tests.lua.test_guard_tag import keyed_bench
 
 PAGE = GUARD.with_suffix(".md")
-PARAMETER_FILE = GUARD.with_name("handover.parm")
+PARAMETER_FILE, PLANE_FILE = GUARD.with_name("handover.parm"), GUARD.with_name("handover_plane.parm")
 
 LUACHECK = GUARD.with_name(".luacheckrc")
 
@@ -87,28 +87,24 @@ def test_table_key_is_used_by_no_script_of_ardupilot(source: str) -> None:
     assert [path.name for path, text in texts.items() if use.search(text)] == []
 
 
-def test_modes_and_reasons_are_those_of_arducopter(source: str) -> None:
-    """Numbers that stand in the script, compared with the names in ArduPilot's headers."""
+@pytest.mark.parametrize(
+    ("vehicle", "numbers"), [("ArduCopter", COPTER_NUMBERS), ("ArduPlane", PLANE_NUMBERS)], ids=["Copter", "Plane"]
+)
+def test_modes_and_reasons_are_those_of_ardupilot(vehicle: str, numbers: Numbers) -> None:
+    """The numbers that the script is held against (`test_guard_product`), compared with the names in the headers."""
     folder = ardupilot()
     reasons = dict(_enumerators(folder / "libraries" / "AP_Vehicle" / "ModeReason.h"))
-    modes = dict(_enumerators(folder / "ArduCopter" / "mode.h"))
-    for name, expected in (("PILOT_REASONS", PILOT), ("FAILSAFE_REASONS", FAILSAFE), ("COMMAND_REASONS", COMMAND)):
-        assert {reasons[word] for word in expected} == set(expected.values()) == _keys(source, name)
-    assert {modes[word] for word in BY_HAND} == set(BY_HAND.values()) == _keys(source, "MANUAL_MODES")
-    returning = {modes[word] for word in ("RTL", "SMART_RTL", "AUTO_RTL")}
-    assert returning == _keys(source, "RETURN_MODES") == {6, 21, 27}
-    assert modes["LAND"] == 9
+    modes = dict(_enumerators(folder / vehicle / "mode.h"))
+    for named in (numbers.pilots, numbers.failsafes, numbers.commands, numbers.sequences, numbers.resumed):
+        assert {name: reasons[name] for name in named} == named
+    for named in (numbers.returns, numbers.landings, numbers.by_hand):
+        assert {name: modes[name] for name in named} == named
+    assert modes["AUTO"] == numbers.auto
 
 
 def _enumerators(header: Path) -> list[tuple[str, int]]:
     found = re.findall(r"^ +([A-Z][A-Z0-9_]+) *= *(\d+),", header.read_text(encoding="utf-8"), re.MULTILINE)
     return [(name, int(number)) for name, number in reversed(found)]  # of two with a name the first one counts
-
-
-def _keys(source: str, table: str) -> set[int]:
-    text = re.search(rf"^local {table} = {{(.*?)}}", source, re.MULTILINE | re.DOTALL)
-    assert text is not None
-    return {int(number) for number in re.findall(r"\[(\d+)\]=", text[1])}
 
 
 def test_parameters_are_documented_in_script_and_page(source: str) -> None:
@@ -161,19 +157,25 @@ def test_the_page_has_the_states_of_the_log(source: str) -> None:
         assert f"\n| {number} | {name} | " in page
 
 
-class TestParameterFile:
-    def lines(self) -> list[str]:
-        return PARAMETER_FILE.read_text(encoding="ascii").splitlines()
+def lines_of(path: Path) -> list[str]:
+    return path.read_text(encoding="ascii").splitlines()
 
-    def test_arducopter_reads_99_bytes_a_line_and_comments_only_in_column_one(self) -> None:
+
+def values_of(path: Path) -> dict[str, float]:
+    return {name: float(value) for name, value in (line.split() for line in lines_of(path) if line and line[0] != "#")}
+
+
+@pytest.mark.parametrize("path", [PARAMETER_FILE, PLANE_FILE], ids=["Copter", "Plane"])
+class TestParameterFiles:
+    def test_ardupilot_reads_99_bytes_a_line_and_comments_only_in_column_one(self, path: Path) -> None:
         """The rest of a longer line would be read as a line of its own; '#' behind a value is no comment everywhere."""
-        for line in self.lines():
+        for line in lines_of(path):
             assert len(line) < 97
             assert "#" not in line[1:] or line.startswith("#")
             assert not line.startswith((" ", "\t"))
 
-    def test_every_line_is_name_and_value(self) -> None:
-        values = [line.split() for line in self.lines() if line and not line.startswith("#")]
+    def test_every_line_is_name_and_value(self, path: Path) -> None:
+        values = [line.split() for line in lines_of(path) if line and not line.startswith("#")]
         assert values
         for name, value in values:
             assert re.fullmatch(r"[A-Z][A-Z0-9_]{1,15}", name)
@@ -181,36 +183,47 @@ class TestParameterFile:
         names = [name for name, _ in values]
         assert len(names) == len(set(names))
 
-    def test_every_value_has_its_reason(self) -> None:
+    def test_every_value_has_its_reason(self, path: Path) -> None:
         previous = ""
-        for line in self.lines():
+        for line in lines_of(path):
             if line and not line.startswith("#"):
                 assert previous.startswith("# "), line
             previous = line
 
-    def test_mavproxy_loads_it(self, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_mavproxy_loads_it(self, path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         from pymavlink.mavparm import MAVParmDict
 
         parameters = MAVParmDict()
-        assert parameters.load(str(PARAMETER_FILE))
+        assert parameters.load(str(path))
         assert "Invalid" not in capsys.readouterr().out
         assert parameters["RALLY_LIMIT_KM"] == 0.0
-        assert parameters["FS_GCS_TIMEOUT"] == 10.0
 
-    def test_the_autopilots_own_watch_is_slower_than_the_guard(self, source: str) -> None:
-        values = dict(line.split() for line in self.lines() if line and not line.startswith("#"))
+    def test_the_autopilots_own_watch_is_slower_than_the_guard(self, path: Path, source: str) -> None:
+        values = values_of(path)
         lease_timeout = float(re.search(r'bind_add_param\("TIMEOUT", 2, (\d+)\)', source)[1])  # type: ignore[index]
-        assert float(values["FS_GCS_TIMEOUT"]) > lease_timeout
-        assert int(values["FS_OPTIONS"]) & 0b10010 == 0
+        assert values["FS_GCS_TIMEOUT" if path == PARAMETER_FILE else "FS_LONG_TIMEOUT"] > lease_timeout
 
-    def test_it_lets_the_guard_work(self) -> None:
-        values = dict(line.split() for line in self.lines() if line and not line.startswith("#"))
-        assert int(values["SCR_VM_I_COUNT"]) == VM_INSTRUCTION_LIMIT
-        assert 1000 * stated("script memory while it is loaded")[0] <= int(values["SCR_HEAP_SIZE"]) <= 204_800
+    def test_it_lets_the_guard_work(self, path: Path) -> None:
+        values = values_of(path)
+        assert values["SCR_VM_I_COUNT"] == VM_INSTRUCTION_LIMIT
+        assert 1000 * stated("script memory while it is loaded")[0] <= values["SCR_HEAP_SIZE"] <= 204_800
+        for name in ("SCR_ENABLE", "RALLY_LIMIT_KM", "RALLY_INCL_HOME", "ARMING_CHECK", "ARMING_SKIPCHK"):
+            assert values[name] == values_of(PARAMETER_FILE)[name]
+
+    @pytest.mark.parametrize("name", ["SCR_DEBUG_OPTS", "RADIO_FAILSAFE"])
+    def test_what_it_leaves_to_its_reader_is_named_with_the_reason(self, path: Path, name: str) -> None:
+        numbers = COPTER_NUMBERS if path == PARAMETER_FILE else PLANE_NUMBERS
+        name = name.replace("RADIO_FAILSAFE", numbers.radio_failsafe)
+        assert any(line.startswith(f"#   {name} ") for line in lines_of(path))
+
+
+class TestCopterFile:
+    def test_it_goes_on_in_no_mode_without_a_station(self) -> None:
+        assert int(values_of(PARAMETER_FILE)["FS_OPTIONS"]) & 0b10010 == 0
 
     def test_no_station_orders_a_mode_with_manual_throttle(self) -> None:
         """In ArduPilot's list of modes that can be blocked, by the names of its header."""
-        values = dict(line.split() for line in self.lines() if line and not line.startswith("#"))
+        values = values_of(PARAMETER_FILE)
         source = (ardupilot() / "ArduCopter" / "mode.cpp").read_text(encoding="utf-8")
         listed = re.search(r"bool Copter::gcs_mode_enabled.*?mode_list \[\] {(.*?)}", source, re.DOTALL)
         assert listed is not None
@@ -218,9 +231,25 @@ class TestParameterFile:
         blocked = [name for bit, name in enumerate(order) if int(values["FLTMODE_GCSBLOCK"]) >> bit & 1]
         assert blocked == ["STABILIZE", "ACRO", "SYSTEMID", "TURTLE"]
 
-    @pytest.mark.parametrize("name", ["FS_THR_ENABLE", "SCR_DEBUG_OPTS"])
-    def test_what_it_leaves_to_its_reader_is_named_with_the_reason(self, name: str) -> None:
-        assert any(line.startswith(f"#   {name} ") for line in self.lines())
+
+class TestPlaneFile:
+    def test_a_return_comes_from_every_failsafe_and_ends_on_the_ground(self) -> None:
+        """FS_LONG_ACTN 0 would fly on in AUTO, RTL_AUTOLAND and Q_RTL_MODE 0 circle, Q_OPTIONS 0 land anywhere."""
+        values = values_of(PLANE_FILE)
+        assert (values["FS_GCS_ENABL"], values["FS_LONG_ACTN"], values["FS_SHORT_ACTN"]) == (1, 1, 0)
+        assert (values["RTL_AUTOLAND"], values["Q_RTL_MODE"], int(values["Q_OPTIONS"]) & 1 << 5) == (1, 1, 32)
+        assert values["ARMING_REQUIRE"] >= 1
+
+    def test_every_parameter_is_one_of_arduplane(self) -> None:
+        """By the names in its source; those of 4.7 that are older or newer have their successors beside them."""
+        folder = ardupilot()
+        sources = [*(folder / "ArduPlane").glob("*.cpp"), *(folder / "libraries").glob("AP_[ABRS]*/*.cpp")]
+        text = "\n".join(path.read_text(encoding="utf-8", errors="replace") for path in sources)
+        known = set(re.findall(r"@Param(?:\{[^}]*\})?: (\w+)", text))
+        groups = {"SCR_", "RALLY_", "Q_", "BATT_", "ARMING_"}
+        for name in set(values_of(PLANE_FILE)) - {"ARMING_SKIPCHK"}:
+            prefix = next((group for group in groups if name.startswith(group)), "")
+            assert name.removeprefix(prefix) in known, name
 
 
 class TestResources:

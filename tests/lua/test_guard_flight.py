@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import pytest
 
+from tests.lua.numbers import COPTER_NUMBERS
 from tests.lua.stub import (
     AUTO,
     AUTO_RTL,
@@ -31,22 +32,11 @@ from tests.lua.stub import (
 
 EXPIRED_STATE, LOST_STATE, LIVE_STATE = 3, 4, 2
 ALT_HOLD, AVOID_ADSB = 2, 19
-#: flight modes of ArduCopter in which a pilot steers by hand
-BY_HAND = {
-    **{"STABILIZE": 0, "ACRO": 1, "ALT_HOLD": 2, "LOITER": 5, "DRIFT": 11, "SPORT": 13, "FLIP": 14, "POSHOLD": 16},
-    **{"FLOWHOLD": 22, "AUTOTUNE": 15, "SYSTEMID": 25},
-}
+BY_HAND = COPTER_NUMBERS.by_hand
 #: those in which nobody does: AUTO, GUIDED, CIRCLE, BRAKE, THROW, AVOID_ADSB, GUIDED_NOGPS, FOLLOW, ZIGZAG
 BY_ITSELF = (3, 4, 7, 17, 18, 19, 20, 23, 24)
-#: ArduPilot's reasons of a mode
-PILOT = {"RC_COMMAND": 1, "THROTTLE_LAND_ESCAPE": 9, "TOY_MODE": 18, "FRSKY_COMMAND": 42, "AUX_FUNCTION": 53}
-FAILSAFE = {
-    **{"RADIO_FAILSAFE": 3, "BATTERY_FAILSAFE": 4, "GCS_FAILSAFE": 5, "EKF_FAILSAFE": 6, "GPS_GLITCH": 7},
-    **{"FENCE_BREACHED": 10, "TERRAIN_FAILSAFE": 11, "AVOIDANCE": 14, "TERMINATE": 17, "CRASH_FAILSAFE": 19},
-    **{"FAILSAFE": 25, "DEADRECKON_FAILSAFE": 50},
-}
+PILOT, FAILSAFE, COMMAND = COPTER_NUMBERS.pilots, COPTER_NUMBERS.failsafes, COPTER_NUMBERS.commands
 UNDONE = {2: "command", 32: "script", 52: "DDS command"}
-COMMAND = {"GCS_COMMAND": 2, "SCRIPTING": 32, "DDS_COMMAND": 52}
 ENFORCING, ARMED, FLYING = 1, 2, 4
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The guard knows the modes of ArduCopter.
+"""The guard knows the modes of ArduCopter and ArduPlane.
 
-On any other vehicle the numbers mean something else (6 is FBWB on Plane): it says so, keeps it on the ground by the
+On any other vehicle the numbers mean something else (6 is FOLLOW on Rover): it says so, keeps it on the ground by the
 arming check, and touches nothing.
 """
 
@@ -10,10 +10,19 @@ from __future__ import annotations
 
 import pytest
 
-from tests.lua.stub import AUTO, BY_GCS, COPTER, GUIDED, HELI, PLANE, ROVER, RTL, SUB, Bench
+from tests.lua.stub import AUTO, BLIMP, BY_GCS, COPTER, GUIDED, HELI, ROVER, RTL, SUB, TRACKER, Bench
 
 ARMED, FLYING, UNKNOWN_VEHICLE = 2, 4, 16
-BLIMP = 12
+#: by its name, where the number is known
+REFUSAL = {
+    ROVER: "HNDO: Rover not supported",
+    TRACKER: "HNDO: Tracker not supported",
+    SUB: "HNDO: Sub not supported",
+    BLIMP: "HNDO: Blimp not supported",
+    HELI: "HNDO: Heli not supported",
+    0: "HNDO: vehicle type 0 not supported",
+    255: "HNDO: vehicle type 255 not supported",
+}
 
 
 def vehicle(kind: int) -> Bench:
@@ -26,18 +35,18 @@ def vehicle(kind: int) -> Bench:
     return bench
 
 
-@pytest.mark.parametrize("kind", [ROVER, PLANE, SUB, BLIMP, HELI, 0, 255])
+@pytest.mark.parametrize("kind", REFUSAL)
 class TestUnknown:
     def test_does_not_arm_and_says_why(self, kind: int) -> None:
         bench = vehicle(kind).with_lease()
         bench.run(500)
-        assert bench.refusal == f"HNDO: vehicle type {kind} not supported"
+        assert bench.refusal == REFUSAL[kind]
 
     def test_is_said_once_a_minute(self, kind: int) -> None:
         bench = vehicle(kind)
         bench.vehicle.texts.clear()
         bench.run(150_000)
-        assert bench.texts == [f"HNDO: vehicle type {kind} not supported"] * 3
+        assert bench.texts == [REFUSAL[kind]] * 3
 
     def test_no_mode_is_set_and_nothing_disarmed(self, kind: int) -> None:
         """Armed by force. What it takes for flying is an estimate, and a script's disarm is not checked in the air."""

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pymavlink.dialects.v20 import all as dialect
 
@@ -29,6 +29,7 @@ from tests.sitl.firmware import Firmware
 ROOT = Path(__file__).parents[2]
 GUARD = ROOT / "ardupilot_lua" / "handover_guard.lua"
 PARAMETERS = ROOT / "ardupilot_lua" / "handover.parm"
+PLANE_PARAMETERS = ROOT / "ardupilot_lua" / "handover_plane.parm"
 
 HOME = (52.679, 5.924, 2.0, 0.0)
 SPEEDUP = 8
@@ -88,6 +89,9 @@ class Wire:
 
 class Flight:
     """A flying ArduCopter with a companion and a station; everything happens in `pump`."""
+
+    #: the autopilot's time until its GCS failsafe
+    GCS_TIMEOUT_NAME = "FS_GCS_TIMEOUT"
 
     def __init__(self, vehicle: RunningVehicle, firmware: Firmware, directory: Path, station_serial: int = 2) -> None:
         self.vehicle = vehicle
@@ -222,7 +226,7 @@ class Flight:
         heartbeats and the autopilot's GCS failsafe, whose ten seconds are half a second of ours at `HURRY`."""
         slow = speedup == 1
         if not slow and self.beating:
-            self.set_parameter("FS_GCS_TIMEOUT", GCS_PATIENCE_S)
+            self.set_parameter(self.GCS_TIMEOUT_NAME, GCS_PATIENCE_S)
         self.lease["ttl_ms"] = 5000 if slow else 60000
         self.set_parameter("HNDO_TIMEOUT", 3 if slow else 30)
         # nothing that was due by the old pace is late by the new one: the autopilot would miss its station
@@ -241,7 +245,7 @@ class Flight:
         """The rest of a flight: the guard has acted, and the way home is only to be flown to its end. In RTL's descent
         the GCS failsafe would change over to LAND (FS_OPTIONS 8): see `pace` for the heartbeats."""
         if self.beating:
-            self.set_parameter("FS_GCS_TIMEOUT", GCS_PATIENCE_S)
+            self.set_parameter(self.GCS_TIMEOUT_NAME, GCS_PATIENCE_S)
         self.speedup = HURRY
         self.set_parameter("SIM_SPEEDUP", HURRY)
 
@@ -261,7 +265,7 @@ class Flight:
 
     def watch_the_station(self) -> None:
         """The autopilot's GCS failsafe is the recommended one: somebody is about to fall silent."""
-        self.set_parameter("FS_GCS_TIMEOUT", GCS_TIMEOUT_S)
+        self.set_parameter(self.GCS_TIMEOUT_NAME, GCS_TIMEOUT_S)
 
     # -------------------------------------------------------------- companion and station
 
@@ -396,6 +400,9 @@ def _rc_port(pid: int) -> int:
     return ports[0]
 
 
+_Flight = TypeVar("_Flight", bound=Flight)
+
+
 @contextmanager
 def flying(
     firmware: Firmware,
@@ -408,17 +415,36 @@ def flying(
 
     A station on SERIAL0 means that no other port speaks MAVLink: nobody hears a status then.
     """
+    with launched(
+        Flight, firmware, directory, *beside, parameters=parameters or {}, station_serial=station_serial
+    ) as flight:
+        yield flight
+
+
+@contextmanager
+def launched(
+    flight_of: type[_Flight],
+    firmware: Firmware,
+    directory: Path,
+    *beside: Path,
+    parameters: Mapping[str, float],
+    recommended: Path = PARAMETERS,
+    model: str = "quad",
+    station_serial: int = 2,
+) -> Iterator[_Flight]:
+    """Any vehicle with the guard, see `flying`; `recommended` is the parameter file that ships for it."""
     spec = VehicleSpec(
         home=HOME,
         speedup=SPEEDUP,
         scripts=(GUARD, *beside),
-        defaults=(PARAMETERS,),
-        parameters={**_STREAMS, **(parameters or {})},
+        defaults=(recommended,),
+        parameters={**_STREAMS, **parameters},
         arducopter=str(firmware.program),
+        model=model,
     )
     vehicle = launch("arducopter", spec, directory)
     try:
-        flight = Flight(vehicle, firmware, directory, station_serial)
+        flight = flight_of(vehicle, firmware, directory, station_serial)
         try:
             if station_serial:
                 flight.meet_the_guard()

@@ -21,6 +21,8 @@ FILES = (
     "test_guard_floods",
     "test_guard_scripting",
     "test_guard_arming",
+    "test_guard_plane",
+    "test_guard_quadplane",
     "test_guard_vehicles",
 )
 
@@ -68,7 +70,17 @@ EVERY_TIME = frozenset(
         "arming while the lease says LOST",
         "forced arming without a lease",
         "armed, lease lost on the ground",
-        "Plane",
+        "Plane: take-off",
+        "Plane: AUTO",
+        "Plane: final approach",
+        "Plane: landing sequence led back to the route during it",
+        "Plane: pilot in FBWA, transmitter falters",
+        "Plane: arming without a lease, and lost on the ground",
+        "Plane: handover_plane.parm",
+        "QuadPlane: hover 600 m from home",
+        "QuadPlane: transition",
+        "QuadPlane: on wings, rally point",
+        "QuadPlane: QLAND ordered during the loss",
         "Rover",
     }
 )

@@ -36,12 +36,17 @@ def test_every_file_that_flies_the_guard_is_in_the_suite() -> None:
     assert flying == set(FILES)
 
 
+#: what only these vehicles fly, on as many versions
+VERSIONS = {"Plane: ": 1, "QuadPlane: ": 1, "Rover": 1}
+
+
 def test_every_case_was_flown_on_every_version_and_held() -> None:
     for case, outcomes in rows(PAGE).items():
         assert len(outcomes) == 3, case
         assert not [outcome for outcome in outcomes if FAILED in outcome or outcome == NOT_FLOWN], case
         asked = [outcome for outcome in outcomes if outcome != NOT_ASKED]
-        assert len(asked) == (1 if case in ("Plane", "Rover") else 3), case
+        wanted = next((count for start, count in VERSIONS.items() if case.startswith(start)), 3)
+        assert len(asked) == wanted, case
 
 
 def test_table_has_cases_in_order_and_versions_by_number() -> None:

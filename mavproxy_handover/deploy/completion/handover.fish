@@ -152,6 +152,7 @@ complete -c handover -n '_shtab_handover_using keys check' -s h -l help -d 'show
 complete -c handover -n '_shtab_handover_using keys check' -l dir -xka "(__fish_complete_directories)" -d 'folder of the key files (default: ./keys)'
 complete -c handover -n '_shtab_handover_using; and test $_shtab_handover_npos -eq 0' -a guard -d 'Copy the guard, its parameters and, if wanted, the key of the leases to an autopilot'"'"'s SD card, and check what is there.'
 complete -c handover -n '_shtab_handover_using guard' -s h -l help -d 'show this help message and exit'
+complete -c handover -n '_shtab_handover_using guard' -l vehicle -xka "copter plane" -d 'whose parameters: copter (default), or plane for ArduPlane, QuadPlanes included'
 complete -c handover -n '_shtab_handover_using guard' -l key -xka "(__fish_complete_path (commandline -ct))" -d 'guard_key of the vehicle'"'"'s configuration'
 complete -c handover -n '_shtab_handover_using guard' -l check -d 'look only, write nothing; 1 if something is missing'
 complete -c handover -n '_shtab_handover_using guard' -l force -d 'replace files that differ, and mind no other script'

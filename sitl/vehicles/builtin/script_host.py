@@ -66,6 +66,15 @@ class ScriptHost:
     def is_landing(self) -> bool:
         return self._copter.mode.landing
 
+    def is_taking_off(self) -> bool:
+        return self._copter.mode.taking_off
+
+    def in_vtol_mode(self) -> bool:
+        return False
+
+    def mission_item(self) -> int:
+        return self._copter.mission.current
+
     def has_ekf_failsafed(self) -> bool:
         return self._autopilot.copter.ekf_failed
 
