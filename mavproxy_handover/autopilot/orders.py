@@ -33,6 +33,8 @@ from mavproxy_handover.wire.ids import MISSION_START
 
 __all__ = ["Orders", "commanded"]
 
+#: messages that carry a MAV_CMD
+_CARRIERS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 #: names of the conversations
 _START: Final = "start"
 _HOME: Final = "home"
@@ -149,7 +151,8 @@ class Orders:
 
     def takes_over(self, frame: Frame) -> bool:
         """Whether a command of the commander in flight is carried out here, in the autopilot's place."""
-        return commanded(frame) == _PAUSE_CONTINUE and self._procedures().holds_by(pause=True) is not None
+        pauses = frame.msgid in _CARRIERS and commanded(frame) == _PAUSE_CONTINUE
+        return pauses and self._procedures().holds_by(pause=True) is not None
 
     def pause_asked(self, port: StationPort, frame: Frame, now: float) -> None:
         """The commander's STOP or CONTINUE, which the autopilot does not know."""

@@ -4,8 +4,9 @@
 
 A test that flies says so in its properties (`FLYING`, then `FLOWN`), which reach the process that reports even where
 several fly at once. With `--flown PAGE` the run writes the table: rows in the order of `guard_suite`, one column for
-each version, and below it the digest of script and parameters. A run that flies only some of it keeps the rest of the
-table if that was flown with the very same script and parameters, and nothing of it otherwise.
+each version, and below it the digests of the scripts and parameters that each was flown with. A run that flies only some
+of a version keeps the rest of its column if that was flown with the very same script and parameters, and nothing of it
+otherwise; the columns of versions that it does not fly stay, with the digest of theirs.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ BEGIN, END = "<!-- flown:begin -->", "<!-- flown:end -->"
 FLYING, FLOWN = "flying", "flown"
 FAILED, NOT_FLOWN, NOT_ASKED = "**FAILED**", "not flown", "-"
 
-_DIGEST = re.compile(r"^Flown with script and parameters ([0-9a-f]{16})\.$", re.MULTILINE)
+_DIGEST = re.compile(r"^Flown with script and parameters ([0-9a-f]{16}): (.+)\.$", re.MULTILINE)
 
 #: (case, version) -> outcome
 Outcomes = Mapping[tuple[str, str], str]
@@ -38,7 +39,8 @@ class Recorder:
         """`flown`: the files whose digest goes below the table, read now, before anything flies."""
         self._page = page
         self._digest = digest(*flown)
-        self._outcomes = kept(page, self._digest)
+        #: what the table is to tell, and what each version was flown with
+        self.told, self.flown_with = outcomes(page), flown_with(page)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.when != "call":
@@ -51,12 +53,16 @@ class Recorder:
             outcome = f"{FAILED}: {_first_line(report)}"
         else:
             return
-        self._outcomes[case, version] = outcome
+        if self.flown_with.get(version) != self._digest:
+            self.flown_with[version] = self._digest
+            for key in [key for key in self.told if key[1] == version]:
+                del self.told[key]
+        self.told[case, version] = outcome
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         from tests.sitl.guard_suite import case_names
 
-        write(self._page, table(case_names(), self._outcomes), self._digest)
+        write(self._page, table(case_names(), self.told), self.flown_with)
 
 
 def recorded(request: pytest.FixtureRequest, case: str, firmware: Firmware, outcome: str | None = None) -> None:
@@ -82,8 +88,8 @@ def digest(*files: Path) -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
 
 
-def write(page: Path, lines: Sequence[str], flown_with: str) -> None:
-    """Puts the lines between the marks of the page.
+def write(page: Path, lines: Sequence[str], digests: Mapping[str, str]) -> None:
+    """Puts the lines between the marks of the page, and below them what each version was flown with.
 
     Raises:
         ValueError: the page has no marks.
@@ -92,8 +98,11 @@ def write(page: Path, lines: Sequence[str], flown_with: str) -> None:
     _, end, tail = rest.partition(END)
     if not begin or not end:
         raise ValueError(f"{page}: the lines {BEGIN} and {END} are missing")
-    below = f"Flown with script and parameters {flown_with}."
-    page.write_text("\n".join([head + BEGIN, *lines, "", below, END + tail]), encoding="utf-8")
+    below: dict[str, list[str]] = {}
+    for version in sorted(digests, key=_by_number, reverse=True):
+        below.setdefault(digests[version], []).append(version)
+    told = [f"Flown with script and parameters {each}: {', '.join(versions)}." for each, versions in below.items()]
+    page.write_text("\n".join([head + BEGIN, *lines, "", *told, END + tail]), encoding="utf-8")
 
 
 def rows(page: Path) -> dict[str, list[str]]:
@@ -101,10 +110,15 @@ def rows(page: Path) -> dict[str, list[str]]:
     return {case: outcomes for case, *outcomes in _cells(page)[2:]}
 
 
-def kept(page: Path, flown_with: str) -> dict[tuple[str, str], str]:
-    """What the page's table tells of flights with the files of this digest."""
-    found = _DIGEST.search(_between_marks(page))
-    if found is None or found[1] != flown_with:
+def flown_with(page: Path) -> dict[str, str]:
+    """Version -> digest of the script and the parameters that it was flown with, by the page."""
+    told = _DIGEST.findall(_between_marks(page))
+    return {version: each for each, versions in told for version in versions.split(", ")}
+
+
+def outcomes(page: Path) -> dict[tuple[str, str], str]:
+    """All flights that the page's table tells of."""
+    if not _cells(page):
         return {}
     (_, *versions), _, *cells = _cells(page)
     return {

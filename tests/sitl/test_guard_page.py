@@ -9,7 +9,20 @@ from pathlib import Path
 import pytest
 
 from tests.sitl.firmware import Firmware, NotFirmware, firmware_of
-from tests.sitl.flown import BEGIN, END, FAILED, NOT_ASKED, NOT_FLOWN, digest, kept, rows, table, write
+from tests.sitl.flown import (
+    BEGIN,
+    END,
+    FAILED,
+    NOT_ASKED,
+    NOT_FLOWN,
+    Recorder,
+    digest,
+    flown_with,
+    outcomes,
+    rows,
+    table,
+    write,
+)
 from tests.sitl.guard_flight import GUARD
 from tests.sitl.guard_suite import EVERY_TIME, FILES, case_names
 
@@ -41,10 +54,10 @@ VERSIONS = {"Plane: ": 1, "QuadPlane: ": 1, "Rover": 1}
 
 
 def test_every_case_was_flown_on_every_version_and_held() -> None:
-    for case, outcomes in rows(PAGE).items():
-        assert len(outcomes) == 3, case
-        assert not [outcome for outcome in outcomes if FAILED in outcome or outcome == NOT_FLOWN], case
-        asked = [outcome for outcome in outcomes if outcome != NOT_ASKED]
+    for case, told in rows(PAGE).items():
+        assert len(told) == 3, case
+        assert not [outcome for outcome in told if FAILED in outcome or outcome == NOT_FLOWN], case
+        asked = [outcome for outcome in told if outcome != NOT_ASKED]
         wanted = next((count for start, count in VERSIONS.items() if case.startswith(start)), 3)
         assert len(asked) == wanted, case
 
@@ -67,27 +80,61 @@ def test_table_has_cases_in_order_and_versions_by_number() -> None:
 def test_table_goes_between_the_marks_and_nowhere_else(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
-    write(page, table(["a"], {("a", "4.6.3"): "home"}), "0123456789abcdef")
+    write(page, table(["a"], {("a", "4.6.3"): "home"}), {"4.6.3": "0123456789abcdef"})
     assert page.read_text(encoding="utf-8") == (
         f"before\n{BEGIN}\n| case | 4.6.3 |\n|---|---|\n| a | home |\n\n"
-        f"Flown with script and parameters 0123456789abcdef.\n{END}\nafter\n"
+        f"Flown with script and parameters 0123456789abcdef: 4.6.3.\n{END}\nafter\n"
     )
     assert rows(page) == {"a": ["home"]}
     page.write_text("no marks\n", encoding="utf-8")
     with pytest.raises(ValueError, match=r"page\.md: the lines .* are missing"):
-        write(page, [], "0123456789abcdef")
+        write(page, [], {})
 
 
-def test_a_partial_run_keeps_what_was_flown_with_the_same_script_and_nothing_else(tmp_path: Path) -> None:
+def test_below_it_stands_what_each_version_was_flown_with_the_newest_first(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"{BEGIN}\n{END}\n", encoding="utf-8")
+    digests = {"4.5.7": "0123456789abcdef", "4.10.0": "fedcba9876543210", "4.6.3": "0123456789abcdef"}
+    write(page, table(["a"], {("a", version): "home" for version in digests}), digests)
+    assert page.read_text(encoding="utf-8").splitlines()[-3:-1] == [
+        "Flown with script and parameters fedcba9876543210: 4.10.0.",
+        "Flown with script and parameters 0123456789abcdef: 4.6.3, 4.5.7.",
+    ]
+    assert flown_with(page) == digests
+
+
+def flight(case: str, version: str, outcome: str) -> pytest.TestReport:
+    told = [("flown", [case, version, outcome])]
+    return pytest.TestReport("node", ("file", 1, "test"), {}, "passed", None, "call", user_properties=told)
+
+
+def test_a_partial_run_keeps_of_a_version_what_was_flown_with_the_same_script_and_of_others_all(tmp_path: Path) -> None:
     page, script = tmp_path / "page.md", tmp_path / "guard.lua"
     page.write_text(f"{BEGIN}\n{END}\n", encoding="utf-8")
+    assert outcomes(page) == {}
     script.write_text("return 1\n", encoding="utf-8")
-    outcomes = {("a", "4.6.3"): "home", ("b", "4.6.3"): "LAND", ("b", "4.7.0"): "RTL"}
-    assert kept(page, digest(script)) == {}
-    write(page, table(["a", "b"], outcomes), digest(script))
-    assert kept(page, digest(script)) == outcomes
+    before = {("a", "4.6.3"): "home", ("b", "4.6.3"): "LAND", ("b", "4.7.0"): "RTL"}
+    write(page, table(["a", "b"], before), dict.fromkeys(("4.6.3", "4.7.0"), digest(script)))
+    assert outcomes(page) == before
+    same = Recorder(page, script)
+    same.pytest_runtest_logreport(flight("a", "4.6.3", "RTL"))
+    assert same.told == {**before, ("a", "4.6.3"): "RTL"}
     script.write_text("return 2\n", encoding="utf-8")
-    assert kept(page, digest(script)) == {}
+    other = Recorder(page, script)
+    other.pytest_runtest_logreport(flight("a", "4.6.3", "RTL"))
+    other.pytest_runtest_logreport(flight("b", "4.6.3", "RTL"))
+    assert other.told == {("a", "4.6.3"): "RTL", ("b", "4.6.3"): "RTL", ("b", "4.7.0"): "RTL"}
+    assert other.flown_with == {"4.6.3": digest(script), "4.7.0": flown_with(page)["4.7.0"]}
+
+
+#: versions of which the table tells what came of them with an earlier script or parameters: to be flown anew
+FLOWN_BEFORE = {"4.5.7", "4.6.3"}
+
+
+def test_what_was_flown_with_an_earlier_script_is_known() -> None:
+    today = digest(GUARD, PARAMETERS, PLANE_PARAMETERS)
+    assert {version for version, each in flown_with(PAGE).items() if each != today} == FLOWN_BEFORE
+    assert "4.7.0-dev" in flown_with(PAGE)
 
 
 def test_version_is_read_out_of_the_program(tmp_path: Path) -> None:

@@ -194,7 +194,7 @@ def _energy_defaults() -> dict[str, str]:
         "climb_factor": _shown(model.climb_w / model.hover_w),
         "descent_factor": _shown(model.descent_w / model.hover_w),
         "lean_deg": _shown(known.lean_limit_deg),
-        "start": _shown(known.start_policy),
+        "start": _shown(known.start_policy_for(wings=False)),
     }
 
 
