@@ -4,9 +4,9 @@
 
 A test that flies says so in its properties (`FLYING`, then `FLOWN`), which reach the process that reports even where
 several fly at once. With `--flown PAGE` the run writes the table: rows in the order of `guard_suite`, one column for
-each version, and below it the digests of the scripts and parameters that each was flown with. A run that flies only some
-of a version keeps the rest of its column if that was flown with the very same script and parameters, and nothing of it
-otherwise; the columns of versions that it does not fly stay, with the digest of theirs.
+each version, and below it the digests of the scripts and parameters that each was flown with. A run that flies only
+some of a version keeps the rest of its column if that was flown with the very same script and parameters, and nothing
+of it otherwise; the columns of versions that it does not fly stay, with the digest of theirs.
 """
 
 from __future__ import annotations

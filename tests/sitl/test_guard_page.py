@@ -23,7 +23,7 @@ from tests.sitl.flown import (
     table,
     write,
 )
-from tests.sitl.guard_flight import GUARD
+from tests.sitl.guard_flight import GUARD, PARAMETERS, PLANE_PARAMETERS
 from tests.sitl.guard_suite import EVERY_TIME, FILES, case_names
 
 PAGE = GUARD.with_suffix(".md")
