@@ -17,7 +17,8 @@ a place, and that has to be on the leg.
 
 Wings turn before and behind each waypoint and are on neither leg meanwhile: within `Wings.reach_m` of either end of a
 leg nothing is expected of them, nor on a circle, nor behind one until they have turned. Beyond that they have to be on
-their leg as all others; one that flies away is beyond it soon.
+their leg as all others; one that flies away is beyond it soon. Behind a take-off they leave in the direction of their
+nose: until they have come to their first leg, for `_SETTLES_S` at the most, nothing is expected of them there.
 
 Distances are those of the ellipsoid. ArduCopter's straight lines and ours differ by their middle: 1 m for a leg of
 10 km, 30 m for one of 50 km, across both north and east at 52 degrees.
@@ -61,6 +62,10 @@ _LEFT_ELSEWHERE: Final = frozenset((LOITER_TURNS,))
 _JOIN_S: Final = 5.0
 #: and what wings need to turn back, in a wide turn
 _WING_JOIN_S: Final = 15.0
+#: a QuadPlane in SITL took 70 s behind its transition to come back to its line, which it had left by 39 m
+_SETTLES_S: Final = 90.0
+#: who is that near to a leg has come to it (m)
+_ON_IT_M: Final = 15.0
 #: a turn begins and ends that near a waypoint: metres, or seconds of flight if that is more
 _TURN_M, _TURN_S = 15.0, 3.0
 #: below this speed (m/s) the course over ground is that of gusts
@@ -141,6 +146,8 @@ class RouteTracker:
         #: when the leg begins that has no beginning yet
         self._joins_at = -math.inf
         self._landing = False
+        #: until then wings may still be on their way to their first leg
+        self._settles_until = -math.inf
 
     def follow(self, motion: Motion, now: float) -> TrackFact | None:
         """What the aircraft does now; returns where it is on its leg, None where nothing is expected."""
@@ -157,7 +164,13 @@ class RouteTracker:
             if now < self._joins_at:
                 return None
             self._line = Line(motion.place, self._places[motion.waypoint])
-        return self._fact(self._line, motion)
+        fact = self._fact(self._line, motion)
+        if fact is None or now >= self._settles_until:
+            return fact
+        if abs(fact.cross_track_m) > _ON_IT_M:
+            return None
+        self._settles_until = -math.inf
+        return fact
 
     def _next(self, motion: Motion, now: float) -> None:
         """Another item is flown to."""
@@ -175,6 +188,8 @@ class RouteTracker:
         if self._follower.get(before) != motion.waypoint:
             return None
         command = self._commands[before]
+        if command in TAKEOFFS and self._wings is not None:
+            self._settles_until = now + _SETTLES_S
         if command in TAKEOFFS or self._landing:
             return self._place
         if command in self._left_elsewhere:

@@ -325,6 +325,27 @@ def test_wings_that_fly_their_path_are_on_their_route_all_the_way():
     assert max(abs(fact.cross_track_m) for fact in facts) < 3.0
 
 
+def test_wings_have_time_to_come_to_their_first_leg_behind_a_take_off():
+    """Flown: a transition that left the line by 39 m was off route for 45 s."""
+    flight = Flight(WINGED).up()
+    assert flight.fly(2, 400, -60, course=120.0, speed=20.0) is None
+    assert flight.fly(2, 800, -16, course=80.0, speed=20.0) is None
+    fact = flight.fly(2, 1000, -14, course=80.0, speed=20.0)
+    assert fact is not None
+    assert fact.cross_track_m == pytest.approx(14.0, abs=0.5)
+    left = flight.fly(2, 1400, -60, course=120.0, speed=20.0)
+    assert left is not None, "once there it has to stay there"
+    assert left.cross_track_m == pytest.approx(60.0, abs=0.5)
+
+
+def test_and_no_more_of_it_than_that():
+    flight = Flight(WINGED).up()
+    assert flight.fly(2, 400, -60, course=90.0, speed=20.0) is None
+    flight.now += 88.0
+    assert flight.fly(2, 1000, -60, course=90.0, speed=20.0) is None
+    assert flight.fly(2, 1020, -60, course=90.0, speed=20.0) is not None
+
+
 def test_wings_that_fly_away_from_a_turn_are_off_their_route_beyond_its_reach():
     """At 20 m/s that is 81 m of turn distance and three radii of 41 m around the waypoint: 204 m."""
     flight = Flight(WINGED).up()
