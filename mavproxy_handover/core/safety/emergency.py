@@ -151,11 +151,15 @@ class Emergency:
         """When to judge at the latest; None where no moment matters."""
         return self._watch.due_at()
 
-    def judge(self, signs: Set[Cause], facts: Situation, now: float, *, certain: bool = True) -> News | None:
-        """The decision if it is news. `certain` False: that nothing is wrong is not known yet."""
+    def judge(
+        self, signs: Set[Cause], facts: Situation, now: float, *, certain: bool = True, stands: bool = False
+    ) -> News | None:
+        """The decision if it is news. `certain` False: that nothing is wrong is not known yet. `stands`: it was held, and
+        whatever was ordered since has not moved it."""
         decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
-        if decision is not None and decision.action is FlightAction.TRANSFER and told is not None and _holds(told):
-            return None
+        if decision is not None and decision.action is FlightAction.TRANSFER and told is not None:
+            if stands or _holds(told):
+                return None
         if decision is None or decision.action is FlightAction.TRANSFER:
             decision = None
             if not certain or (told is None and not self._resumed):

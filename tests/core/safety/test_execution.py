@@ -616,6 +616,26 @@ def test_whose_return_was_never_flown_goes_on_when_that_is_over() -> None:
     assert bench.flights()[-1] == GO_ON
 
 
+def test_whose_return_was_never_flown_stands_until_the_station_that_takes_it_from_a_lost_commander_has_it() -> None:
+    """The fault, found by exploration: it was told to go on while nobody commanded."""
+    bench = standing(aloft(Limits(hold_s=4.0)))
+    bench.run(3.0)
+    assert bench.flights() == [HOLD, BACK]
+    bench.alive = {B}
+    bench.facts = (inside(A), inside(B))
+    while bench.arbiter.view.commander is not None:
+        bench.run(0.1)
+    assert bench.arbiter.view.partner == B
+    ordered = bench.flights()
+    assert GO_ON not in ordered
+    view = bench.arbiter.view
+    key = TransferKey(A, B, view.handover_id, view.epoch)
+    bench.say(B, OnHandover(key))
+    bench.say(B, DroneConnected(key))
+    assert bench.arbiter.view.commander == B
+    assert bench.flights() == [*ordered, GO_ON]
+
+
 def test_whose_return_is_flown_flies_it() -> None:
     bench = standing(aloft(Limits(hold_s=4.0)))
     bench.run(3.0)
