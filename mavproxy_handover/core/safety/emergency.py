@@ -154,13 +154,13 @@ class Emergency:
     def judge(
         self, signs: Set[Cause], facts: Situation, now: float, *, certain: bool = True, stands: bool = False
     ) -> News | None:
-        """The decision if it is news. `certain` False: that nothing is wrong is not known yet. `stands`: it was held, and
-        whatever was ordered since has not moved it."""
+        """The decision if it is news. `certain` False: that nothing is wrong is not known yet. `stands`: it was held,
+        and whatever was ordered since has not moved it."""
         decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
-        if decision is not None and decision.action is FlightAction.TRANSFER and told is not None:
-            if stands or _holds(told):
-                return None
-        if decision is None or decision.action is FlightAction.TRANSFER:
+        waits = decision is not None and decision.action is FlightAction.TRANSFER
+        if waits and told is not None and (stands or _holds(told)):
+            return None
+        if decision is None or waits:
             decision = None
             if not certain or (told is None and not self._resumed):
                 return None
