@@ -62,7 +62,7 @@ LIKELY = {
         "read_command",
         "run_aux_function",
     ),
-    "test_guard_wings": ("VEHICLES", "hovers", "climbs", "follow_sequence"),
+    "test_guard_wings": ("hovers", "climbs", "follow_sequence", "VEHICLES"),
     "test_guard_arming": ("arming_objection", "permit_arming"),
     "test_guard_standing": ("rx", "gcs_id", "status", "say", "second", "housekeeping", "announce_commander", "WORK"),
 }

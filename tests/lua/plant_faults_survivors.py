@@ -23,9 +23,12 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "elapsed: edge: if d < 0 or d > 0x7FFFFFFF then (number 2)": _FIRST,
     "elapsed: one more: return 0": _MILLISECOND,
     "elapsed: one more: if d < 0 or d > 0x7FFFFFFF then": _MILLISECOND,
-    'LADDERS: one more: local rtl_1, rtl_2, rtl_3, land = rung("RTL", 1000), rung("RTL", 2000), rung("RTL", 0), '
-    'rung("LAND", 2000)': _MILLISECOND,
-    'LADDERS: one more: LADDERS[ACTION.SMART_RTL] = {rung("SMART_RTL", 0), rtl_1, rtl_2, rtl_3, land}': _MILLISECOND,
+    'VEHICLES: one more: rung(6, "RTL", ACTION.RTL, 0) (number 2)': _MILLISECOND,
+    'VEHICLES: one more: [ACTION.SMART_RTL] = {rung(21, "SMART_RTL", ACTION.SMART_RTL, 0), rtl_1, rtl_2, rtl_3, land}, '
+    "(number 2)": _MILLISECOND,
+    'VEHICLES: one more: rung(21, "QRTL", ACTION.RTL, 0), qland} (number 2)': _MILLISECOND,
+    "follow_sequence: one more: local item = mission ~= nil and mission:get_current_nav_index() or 0": _DIFFERS,
+    "follow_sequence: edge: if elapsed(now, craft.before) >= MS.SEQUENCE then": _MILLISECOND,
     "authority_missing: edge: return enforcement ~= ENFORCEMENT.CALM or elapsed(now, since.lost) >= config.lost_ms": (
         _MILLISECOND
     ),
@@ -59,8 +62,12 @@ KNOWN_SURVIVORS: dict[str, str] = {
     "mode, reason, craft.changes + 1, craft.at": _DIFFERS,
     "PATIENCE: edge: return elapsed(now, craft.radio_at) < MS.RADIO": _MILLISECOND,
     "PATIENCE: edge: return elapsed(now, loss.since) < MS.FAILSAFE or craft.avoided_at ~= nil or": _MILLISECOND,
-    "DEED.forget: one more: loss.mode, loss.attempts, loss.wait_ms = nil, 0, 0 (number 2)": _MILLISECOND,
-    "DEED.disarm: edge: if craft.flown and elapsed(now, craft.flown_at) < MS.LANDED then": _MILLISECOND,
+    "DEED.forget: one more: loss.mode, loss.attempts, loss.wait_ms, loss.climbing = nil, 0, 0, false (number 2)": (
+        _MILLISECOND
+    ),
+    "DEED.disarm: edge: if craft.flown and (firmware.guesses or elapsed(now, craft.flown_at) < MS.LANDED) then": (
+        _MILLISECOND
+    ),
     "send_home: one more: loss.mode, loss.action, loss.attempts = try.mode, try.action, 0": _AGAIN,
     "lease.accept: or: lease.at = stamp and stamp:toint() or now": _BOXED,
     'key.read: one more: local digits = string.match(file:read(80) or "", "^%s*(%x+)%s*$")': (

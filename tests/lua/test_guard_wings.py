@@ -72,17 +72,29 @@ class TestLadder:
 
     def test_the_second_try_comes_after_a_second_the_next_ones_after_two(self, bench: Bench) -> None:
         bench.vehicle.refused_modes = {RTL}
-        bench.fly(AUTO)
+        assert all(2000 <= gap <= 2050 for gap in self.gaps_ms(bench, AUTO, 1000))
+
+    def gaps_ms(self, bench: Bench, mode: int, *begin_with: int) -> list[int]:
+        """Times between the tries, once they began in time and with these (ms); each may be a call of 50 ms longer."""
+        bench.fly(mode)
         lost_ms = bench.lose_lease()
         tries: list[int] = []
         for _ in range(1200):
             bench.run(10)
             if len(bench.vehicle.mode_requests) > len(tries):
                 tries.append(bench.vehicle.now_ms - lost_ms)
-        gaps = [b - a for a, b in pairwise(tries)]
         assert 3000 <= tries[0] <= 3060
-        assert 1000 <= gaps[0] <= 1050
-        assert all(2000 <= gap <= 2050 for gap in gaps[1:])
+        gaps = [b - a for a, b in pairwise(tries)]
+        for gap, wanted in zip(gaps, begin_with, strict=False):
+            assert wanted <= gap <= wanted + 60
+        return gaps[len(begin_with) :]
+
+    def test_in_hover_the_landing_comes_with_the_third_refusal_and_then_every_two_seconds(self, bench: Bench) -> None:
+        bench.vehicle.hovering, bench.vehicle.refused_modes = True, {QRTL, QLAND}
+        gaps = self.gaps_ms(bench, GUIDED, 1000, 2000, 0)
+        assert bench.vehicle.mode_requests[:5] == [QRTL, QRTL, QRTL, QLAND, QLAND]
+        assert len(gaps) >= 2
+        assert all(2000 <= gap <= 2050 for gap in gaps)
 
     @pytest.mark.parametrize(("action", "mode", "told"), [(1.0, QRTL, 1), (2.0, QRTL, 1), (3.0, QLAND, 3)])
     def test_in_hover(self, action: float, mode: int, told: int) -> None:
