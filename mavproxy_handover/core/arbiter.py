@@ -139,12 +139,14 @@ class Arbiter:
             self._emergency.adopt(restored.out_of_coverage)
             self._lookout.crossing.resume(restored.gap_since, certain=restored.proven)
             self._interrupted = restored.phase is Phase.ON_HANDOVER
-            if restored.phase is Phase.EMERGENCY:
+            if restored.phase is Phase.EMERGENCY or (restored.stands and restored.held_for is None):
                 self._emergency.resume()
             elif restored.held_for is not None:
                 self._emergency.resume_hold(restored.held_for)
                 since, certain = restored.held_since, restored.proven
                 self._lookout.resume(restored.held_for, since, self._authority.owner, certain=certain)
+            if restored.stands:
+                self._lookout.resume_standing()
 
     # ---- what others may look at ----------------------------------------------------------------------------------
 
@@ -177,6 +179,7 @@ class Arbiter:
             self._flight.rehearsing,
             None if held_for is None else self._lookout.held_at,
             held_for,
+            self._lookout.supervision.stands,
         )
 
     def name(self, sysid: int | None) -> str:

@@ -46,3 +46,5 @@ class Snapshot:
     #: what; None: it does not
     held_since: float | None = None
     held_for: Cause | None = None
+    #: it stands still by that order, or did when it was ordered home or to go on, and nothing has shown since
+    stands: bool = False

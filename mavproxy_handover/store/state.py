@@ -32,7 +32,7 @@ from mavproxy_handover.store.durable import sync_folder
 
 __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
-_FORMAT = 6
+_FORMAT = 7
 _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
@@ -74,6 +74,7 @@ def pack(kept: Kept, vehicle: str) -> bytes:
         "rehearsal": snapshot.rehearsal,
         "held_since": snapshot.held_since,
         "held_for": None if snapshot.held_for is None else snapshot.held_for.value,
+        "stands": snapshot.stands,
     }
     return json.dumps({"body": body, "sha256": _checksum(body)}, indent=1).encode("utf-8")
 
@@ -141,7 +142,6 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
     digest = bytes.fromhex(body["digest"])
     if len(digest) not in (0, _DIGEST_BYTES):
         raise ValueError(f"digest: {len(digest)} bytes, must be {_DIGEST_BYTES}, or none")
-    takeover_allowed, proven, rehearsal = (_flag(key, body[key]) for key in ("takeover_allowed", "proven", "rehearsal"))
     owner, policy = body["owner"], body["out_of_coverage"]
     return Snapshot(
         owner=None if owner is None else _whole("owner", owner, 1, _MAX_SYSID),
@@ -151,17 +151,19 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         route_at=_whole("route_at", body["route_at"], 0, len(route)),
         digest=digest,
         route=tuple(_whole("route", station, 1, _MAX_SYSID) for station in route),
-        takeover_allowed=takeover_allowed,
+        takeover_allowed=_flag("takeover_allowed", body),
         out_of_coverage=None if policy is None else _policy(policy),
         gap_since=_since("gap_since", body["gap_since"]),
-        proven=proven,
-        rehearsal=rehearsal,
+        proven=_flag("proven", body),
+        rehearsal=_flag("rehearsal", body),
         held_since=_since("held_since", body["held_since"]),
         held_for=None if body["held_for"] is None else _cause(body["held_for"]),
+        stands=_flag("stands", body),
     )
 
 
-def _flag(key: str, value: object) -> bool:
+def _flag(key: str, body: Mapping[str, Any]) -> bool:
+    value = body[key]
     if not isinstance(value, bool):
         raise ValueError(f"{key}: {value!r} must be true or false")
     return value

@@ -238,8 +238,8 @@ class Bench:
         for station in sorted(self.alive):
             self.give(StationHeard(station))
         if self.autopilot:
-            self.give(self._state)
-            for said in (self.mode, self.motion):
+            # as the companion: what is flown by now first
+            for said in (self.mode, self._state, self.motion):
                 if said is not None:
                     self.give(said)
         if self.guard is not None:

@@ -559,7 +559,7 @@ class Packer:
             _off=plain,
             active=plain,
         )
-        strategy = _Class(Strategy, decision=plain, overruled=plain, policies=_Policies())
+        strategy = _Class(Strategy, _lasts=plain, decision=plain, overruled=plain, policies=_Policies())
         emergency = _Class(
             Emergency, _grave=plain, _resumed=plain, _strategy=_Object(strategy), _watch=_Object(watch), told=plain
         )
@@ -569,6 +569,7 @@ class Packer:
             _before=plain,
             _flying=plain,
             _since=_Time(DOUBT_S),
+            _unheard=plain,
             chosen_by=plain,
             flown=plain,
             landing=plain,
@@ -577,7 +578,7 @@ class Packer:
         )
         supervision = _Class(
             Supervision,
-            _awaits_pilot=plain,
+            _interrupted=plain,
             _deaf=plain,
             _excused=plain,
             _first_speed=plain,

@@ -71,7 +71,7 @@ def signed(body: Any) -> bytes:
 
 def good_body() -> dict[str, Any]:
     return {
-        "format": 6,
+        "format": 7,
         "vehicle": "drone-1",
         "boot": "b1",
         "serial": 12,
@@ -89,6 +89,7 @@ def good_body() -> dict[str, Any]:
         "rehearsal": False,
         "held_since": None,
         "held_for": None,
+        "stands": False,
     }
 
 
@@ -105,6 +106,7 @@ class TestKept:
             replace(BEFORE, gap_since=-1e9),
             replace(BEFORE, rehearsal=True),
             replace(BEFORE, held_since=1234.5, held_for=Cause.COVERAGE_ENDS),
+            replace(BEFORE, stands=True),
         ],
     )
     def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:
@@ -317,6 +319,8 @@ class TestNotTrusted:
             {"rehearsal": 1},
             {"rehearsal": None},
             {"proven": None},
+            {"stands": 1},
+            {"stands": None},
         ],
         ids=str,
     )

@@ -125,7 +125,7 @@ class Emergency:
             self._strategy.policies[Cause.OUT_OF_COVERAGE] = out_of_coverage
 
     def resume(self) -> None:
-        """A restart in an emergency: its cause is judged anew, and it is over when none is found."""
+        """A restart in an emergency, or behind one: its cause is judged anew, and it is over when none is found."""
         self._resumed = self._grave = True
 
     def resume_hold(self, cause: Cause) -> None:
@@ -158,7 +158,7 @@ class Emergency:
         and whatever was ordered since has not moved it."""
         decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
         waits = decision is not None and decision.action is FlightAction.TRANSFER
-        if waits and told is not None and (stands or _holds(told)):
+        if waits and (stands or (told is not None and _holds(told))):
             return None
         if decision is None or waits:
             decision = None

@@ -28,7 +28,7 @@ from mavproxy_handover.core.safety.emergency import Emergency, News
 from mavproxy_handover.core.safety.helm import Change, Helm
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.safety.sentence import Figures, over, sentence
-from mavproxy_handover.core.safety.strategy import Decision, Situation
+from mavproxy_handover.core.safety.strategy import OVERRULED, Decision, Situation
 from mavproxy_handover.core.safety.supervision import Seen, Supervision
 
 __all__ = ["Execution"]
@@ -37,6 +37,7 @@ __all__ = ["Execution"]
 _TAKES: Final = {Change.PILOT: Hand.PILOT, Change.COMMANDER: Hand.COMMANDER, Change.FAILSAFE: Hand.FAILSAFE}
 #: the mode of an order, which needs no order where it is flown
 _SAME: Final = {FlightAction.RETURN: (Flown.RETURN,), FlightAction.LAND: (Flown.LAND,)}
+_COMES_HOME: Final = (Flown.RETURN, Flown.LAND)
 #: what has wings does this in a mode of its own; a copter within the one that it flies
 _CIRCLED: Final = {FlightAction.HOLD: Flown.STOP, FlightAction.CONTINUE: Flown.MISSION}
 #: what is commanded, or left out in its place
@@ -98,7 +99,8 @@ class Execution:
 
     def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
         """The autopilot has said its mode."""
-        self._changed(self._helm.seen(event, self._flight.aloft, now), now, actions)
+        unheard = not self._flight.autopilot_alive(now)
+        self._changed(self._helm.seen(event, self._flight.aloft, now, unheard=unheard), now, actions)
 
     def hand_seen(self, event: HandSeen, now: float, actions: list[Action]) -> None:
         """Somebody has, or may have, chosen the mode."""
@@ -126,8 +128,8 @@ class Execution:
         elif ended is not None:
             text = f"{text}; {ended.name} is not commanded any more"
             self._tell(text, FlightAction.WARN, told, actions)
-            if change is Change.COMMANDER:
-                self._emergency.overrule(self._lookout.facts(now))
+        if change is Change.COMMANDER and (ended is not None or (told is not None and told.action in OVERRULED)):
+            self._emergency.overrule(self._lookout.facts(now))
 
     # ---- what was decided -----------------------------------------------------------------------------------------
 
@@ -142,7 +144,8 @@ class Execution:
             self._tell_decision(decision, now, actions, crosses=news.continues)
         if self._flight.rehearsing:
             return
-        if news.resumes or (news.mends and self._supervision.stands):
+        stands = self._supervision.stands and self._helm.flown not in _COMES_HOME
+        if news.resumes or (news.mends and stands):
             self._supervision.go_on(now)
             self._fly(FlightAction.CONTINUE, news.reason, now, actions)
         elif decision is not None and not news.warning and not news.continues:

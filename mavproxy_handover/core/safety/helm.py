@@ -10,7 +10,9 @@ commander's commands that pass, the guard when it says that it acts, and the aut
 before or up to DOUBT_S behind it: a word may come after its deed. Until then it is in doubt, and nobody is fought.
 What nobody is known to have chosen is
 
-* the pilot's while the radio lives: the autopilot hears a receiver, is not in its radio failsafe, and has one;
+* the guard's, if it returns or lands and was chosen while the autopilot was not heard: then the autopilot hears nothing
+  of the companion either, and the guard sends it home;
+* else the pilot's while the radio lives: the autopilot hears a receiver, is not in its radio failsafe, and has one;
 * else a failsafe's, if it returns or lands;
 * else a stranger's, of whom nobody knows anything: it counts for nothing, as at the guard.
 
@@ -20,10 +22,10 @@ overrides of the commander that turn the mode switch, and a pilot's (while they 
 autopilot's radio failsafe follows when they end); a second computer on board, and nobody at all.
 
 A pilot has the aircraft while it flies by hand, or in a mode that he chose, and his radio lives. He gives it back by
-choosing AUTO or GUIDED after he has flown by hand since take-off, be it for one moment on the way of a switch;
-by landing; and by what a commander's accepted command or the companion's own order makes of the mode. No cause ends it,
-a new one neither. On the ground nobody flies: whatever is chosen there is the flight's beginning, unless it is flown by
-hand.
+choosing AUTO or GUIDED after he has flown by hand since take-off, be it for one moment on the way of a switch, or while
+the autopilot was not heard, for all that is known; by landing; and by what a commander's accepted command or the
+companion's own order makes of the mode. No cause ends it, a new one neither. On the ground nobody flies: whatever is
+chosen there is the flight's beginning, unless it is flown by hand.
 """
 
 from __future__ import annotations
@@ -75,6 +77,7 @@ class Change(Enum):
     COMMANDER = "the commander has chosen another mode"
     FAILSAFE = "a failsafe of the autopilot acts"
     GUARD = "the guard acts"
+    UNHEARD = "chosen while the autopilot was not heard"
     STRANGER = "nobody is known to have chosen the mode"
 
 
@@ -90,7 +93,18 @@ _CHANGES: Final = {
 class Helm:
     """Who flies one aircraft. Times are monotonic seconds; not safe for threads."""
 
-    __slots__ = ("_asked", "_before", "_flying", "_since", "chosen_by", "flown", "landing", "name", "radio")
+    __slots__ = (
+        "_asked",
+        "_before",
+        "_flying",
+        "_since",
+        "_unheard",
+        "chosen_by",
+        "flown",
+        "landing",
+        "name",
+        "radio",
+    )
 
     def __init__(self) -> None:
         #: None before the autopilot has said it, and for what is no ArduCopter
@@ -105,6 +119,8 @@ class Helm:
         #: who flew what before the mode changed
         self._before: tuple[Hand, Flown | None] = Hand.NOBODY, None
         self._flying = False
+        #: the mode that is in doubt was chosen while the autopilot was not heard
+        self._unheard = False
         #: when the mode changed, while it is in doubt who chose it; -inf when it is not
         self._since = -inf
         #: who was heard of, when, and the mode that was asked for, None if that is not known
@@ -117,8 +133,9 @@ class Helm:
         self._asked[event.hand] = now, event.flown
         return self.settle(now)
 
-    def seen(self, event: ModeSeen, flying: bool, now: float) -> Change | None:
-        """The autopilot has said its mode; returns what has become known by it."""
+    def seen(self, event: ModeSeen, flying: bool, now: float, *, unheard: bool = False) -> Change | None:
+        """The autopilot has said its mode; returns what has become known by it. `unheard`: it was not heard for a time
+        before."""
         before, self.flown = self.flown, event.flown
         self.name, self.landing, self.radio = event.name, event.landing, event.radio
         was_flying, self._flying = self._flying, flying
@@ -126,7 +143,7 @@ class Helm:
             self.chosen_by, self._since = Hand.NOBODY, -inf
         elif event.flown is not before:
             self._before = self.chosen_by, before
-            self.chosen_by, self._since = Hand.DOUBT, now
+            self.chosen_by, self._since, self._unheard = Hand.DOUBT, now, unheard
         return self.settle(now)
 
     def settle(self, now: float) -> Change | None:
@@ -137,10 +154,14 @@ class Helm:
         if hand is None:
             if now < self._since + DOUBT_S:
                 return None
+            if self._unheard and self.flown in _ENDS:
+                self.chosen_by, self._since, self._unheard = Hand.GUARD, -inf, False
+                return Change.UNHEARD
             hand = self._by_nobody()
-        self._since = -inf
         before, flown = self._before
         by_hand = flown is Flown.HANDS and before in (Hand.PILOT, Hand.NOBODY, Hand.DOUBT)
+        by_hand |= self._unheard
+        self._since, self._unheard = -inf, False
         if hand is Hand.PILOT and by_hand and self.flown in GIVES_BACK:
             self.chosen_by = Hand.NOBODY
             return Change.GIVEN_BACK

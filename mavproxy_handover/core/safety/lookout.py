@@ -21,7 +21,8 @@ In a rehearsal the aircraft is carried, disarmed: its flight mode says nothing o
 where it would: it is carried on or back, and coverage ends ahead only as long as it does.
 
 An aircraft that was held when the companion died stands where it was told to: the next run holds it on, for what is
-left of the time (`resume`). Until it knows that the aircraft flies, and where, it counts as where it could be held.
+left of the time (`resume`), or, where it was ordered home or to go on by then and did not, has it go on once nothing is
+wrong (`resume_standing`). Until it knows that the aircraft flies, and where, it counts as where it could be held.
 
 What the autopilot was commanded in vain (`supervision.py`) is none of the things that can be done: then it cannot hold,
 and no place can be reached.
@@ -88,7 +89,7 @@ class Lookout:
         self.held_at = -inf
         #: at the last look that was as long as it may be
         self._held_long = False
-        #: that was so before a restart, and there has been no position since
+        #: that was so before a restart, or it stood by an order, and there has been no position since
         self.resuming = False
         #: who flies, and whether what was commanded is done
         self.helm = Helm()
@@ -110,6 +111,10 @@ class Lookout:
         self.resuming = True
         if cause is Cause.COVERAGE_ENDS:
             self._ended_for = owner
+
+    def resume_standing(self) -> None:
+        """It stood by an order of the run before, whatever was ordered since, and stands until something else shows."""
+        self.resuming = self.supervision.stands = True
 
     def hold(self, holds: bool, now: float) -> None:
         """The aircraft is to stand still from now on, or need not. Another cause gives it no new time."""
@@ -182,7 +187,7 @@ class Lookout:
         if flight.flying:
             found |= self._aloft(now)
         elif flight.armed is not None:
-            self._ended_for, self.resuming = None, False
+            self._ended_for, self.resuming, self.supervision.stands = None, False, False
         self.seen = frozenset(found)
         return self.seen
 

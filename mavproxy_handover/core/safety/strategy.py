@@ -20,10 +20,10 @@ What is decided is the same for every kind of aircraft; how it is done is not (`
 stand still, so it circles, and for that it needs room: where it is to be held is seen by that (`lookout.py`).
 
 `Strategy` remembers two things. What was decided: a return or a landing lasts as long as its cause, whatever milder
-causes come and go, and whatever milder that cause would ask for by now; who can return no more lands, and is not held
-again. And what the commander has overruled: of all that is wrong when he has it fly otherwise than ordered, he knows.
-So each of these causes is a warning from then on, until it is over or asks for something graver; what comes later, or
-is another, counts as if nothing else were wrong.
+causes come and go, whatever milder that cause would ask for by now, and whoever keeps it from being commanded for a
+time; who can return no more lands, and is not held again. And what the commander has overruled: of all that is wrong
+when he has it fly otherwise than ordered, he knows. So each of these causes is a warning from then on, until it is over
+or asks for something graver; what comes later, or is another, counts as if nothing else were wrong.
 """
 
 from __future__ import annotations
@@ -196,19 +196,21 @@ def decide(
 class Strategy:
     """The decision in force. Not safe for threads."""
 
-    __slots__ = ("decision", "overruled", "policies")
+    __slots__ = ("_lasts", "decision", "overruled", "policies")
 
     def __init__(self, policies: Mapping[Cause, str]) -> None:
         """`policies`: those that differ from the table's."""
         self.policies = {cause: policies.get(cause, row.policies[0]) for cause, row in CAUSES.items()}
         self.decision: Decision | None = None
+        #: the return or the landing that was decided last, while its cause goes on
+        self._lasts: Decision | None = None
         #: causes that the commander has overruled, each with what it asked for
         self.overruled: frozenset[tuple[Cause, FlightAction]] = frozenset()
 
     def overrule(self, causes: Set[Cause], facts: Situation) -> None:
         """The commander has the aircraft fly otherwise than ordered, with these causes and facts."""
         self.overruled = frozenset((cause, _asked(cause, self.policies[cause], facts)) for cause in causes)
-        self.decision = None
+        self.decision = self._lasts = None
 
     def judge(self, causes: Set[Cause], facts: Situation) -> Decision | None:
         """The causes and facts of this moment; returns the decision in force.
@@ -217,18 +219,17 @@ class Strategy:
         """
         if self.overruled:
             self.overruled = frozenset(row for row in self.overruled if row[0] in causes)
-        found, held = decide(causes, facts, self.policies, dict(self.overruled)), self.decision
-        if held is not None and held.action >= FlightAction.RETURN and held.cause in causes:
-            graver = found is not None and found.action >= held.action
-            if not graver and withheld(held.action, facts) is None:
-                waits = found is not None and found.action in _GOES_ON
-                if held.action is FlightAction.LAND or Fact.PLACE in facts or waits:
-                    return held
-                found = Decision(FlightAction.LAND, held.cause)
+        found, lasts = decide(causes, facts, self.policies, dict(self.overruled)), self._lasts
+        if found is not None and lasts is not None and lasts.cause in causes and found.action < lasts.action:
+            if withheld(lasts.action, facts) is None:
+                goes = lasts.action is FlightAction.LAND or Fact.PLACE in facts or found.action in _GOES_ON
+                self._lasts = found = lasts if goes else Decision(FlightAction.LAND, lasts.cause)
+        else:
+            self._lasts = found if found is not None and found.action >= FlightAction.RETURN else None
         self.decision = found
         return found
 
     def landed(self) -> None:
         """The flight is over."""
-        self.decision = None
+        self.decision = self._lasts = None
         self.overruled = frozenset()

@@ -32,10 +32,10 @@ What was held is held until something else shows (`stands`): a return that was o
 has not ended it. Where that is over, the aircraft is to go on, and for what stands still there is nothing graver to
 come: CONTINUE, like LAND, is repeated.
 
-Who has taken the aircraft keeps it. A pilot, a failsafe and the commander's own word end the order (`withdrawn`): what
-the pilot gives back is commanded again while its cause is there, the commander's word stands until something new is
-decided. A mode that a stranger has chosen is commanded away. While the autopilot is not heard nothing is counted, and
-when it is heard again, the order in force is commanded again at once.
+Who has taken the aircraft keeps it. A pilot, a failsafe and the commander's own word end the order (`withdrawn`): the
+commander's word stands until something new is decided; what a pilot or a failsafe has interrupted is commanded again
+while its cause is there, once neither of them has it. A mode that a stranger has chosen is commanded away. While the
+autopilot is not heard nothing is counted, and when it is heard again, the order in force is commanded again at once.
 
 While the fence is breached nothing is commanded again and nothing given up of what returns or lands already: a change
 of the mode gives ArduCopter's fence ten seconds of "manual recovery", in which a further breach is never acted on.
@@ -121,10 +121,10 @@ class Supervision:
     """The order in force. Times are monotonic seconds; not safe for threads."""
 
     __slots__ = (
-        "_awaits_pilot",
         "_deaf",
         "_excused",
         "_first_speed",
+        "_interrupted",
         "_last_m",
         "_limits",
         "_motion",
@@ -154,8 +154,8 @@ class Supervision:
         self._tries = 0
         #: the order has shown by mode, or by rest
         self._shown = False
-        #: what a pilot has interrupted
-        self._awaits_pilot: FlightAction | None = None
+        #: the return or the landing that a pilot or a failsafe has interrupted
+        self._interrupted: FlightAction | None = None
         #: the autopilot is not heard
         self._deaf = False
         #: at the last look there was a reason why it gets no nearer
@@ -180,7 +180,7 @@ class Supervision:
 
     def ordered(self, action: FlightAction, now: float) -> None:
         """The autopilot is commanded this from now on, or still: HOLD, RETURN or LAND."""
-        self._awaits_pilot = None
+        self._interrupted = None
         self.stands |= action is FlightAction.HOLD
         if action is not self.order:
             self._begin(action, 1, now)
@@ -200,7 +200,7 @@ class Supervision:
 
     def over(self) -> None:
         """Nothing is wrong any more, or the flight is over: the next order begins anew."""
-        self.order = self._awaits_pilot = None
+        self.order = self._interrupted = None
         self.stands = False
         self.unable = frozenset()
 
@@ -208,9 +208,10 @@ class Supervision:
         """Somebody else has chosen the mode; returns the order that this has ended, None if none."""
         order, self.order = self.order, None
         self.stands = False
-        # a hold that may be again is a decision of its own
-        if hand is Hand.PILOT and order not in _STANDING:
-            self._awaits_pilot = order or self._awaits_pilot
+        if hand is Hand.COMMANDER:
+            order, self._interrupted = order or self._interrupted, None
+        elif order is not None and order not in _STANDING:  # a hold that may be again is a decision of its own
+            self._interrupted = order
         return order
 
     def commanded(self) -> FlightAction | None:
@@ -237,8 +238,12 @@ class Supervision:
             return None
         if Fact.PILOT in facts or Fact.FAILSAFE in facts:
             return None
-        if self._awaits_pilot is not None:  # he has given it back
-            return self._again(self._awaits_pilot, now)
+        if self._interrupted is not None:  # it has been given back
+            order, self._interrupted = self._interrupted, None
+            self._begin(order, self._tries + 1, now)
+            if not self._follows(helm):
+                self.due_at = now + self._limits.obey_s
+                return Seen.AGAIN
         was_deaf, self._deaf = self._deaf, False
         if self.order is None:
             return None
@@ -249,7 +254,6 @@ class Supervision:
         return self._moves(self.order, helm, facts, breached, now)
 
     def _again(self, action: FlightAction, now: float) -> Seen:
-        self._awaits_pilot = None
         self._begin(action, self._tries + 1, now)
         self.due_at = now + self._limits.obey_s
         return Seen.AGAIN

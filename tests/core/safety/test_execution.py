@@ -404,6 +404,31 @@ class TestPilot:
 
 
 class TestOtherHands:
+    def test_what_a_failsafe_took_over_is_commanded_again_when_a_pilot_gives_it_back(self) -> None:
+        """The fault: what a failsafe had taken was nobody's any more, and flew on with the cause there. Found by a
+        campaign."""
+        bench = lost(aloft(mode=with_radio(AUTO)), with_radio(RTL))
+        nearer(bench, 5.0, 8.0)
+        bench.give(HandSeen(Hand.FAILSAFE))
+        bench.mode = with_radio(LAND)
+        bench.run(10.0)
+        bench.mode = with_radio(LOITER)
+        bench.run(10.0)
+        assert bench.flights() == [HOME]
+        bench.mode = with_radio(AUTO)
+        bench.run(3.0)
+        assert bench.flights() == [HOME, HOME]
+
+    def test_and_when_a_stranger_ends_that(self) -> None:
+        bench = lost(aloft())
+        nearer(bench, 5.0, 8.0)
+        bench.give(HandSeen(Hand.FAILSAFE))
+        bench.mode = LAND
+        bench.run(10.0)
+        bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+        bench.run(3.0)
+        assert bench.flights() == [HOME, HOME]
+
     def test_the_commanders_word_stands_until_something_new_is_decided(self) -> None:
         bench = aloft()
         bench.give(SignsSeen(energy=True))
@@ -462,6 +487,25 @@ class TestOtherHands:
 
 
 class TestLink:
+    @pytest.mark.parametrize("mode", [AUTO, with_radio(AUTO)], ids=["no radio", "radio"])
+    def test_a_return_that_the_guard_began_unheard_is_landed_when_no_place_is_in_reach_any_more(
+        self, mode: ModeSeen
+    ) -> None:
+        """The fault: it was taken for a pilot's, or a failsafe's, and flown on until the battery was empty. Found by a
+        campaign."""
+        bench = aloft(mode=mode)
+        bench.autopilot = False
+        bench.run(10.0)
+        bench.autopilot = True
+        bench.mode, bench.motion = ModeSeen(Flown.RETURN, "RTL", radio=mode.radio), HOMEWARD
+        bench.run(3.0)
+        assert [record.text for record in bench.records("helm")] == ["RTL: chosen while the autopilot was not heard"]
+        assert bench.flights() == []
+        bench.give(PlaceJudged("home", False))
+        bench.give(SignsSeen(energy=True))
+        bench.run(3.0)
+        assert bench.flights() == [Fly(FlightAction.LAND, Reason.ENERGY)]
+
     def test_what_did_not_arrive_is_commanded_when_the_autopilot_is_heard_again(self) -> None:
         bench = aloft()
         bench.alive = set()

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, Record
+from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -28,6 +28,7 @@ from tests.core.bench import (
     inside,
     outside,
 )
+from tests.core.safety.test_execution import aloft, standing, taken_by_b
 from tests.core.safety.test_lookout import GO_ON, HOLD, HOME, ends, mission
 
 HELD = Snapshot(A, 4, 7, Phase.ON_MISSION, 2, DIGEST, (A, B, A), held_since=90.0, held_for=Cause.COVERAGE_ENDS)
@@ -182,3 +183,129 @@ def test_a_second_cause_gives_no_new_time() -> None:
     bench.guard = None
     bench.run(80.0)
     assert [at for at, action in orders(bench) if action is FlightAction.RETURN] == [held_at + 60.0]
+
+
+# ---- it stands, and the order in force is another one ---------------------------------------------------------------
+
+
+def moves(bench: Bench) -> None:
+    """It flies on: nothing more is commanded."""
+    ordered = bench.flights()
+    bench.motion = MotionSeen(8.0, 0.0, 300.0)
+    bench.run(60.0)
+    assert bench.flights() == ordered
+
+
+def ordered_home() -> Bench:
+    """Held, and ordered home where the autopilot hears nothing any more: it stands."""
+    bench = standing(aloft(Limits(hold_s=4.0)))
+    bench.run(3.0)
+    assert bench.flights() == [HOLD, HOME]
+    bench.log.clear()
+    return bench
+
+
+def test_whose_return_was_never_flown_goes_on_behind_a_restart_when_that_is_over() -> None:
+    """The fault: the return had taken the place of the hold in what the next run was told, and when its cause was gone
+    the aircraft stood there until its battery was low. Found by a campaign."""
+    bench = ordered_home()
+    bench.restart()
+    bench.run(1.0)
+    assert bench.arbiter.view.commander == A
+    assert bench.flights() == [GO_ON]
+    bench.run(60.0)
+    assert len(bench.flights()) > 5
+    assert set(bench.flights()) == {GO_ON}
+    moves(bench)
+
+
+def test_and_behind_two() -> None:
+    bench = ordered_home()
+    bench.restart()
+    bench.restart(3.0)  # it died before it had heard anything
+    bench.run(1.0)
+    assert bench.flights() == [GO_ON]
+
+
+def test_whose_return_is_flown_by_then_flies_it() -> None:
+    bench = ordered_home()
+    bench.mode, bench.motion = ModeSeen(Flown.RETURN, "RTL", False, False), MotionSeen(8.0, 0.0, 300.0)
+    bench.run(1.0)
+    assert not bench.arbiter.snapshot().stands
+    bench.restart()
+    bench.run(5.0)
+    assert bench.flights() == []
+
+
+def test_whose_return_shows_behind_the_restart_flies_it() -> None:
+    bench = ordered_home()
+    bench.mode, bench.motion = ModeSeen(Flown.RETURN, "RTL", False, False), MotionSeen(8.0, 0.0, 300.0)
+    bench.restart()
+    bench.run(20.0)
+    assert bench.flights() == []
+
+
+def test_it_stands_until_the_station_that_takes_it_from_a_lost_commander_has_it() -> None:
+    bench = ordered_home()
+    bench.alive = {B}
+    bench.restart()
+    while bench.arbiter.view.partner is None:
+        bench.run(0.1)
+    bench.run(0.5)
+    assert bench.arbiter.view.commander is None
+    assert bench.flights() == []
+    key = TransferKey(A, B, bench.arbiter.view.handover_id, bench.arbiter.view.epoch)
+    bench.say(B, OnHandover(key))
+    bench.say(B, DroneConnected(key))
+    assert bench.arbiter.view.commander == B
+    assert bench.flights() == [GO_ON]
+
+
+def test_what_was_told_to_go_on_and_has_not_is_told_again() -> None:
+    """The fault: the companion died behind the order, which the autopilot had not heard."""
+    bench = standing(aloft())
+    taken_by_b(bench)
+    assert bench.flights() == [HOLD, GO_ON]
+    bench.restart()
+    bench.log.clear()
+    bench.run(60.0)
+    assert len(bench.flights()) > 5
+    assert set(bench.flights()) == {GO_ON}
+    moves(bench)
+
+
+def test_what_is_held_no_more_behind_a_restart_is_told_until_it_goes_on() -> None:
+    """The fault: it was told once."""
+    bench = Bench(Limits(policies={Cause.LINKS_WEAK: "hold"}))
+    bench.alive = {A}
+    bench.armed = bench.flying = True
+    bench.mode, bench.motion = ModeSeen(Flown.MISSION, "AUTO", False, False), MotionSeen(0.0, 0.0, 300.0)
+    bench.facts = (inside(A), outside(B))
+    bench.restart(0.0, replace(HELD, held_since=99.0, held_for=Cause.LINKS_WEAK, stands=True))
+    bench.run(60.0)
+    assert len(bench.flights()) > 5
+    assert set(bench.flights()) == {GO_ON}
+    moves(bench)
+
+
+def test_what_its_commander_has_stopped_stands_by_that_word_behind_a_restart_too() -> None:
+    bench = standing(aloft())
+    taken_by_b(bench)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.log.clear()
+    bench.restart()
+    bench.run(20.0)
+    assert bench.flights() == []
+
+
+def test_on_the_ground_nothing_is_told_to_go_on() -> None:
+    bench = Bench()
+    bench.alive = {A}
+    bench.facts = (inside(A), outside(B))
+    bench.restart(0.0, replace(HELD, phase=Phase.EMERGENCY, held_since=None, held_for=None, stands=True))
+    bench.run(5.0)
+    assert bench.flights() == []
+    assert not bench.arbiter.snapshot().stands
+    bench.armed = bench.flying = True
+    bench.run(5.0)
+    assert bench.flights() == []

@@ -258,3 +258,52 @@ def test_a_mode_that_becomes_known_in_the_air_was_chosen_by_nobody() -> None:
     helm.seen(ModeSeen(None, radio=True), True, 1.0)
     assert change(helm, RTL, radio=True) is None
     assert (helm.chosen_by, helm.facts()) == (Hand.NOBODY, {Fact.RETURNING})
+
+
+# ---- the autopilot was not heard when it changed --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("radio", [True, False], ids=["radio", "no radio"])
+@pytest.mark.parametrize("flown", [RTL, LAND])
+def test_a_return_that_began_while_the_autopilot_was_not_heard_is_the_guards(flown: Flown, radio: bool) -> None:
+    """The fault: with a radio it was a pilot's, and else a failsafe's, so nothing graver was commanded any more."""
+    helm = flying(radio=radio)
+    assert helm.seen(ModeSeen(flown, radio=radio), True, AT, unheard=True) is None
+    assert helm.settle(AT + 1.0) is Change.UNHEARD
+    assert helm.chosen_by is Hand.GUARD
+    assert not helm.facts() & {Fact.PILOT, Fact.FAILSAFE}
+
+
+@pytest.mark.parametrize(("hand", "change"), [(Hand.COMMANDER, Change.COMMANDER), (Hand.FAILSAFE, Change.FAILSAFE)])
+def test_unless_somebody_was_heard_of(hand: Hand, change: Change) -> None:
+    helm = flying(radio=True)
+    helm.heard(HandSeen(hand), AT - 2.0)
+    assert helm.seen(ModeSeen(RTL, radio=True), True, AT, unheard=True) is change
+
+
+@pytest.mark.parametrize("flown", [AUTO, GUIDED])
+def test_what_a_pilot_may_have_given_back_then_is_nobodys(flown: Flown) -> None:
+    """The fault: a pilot who had flown by hand meanwhile was believed to have it still, in AUTO."""
+    helm = flying(RTL, radio=True)
+    helm.seen(ModeSeen(flown, radio=True), True, AT, unheard=True)
+    assert helm.settle(AT + 1.0) is Change.GIVEN_BACK
+    assert helm.chosen_by is Hand.NOBODY
+    assert not helm.piloted
+
+
+@pytest.mark.parametrize("flown", [HANDS, STOP, OTHER])
+def test_what_else_was_chosen_then_is_a_pilots_or_a_strangers(flown: Flown) -> None:
+    for radio, hand in ((True, Hand.PILOT), (False, Hand.STRANGER)):
+        helm = flying(radio=radio)
+        helm.seen(ModeSeen(flown, radio=radio), True, AT, unheard=True)
+        helm.settle(AT + 1.0)
+        assert helm.chosen_by is hand
+
+
+def test_the_next_change_is_judged_by_itself() -> None:
+    helm = flying(radio=True)
+    helm.seen(ModeSeen(RTL, radio=True), True, AT, unheard=True)
+    helm.settle(AT + 1.0)
+    change(helm, LAND, radio=True, at=AT + 20.0)
+    helm.settle(AT + 21.0)
+    assert helm.chosen_by is Hand.PILOT

@@ -12,12 +12,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, MotionSeen, PlaceJudged, SignsSeen
+from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, PlaceJudged, SignsSeen
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Reason
 from mavproxy_handover.core.safety.causes import Cause
 from tests.core.bench import A, B, Bench, inside, outside
-from tests.core.safety.test_execution import AUTO, HOLD, HOMEWARD, LAND, RTL, aloft, said, taken_by_b
+from tests.core.safety.test_execution import (
+    AUTO,
+    HOLD,
+    HOMEWARD,
+    LAND,
+    LOITER,
+    RTL,
+    aloft,
+    said,
+    taken_by_b,
+    with_radio,
+)
 from tests.core.safety.test_lookout import ends
 
 BACK = Fly(FlightAction.RETURN, Reason.ENERGY)
@@ -145,3 +156,64 @@ def test_what_was_wrong_beside_it_was_known_to_whoever_overruled_it() -> None:
     flies_on(bench)
     bench.run(60.0)
     assert len(bench.flights()) == ordered
+
+
+def turned_back_by_a_failsafe() -> Bench:
+    """It has been turned back for its energy, and a failsafe of the autopilot has taken that over."""
+    bench = aloft()
+    bench.give(PLACE)
+    bench.give(SignsSeen(energy=True))
+    bench.run(2.5)
+    assert bench.flights() == [BACK]
+    bench.give(HandSeen(Hand.FAILSAFE))
+    bench.mode, bench.motion = RTL, HOMEWARD
+    bench.run(3.0)
+    bench.log.clear()
+    return bench
+
+
+def test_what_a_failsafe_flew_is_overruled_as_well() -> None:
+    """The fault: the order was the failsafe's by then, so nothing was overruled, and out of every zone nothing was
+    ordered any more. Found by a campaign."""
+    bench = turned_back_by_a_failsafe()
+    flies_on(bench)
+    bench.run(30.0)
+    assert bench.flights() == []
+    bench.facts = (outside(A), outside(B))
+    bench.run(3.0)
+    assert bench.flights() == [OUT]
+
+
+def test_and_what_a_pilot_had_interrupted() -> None:
+    """The fault: it was commanded again, against the commander's word."""
+    bench = aloft(mode=with_radio(AUTO))
+    bench.give(PLACE)
+    bench.give(SignsSeen(energy=True))
+    bench.run(3.0)
+    bench.mode, bench.motion = with_radio(RTL), HOMEWARD
+    bench.run(3.0)
+    bench.mode = with_radio(LOITER)
+    bench.run(3.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.mode = with_radio(AUTO)
+    bench.run(60.0)
+    assert bench.flights() == [BACK]
+    bench.facts = (outside(A), outside(B))
+    bench.run(3.0)
+    assert bench.flights() == [BACK, OUT]
+
+
+def test_and_what_the_autopilot_did_not_follow() -> None:
+    bench = aloft(Limits(policies={Cause.FENCE: "return"}))
+    bench.give(PLACE)
+    bench.give(SignsSeen(fence=True))
+    bench.run(16.0)
+    assert DOWN.action in {flight.action for flight in bench.flights()}
+    bench.log.clear()
+    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.run(30.0)
+    assert bench.flights() == []
+    bench.facts = (outside(A), outside(B))
+    bench.run(3.0)
+    assert [flight.reason for flight in bench.flights()] == [Reason.OUT_OF_COVERAGE]

@@ -216,6 +216,30 @@ def test_a_pilot_ends_a_return_and_gives_it_back() -> None:
     assert strategy.judge({LOST}, PLACE) == Decision(R, LOST)
 
 
+@pytest.mark.parametrize(
+    "away",
+    [ALOFT - {Fact.AUTOPILOT}, ALOFT | {Fact.PILOT}, ALOFT | {Fact.FAILSAFE}],
+    ids=["not heard", "a pilot", "a failsafe"],
+)
+def test_a_return_that_is_held_back_for_a_time_is_not_forgotten(away: frozenset[Fact]) -> None:
+    """The fault: an autopilot that was not heard for a time made it a hold again, which was milder than what had been
+    told, so nobody ordered it; and when the return was given up, nobody ordered to land. Found by a campaign."""
+    strategy = Strategy({})
+    assert strategy.judge({ENDS}, PLACE) == Decision(R, ENDS)
+    assert strategy.judge({ENDS}, away | {Fact.PLACE, Fact.MAY_HOLD}) == Decision(W, ENDS)
+    assert strategy.judge({ENDS}, PLACE | {Fact.MAY_HOLD}) == Decision(R, ENDS)
+    assert strategy.judge({ENDS}, ALOFT | {Fact.MAY_HOLD}) == Decision(L, ENDS)
+    assert strategy.judge({ENDS}, away | {Fact.PLACE, Fact.MAY_HOLD}) == Decision(W, ENDS)
+    assert strategy.judge({ENDS}, PLACE | {Fact.MAY_HOLD}) == Decision(L, ENDS)
+
+
+def test_but_when_its_cause_is_over_meanwhile_it_is() -> None:
+    strategy = Strategy({})
+    assert strategy.judge({ENDS}, PLACE) == Decision(R, ENDS)
+    assert strategy.judge(set(), PLACE | {Fact.PILOT}) is None
+    assert strategy.judge({ENDS}, PLACE | {Fact.MAY_HOLD}) == Decision(H, ENDS)
+
+
 def test_the_next_flight_knows_nothing_of_the_last_one() -> None:
     strategy = Strategy({})
     strategy.judge({ENERGY}, ALOFT)

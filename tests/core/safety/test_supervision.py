@@ -505,10 +505,12 @@ def test_what_cannot_be_done_is_told_once() -> None:
         (Hand.PILOT, LAND, True),
         (Hand.PILOT, HOLD, False),  # a decision of its own
         (Hand.COMMANDER, RETURN, False),
-        (Hand.FAILSAFE, RETURN, False),
+        (Hand.FAILSAFE, RETURN, True),
+        (Hand.FAILSAFE, LAND, True),
+        (Hand.FAILSAFE, HOLD, False),
     ],
 )
-def test_what_a_pilot_has_interrupted_is_commanded_again_when_he_gives_it_back(
+def test_what_a_pilot_or_a_failsafe_has_interrupted_is_commanded_again_when_neither_has_it(
     hand: Hand, order: FlightAction, again: bool
 ) -> None:
     watched = Watched().order(order)
@@ -527,6 +529,16 @@ def test_a_pilot_who_takes_it_twice_has_interrupted_the_same() -> None:
     assert watched.supervision.taken(Hand.PILOT) is None
     assert watched.look(1.0) is AGAIN
     assert watched.look(1.0) is None
+
+
+@pytest.mark.parametrize("flown", [Flown.RETURN, Flown.LAND])
+def test_what_is_done_already_when_it_is_given_back_is_not_commanded_again(flown: Flown) -> None:
+    """The fault: a landing that had been begun meanwhile became a return again. Found by a campaign."""
+    watched = Watched().order(RETURN)
+    watched.supervision.taken(Hand.PILOT)
+    watched.flies(flown)
+    assert watched.look(1.0) is OBEYED
+    assert watched.supervision.order is RETURN
 
 
 def test_what_was_commanded_again_for_him_has_one_try_less() -> None:
