@@ -36,6 +36,8 @@ class Aircraft:
 
     def __init__(self) -> None:
         self.armed = False
+        #: it has been heard disarmed
+        self._was_disarmed = False
         self.custom_mode = 0
         #: what it is, in words, where that is nothing that is flown here: the numbers of its modes are not known
         self.foreign = ""
@@ -84,6 +86,7 @@ class Aircraft:
     def _take_heartbeat(self, m: Any, now: float) -> None:
         self.heartbeat_at = now
         self.armed = bool(m.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        self._was_disarmed |= not self.armed
         self.custom_mode = m.custom_mode
         self.critical = m.system_status == mavlink.MAV_STATE_CRITICAL
         known = vehicle_of(m.autopilot, m.type)
@@ -210,6 +213,11 @@ class Aircraft:
     def flying(self) -> bool:
         """Armed and off the ground, or armed with the ground contact unknown."""
         return self.armed and self.landed_state != _ON_GROUND
+
+    @property
+    def always_armed(self) -> bool:
+        """With wings, on the ground, and never heard disarmed: where ARMING_REQUIRE is 0 it never is."""
+        return self.kind.winged and self.landed_state == _ON_GROUND and not self._was_disarmed
 
     @property
     def track(self) -> tuple[float, float]:

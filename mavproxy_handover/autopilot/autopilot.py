@@ -396,7 +396,8 @@ class Autopilot:
         if self._on_board is not None and grounded and aircraft.position is not None:
             self._missions.load_on_board(self._on_board, now)
         firmware = None if self.guard_status is None else self.guard_status.firmware
-        self._preflight.each_second(aircraft, grounded, arbiter.guard(now), firmware, now)
+        asked = grounded or aircraft.always_armed
+        self._preflight.each_second(aircraft, asked, arbiter.guard(now), firmware, now)
         self._energy.each_second(aircraft, grounded, now)
         self._judge_gaps(now)
         if now >= self._walk_at:

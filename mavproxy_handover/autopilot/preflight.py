@@ -429,7 +429,7 @@ class Preflight:
     def each_second(
         self, aircraft: Aircraft, grounded: bool, guard: GuardState, firmware: tuple[int, int] | None, now: float
     ) -> None:
-        """Time has passed. `grounded`: neither armed nor flying."""
+        """Time has passed. `grounded`: neither armed nor flying, or on the ground and always armed."""
         heartbeat_at = aircraft.heartbeat_at
         if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
             self._due_at = now + _SETTLE_S

@@ -94,6 +94,28 @@ def test_without_a_landing_at_the_end_of_a_return_it_does_not_start(bench: Bench
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
 
 
+def always_armed(bench: Bench, landed: int) -> Bench:
+    bench.autopilot = PlaneAutopilot(rotors=True)
+    bench.autopilot.parameters["ARMING_REQUIRE"] = 0.0
+    bench.autopilot.armed, bench.autopilot.landed_state = True, landed
+    bench.load()
+    bench.run(30.0)
+    return bench
+
+
+def test_one_that_is_always_armed_is_told_so(bench: Bench) -> None:
+    """The fault: what is armed was not asked for its parameters, so ARMING_REQUIRE 0 was never read."""
+    always_armed(bench, mavlink.MAV_LANDED_STATE_ON_GROUND)
+    findings = bench.companion.autopilot.findings
+    assert findings is not None
+    assert "ARMING_REQUIRE" in [finding.parameter for finding in findings]
+
+
+def test_but_one_that_flies_is_asked_nothing(bench: Bench) -> None:
+    always_armed(bench, mavlink.MAV_LANDED_STATE_IN_AIR)
+    assert bench.companion.autopilot.findings is None
+
+
 # ---- STOP and CONTINUE --------------------------------------------------------------------------------------------
 
 
