@@ -20,10 +20,7 @@ from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.wire.conversation import Asking, NoAnswer
 from mavproxy_handover.wire.ids import MISSION_START
 
-__all__ = ["AUTO", "COPTER_MODES", "GUIDED", "LAND", "RTL", "Copter"]
-
-GUIDED, AUTO, RTL, LAND = COPTER.guided, COPTER.auto, COPTER.back, COPTER.land
-COPTER_MODES = {number: mode.name for number, mode in COPTER.modes.items()}
+__all__ = ["Copter"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +36,10 @@ class Copter(Procedures):
 
     def start(self) -> Asking:
         """Arm in GUIDED, then fly the mission in AUTO: what START means."""
-        yield from self._mode(GUIDED)
+        yield from self._mode(COPTER.guided)
         yield from self._arm()
         yield from self._do("MISSION_START", MISSION_START)
-        yield from self._shows("mode AUTO", lambda m: bool(m.custom_mode == AUTO))
+        yield from self._shows("mode AUTO", lambda m: bool(m.custom_mode == COPTER.auto))
 
     def hold(self, pause: bool) -> Asking:
         """Stop where it is, or go on. Returns what it does."""
@@ -59,12 +56,12 @@ class Copter(Procedures):
         if self.foreign():
             yield from self._do("return to launch", mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
             return "return to launch"
-        wanted = (RTL, LAND) if action is FlightAction.RETURN else (LAND,)
+        wanted = (COPTER.back, COPTER.land) if action is FlightAction.RETURN else (COPTER.land,)
         trouble = ""
         for mode in wanted:
             try:
                 yield from self._mode(mode)
-                return COPTER_MODES[mode]
+                return COPTER.mode_name(mode)
             except NoAnswer as error:
                 trouble = str(error)
         raise AutopilotError(f"the autopilot does not obey: {trouble}")
@@ -75,5 +72,5 @@ class Copter(Procedures):
         If it does not leave, it is in RTL still.
         """
         with suppress(NoAnswer):
-            yield from self._mode(GUIDED)
+            yield from self._mode(COPTER.guided)
         return (yield from self.bring_home(FlightAction.RETURN))

@@ -17,6 +17,7 @@ from typing import Any, Final
 
 from pymavlink import DFReader
 
+from mavproxy_handover.autopilot.kinds import Vehicle
 from sitl.replay.recording import Recording, RecordingError
 from sitl.replay.samples import Sample, recorded
 
@@ -33,8 +34,8 @@ _LEAST_S: Final = 0.045
 _EPOCH: Final = 946_684_800.0
 
 
-def read_dataflash(path: Path) -> Recording:
-    """Read a log. Raises RecordingError."""
+def read_dataflash(path: Path, vehicle: Vehicle) -> Recording:
+    """Read a log of this vehicle. Raises RecordingError."""
     try:
         if path.stat().st_size == 0:
             raise RecordingError(f"{path}: is empty")
@@ -54,7 +55,7 @@ def read_dataflash(path: Path) -> Recording:
     ]
     if samples[0].at < _EPOCH:
         assumed.append("the time: the log has no GPS time; no journal can be compared with it")
-    return recorded(path, "dataflash log", samples, assumed)
+    return recorded(path, "dataflash log", samples, assumed, vehicle)
 
 
 def _entries(path: Path) -> list[tuple[float, Any]]:

@@ -27,7 +27,7 @@ from typing import Any, Final, cast
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.autopilot import Autopilot
-from mavproxy_handover.autopilot.copter import AUTO
+from mavproxy_handover.autopilot.kinds import vehicle_of
 from mavproxy_handover.autopilot.loading import Prepared, prepare
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
@@ -384,7 +384,8 @@ class _Flight:
         commander = self._view.commander
         if armed and not was_armed and commander is not None:
             self._handle(events.StartRequested(commander), now)
-        if armed and message.custom_mode == AUTO:
+        vehicle = vehicle_of(message.autopilot, message.type)
+        if armed and vehicle is not None and message.custom_mode == vehicle.auto:
             self._handle(events.StartFinished(True), now)
 
 

@@ -14,6 +14,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Final
 
+from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.mission import package as packages
@@ -114,7 +115,7 @@ def _replay(arguments: argparse.Namespace) -> _Told:
     other = changed(other, arguments.set)
     vehicle(other, package, 1)  # what is wrong with it is told before anything is read
     happened = _journal(arguments)
-    recording = read_recording(arguments.file)
+    recording = read_recording(arguments.file, PLANE if package.kind.winged else COPTER)
     flown = vehicle(settings, package, recording.sysid)
     inputs = _inputs(happened, package)
     first = replay(recording, inputs, package, flown, flown)

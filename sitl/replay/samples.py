@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.autopilot.copter import AUTO
+from mavproxy_handover.autopilot.kinds import COPTER, Vehicle
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 from sitl.replay.recording import Recording
@@ -55,9 +55,9 @@ class Sample:
     consumed_mah: float | None = None
 
 
-def recorded(path: Path, kind: str, samples: Sequence[Sample], assumed: Iterable[str]) -> Recording:
-    """The recording that these samples are; they rise in time, and there are two at least."""
-    maker = _Maker()
+def recorded(path: Path, kind: str, samples: Sequence[Sample], assumed: Iterable[str], vehicle: Vehicle) -> Recording:
+    """The recording that these samples of a vehicle are; they rise in time, and there are two at least."""
+    maker = _Maker(vehicle)
     first = samples[0]
     begin = first.at - PRELUDE_S
     for number in range(int(PRELUDE_S / _STEP_S)):
@@ -70,7 +70,9 @@ def recorded(path: Path, kind: str, samples: Sequence[Sample], assumed: Iterable
 class _Maker:
     """Collects messages."""
 
-    def __init__(self) -> None:
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._auto = vehicle.auto
+        self._type = mavlink.MAV_TYPE_QUADROTOR if vehicle is COPTER else mavlink.MAV_TYPE_FIXED_WING
         self.messages: list[tuple[float, Any]] = []
         self._encoder = mavlink.MAVLink(None, srcSystem=_SYSID, srcComponent=AUTOPILOT_COMPID)
         self._decoder = mavlink.MAVLink(None)
@@ -86,7 +88,7 @@ class _Maker:
         velocity = one.velocity if one.velocity is not None else _between(one, other)
         flying = one.alt_m > _FLYING_M if one.flying is None else one.flying
         armed = True if one.armed is None else one.armed
-        mode = AUTO if one.mode is None else one.mode
+        mode = self._auto if one.mode is None else one.mode
         last = one.at + _STEP_S / 2 if other is None or other.at - one.at > _GAP_S else other.at
         steps = max(1, math.ceil((last - one.at) / _STEP_S - 1e-6))
         for number in range(steps):
@@ -106,13 +108,13 @@ class _Maker:
         base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | (mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0)
         state = mavlink.MAV_STATE_ACTIVE if flying else mavlink.MAV_STATE_STANDBY
         landed = mavlink.MAV_LANDED_STATE_IN_AIR if flying else mavlink.MAV_LANDED_STATE_ON_GROUND
-        copter, ardupilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        ardupilot = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
         self._add(mavlink.MAVLink_extended_sys_state_message(0, landed), at)
         if sample.waypoint is not None:
             self._add(mavlink.MAVLink_mission_current_message(max(0, sample.waypoint)), at)
         if sample.remaining is not None or sample.voltage_v is not None:
             self._battery(sample, at)
-        self._add(mavlink.MAVLink_heartbeat_message(copter, ardupilot, base, mode, state, 3), at)
+        self._add(mavlink.MAVLink_heartbeat_message(self._type, ardupilot, base, mode, state, 3), at)
 
     def _battery(self, sample: Sample, at: float) -> None:
         cells = [0xFFFF] * 10

@@ -3,8 +3,8 @@
 """A recorded flight as a table: comma-separated values with a line of names above them.
 
 Needed are a time (`time`: ISO 8601 with its zone, or seconds), `lat_deg`, `lon_deg` and `alt_m` (above home); known are
-`battery_percent`, `voltage_v`, `current_a`, `mode` (ArduCopter's name or number), `armed` (0 or 1) and `waypoint` (the
-item that is flown to). Other columns are left alone. An empty field is one that is not known then.
+`battery_percent`, `voltage_v`, `current_a`, `mode` (the autopilot's name or number), `armed` (0 or 1) and `waypoint`
+(the item that is flown to). Other columns are left alone. An empty field is one that is not known then.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.autopilot.copter import COPTER_MODES
+from mavproxy_handover.autopilot.kinds import Vehicle
 from sitl.replay.recording import Recording, RecordingError
 from sitl.replay.samples import Sample, recorded
 
@@ -33,11 +33,10 @@ _RANGES: Final = {
     "waypoint": (0.0, 65_535.0),
     "armed": (0.0, 1.0),
 }
-_MODES: Final = {name: number for number, name in COPTER_MODES.items()}
 
 
-def read_table(path: Path) -> Recording:
-    """Read a table. Raises RecordingError."""
+def read_table(path: Path, vehicle: Vehicle) -> Recording:
+    """Read a table of this vehicle's flight. Raises RecordingError."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = csv.DictReader(file)
@@ -45,7 +44,7 @@ def read_table(path: Path) -> Recording:
             lacking = [name for name in _NEEDED if name not in names]
             if lacking:
                 raise RecordingError(f"{path}: no column {', '.join(lacking)}; it has {', '.join(names) or 'none'}")
-            samples = [_sample(path, number, row) for number, row in enumerate(rows, 2)]
+            samples = [_sample(path, number, row, vehicle) for number, row in enumerate(rows, 2)]
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:
@@ -55,7 +54,7 @@ def read_table(path: Path) -> Recording:
     for number, (one, other) in enumerate(itertools.pairwise(samples), 3):
         if other.at <= one.at:
             raise RecordingError(f"{path}: line {number}: time: not later than the line before")
-    return recorded(path, "table", samples, _assumed(names))
+    return recorded(path, "table", samples, _assumed(names), vehicle)
 
 
 def _assumed(names: tuple[str, ...]) -> list[str]:
@@ -71,7 +70,7 @@ def _assumed(names: tuple[str, ...]) -> list[str]:
     return found
 
 
-def _sample(path: Path, line: int, row: dict[str, str | None]) -> Sample:
+def _sample(path: Path, line: int, row: dict[str, str | None], vehicle: Vehicle) -> Sample:
     def number(name: str) -> float | None:
         text = (row.get(name) or "").strip()
         if not text:
@@ -99,7 +98,7 @@ def _sample(path: Path, line: int, row: dict[str, str | None]) -> Sample:
         needed("alt_m"),
         armed=None if armed is None else bool(armed),
         flying=False if armed == 0.0 else None,
-        mode=_mode(path, line, (row.get("mode") or "").strip()),
+        mode=_mode(path, line, (row.get("mode") or "").strip(), vehicle),
         waypoint=None if waypoint is None else int(waypoint),
         remaining=number("battery_percent"),
         voltage_v=number("voltage_v"),
@@ -123,10 +122,11 @@ def _time(path: Path, line: int, text: str) -> float:
     return seconds
 
 
-def _mode(path: Path, line: int, text: str) -> int | None:
+def _mode(path: Path, line: int, text: str, vehicle: Vehicle) -> int | None:
     if not text:
         return None
-    number = int(text) if text.isdecimal() else _MODES.get(text.upper())
-    if number not in COPTER_MODES:
-        raise RecordingError(f"{path}: line {line}: mode: {text!r} is no flight mode of ArduCopter")
+    names = {mode.name: number for number, mode in vehicle.modes.items()}
+    number = int(text) if text.isdecimal() else names.get(text.upper())
+    if number not in vehicle.modes:
+        raise RecordingError(f"{path}: line {line}: mode: {text!r} is no flight mode of {vehicle.name}")
     return number
