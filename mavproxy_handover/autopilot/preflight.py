@@ -160,12 +160,6 @@ _INSTRUCTIONS = 10000
 Rule = Callable[[Mapping[str, float], Found, Limits], "str | None"]
 
 
-def _vehicle(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
-    if not found.foreign:
-        return None
-    return f"{found.foreign} is neither ArduCopter nor ArduPlane: START is refused, and so is arming by the guard"
-
-
 def _guard_there(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     if "HNDO_ENABLE" in p or found.guard is not GuardState.SILENT:
         return None
@@ -321,7 +315,6 @@ def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
 _BY_VEHICLE: Final = ((COPTER, COPTERS), (PLANE, WINGED))
 #: parameter to change ("" for none), rule, whether it concerns the guard, kinds of aircraft that it is for
 _RULES: tuple[tuple[str, Rule, bool, frozenset[Kind]], ...] = (
-    ("", _vehicle, False, EVERY),
     ("", _lands, False, WINGED),
     ("ARMING_REQUIRE", _arming_required, False, WINGED),
     ("", _guard_there, True, EVERY),
@@ -348,7 +341,11 @@ _RULES: tuple[tuple[str, Rule, bool, frozenset[Kind]], ...] = (
 
 
 def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
-    """Everything that does not fit, the gravest first. An autopilot that answers nothing is one finding."""
+    """Everything that does not fit, the gravest first. An autopilot that answers nothing is one finding, and so is one
+    that is not flown here."""
+    if found.foreign:
+        text = f"{found.foreign} is neither ArduCopter nor ArduPlane: START is refused, and so is arming by the guard"
+        return (Finding("", text),)
     if not found.parameters:
         return (Finding("", "the autopilot answers no request for parameters: nothing could be checked"),)
     findings = []

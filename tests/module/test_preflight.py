@@ -154,6 +154,12 @@ def test_a_vehicle_without_radio_control_needs_no_radio_failsafe() -> None:
     assert judge(found(FS_THR_ENABLE=0.0, RC_PROTOCOLS=0.0), Limits()) == ()
 
 
+def test_of_what_is_not_flown_here_nothing_else_is_said() -> None:
+    """The fault: a rover was told how to set up a copter's failsafes."""
+    (finding,) = judge(found(foreign="ardupilotmega ground rover", FS_THR_ENABLE=0.0, HNDO_COMPID=190.0), Limits())
+    assert finding.text.startswith("ardupilotmega ground rover is neither")
+
+
 def test_checksums_are_of_scripts_that_run() -> None:
     texts = [finding.text for finding in judge(found(guard=GuardState.SILENT, SCR_LD_CHECKSUM=-1.0), Limits())]
     assert not any("CHECKSUM" in text for text in texts)
