@@ -95,6 +95,8 @@ class Plane(Procedures):
         if pause:
             yield from self._mode(_LOITER)
         elif flown is Flown.STOP:
+            if self.aircraft.custom_mode != _LOITER:
+                raise AutopilotError(f"it flies {mode}, by which a failsafe waits: nothing goes on with it")
             yield from self._mode(PLANE.auto)
         return PLANE.mode_name(self.aircraft.custom_mode)
 

@@ -136,6 +136,14 @@ def test_it_stops_by_a_circle(cockpit: Cockpit, mode: int) -> None:
     assert cockpit.told() == [(MODE, LOITER)]
 
 
+def test_a_circle_of_the_radio_failsafe_is_not_ended(cockpit: Cockpit) -> None:
+    """The fault: it was told AUTO, and the failsafe that waits in CIRCLE for the radio was over."""
+    cockpit.flies(1)
+    made = cockpit.does(cockpit.plane.hold(False))
+    assert made.failure == "it flies CIRCLE, by which a failsafe waits: nothing goes on with it"
+    assert cockpit.told() == []
+
+
 def test_it_goes_on_by_auto(cockpit: Cockpit) -> None:
     cockpit.flies(LOITER)
     made = cockpit.does(cockpit.plane.hold(False))
