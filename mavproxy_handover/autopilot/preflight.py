@@ -344,8 +344,8 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
     """Everything that does not fit, the gravest first. An autopilot that answers nothing is one finding, and so is one
     that is not flown here."""
     if found.foreign:
-        text = f"{found.foreign} is neither ArduCopter nor ArduPlane: START is refused, and so is arming by the guard"
-        return (Finding("", text),)
+        what = f"{found.foreign} is neither ArduCopter nor ArduPlane"
+        return (Finding("", f"{what}: START is refused, and so is arming by the guard"),)
     if not found.parameters:
         return (Finding("", "the autopilot answers no request for parameters: nothing could be checked"),)
     findings = []
