@@ -517,9 +517,9 @@ class Narrator:
         if self._heard_out(station, now):
             self._journal.write("accepted", station=station, what=what)
 
-    def start_begun(self, station: str) -> None:
+    def start_begun(self, station: str, starts_by: str) -> None:
         """START is under way."""
-        self._journal.write("start_sequence", "GUIDED, arm, AUTO", station=station)
+        self._journal.write("start_sequence", starts_by, station=station)
 
     def speed(self, speed_mps: float, failure: str | None) -> None:
         """What came of having the aircraft fly at the mission's speed again."""

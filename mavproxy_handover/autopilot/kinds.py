@@ -55,6 +55,8 @@ class Vehicle:
     back: int
     #: the mode that comes down here and now
     land: int
+    #: how START is carried out, for people
+    starts_by: str
     #: the mode by which it holds where it is; None: it pauses within its mode
     hold: int | None
     #: modes that fly to the place which the rally list holds
@@ -127,6 +129,7 @@ COPTER: Final = Vehicle(
     guided=4,
     back=6,
     land=9,
+    starts_by="GUIDED, arm, AUTO",
     hold=None,
     to_place=frozenset({6}),
     # "GCS Failsafe", "EKF Failsafe: changed to LAND Mode", "Failsafe: Terrain data missing", "Polygon fence breached"
@@ -162,6 +165,7 @@ PLANE: Final = Vehicle(
     guided=15,
     back=11,
     land=20,
+    starts_by="AUTO, arm",
     hold=12,
     to_place=frozenset({11, 21}),
     # "GCS Failsafe On: RTL", "RC Long Failsafe On: RTL", "RC Short Failsafe: switched to CIRCLE"; up to 4.5 "Failsafe.

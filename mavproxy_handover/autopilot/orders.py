@@ -109,8 +109,9 @@ class Orders:
             result = mavlink.MAV_RESULT_ACCEPTED if talk.failure is None else mavlink.MAV_RESULT_FAILED
             self._answer(asker, result, f"START failed: {text}" if text else "")
 
-        self._ties.narrator.start_begun(asker.port.name)
-        self._conversations.begin(_START, self._procedures().start(), done, now)
+        procedures = self._procedures()
+        self._ties.narrator.start_begun(asker.port.name, procedures.vehicle.starts_by)
+        self._conversations.begin(_START, procedures.start(), done, now)
 
     def refuse_start(self, needs: tuple[str, ...], now: float) -> None:
         """START cannot be: what it still needs."""

@@ -74,10 +74,11 @@ class Plane(Procedures):
         yield from self._mode(PLANE.auto)
         try:
             yield from self._do("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-        except AutopilotError:
+        except AutopilotError as error:
             with suppress(NoAnswer):
                 yield from self._mode(_MANUAL if before == PLANE.auto else before)
-            raise
+            # why is said behind the answer, and before the answer what is flown in AUTO
+            raise AutopilotError(f"{str(error).partition(':')[0]}{self._why}") from None
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         yield from self._shows("arming in AUTO", lambda m: bool(m.base_mode & armed) and m.custom_mode == PLANE.auto)
 

@@ -127,8 +127,13 @@ class Procedures(ABC):
         result = yield Ask(what, (self.command(command, *parameters),), _ack_of(command))
         if result != mavlink.MAV_RESULT_ACCEPTED:
             name = mavlink.enums["MAV_RESULT"][result].name if result in mavlink.enums["MAV_RESULT"] else str(result)
-            reason = self.heard()
-            raise AutopilotError(f"{what} refused ({name}){': ' + reason if reason else ''}")
+            raise AutopilotError(f"{what} refused ({name}){self._why}")
+
+    @property
+    def _why(self) -> str:
+        """What it has said last, behind a colon."""
+        reason = self.heard()
+        return f": {reason}" if reason else ""
 
     def _set_mode(self, mode: int) -> Asking:
         """Have it change the mode."""

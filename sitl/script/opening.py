@@ -3,7 +3,8 @@
 """How a flight begins: the steps that most scenarios share, made for the stations that the mission has.
 
 `begin` in a scenario file names how far its opening goes; the scenario's own steps follow it. A station that speaks the
-MAVLink standard only answers no CONNECT and takes no mission package, so nothing of that is waited for.
+MAVLink standard only answers no CONNECT and takes no mission package, so nothing of that is waited for. Of what has
+wings START needs to know how a return ends, and its autopilot takes longer: parameters and checks are waited for.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ def opening(
         for station in package.stations
     ]
     steps.append((_vehicle("authority", parent, since="begin"), None, _CONNECT_WALL_S, ""))
-    steps.append((WaitReady(True), _READY_S, None, ""))
+    winged = package.kind.winged
+    steps.append((WaitReady(True, checks=winged), _READY_S, None, ""))
     if begin == "connected":
         return steps
     if not on_board:
@@ -51,6 +53,8 @@ def opening(
         steps.append((Type(parent, "handover share"), None, _PACKAGE_WALL_S, told))
     steps.append((_vehicle("mission_loaded", since="begin"), None, _PACKAGE_WALL_S, ""))
     steps.append((_vehicle("zone_entered", parent, since="begin"), None, _ZONE_WALL_S, ""))
+    if winged:
+        steps.append((_vehicle("preflight", since="begin"), None, _PACKAGE_WALL_S, ""))
     if not on_board:
         steps += [
             (Wait("package_received", station.name, "begin"), None, _PACKAGE_WALL_S, "")

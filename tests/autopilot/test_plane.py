@@ -100,6 +100,26 @@ def test_refused_arming_leaves_nothing_behind_that_takes_off(cockpit: Cockpit, b
     assert cockpit.autopilot.mode == after
 
 
+def test_the_reason_counts_that_the_autopilot_says_behind_its_answer(cockpit: Cockpit) -> None:
+    """The fault: "arming refused: Mission: 1 VTOLTakeoff", which it says of the mode; why came a moment later."""
+    said = ["Mission: 1 VTOLTakeoff"]
+    cockpit.plane = Plane(1, lambda: said[-1], cockpit.aircraft)
+    cockpit.autopilot.script[ARM] = DENIED
+    asking = cockpit.plane.start()
+
+    def told() -> Asking:
+        answer: Any = None
+        while True:
+            ask = asking.send(answer)
+            if ask.what.startswith("mode MANUAL") and "show" not in ask.what:
+                said.append("Arm: Gyros inconsistent")
+            answer = yield ask
+
+    cockpit.autopilot.mode = AUTO
+    made = cockpit.does(told())
+    assert made.failure == "arming refused (MAV_RESULT_DENIED): Arm: Gyros inconsistent"
+
+
 def test_arming_that_nobody_answered_is_left_alone(cockpit: Cockpit) -> None:
     """It may be in the air: MANUAL would stop the motor."""
     cockpit.autopilot.script[ARM] = None

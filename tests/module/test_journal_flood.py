@@ -63,7 +63,7 @@ def test_an_hour_of_unsigned_frames_takes_little_room_and_the_evidence_stays(sig
     companion = signed.companion
     port, frames = companion.ports[251], one_of_each(251)
     companion.journal._max_bytes = MIB
-    companion.narrator.start_begun("GCSA")
+    companion.narrator.start_begun("GCSA", "GUIDED, arm, AUTO")
     sent = 0
     for second in range(HOUR_S):
         now = signed.clock.now + second

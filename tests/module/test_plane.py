@@ -66,6 +66,7 @@ def test_it_starts_in_auto(ready: Bench) -> None:
     assert told(ready) == [(CURRENT, 1.0, 0.0), (MODE, 1.0, AUTO), (ARM, 1.0, 0.0)]
     assert ready.a.acks(START) == [IN_PROGRESS, ACCEPTED]
     assert "mode AUTO" in [entry["text"] for entry in ready.journal("mode")]
+    assert [entry["text"] for entry in ready.journal("start_sequence")] == ["AUTO, arm"]
 
 
 def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench) -> None:
