@@ -4,7 +4,7 @@
 
 `begin` in a scenario file names how far its opening goes; the scenario's own steps follow it. A station that speaks the
 MAVLink standard only answers no CONNECT and takes no mission package, so nothing of that is waited for. Of what has
-wings START needs to know how a return ends, and its autopilot takes longer: parameters and checks are waited for.
+wings START needs to know how a return ends, and its autopilot takes longer: both is waited for.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Collection
 
 from mavproxy_handover.mission.package import MissionPackage
 from sitl.report.matching import Match
-from sitl.script.steps import Deed, Type, Wait, WaitReady
+from sitl.script.steps import Deed, Pause, Type, Wait, WaitReady
 
 __all__ = ["BEGINNINGS", "opening"]
 
@@ -27,6 +27,8 @@ _PACKAGE_WALL_S = 60.0
 _ZONE_WALL_S = 20.0
 _READY_S = 120.0
 _START_S = 60.0
+#: ArduPlane arms so long (simulated seconds) behind its position, when its gyros have agreed for a time
+_GYROS_S = 15.0
 
 
 def opening(
@@ -45,7 +47,9 @@ def opening(
     ]
     steps.append((_vehicle("authority", parent, since="begin"), None, _CONNECT_WALL_S, ""))
     winged = package.kind.winged
-    steps.append((WaitReady(True, checks=winged), _READY_S, None, ""))
+    steps.append((WaitReady(True), _READY_S, None, ""))
+    if winged:
+        steps.append((Pause(_GYROS_S), _READY_S, None, ""))
     if begin == "connected":
         return steps
     if not on_board:

@@ -184,21 +184,15 @@ class Type(Deed):
 
 @dataclass(frozen=True, slots=True)
 class WaitReady(Deed):
-    """Until the autopilot knows where it is and could be armed in GUIDED; with `checks`, until its own checks pass."""
+    """Until the autopilot knows where it is and could be armed in GUIDED."""
 
     value: bool
-    checks: bool = False
 
     def describe(self) -> str:
         return "the autopilot's position estimate"
 
     def begin(self, stage: Stage) -> Running:
-        watch = stage.watch
-
-        def seen() -> str:
-            return "its checks do not pass" if watch.position_ready else "no absolute position estimate"
-
-        return Running(lambda: watch.position_ready and (watch.checks_pass or not self.checks), seen)
+        return Running(lambda: stage.watch.position_ready, lambda: "no absolute position estimate")
 
 
 @dataclass(frozen=True, slots=True)
