@@ -145,8 +145,8 @@ class Arbiter:
                 self._emergency.resume_hold(restored.held_for)
                 since, certain = restored.held_since, restored.proven
                 self._lookout.resume(restored.held_for, since, self._authority.owner, certain=certain)
-            if restored.stands:
-                self._lookout.resume_standing()
+            if restored.stands and restored.held_for is None:
+                self._lookout.resume_standing(restored.held_since, certain=restored.proven)
 
     # ---- what others may look at ----------------------------------------------------------------------------------
 
@@ -163,7 +163,8 @@ class Arbiter:
     def snapshot(self) -> Snapshot:
         """What a run after this one needs to know."""
         authority, mission = self._authority, self._candidates.mission
-        held_for = self._execution.held_for
+        held_for, stands = self._execution.held_for, self._lookout.supervision.stands
+        held_at = self._lookout.held_at if stands or held_for is not None else -inf
         return Snapshot(
             authority.owner if authority.claimant is None else authority.claimant,
             authority.epoch,
@@ -177,9 +178,9 @@ class Arbiter:
             self._lookout.crossing.since,
             authority.claimant is None,
             self._flight.rehearsing,
-            None if held_for is None else self._lookout.held_at,
+            None if held_at == -inf else held_at,
             held_for,
-            self._lookout.supervision.stands,
+            stands,
         )
 
     def name(self, sysid: int | None) -> str:
@@ -546,7 +547,7 @@ class Arbiter:
         news = self._emergency.judge(signs, facts, now, certain=certain, stands=stands)
         self._authority.fly_alone(Fact.GAP in facts and not self._emergency.brings_down)
         if news is not None:
-            self._lookout.hold(news.holds, now)
+            self._lookout.hold(news, now)
             self._on_news(news, now, actions)
             return self._lookout.facts(now)
         if self._authority.lost:

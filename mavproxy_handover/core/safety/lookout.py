@@ -41,6 +41,7 @@ from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, GapFact, GuardState, Reason
 from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.safety.emergency import News
 from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.safety.helm import Helm
 from mavproxy_handover.core.safety.strategy import Fact
@@ -107,21 +108,24 @@ class Lookout:
 
     def resume(self, cause: Cause, since: float | None, owner: int | None, *, certain: bool) -> None:
         """Hold on what the run before held. `certain` False: its clock says nothing here, so no time is left."""
-        self.held_at = since if since is not None and certain else _LONG_AGO
-        self.resuming = True
+        self.resume_standing(_LONG_AGO if since is None else since, certain=certain)
         if cause is Cause.COVERAGE_ENDS:
             self._ended_for = owner
 
-    def resume_standing(self) -> None:
-        """It stood by an order of the run before, whatever was ordered since, and stands until something else shows."""
+    def resume_standing(self, since: float | None, *, certain: bool) -> None:
+        """It stood by an order of the run before, whatever was ordered since, and stands until something else shows.
+        `since`: when it was held; None: it was told to go on already."""
+        self.held_at = -inf if since is None else since if certain else _LONG_AGO
         self.resuming = self.supervision.stands = True
 
-    def hold(self, holds: bool, now: float) -> None:
-        """The aircraft is to stand still from now on, or need not. Another cause gives it no new time."""
-        if not holds:
+    def hold(self, news: News, now: float) -> None:
+        """The aircraft is to stand still from now on, or need not. Another cause gives it no new time, nor does what
+        was ordered meanwhile, and did not move it."""
+        stands = self.supervision.stands
+        if news.holds:
+            self.held_at = self.held_at if stands and self.held_at > -inf else now
+        elif news.mends or not stands:
             self.held_at = -inf
-        elif self.held_at == -inf:
-            self.held_at = now
 
     def look_around(self, gap: GapFact | None, now: float) -> None:
         """A position has come: what does coverage look like from there? `gap`: that the mission declares there."""

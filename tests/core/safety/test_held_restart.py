@@ -31,6 +31,7 @@ from tests.core.bench import (
 from tests.core.safety.test_execution import aloft, standing, taken_by_b
 from tests.core.safety.test_lookout import GO_ON, HOLD, HOME, ends, mission
 
+HOMEWARD = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
 HELD = Snapshot(A, 4, 7, Phase.ON_MISSION, 2, DIGEST, (A, B, A), held_since=90.0, held_for=Cause.COVERAGE_ENDS)
 
 
@@ -135,7 +136,7 @@ def test_what_its_commander_flies_is_not_held_again() -> None:
 def test_nor_is_what_comes_home() -> None:
     bench = held(Limits(hold_s=4.0))
     assert HOME in bench.flights()
-    assert bench.arbiter.snapshot().held_since is None
+    assert bench.arbiter.snapshot().held_for is None
 
 
 def test_of_another_boot_no_hold_time_is_left() -> None:
@@ -183,6 +184,64 @@ def test_a_second_cause_gives_no_new_time() -> None:
     bench.guard = None
     bench.run(80.0)
     assert [at for at, action in orders(bench) if action is FlightAction.RETURN] == [held_at + 60.0]
+
+
+def returned_in_vain(bench: Bench) -> None:
+    """Its commander is lost for a moment: it is ordered home, and the autopilot does nothing."""
+    bench.alive = set()
+    while HOMEWARD not in bench.flights():
+        bench.run(0.1)
+    bench.alive = {A}
+    bench.run(2.0)
+    assert [flight.action for flight in bench.flights()][-1] is FlightAction.HOLD
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_a_return_that_was_never_flown_gives_no_new_time(restarts: bool) -> None:
+    """The fault: the hold behind it began anew, for as long again. Found by a campaign."""
+    bench = standing(aloft(Limits(hold_s=60.0)))
+    ((held_at, _),) = orders(bench)
+    bench.run(20.0)
+    returned_in_vain(bench)
+    if restarts:
+        bench.restart()
+    bench.run(100.0)
+    # when the autopilot has been looked at once more, half a second later at the most
+    over = [at for at, action in orders(bench) if action is FlightAction.RETURN and at > held_at + 30.0]
+    assert over[0] - held_at == pytest.approx(60.0, abs=0.6)
+
+
+def test_and_to_be_ordered_home_behind_a_restart_neither() -> None:
+    bench = standing(aloft(Limits(hold_s=60.0)))
+    ((held_at, _),) = orders(bench)
+    bench.run(20.0)
+    bench.alive = set()
+    while HOMEWARD not in bench.flights():
+        bench.run(0.1)
+    assert bench.arbiter.snapshot().held_since == held_at
+    bench.restart()
+    bench.alive = {A}
+    bench.facts = (ends(4.0), outside(B))
+    bench.run(100.0)
+    (held, _), (over, action) = orders(bench)[:2]
+    assert held < held_at + 30.0
+    assert (over - held_at, action) == (pytest.approx(60.0, abs=0.6), FlightAction.RETURN)
+
+
+def test_a_hold_at_another_border_has_all_its_time() -> None:
+    bench = standing(aloft(Limits(hold_s=60.0)))
+    bench.run(20.0)
+    taken_by_b(bench)
+    bench.motion = MotionSeen(8.0, 0.0, 300.0)
+    bench.run(20.0)
+    assert bench.flights()[-1] == GO_ON
+    bench.position(outside(A), replace(inside(B, exit_s=4.0), ends_s=4.0))
+    held_at = bench.now
+    assert bench.flights()[-1] == HOLD
+    bench.facts = (outside(A), inside(B))
+    bench.motion = MotionSeen(0.0, 0.0, 300.0)
+    bench.run(100.0)
+    assert orders(bench)[3] == (held_at + 60.0, FlightAction.RETURN)
 
 
 # ---- it stands, and the order in force is another one ---------------------------------------------------------------
