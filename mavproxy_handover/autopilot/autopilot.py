@@ -38,7 +38,14 @@ from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.autopilot.waypoints import WaypointWatch
 from mavproxy_handover.config.vehicle import VehicleConfig
-from mavproxy_handover.core.events import AutopilotState, GuardSeen, MissionLoaded, PositionSeen, SignsSeen
+from mavproxy_handover.core.events import (
+    AutopilotState,
+    GuardSeen,
+    MissionLoaded,
+    PositionSeen,
+    ReturnJudged,
+    SignsSeen,
+)
 from mavproxy_handover.core.model import AuthorityView, Flown, ZoneFact
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
@@ -104,6 +111,8 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
+        #: why a return would not end on the ground, as it was told last
+        self._return_lacks = ""
         self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
         self._borders = BorderWatch(config.limits.operator_timeout_s, self.aircraft, ties)
         self._execution = ExecutionWatch(self.aircraft, ties, lambda: self._preflight.radio_watched)
@@ -329,12 +338,16 @@ class Autopilot:
         self._lies_along(along)
         self._waypoints.adopt(None if package is None else package.belonging, now)
         self._preflight.planned(None if route is None else plan_facts(route), self._gaps.longest_s)
-        self._judge_gaps(now)
+        self._judge_plan(now)
         self.places.adopt(package, now)
 
-    def _judge_gaps(self, now: float) -> None:
-        preflight = self._preflight
-        self._gaps.judge(preflight.parameters, now, preflight.circles_for_ever(self.aircraft.kind))
+    def _judge_plan(self, now: float) -> None:
+        """Tell the arbiter what START lacks for the gaps, and for a return that ends on the ground."""
+        self._gaps.judge(self._preflight.parameters, now)
+        lacks = self._preflight.circles_for_ever(self.aircraft.kind)
+        if lacks != self._return_lacks:
+            self._return_lacks = lacks
+            self._ties.handle(ReturnJudged(lacks), now)
 
     def _flies(self, route: Route | None) -> None:
         self._flown = route
@@ -399,7 +412,7 @@ class Autopilot:
         asked = grounded or aircraft.always_armed
         self._preflight.each_second(aircraft, asked, arbiter.guard(now), firmware, now)
         self._energy.each_second(aircraft, grounded, now)
-        self._judge_gaps(now)
+        self._judge_plan(now)
         if now >= self._walk_at:
             self._walk_at = math.inf
             self._walk()

@@ -96,12 +96,10 @@ class GapWatch:
                 return GapFact(stretch.declared.limit_s, stretch.declared.words, ahead=along_m < 0.0)
         return None
 
-    def judge(self, parameters: Mapping[str, float] | None, now: float, returns: str = "") -> None:
+    def judge(self, parameters: Mapping[str, float] | None, now: float) -> None:
         """Tell the arbiter what START lacks for them, when that changes. `parameters`: of the autopilot, None before
-        they were read. `returns`: what a return lacks, which START asks for as well: told with what the gaps lack."""
+        they were read."""
         found = lacking(self._stretches, parameters, self._guarded)
-        if returns:
-            found = f"a return does not land: {returns}{'; ' if found else ''}{found}"
         if found != self._lacking:
             self._lacking = found
             self._ties.handle(GapsJudged(found), now)

@@ -52,6 +52,7 @@ from mavproxy_handover.core.events import (
     Record,
     RehearsalAsked,
     RehearsalMoved,
+    ReturnJudged,
     SignsSeen,
     StartFinished,
     StartRequested,
@@ -304,6 +305,8 @@ class Arbiter:
                 self._flight.energy_short = event.shortfall
             case GapsJudged():
                 self._flight.gaps_lack = event.lacking
+            case ReturnJudged():
+                self._flight.return_lacks = event.lacking
             case MissionLoaded():
                 self._on_mission(event, actions)
             case StartRequested():

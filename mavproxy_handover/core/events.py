@@ -52,6 +52,7 @@ __all__ = [
     "RehearsalAsked",
     "RehearsalMoved",
     "RehearsalRefused",
+    "ReturnJudged",
     "Send",
     "SignsSeen",
     "StartFinished",
@@ -179,6 +180,13 @@ class GapsJudged:
 
 
 @dataclass(frozen=True, slots=True)
+class ReturnJudged:
+    """Why a return would not end on the ground, in words; "": it would. It counts until the next one."""
+
+    lacking: str
+
+
+@dataclass(frozen=True, slots=True)
 class SignsSeen:
     """What the edge has worked out that looks wrong, in flight: it counts until the next one.
 
@@ -299,6 +307,7 @@ Event = (
     | GuardSeen
     | EnergyJudged
     | GapsJudged
+    | ReturnJudged
     | SignsSeen
     | PlaceJudged
     | MissionLoaded

@@ -37,6 +37,7 @@ class Flight:
         "gaps_lack",
         "kind",
         "rehearsing",
+        "return_lacks",
     )
 
     def __init__(self, limits: Limits) -> None:
@@ -56,6 +57,8 @@ class Flight:
         self.energy_short = ""
         #: what the gaps of the loaded mission lack, in words
         self.gaps_lack = ""
+        #: why a return would not end on the ground, in words
+        self.return_lacks = ""
         self._autopilot_at = -inf
         self._position_at = -inf
         self._stale_told = False

@@ -26,7 +26,8 @@ class StartFacts:
     """What holds when a station asks for START. `station`: its name; `in_zone`: its zone holds the aircraft.
 
     `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what
-    the loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do. `rehearsing`: the aircraft is carried.
+    the loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do; `return_lacks`: why a return would not
+    end on the ground. `rehearsing`: the aircraft is carried.
     """
 
     station: str
@@ -41,6 +42,7 @@ class StartFacts:
     in_zone: bool
     energy_short: str = ""
     gaps_lack: str = ""
+    return_lacks: str = ""
     rehearsing: bool = False
 
 
@@ -69,6 +71,8 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append(f"outside the zone of {facts.station}")
     if facts.energy_short:
         needs.append(f"energy: {facts.energy_short}")
+    if facts.return_lacks:
+        needs.append(f"a return does not land: {facts.return_lacks}")
     if facts.gaps_lack:
         needs.append(f"gaps: {facts.gaps_lack}")
     return tuple(needs)
@@ -114,6 +118,7 @@ class Start:
                 in_zone=self._candidates.zones.holds(station),
                 energy_short=flight.energy_short if flown else "",
                 gaps_lack=flight.gaps_lack if flown else "",
+                return_lacks=flight.return_lacks if flown else "",
                 rehearsing=flight.rehearsing,
             )
         )

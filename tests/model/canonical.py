@@ -458,6 +458,7 @@ class Packer:
             foreign=plain,
             energy_short=plain,
             gaps_lack=plain,
+            return_lacks=plain,
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
             _stale_told=plain,

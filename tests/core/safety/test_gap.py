@@ -13,6 +13,7 @@ from mavproxy_handover.core.events import (
     GapsJudged,
     LinkJudged,
     ModeSeen,
+    ReturnJudged,
     SignsSeen,
     StartRefused,
     StartRequested,
@@ -329,6 +330,16 @@ class TestGround:
         (refusal,) = [action for _at, action in bench.log if isinstance(action, StartRefused)]
         assert refusal.needs == ("gaps: HNDO_ALONE_MAX is 0 s, the gap GCSA -> GCSB may take 40 s",)
         bench.give(GapsJudged(""))
+        assert bench.arbiter.start_needs(A, bench.now) == ()
+
+    def test_and_with_why_a_return_does_not_land(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(ReturnJudged("it would circle for ever: RTL_AUTOLAND is 0"))
+        bench.give(StartRequested(A))
+        (refusal,) = [action for _at, action in bench.log if isinstance(action, StartRefused)]
+        assert refusal.needs == ("a return does not land: it would circle for ever: RTL_AUTOLAND is 0",)
+        assert bench.arbiter.rehearsal_needs(A, bench.now) == ()
+        bench.give(ReturnJudged(""))
         assert bench.arbiter.start_needs(A, bench.now) == ()
 
     def test_on_the_ground_a_lost_commander_is_lost_wherever_it_is(self) -> None:
