@@ -10,7 +10,7 @@ here and known nowhere else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -113,6 +113,8 @@ class Autopilot:
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
         #: why a return would not end on the ground, as it was told last
         self._return_lacks = ""
+        #: the parameters by which that was judged
+        self._judged_by: Mapping[str, float] | None = None
         self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
         self._borders = BorderWatch(config.limits.operator_timeout_s, self.aircraft, ties)
         self._execution = ExecutionWatch(self.aircraft, ties, lambda: self._preflight.radio_watched)
@@ -343,6 +345,7 @@ class Autopilot:
 
     def _judge_plan(self, now: float) -> None:
         """Tell the arbiter what START lacks for the gaps, and for a return that ends on the ground."""
+        self._judged_by = self._preflight.parameters
         self._gaps.judge(self._preflight.parameters, now)
         lacks = self._preflight.circles_for_ever(self.aircraft.kind)
         if lacks != self._return_lacks:
@@ -392,6 +395,8 @@ class Autopilot:
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self.conversations.tick(now)
+        if self._preflight.parameters is not self._judged_by:
+            self._judge_plan(now)
         self._missions.tick(now)
         self.places.tick(now)
         self.staging.tick(now)
