@@ -71,6 +71,9 @@ TRANSFER_S: Final = 76
 _HEARD_S: Final = 8
 #: over the border of the last coverage that counts (s): it is to stop before that, and may roll on
 ROLLS_S: Final = 2
+#: who is given the aircraft sooner than this before it leaves his zone can do nothing (s): it is held 5 s before the
+#: border, and 1 s for rounding
+_STOPS_S: Final = 6
 #: whoever is farther beside its way was carried there (m)
 _CARRIED_M: Final = 20.0
 #: the energy that is left beyond the way home falls no faster than so many times the power in the air
@@ -241,14 +244,34 @@ def _dead_zone(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) ->
     return Found("dead zone, not noticed", found.at, text)
 
 
+def _given_too_late(log: FlightLog, moments: tuple[Moment, ...]) -> set[int]:
+    """When the aircraft is outside of a zone that it left right behind its commander's being given authority."""
+    found: set[int] = set()
+    left: tuple[int | None, int] | None = None
+    for moment in moments:
+        if not has_left(moment):
+            left = None
+            continue
+        if left is None or left[0] != moment.commander:
+            left = moment.commander, moment.at
+        given = log.commander.since(moment.at)
+        if left[1] - given <= _STOPS_S * SECOND:
+            found.add(moment.at)
+    return found
+
+
 def _over_border(plan: FlightPlan, log: FlightLog, moments: tuple[Moment, ...]) -> Found | None:
     """Flown over the border of the last coverage that counts, though nobody behind it had taken the aircraft.
 
-    Not where two other stations are: while a transfer to one of them is under way, the other is there to take it.
+    Not where two other stations are: while a transfer to one of them is under way, the other is there to take it. Nor
+    where authority came right before the border.
     """
+    late = _given_too_late(log, moments)
 
     def wrong(moment: Moment) -> bool:
         if moment.mode != Mode.AUTO.name or not has_left(moment) or moment.gap_s or moment.behind_gap:
+            return False
+        if moment.at in late:
             return False
         whole = parts_whole_s(log, moment.at) >= SETTLED_S and _stations_settled(log, moment.at)
         # what the companion itself has sent on after a hold is its own doing

@@ -53,6 +53,16 @@ def test_it_is_stopped_where_nobody_behind_the_border_has_taken_it(
     assert rows(plan, flown(plan, seconds, by="companion")) == found  # which had held it
 
 
+@pytest.mark.parametrize(("given_s", "found"), [(13, ["over the border"]), (15, []), (19, [])])
+def test_who_was_given_it_right_before_the_border_cannot_stop_it_there(
+    plan: FlightPlan, given_s: int, found: list[str]
+) -> None:
+    log = flown(plan, 40)
+    log.commander = Series(None)
+    log.commander.set(given_s * SECOND, A)
+    assert rows(plan, log) == found
+
+
 def test_whoever_takes_it_in_time_flies_it_on(plan: FlightPlan) -> None:
     log = flown(plan, 60)
     log.commander.set(22 * SECOND, B)
