@@ -176,7 +176,7 @@ def test_worst_findings_come_first(small):
 
 
 @pytest.mark.parametrize(
-    "name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints", "ferry"]
+    "name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints", "ferry", "dike"]
 )
 def test_shipped_missions_pass_without_a_warning(missions, name):
     report = check(load(missions / name))
@@ -250,7 +250,7 @@ def test_command_without_a_mission_is_bad_input_and_help_is_not(capsys):
 
 
 @pytest.mark.parametrize(
-    "name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints", "ferry"]
+    "name", ["delivery", "linear", "corridor", "meridian", "ridge", "field-test", "waypoints", "ferry", "dike"]
 )
 def test_map_of_each_shipped_mission_is_drawn(missions, tmp_path, name):
     target = tmp_path / "map.png"
