@@ -72,16 +72,13 @@ _NAMES: Final = (
     *_RETURN_ALTS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
 )  # fmt: skip
 _CEILING, _CIRCLE = 1, 2
+#: RTL_ALTITUDE of ArduPlane (m), where nothing else is known, and how far below a ceiling its return stays (m)
+_WINGED_ALT_M, _BELOW_M = 100.0, 10.0
 _HOME: Final = "home"
 _FOUND: Final = "place found in the list"
 #: names of conversations
 _WHERE_HOME_IS, _PARAMETERS, _OWN_FENCE = "where home is", "parameters of a return", "fence of a return"
 _COMMANDED: Final = (LeaseState.HELD, LeaseState.TRANSFER)
-
-
-def _point(place: Place) -> RallyPoint:
-    """A place as the autopilot's list holds it, heights in whole metres."""
-    return RallyPoint(place.lat_deg, place.lon_deg, float(int(place.alt_m)))
 
 
 class PlaceWatch:
@@ -163,7 +160,17 @@ class PlaceWatch:
     def first_point(self, package: MissionPackage) -> RallyPoint:
         """What is written with a plan: home. Where a return goes is judged when the plan is there."""
         home = self._home or (package.route.home.lat_deg, package.route.home.lon_deg)
-        return RallyPoint(*home, 0.0)
+        return self._point(Place(_HOME, *home, 0.0))
+
+    def _point(self, place: Place) -> RallyPoint:
+        """A place as the autopilot's list holds it, heights in whole metres. What has wings flies there at that height,
+        on its wings, so home is no lower than the return that the autopilot would fly without a list."""
+        alt_m = place.alt_m
+        if self._aircraft.kind.winged:
+            ceiling_m = _fence_limits(self._parameters).ceiling_m
+            return_m = self._return_alt_m()
+            alt_m = max(alt_m, return_m if ceiling_m is None else min(return_m, ceiling_m - _BELOW_M))
+        return RallyPoint(place.lat_deg, place.lon_deg, float(int(alt_m)))
 
     def _replaced(self, points: tuple[RallyPoint, ...], station: str, now: float) -> None:
         self._rally, self._replaced_at = points, now  # judged with the next look: uploads may come in a row
@@ -180,7 +187,7 @@ class PlaceWatch:
             else place
             for place in places_of(route)
         ]
-        if self._found is not None and not any(alike(_point(self._found), _point(place)) for place in places):
+        if self._found is not None and not any(alike(self._point(self._found), self._point(place)) for place in places):
             places.append(self._found)
         self._places = tuple(places)
         self._facts = {name: fact for name, fact in self._facts.items() if any(p.name == name for p in places)}
@@ -308,7 +315,10 @@ class PlaceWatch:
 
     def _return_alt_m(self) -> float:
         held = (self._parameters[name] / units for name, units in _RETURN_ALTS.items() if name in self._parameters)
-        return next(held, RETURN_ALT_M)
+        if not self._aircraft.kind.winged:
+            return next(held, RETURN_ALT_M)
+        alt_m = next(held, _WINGED_ALT_M)
+        return alt_m if alt_m > 0.0 else _WINGED_ALT_M  # it stays as high as it is
 
     def _choose(self, now: float) -> None:
         if not self._facts or (not self._keeper.known and now < self._unread_until):
@@ -332,7 +342,7 @@ class PlaceWatch:
         name = self.choice.place.name
         if returning and before is not None and before.place.name != name:
             self._bounces_to = name
-        self._keeper.want(_point(next(place for place in self._places if place.name == name)))
+        self._keeper.want(self._point(next(place for place in self._places if place.name == name)))
         if self._keeper.settled and name != self._told:
             self._tell()
         judged = PlaceJudged(name, self.choice.reachable, self.choice.figures(self._ties.arbiter.name))
@@ -353,7 +363,7 @@ class PlaceWatch:
         held = self._keeper.held
         if held is None or not self._aircraft.flying:
             return
-        place = next((place for place in self._places if alike(_point(place), held)), None)
+        place = next((place for place in self._places if alike(self._point(place), held)), None)
         if place is None:
             self._found = place = Place(_FOUND, held.lat_deg, held.lon_deg, held.alt_m)
             self._gather()

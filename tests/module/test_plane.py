@@ -117,6 +117,39 @@ def test_but_one_that_flies_is_asked_nothing(bench: Bench) -> None:
     assert bench.companion.autopilot.findings is None
 
 
+# ---- where a return goes --------------------------------------------------------------------------------------------
+
+
+def heights(bench: Bench) -> list[float]:
+    """Of what the autopilot's rally list holds (m)."""
+    return [item.z for item in bench.autopilot.items[mavlink.MAV_MISSION_TYPE_RALLY]]
+
+
+def test_home_is_in_the_list_at_the_height_of_a_return(ready: Bench) -> None:
+    """The fault: at 0 m, and what has wings flies to a rally point at the height that it has there: into the ground."""
+    assert heights(ready) == [100.0]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "height_m"),
+    [
+        ({"RTL_ALTITUDE": 60.0}, 60.0),
+        ({"ALT_HOLD_RTL": 8000.0}, 80.0),
+        ({"RTL_ALTITUDE": -1.0}, 100.0),
+        ({"RTL_ALTITUDE": 150.0, "FENCE_ENABLE": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": 120.0}, 110.0),
+    ],
+)
+def test_that_is_the_autopilots(
+    bench: Bench, delivery: MissionPackage, parameters: dict[str, float], height_m: float
+) -> None:
+    bench.autopilot = PlaneAutopilot(rotors=True)
+    bench.autopilot.parameters |= {"Q_RTL_MODE": 1.0, "ARMING_REQUIRE": 1.0, "AIRSPEED_MIN": 9.0, **parameters}
+    bench.connect()
+    bench.share(delivery)
+    bench.run(20.0)
+    assert heights(bench) == [height_m]
+
+
 # ---- STOP and CONTINUE --------------------------------------------------------------------------------------------
 
 
