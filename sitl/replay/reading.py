@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from mavproxy_handover.autopilot.kinds import COPTER, Vehicle
+from mavproxy_handover.autopilot.kinds import Vehicle
 from sitl.replay.dataflash import read_dataflash
 from sitl.replay.recording import Recording, RecordingError, read_tlog
 from sitl.replay.table import read_table
@@ -17,7 +17,7 @@ __all__ = ["read_recording"]
 _READERS: Final = {".tlog": lambda path, _vehicle: read_tlog(path), ".bin": read_dataflash, ".csv": read_table}
 
 
-def read_recording(path: Path, vehicle: Vehicle = COPTER) -> Recording:
+def read_recording(path: Path, vehicle: Vehicle) -> Recording:
     """Read it; `vehicle`: whose it is, where the file does not say. Raises RecordingError."""
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
