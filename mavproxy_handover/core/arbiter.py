@@ -523,10 +523,10 @@ class Arbiter:
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
         presence = self._presence[owner]
-        presence.deaf = presence.alive(now)
+        presence.lose(self._epoch_since, now)
         # at once: the first lease that says ALONE says for how long
         self._authority.fly_alone(self._lookout.lost(now) and not self._emergency.brings_down)
-        self._authority.lose(owner, now, actions, deaf=presence.deaf)
+        self._authority.lose(owner, now, actions, deaf=presence.alive(now))
         # what was agreed or denied under it, or left unanswered by it, must not keep a ready partner waiting
         self._candidates.forget_pauses()
         self._conductor.seek(now, actions)

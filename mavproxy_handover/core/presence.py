@@ -7,7 +7,9 @@ says which protocol, mission package and epoch the station has. A partner must b
 A station that speaks only the MAVLink standard can prove no more than its heartbeat.
 
 So must who commands. One that is heard and answers no more hears nothing of the aircraft: its operator does not see
-what he flies. After `deaf_lost_s` it is lost like one that is silent, and what brings it back is an answer.
+what he flies. After `deaf_lost_s` it is lost like one that is silent, and what brings it back is an answer. Whoever has
+just been given the aircraft, or is back by a heartbeat, has `connect_lost_s` for an answer, and that once: silent again
+without one, it is not back before it answers.
 """
 
 from __future__ import annotations
@@ -33,7 +35,7 @@ class Presence:
         self.heard_at = -inf
         self.answered_at = -inf
         self.answer: ConnectAck | None = None
-        #: lost as a commander because it answered no more, and it has not answered since
+        #: lost as a commander, and only an answer brings it back
         self.deaf = False
         #: when to ask CONNECT next; never where nobody there understands it
         self.ask_at = inf if station.standard else -inf
@@ -56,7 +58,12 @@ class Presence:
         """When it counts as one that hears nothing if it does not answer; `since`: it has commanded from then on."""
         if self.station.standard:
             return inf
-        return max(self.answered_at, since) + self._limits.deaf_lost_s
+        return max(self.answered_at + self._limits.deaf_lost_s, since + self._limits.connect_lost_s)
+
+    def lose(self, since: float, now: float) -> None:
+        """It is lost as the commander that it has been from `since` on: heard, or it has not answered in all the time
+        that it had, what brings it back is an answer."""
+        self.deaf = self.alive(now) or (not self.station.standard and self.answered_at < since)
 
     def answers(self, nonce: int) -> bool:
         """Whether `nonce` answers an open question; that one and the older ones are closed by it."""

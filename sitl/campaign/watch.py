@@ -74,6 +74,8 @@ class Watch:
         self._answered: dict[int, float] = {}
         #: since when this epoch has been, in this run; None before its first event
         self._since: float | None = None
+        #: who was lost is back by an answer only
+        self._deaf = False
         #: the last position was in a declared gap
         self._gap = False
         self._words: set[tuple[int, Message]] = set()
@@ -148,10 +150,16 @@ class Watch:
     def _lost(self, station: int, heard: dict[int, float], now: float) -> bool:
         """Whether that commander is silent, or answers no more."""
         assert self._since is not None
-        answered_at = max(self._answered.get(station, -inf), self._since)
-        silent = now - heard[station] >= self._limits.heartbeat_lost_s - 1e-9
-        deaf = station not in self._standard and now - answered_at >= self._limits.deaf_lost_s - 1e-9
-        return silent or deaf
+        limits = self._limits
+        silent = now - heard[station] >= limits.heartbeat_lost_s - 1e-9
+        until = max(self._answered.get(station, -inf) + limits.deaf_lost_s, self._since + limits.connect_lost_s)
+        return silent or (station not in self._standard and now >= until - 1e-9)
+
+    def _only_answers(self, station: int, heard: dict[int, float], now: float) -> bool:
+        """Whether a commander that is lost now is back by no heartbeat."""
+        assert self._since is not None
+        is_heard = now - heard[station] < self._limits.heartbeat_lost_s - 1e-9
+        return is_heard or (station not in self._standard and self._answered.get(station, -inf) < self._since)
 
     def _note_consent(self, event: ControlRequested) -> None:
         if event.request and event.for_station != event.station:
@@ -192,6 +200,7 @@ class Watch:
             assert old.commander is None
             assert isinstance(event, (StationHeard, StationMessage))
             assert event.station == new.commander
+            assert not self._deaf or isinstance(getattr(event, "message", None), ConnectAck)
         else:
             if old.partner == new.commander:
                 self._check_transfer(old, new, heard, now)
@@ -233,6 +242,7 @@ class Watch:
         assert old.commander is not None
         if new.epoch == old.epoch:
             assert self._lost(old.commander, heard, now)
+            self._deaf = self._only_answers(old.commander, heard, now)
             return
         assert new.epoch == old.epoch + 1
         assert isinstance(event, ControlRequested)
