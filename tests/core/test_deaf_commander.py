@@ -106,8 +106,8 @@ def test_silent_and_back_it_has_time_to_answer() -> None:
 
 
 def test_whoever_is_deaf_and_silent_for_a_while_gets_no_time_anew() -> None:
-    """Flight 2301259 of the campaign: a weak link hid its heartbeats for 5 s, and the next one gave it 10 s more, 19.5 s
-    in all."""
+    """Flight 2301259 of the campaign: a weak link hid its heartbeats for 5 s, and the next one gave it 10 s more:
+    19.5 s in all."""
     bench = deafened()
     begun = bench.now
     bench.run(4.0)
