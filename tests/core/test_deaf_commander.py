@@ -140,6 +140,21 @@ def test_silent_twice_without_an_answer_only_an_answer_brings_it_back(answers: b
     assert bench.arbiter.view.commander == (A if answers else None)
 
 
+def test_whom_an_answer_brought_back_a_heartbeat_brings_back_the_next_time() -> None:
+    bench = deafened()
+    bench.run(12.0)
+    assert bench.arbiter.view.commander is None
+    bench.deaf.clear()
+    bench.run(1.6)
+    assert bench.arbiter.view.commander == A
+    bench.deaf = {A}
+    bench.alive.clear()
+    bench.run(6.0)
+    assert bench.arbiter.view.commander is None
+    bench.give(StationHeard(A))
+    assert bench.arbiter.view.commander == A
+
+
 def test_a_station_of_the_standard_is_back_by_its_heartbeat_each_time() -> None:
     bench = Bench(standard={A})
     bench.on_mission()
