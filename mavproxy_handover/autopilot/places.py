@@ -38,7 +38,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import PlaceJudged
 from mavproxy_handover.core.model import LeaseState
 from mavproxy_handover.core.safety.energy import EnergyFact
-from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M
+from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
 from mavproxy_handover.core.safety.places import Choice, PlaceChooser, PlaceFact
 from mavproxy_handover.mission.energy import Place, places_of, way_back
 from mavproxy_handover.mission.fence import Fence
@@ -72,8 +72,8 @@ _NAMES: Final = (
     *_RETURN_ALTS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
 )  # fmt: skip
 _CEILING, _CIRCLE = 1, 2
-#: RTL_ALTITUDE of ArduPlane (m), where nothing else is known, and how far below a ceiling its return stays (m)
-_WINGED_ALT_M, _BELOW_M = 100.0, 10.0
+#: how far below a ceiling the return of an ArduPlane stays (m)
+_BELOW_M: Final = 10.0
 _HOME: Final = "home"
 _FOUND: Final = "place found in the list"
 #: names of conversations
@@ -317,8 +317,8 @@ class PlaceWatch:
         held = (self._parameters[name] / units for name, units in _RETURN_ALTS.items() if name in self._parameters)
         if not self._aircraft.kind.winged:
             return next(held, RETURN_ALT_M)
-        alt_m = next(held, _WINGED_ALT_M)
-        return alt_m if alt_m > 0.0 else _WINGED_ALT_M  # it stays as high as it is
+        alt_m = next(held, WINGED_RETURN_ALT_M)
+        return alt_m if alt_m > 0.0 else WINGED_RETURN_ALT_M  # it stays as high as it is
 
     def _choose(self, now: float) -> None:
         if not self._facts or (not self._keeper.known and now < self._unread_until):

@@ -38,7 +38,7 @@ _ENERGY: Final[Meanings] = {
     "headwind_mps": "taken to blow from ahead wherever it flies, where the wind is not known",
     "reserve_factor": "a need is multiplied with this",
     "reserve_wh": "and this stays in the battery; else a fifth of it and a minute of hover",
-    "return_alt_m": "height above home at which it returns: RTL_ALT",
+    "return_alt_m": "height above home at which it returns: RTL_ALT; with wings RTL_ALTITUDE, 100 if it is not said",
     "lean_deg": "lean limit (ANGLE_MAX)",
     "drag_per_s": "what leans it in steady flight, for the wind by its lean: "
     "g tan(lean) = drag_per_s v + drag_per_m v^2",

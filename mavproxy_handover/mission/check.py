@@ -21,7 +21,7 @@ from pathlib import Path
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import Wind
-from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M
+from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_of, released_at
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
@@ -115,6 +115,8 @@ def check(
     model = package.energy.model(wind, wings=package.kind.winged)
     energy = None if model is None else budget_of(package.route, package.cruise_speed_mps, model)
     crossed = package.stretches(walk, wind)
+    usual_alt_m = WINGED_RETURN_ALT_M if package.kind.winged else RETURN_ALT_M
+    return_alt_m = usual_alt_m if model is None else model.return_alt_m
     findings = [
         *_start(package, walk),
         *_gaps(package, walk, path),
@@ -125,9 +127,9 @@ def check(
         *_waypoints(package, walk),
         *_operators(walk, transfer_s, operator_s),
         *_lonely_zones(package, crossed),
-        *_rally(package, walk, reach_m),
+        *_rally(package, walk, reach_m, return_alt_m),
         *_fence(package, walk),
-        *_ground(package, RETURN_ALT_M if model is None else model.return_alt_m),
+        *_ground(package, return_alt_m),
         *(() if energy is None else _energy(energy)),
         *_payload(package),
         *_speed(package),
@@ -298,7 +300,7 @@ def _lonely_zones(package: MissionPackage, crossed: Sequence[Stretch]) -> Iterat
             yield Finding(Severity.ERROR, f"the zone of {zone.station_name} overlaps no other zone")
 
 
-def _rally(package: MissionPackage, walk: Walk, reach_m: float) -> Iterator[Finding]:
+def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: float) -> Iterator[Finding]:
     route, finder = package.route, package.zone_finder()
     for number, point in enumerate(route.rally, 1):
         name = f"rally point {number} at {_place(point.lat_deg, point.lon_deg)}"
@@ -309,6 +311,9 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float) -> Iterator[Find
         nearest = min(distance_m(s.lat_deg, s.lon_deg, point.lat_deg, point.lon_deg) for s in walk.samples)
         if nearest > reach_m:
             yield Finding(Severity.WARNING, f"{name} is out of reach: {nearest:.0f} m off the route ({reach_m:g} m)")
+        if package.kind.winged and point.alt_m < return_alt_m:
+            text = f"{name} is flown to at RTL_ALTITUDE, not at {point.alt_m:g} m: wings have to stay up on the way"
+            yield Finding(Severity.INFO, text)
     places = [(route.home.lat_deg, route.home.lon_deg), *((p.lat_deg, p.lon_deg) for p in route.rally)]
     far = max(walk.samples, key=lambda s: min(distance_m(s.lat_deg, s.lon_deg, *place) for place in places))
     away = min(distance_m(far.lat_deg, far.lon_deg, *place) for place in places)

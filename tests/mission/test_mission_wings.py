@@ -310,6 +310,18 @@ def test_the_check_says_how_a_return_of_a_quadplane_ends(winged):
     ) in texts
 
 
+def test_a_rally_point_lower_than_the_return_is_said_to_be_flown_to_higher(winged):
+    """The companion's list has it at RTL_ALTITUDE: ArduPlane flies to a rally point at the height that it has there."""
+    winged.plan["rallyPoints"]["points"] = [[0.0, 10.001, 0.0], [0.0, 10.002, 100.0]]
+    told = [f for f in check(load(winged.write())).findings if "RTL_ALTITUDE, not" in f.text]
+    (found,) = told
+    assert found.severity is Severity.INFO
+    assert found.text == (
+        "rally point 1 at 0.00000 N 10.00100 E is flown to at RTL_ALTITUDE, not at 0 m: "
+        "wings have to stay up on the way"
+    )
+
+
 @pytest.fixture
 def plane(winged):
     """The same with a plane: take-off to the east, and a landing that is approached from the west."""

@@ -23,6 +23,7 @@ __all__ = [
     "RETURN_ALT_M",
     "START_POLICIES",
     "WHOLE_KEYS",
+    "WINGED_RETURN_ALT_M",
     "EnergySettings",
     "hover_power_w",
 ]
@@ -42,8 +43,8 @@ _CRUISE_TO_HOVER: Final = 1.1
 _CLIMB_TO_HOVER: Final = 1.2
 #: ArduCopter's WPNAV_SPEED (m/s), RTL_ALT (m) and lean limit (ANGLE_MAX, degrees)
 _WPNAV_SPEED_MPS, RETURN_ALT_M, _ANGLE_MAX_DEG = 10.0, 15.0, 30.0
-#: ArduPlane's AIRSPEED_CRUISE (m/s; before 4.5 TRIM_ARSPD_CM)
-_AIRSPEED_MPS: Final = 12.0
+#: ArduPlane's AIRSPEED_CRUISE (m/s; before 4.5 TRIM_ARSPD_CM) and RTL_ALTITUDE (m; before 4.5 ALT_HOLD_RTL)
+_AIRSPEED_MPS, WINGED_RETURN_ALT_M = 12.0, 100.0
 #: a gentle breeze (Beaufort 3): what is taken to blow from ahead where nobody knows
 _HEADWIND_MPS: Final = 3.0
 #: PX4's rule for its return: a tenth more than was computed
@@ -190,6 +191,7 @@ class EnergySettings:
         if battery_wh is None or hover_w is None:
             return None
         usual_mps = _AIRSPEED_MPS if wings else _WPNAV_SPEED_MPS
+        usual_alt_m = WINGED_RETURN_ALT_M if wings else RETURN_ALT_M
         cruise_mps = usual_mps if self.cruise_mps is None else self.cruise_mps
         usual_w = hover_w if wings else hover_w * _CRUISE_TO_HOVER
         cruise_w = usual_w if self.cruise_w is None else self.cruise_w
@@ -205,7 +207,7 @@ class EnergySettings:
             headwind_mps=_HEADWIND_MPS if self.headwind_mps is None else self.headwind_mps,
             reserve_factor=_FACTOR if self.reserve_factor is None else self.reserve_factor,
             reserve_wh=reserve_wh if self.reserve_wh is None else self.reserve_wh,
-            return_alt_m=RETURN_ALT_M if self.return_alt_m is None else self.return_alt_m,
+            return_alt_m=usual_alt_m if self.return_alt_m is None else self.return_alt_m,
             wind=wind,
             unloaded_part=self.unloaded_part,
             wings=wings,

@@ -117,6 +117,15 @@ def test_the_wings_may_take_less_than_the_rotors() -> None:
     assert (copter.cruise_w, copter.cruise_mps, copter.wings) == (1800.0, 10.0, False)
 
 
+def test_its_return_is_as_high_as_arduplanes_unless_that_is_said() -> None:
+    settings = EnergySettings(battery_wh=500.0, hover_w=1800.0)
+    heights = {wings: settings.model(wings=wings).return_alt_m for wings in (False, True)}  # type: ignore[union-attr]
+    assert heights == {False: 15.0, True: 100.0}
+    said = replace(settings, return_alt_m=60.0).model(wings=True)
+    assert said is not None
+    assert said.return_alt_m == 60.0
+
+
 @pytest.mark.parametrize(
     ("settings", "watts"),
     [
