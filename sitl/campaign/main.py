@@ -14,7 +14,7 @@ from sitl.campaign.compare import compare
 from sitl.campaign.figures import figures
 from sitl.campaign.judge import ended, judge
 from sitl.campaign.page import summary, write_page
-from sitl.campaign.plan import draw
+from sitl.campaign.plan import HARD, draw
 from sitl.campaign.times import SECOND
 from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
 from sitl.campaign.world import World
@@ -34,6 +34,11 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--runs", type=int, default=200, metavar="N", help="how many flights (200)")
     parser.add_argument("--jobs", type=int, default=1, metavar="M", help="processes on this machine (1)")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the first flight (0)")
+    parser.add_argument(
+        "--hard",
+        action="store_true",
+        help=f"flights in which two or three pairs of causes strike: seeds from {HARD} on",
+    )
     parser.add_argument("--story", action="store_true", help="tell the flight of --seed in sentences, and fly no other")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="of Dask: its workers fly")
     parser.add_argument(
@@ -47,6 +52,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     for name, least in (("runs", 1), ("jobs", 1), ("seed", 0)):
         if getattr(arguments, name) < least:
             parser.error(f"--{name} must be {least} or more")
+    if arguments.hard and arguments.seed < HARD:
+        arguments.seed += HARD
     return arguments
 
 

@@ -8,6 +8,10 @@ and the mission is so much longer that there are borders left to be crossed by t
 zones, in most of them behind that as well, and half of these missions declare it; in some stations' operators are
 asked. The energy of the battery is enough for the mission with the reserve, and little more; what flying costs, and
 what the battery says, is not quite what is believed of it.
+
+A flight aims at two causes. From seed `HARD` on, at two or three pairs of them: a thousand such flights find what fifty
+thousand others find, and more than the rules promise (a failsafe of the autopilot that flies home what cannot get there
+is not overruled), so they are for looking for faults, and no measure of safety.
 """
 
 from __future__ import annotations
@@ -26,10 +30,14 @@ from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from sitl.campaign.faults import Insists, Strike
 from sitl.campaign.gaps import GapPlan, find_gaps
 from sitl.campaign.plane import HOME, Circle, Spot, bearing_deg
-from sitl.campaign.steering import Cell, policies_for, strikes_for
+from sitl.campaign.steering import CELLS, Cell, policies_for, strikes_for
 
-__all__ = ["LEAST_HANDOVERS", "FlightPlan", "StationPlan", "Truth", "draw", "left_at"]
+__all__ = ["HARD", "LEAST_HANDOVERS", "FlightPlan", "StationPlan", "Truth", "draw", "left_at"]
 
+#: the first seed of flights in which more than two causes strike
+HARD: Final = 1_000_000_000
+#: how many pairs of causes more, with their odds
+_MORE: Final = (1, 1, 2)
 #: system id of the first station, the parent
 FIRST: Final = 251
 #: a flight is planned to last so long at least (s), with so many handovers
@@ -197,7 +205,7 @@ def draw(seed: int) -> FlightPlan:
         Circle(0.0, 0.0, farthest + 60.0),
         max(way[0].alt_m, model.return_alt_m) + 15.0,
         policies_for(chance, cell),
-        strikes_for(chance, cell, late=late, gap=bool(gaps)),
+        (*strikes_for(chance, cell, late=late, gap=bool(gaps)), *(_more(seed, late=late) if seed >= HARD else ())),
         resumes=chance.choice((1, 2, 4)) if chance.random() < 0.3 else 0,
         resumes_after_s=chance.uniform(4.0, 40.0),
         insists=chance.choice(tuple(Insists)),
@@ -208,6 +216,16 @@ def draw(seed: int) -> FlightPlan:
         alone_max_s=longest_s if chance.random() < 0.95 else 0.5 * longest_s,
         ripe_s=(ripe_s, _LATER * ripe_s),
     )
+
+
+def _more(seed: int, *, late: bool) -> tuple[Strike, ...]:
+    """What brings further pairs of causes about; whether together with the first ones is left to chance."""
+    chance = Random(0x5EED_4A2D + seed)
+    found: list[Strike] = []
+    for _ in range(chance.choice(_MORE)):
+        cell = CELLS[chance.randrange(len(CELLS))]
+        found += strikes_for(chance, cell, late=late and chance.random() < 0.7, gap=False)
+    return tuple(found)
 
 
 def _stations(chance: Random, *, slow: bool, silent: bool, gap: bool, late: bool) -> tuple[StationPlan, ...]:

@@ -22,7 +22,7 @@ from sitl.campaign.log import FlightLog, Flown, Series
 from sitl.campaign.main import main
 from sitl.campaign.outcome import Outcome, fly
 from sitl.campaign.page import summary, write_page
-from sitl.campaign.plan import FlightPlan, draw
+from sitl.campaign.plan import HARD, FlightPlan, draw
 from sitl.campaign.plane import Circle, Spot
 from sitl.campaign.steering import NEVER_IN, NEVER_MEET
 from sitl.campaign.times import SECOND
@@ -58,6 +58,14 @@ def test_a_seed_is_a_flight() -> None:
     assert draw(7) == draw(7)
     assert draw(7) != draw(8)
     assert fly(7).same == fly(7).same
+
+
+def test_hard_flights_are_struck_by_more_and_are_else_as_any_other() -> None:
+    strikes = {first: [len(draw(first + n).strikes) for n in range(60)] for first in (0, HARD)}
+    assert sum(strikes[HARD]) > 1.7 * sum(strikes[0])
+    assert draw(HARD + 7) == draw(HARD + 7)
+    assert draw(HARD + 7).way != draw(HARD + 8).way
+    assert fly(HARD + 3).same == fly(HARD + 3, plain=True).same
 
 
 def test_most_flights_have_two_handovers_and_ten_minutes_behind_them_before_anything_goes_wrong() -> None:
@@ -577,6 +585,17 @@ def test_the_story_of_a_flight(capsys: pytest.CaptureFixture[str]) -> None:
     assert "START from GCSA" in said
     assert "FAULT" in said
     assert "ended: " in said
+
+
+@pytest.mark.parametrize("seed", ["2", str(HARD + 2)])
+def test_a_hard_flight_is_told_by_its_number_with_or_without_the_option(
+    capsys: pytest.CaptureFixture[str], seed: str
+) -> None:
+    main(["--hard", "--seed", seed, "--story"])
+    said = capsys.readouterr().out
+    main(["--seed", str(HARD + 2), "--story"])
+    assert said == capsys.readouterr().out
+    assert said.startswith(f"flight {HARD + 2}: ")
 
 
 def test_both_ways_to_let_time_pass_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
