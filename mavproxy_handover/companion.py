@@ -274,7 +274,8 @@ class Companion:
 
     def _chosen(self, frame: Frame, now: float) -> None:
         """The commander's command goes to the autopilot: perhaps it asks for another mode."""
-        hand = hands.of_command(frame, self.autopilot.aircraft.vehicle)
+        aircraft = self.autopilot.aircraft
+        hand = hands.of_command(frame, aircraft.vehicle, aircraft.ways_down.leads_to)
         if hand is not None:
             self.handle(hand, now)
 

@@ -74,6 +74,20 @@ class WaysDown:
         in_auto = self._vehicle is PLANE and self._mode == PLANE.auto
         return in_auto and (self._route is None or self._is_down(self._seq))
 
+    @property
+    def is_on(self) -> bool:
+        """It is in AUTO on a way down that is known, whoever has sent it there: the mission itself comes there too."""
+        return self._vehicle is PLANE and self._mode == PLANE.auto and self._is_down(self._seq)
+
+    def leads_to(self, seq: int) -> Flown | None:
+        """What will be flown where AUTO is told now to go on with this item; None: what is flown already."""
+        if self._vehicle is not PLANE or self._mode != PLANE.auto or not self._ways:
+            return None
+        if not self._is_down(seq):
+            return None if self.flown is None else Flown.MISSION
+        comes = self.flown is None and not self._is_down(self._seq)
+        return Flown.LAND if comes else None
+
     def adopt(self, route: Route | None) -> None:
         """The autopilot holds this mission; None: nobody knows which one."""
         self._route = route

@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -45,23 +45,46 @@ _COMMANDS: Final[Mapping[int, Flown | None]] = {
 }
 _CARRIERS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 _SET_MODE: Final[int] = mavlink.MAVLINK_MSG_ID_SET_MODE
+_SET_ITEM: Final[int] = mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT
 _RADIO: Final[int] = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 _FENCE: Final[int] = mavlink.MAV_SYS_STATUS_GEOFENCE
 
 
 def of_text(text: str, vehicle: Vehicle = COPTER) -> HandSeen | None:
-    """What a STATUSTEXT of the autopilot tells: a failsafe acts; None: nothing of the kind."""
-    said = not text.startswith(_OF_GUARD) and vehicle.by_itself.search(text) is not None
-    return HandSeen(Hand.FAILSAFE) if said else None
+    """What a STATUSTEXT of the autopilot tells: a failsafe acts, or is over and gives back the mode of before, or the
+    mission has come to its end; None: nothing of the kind."""
+    if text.startswith(_OF_GUARD):
+        return None
+    if vehicle.by_mission is not None and vehicle.by_mission.search(text):
+        return HandSeen(Hand.MISSION)
+    restored = vehicle.restored and vehicle.restored.search(text)
+    if restored:
+        flown = [mode.flown for mode in vehicle.modes.values() if mode.name == restored[1]]
+        return HandSeen(Hand.FAILSAFE, flown[0]) if flown else None
+    return HandSeen(Hand.FAILSAFE) if vehicle.by_itself.search(text) else None
 
 
-def of_command(frame: Frame, vehicle: Vehicle = COPTER) -> HandSeen | None:
-    """What a frame of the commander asks of the flight mode; None: nothing."""
-    if frame.msgid != _SET_MODE and frame.msgid not in _CARRIERS:
+def _nowhere(_seq: int) -> Flown | None:
+    return None
+
+
+def of_command(
+    frame: Frame, vehicle: Vehicle = COPTER, leads_to: Callable[[int], Flown | None] = _nowhere
+) -> HandSeen | None:
+    """What a frame of the commander asks of the flight mode; None: nothing.
+
+    `leads_to`: what is flown when the mission goes on with an item, None where that changes nothing (`down.py`).
+    """
+    if frame.msgid not in (_SET_MODE, _SET_ITEM) and frame.msgid not in _CARRIERS:
         return None
     message = codec.decode_bytes(frame.raw)
     if message is None:
         return None
+    if frame.msgid == _SET_ITEM:
+        return _of_item(leads_to(message.seq))
+    if message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
+        item = message.param1
+        return _of_item(leads_to(int(item)) if 0.0 <= item < 65536.0 else None)
     if frame.msgid == _SET_MODE:
         return HandSeen(Hand.COMMANDER, vehicle.flown(message.custom_mode))
     if message.command == mavlink.MAV_CMD_DO_SET_MODE:
@@ -71,6 +94,10 @@ def of_command(frame: Frame, vehicle: Vehicle = COPTER) -> HandSeen | None:
     if message.command not in commands:
         return None
     return HandSeen(Hand.COMMANDER, commands[message.command])
+
+
+def _of_item(flown: Flown | None) -> HandSeen | None:
+    return None if flown is None else HandSeen(Hand.COMMANDER, flown)
 
 
 def radio_lives(status: Any) -> bool:

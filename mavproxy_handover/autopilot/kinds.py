@@ -63,6 +63,10 @@ class Vehicle:
     to_place: frozenset[int]
     #: what a STATUSTEXT of it says where it has chosen a mode by itself
     by_itself: re.Pattern[str]
+    #: where a failsafe is over and the mode of before, which it names, is flown again; None: it never is
+    restored: re.Pattern[str] | None = None
+    #: where the mission has come to its end, and that is a mode of its own; None: it is none
+    by_mission: re.Pattern[str] | None = None
     #: MAV_CMD -> the mode that it leads to (None: any), where that differs from what the others do
     commands: Mapping[int, Flown | None] = field(default_factory=dict)
     #: kind of speed that its missions are flown by: SPEED_TYPE
@@ -169,12 +173,15 @@ PLANE: Final = Vehicle(
     hold=12,
     to_place=frozenset({11, 21}),
     # "GCS Failsafe On: RTL", "RC Long Failsafe On: RTL", "RC Short Failsafe: switched to CIRCLE"; up to 4.5 "Failsafe.
-    # Long event on: ..."; a battery's is told by what is wrong with it alone; a mission that is over becomes RTL, and a
-    # take-off or transition that fails QLAND
+    # Long event on: ..."; a battery's is told by what is wrong with it alone; a take-off or transition that fails becomes
+    # QLAND
     by_itself=re.compile(
         r"\bFailsafe\b(?!.*([Cc]leared|\b[Oo]ff\b))|\b[Bb]reached$|^Battery \d+ is |^Throttle failsafe on|^EKF variance"
-        r"|^Mission complete, changing mode|^Aircraft in auto without|^Failed to complete takeoff|^Transition failed"
+        r"|^Aircraft in auto without|^Failed to complete takeoff|^Transition failed"
     ),
+    restored=re.compile(r"^Flight mode (\w+) restored"),
+    # behind its last item, and at one that says so
+    by_mission=re.compile(r"^Mission complete, changing mode|^Mission: \d+ RTL$"),
     commands={
         mavlink.MAV_CMD_NAV_LOITER_UNLIM: Flown.STOP,
         mavlink.MAV_CMD_DO_LAND_START: Flown.LAND,

@@ -12,8 +12,8 @@
 * To return is RTL. It may show as QRTL (Q_RTL_MODE), as QLAND (during a guided take-off), or, where it goes on to the
   landing at once (RTL_AUTOLAND 2), as AUTO on a way down (`down.py`).
 * To land now is QLAND with rotors. Without it is, of what can be had, the mission's nearest way down (DO_LAND_START),
-  AUTOLAND (from 4.7, with the direction of the take-off), RTL. One that is on a way down already stays there: ordered
-  again, it would begin it again, each time.
+  AUTOLAND (from 4.7, with the direction of the take-off), RTL. One that is on a way down already stays there, be it its
+  mission that has led it there: ordered again, it would go around, out of its last metres too, and begin it again.
 
 Sources: ArduPlane's GCS_MAVLink_Plane.cpp, AP_Arming_Plane.cpp, mode_auto.cpp, mode_rtl.cpp, mode_qloiter.cpp,
 mode_autoland.cpp, quadplane.cpp; AP_Mission (`jump_to_landing_sequence`).
@@ -150,7 +150,7 @@ class Plane(Procedures):
         return self._flies
 
     def _way_down(self) -> Asking:
-        if not self._on_way_down:
+        if not self.aircraft.ways_down.is_on:
             yield from self._do(WAY_DOWN, mavlink.MAV_CMD_DO_LAND_START)
             yield from self._shows(WAY_DOWN, lambda _m: self.aircraft.ways_down.may_be)
         self.aircraft.ways_down.lands()

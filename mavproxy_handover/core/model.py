@@ -115,6 +115,7 @@ class Hand(Enum):
     COMMANDER = "the commander"
     GUARD = "the guard"
     FAILSAFE = "a failsafe of the autopilot"
+    MISSION = "the mission, at its end"
     PILOT = "the pilot"
     STRANGER = "somebody unknown"
     DOUBT = "in doubt"

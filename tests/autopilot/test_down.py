@@ -55,6 +55,25 @@ def test_a_mission_that_comes_to_its_landing_is_a_mission(cockpit: Cockpit) -> N
     assert [cockpit.item(seq) for seq in (4, 6, 7, 8)] == [Flown.MISSION] * 4
 
 
+def test_where_an_item_leads_is_known_before_it_is_flown_to(cockpit: Cockpit) -> None:
+    leads_to = cockpit.aircraft.ways_down.leads_to
+    assert [leads_to(seq) for seq in (1, 4, 5, 8)] == [None, None, Flown.LAND, Flown.LAND]
+    cockpit.item(4)
+    cockpit.item(6)
+    assert [leads_to(seq) for seq in (2, 7)] == [None, None], "its mission has come there"
+    cockpit.mode(RTL)
+    assert [leads_to(seq) for seq in (2, 7)] == [None, None], "whatever is flown to by the next AUTO"
+    cockpit.mode(AUTO)
+    assert cockpit.item(7) is Flown.RETURN
+    assert [leads_to(seq) for seq in (2, 7)] == [Flown.MISSION, None]
+
+
+def test_where_no_way_down_is_known_no_item_leads_to_one() -> None:
+    cockpit = Cockpit(None)
+    cockpit.mode(AUTO)
+    assert [cockpit.aircraft.ways_down.leads_to(seq) for seq in (1, 8)] == [None, None]
+
+
 def test_an_item_that_nobody_told_of_makes_no_jump(cockpit: Cockpit) -> None:
     assert cockpit.item(6) is Flown.MISSION
 

@@ -166,7 +166,6 @@ def test_what_stands_on_its_wheels_does_not_need_for_ever_to_circle() -> None:
         ("Battery 2 is critical 9.90V used 3000 mAh", True),
         ("Polygon fence breached", True),
         ("EKF variance", True),
-        ("Mission complete, changing mode to RTL", True),
         ("Aircraft in auto without a running mission", True),
         ("Failed to complete takeoff within time limit", True),
         ("Transition failed, exceeded time limit", True),
@@ -183,6 +182,23 @@ def test_what_stands_on_its_wheels_does_not_need_for_ever_to_circle() -> None:
 )
 def test_arduplane_says_what_it_does_by_itself(text: str, acts: bool) -> None:
     assert hands.of_text(text, PLANE) == (HandSeen(Hand.FAILSAFE) if acts else None)
+
+
+@pytest.mark.parametrize(
+    ("text", "hand"),
+    [
+        ("Mission complete, changing mode to RTL", HandSeen(Hand.MISSION)),
+        ("Mission: 9 RTL", HandSeen(Hand.MISSION)),
+        ("Mission: 9 RTLx", None),
+        ("Mission: 9 WP", None),
+        # CIRCLE or FBWA of a short radio failsafe is over
+        ("Flight mode AUTO restored", HandSeen(Hand.FAILSAFE, Flown.MISSION)),
+        ("Flight mode GUIDED restored", HandSeen(Hand.FAILSAFE, Flown.GUIDED)),
+        ("Flight mode FLY_BY_WIRE_A restored", None),
+    ],
+)
+def test_arduplane_says_how_its_mission_ends_and_what_a_failsafe_gives_back(text: str, hand: HandSeen | None) -> None:
+    assert hands.of_text(text, PLANE) == hand
 
 
 def test_a_copters_words_are_read_as_before() -> None:

@@ -269,6 +269,18 @@ def test_without_rotors_to_land_now_is_the_missions_way_down(plane: Cockpit) -> 
     assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [(DOWN, 0)], Flown.LAND)
 
 
+@pytest.mark.parametrize("item", [6, 8])
+def test_what_its_mission_has_led_to_its_landing_goes_on_with_it(plane: Cockpit, item: int) -> None:
+    """DO_LAND_START would have it go around from its last metres, whatever the battery says."""
+    plane.aircraft.ways_down.adopt(route(*COMMANDS))
+    for seq in range(4, item + 1):
+        plane.flies(AUTO, item=seq)
+    assert plane.aircraft.flown is Flown.MISSION
+    plane.autopilot.way_down = 6
+    made = plane.does(plane.plane.bring_home(FlightAction.LAND))
+    assert (made.result, plane.told(), plane.aircraft.flown) == ("landing sequence", [], Flown.LAND)
+
+
 def test_of_a_mission_that_nobody_knows_the_way_down_is_believed(plane: Cockpit) -> None:
     plane.flies(GUIDED)
     plane.autopilot.way_down = 6

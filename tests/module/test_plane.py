@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase
 from mavproxy_handover.mission.package import MissionPackage
+from tests.autopilot.test_down import COMMANDS, route
 from tests.module.conftest import Bench
 from tests.module.vehicle import PlaneAutopilot
 
@@ -67,6 +68,19 @@ def test_it_starts_in_auto(ready: Bench) -> None:
     assert ready.a.acks(START) == [IN_PROGRESS, ACCEPTED]
     assert "mode AUTO" in [entry["text"] for entry in ready.journal("mode")]
     assert [entry["text"] for entry in ready.journal("start_sequence")] == ["AUTO, arm"]
+
+
+@pytest.mark.parametrize("message", [True, False])
+def test_a_mission_item_that_leads_down_is_the_commanders_word(flight: Bench, message: bool) -> None:
+    """What is flown changes and the mode does not: nobody's command would make it a pilot's."""
+    flight.companion.autopilot.aircraft.ways_down.adopt(route(*COMMANDS))
+    if message:
+        flight.a.send(mavlink.MAVLink_mission_set_current_message(1, 1, 7))
+    else:
+        flight.a.command(CURRENT, 7)
+    flight.autopilot.waypoint = 7
+    flight.run(3.0)
+    assert [entry["text"] for entry in flight.journal("helm")] == ["AUTO: chosen by GCSA"]
 
 
 def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench) -> None:

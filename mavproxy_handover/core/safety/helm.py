@@ -5,8 +5,9 @@
 Theory of operation
 -------------------
 ArduPilot tells its mode and not who chose it. So whoever may have is noted beforehand: the companion's own orders, the
-commander's commands that pass, the guard when it says that it acts, and the autopilot's own words of a failsafe
-(STATUSTEXT, the state CRITICAL). A mode that changes in flight is his of `EVIDENCE` who was heard of last, shortly
+commander's commands that pass, the guard when it says that it acts, and the autopilot's own words: of a failsafe
+(STATUSTEXT, the state CRITICAL), of one that is over and gives back the mode of before, and, with wings, of a mission that
+ends with a return, which is a mode of its own there. A mode that changes in flight is his of `EVIDENCE` who was heard of last, shortly
 before or up to DOUBT_S behind it: a word may come after its deed. Until then it is in doubt, and nobody is fought.
 What nobody is known to have chosen is
 
@@ -63,6 +64,7 @@ EVIDENCE: Final[Mapping[Hand, Trace]] = {
     Hand.COMMANDER: Trace(5.0, frozenset(Flown)),
     Hand.GUARD: Trace(5.0, _ENDS),
     Hand.FAILSAFE: Trace(5.0, _ENDS | {Flown.STOP}),
+    Hand.MISSION: Trace(5.0, frozenset({Flown.RETURN})),
 }
 
 #: What a pilot chooses after he has flown by hand, and that gives the aircraft back.
@@ -76,6 +78,7 @@ class Change(Enum):
     GIVEN_BACK = "the pilot has given it back"
     COMMANDER = "the commander has chosen another mode"
     FAILSAFE = "a failsafe of the autopilot acts"
+    MISSION = "the mission ends with it"
     GUARD = "the guard acts"
     UNHEARD = "chosen while the autopilot was not heard"
     STRANGER = "nobody is known to have chosen the mode"
@@ -85,6 +88,7 @@ _CHANGES: Final = {
     Hand.PILOT: Change.PILOT,
     Hand.COMMANDER: Change.COMMANDER,
     Hand.FAILSAFE: Change.FAILSAFE,
+    Hand.MISSION: Change.MISSION,
     Hand.GUARD: Change.GUARD,
     Hand.STRANGER: Change.STRANGER,
 }

@@ -37,6 +37,8 @@ EXPLAINS = {
     (Hand.COMMANDER, HANDS): {HANDS},
     (Hand.GUARD, None): {RTL, LAND},
     (Hand.FAILSAFE, None): {RTL, LAND, STOP},
+    (Hand.FAILSAFE, AUTO): {AUTO},
+    (Hand.MISSION, None): {RTL},
 }
 
 
@@ -53,7 +55,8 @@ def test_who_was_heard_of_has_chosen_what_he_can(heard: tuple[Hand, Flown | None
 
 
 @pytest.mark.parametrize(
-    ("hand", "within_s"), [(Hand.COMPANION, 15.0), (Hand.COMMANDER, 5.0), (Hand.GUARD, 5.0), (Hand.FAILSAFE, 5.0)]
+    ("hand", "within_s"),
+    [(Hand.COMPANION, 15.0), (Hand.COMMANDER, 5.0), (Hand.GUARD, 5.0), (Hand.FAILSAFE, 5.0), (Hand.MISSION, 5.0)],
 )
 def test_what_was_long_ago_explains_nothing(hand: Hand, within_s: float) -> None:
     for earlier, found in ((within_s, hand), (within_s + 0.1, Hand.PILOT)):
@@ -102,6 +105,8 @@ FACTS = {
     (RTL, Hand.FAILSAFE): ({Fact.FAILSAFE, Fact.RETURNING}, {Fact.FAILSAFE, Fact.RETURNING}),
     (LAND, Hand.FAILSAFE): ({Fact.FAILSAFE, Fact.LANDING}, {Fact.FAILSAFE, Fact.LANDING}),
     (STOP, Hand.FAILSAFE): (set(), set()),
+    (AUTO, Hand.FAILSAFE): (set(), set()),
+    (RTL, Hand.MISSION): ({Fact.RETURNING}, {Fact.RETURNING}),
     (GUIDED, Hand.STRANGER): (set(), set()),
 }
 
@@ -112,6 +117,16 @@ def test_what_it_comes_to(flown: Flown, hand: Hand) -> None:
         helm = flying(flown, radio=radio)
         helm.chosen_by = hand
         assert helm.facts() == facts
+
+
+def test_what_a_failsafe_gives_back_is_no_pilots() -> None:
+    """ArduPlane's short radio failsafe circles, and goes on with the mode of before."""
+    helm = flying(radio=True)
+    helm.heard(HandSeen(Hand.FAILSAFE), AT)
+    assert change(helm, STOP, at=AT) is Change.FAILSAFE
+    helm.heard(HandSeen(Hand.FAILSAFE, AUTO), AT + 3.0)
+    assert change(helm, AUTO, radio=True, at=AT + 3.1) is Change.FAILSAFE
+    assert helm.facts() == set()
 
 
 def test_a_mission_that_lands_is_landing_and_so_is_the_end_of_a_return() -> None:
