@@ -173,8 +173,8 @@ PLANE: Final = Vehicle(
     hold=12,
     to_place=frozenset({11, 21}),
     # "GCS Failsafe On: RTL", "RC Long Failsafe On: RTL", "RC Short Failsafe: switched to CIRCLE"; up to 4.5 "Failsafe.
-    # Long event on: ..."; a battery's is told by what is wrong with it alone; a take-off or transition that fails becomes
-    # QLAND
+    # Long event on: ..."; a battery's is told by what is wrong with it alone; a take-off or transition that fails
+    # becomes QLAND
     by_itself=re.compile(
         r"\bFailsafe\b(?!.*([Cc]leared|\b[Oo]ff\b))|\b[Bb]reached$|^Battery \d+ is |^Throttle failsafe on|^EKF variance"
         r"|^Aircraft in auto without|^Failed to complete takeoff|^Transition failed"

@@ -105,7 +105,7 @@ class Arbiter:
     """Authority over one vehicle. Pure: no clock, no I/O; not safe for threads."""
 
     def __init__(self, identity: Identity, limits: Limits | None = None, restored: Snapshot | None = None) -> None:
-        """`restored`: what a run before this one left behind; nobody commands until its owner is heard again."""
+        """`restored`: what a run before this one left behind; nobody commands until its owner answers."""
         if identity.parent not in {station.sysid for station in identity.stations}:
             raise ValueError(f"parent {identity.parent} is not among the stations")
         self._parent = identity.parent
@@ -365,7 +365,7 @@ class Arbiter:
         if not self._known(station):
             return
         self._contacts.heard(station, now, actions)
-        if not self._presence[station].deaf:
+        if self._presence[station].station.standard:
             self._return(station, now, actions)
 
     def _return(self, station: int, now: float, actions: list[Action]) -> None:
@@ -523,7 +523,6 @@ class Arbiter:
         if self._authority.owner != owner:  # the partner had confirmed and the commander consented: committed
             return
         presence = self._presence[owner]
-        presence.lose(self._epoch_since, now)
         # at once: the first lease that says ALONE says for how long
         self._authority.fly_alone(self._lookout.lost(now) and not self._emergency.brings_down)
         self._authority.lose(owner, now, actions, deaf=presence.alive(now))

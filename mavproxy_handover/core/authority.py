@@ -96,7 +96,7 @@ class Authority:
         self.view = AuthorityView(armed=True)
 
     def restore(self, restored: Snapshot) -> None:
-        """Take up what the run before left behind; nobody commands until its owner is heard again."""
+        """Take up what the run before left behind; nobody commands until its owner answers."""
         self.epoch = restored.epoch + 1
         if restored.proven:
             self._may_be_ahead.clear()
@@ -196,7 +196,7 @@ class Authority:
         self.refresh(Reason.COMMANDER_LOST, actions)
 
     def take_back(self, owner: int, actions: list[Action]) -> None:
-        """The owner is heard again."""
+        """The owner has answered, or is heard again where it cannot answer."""
         self.lost = False
         if not self.recovering:
             self.epoch += 1

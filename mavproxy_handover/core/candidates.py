@@ -54,9 +54,9 @@ class Candidates:
         return now - self._presence[station].heard_at
 
     def deaf_s(self, station: int, now: float) -> float | None:
-        """For how long it has not answered if it is heard and lost for that; None: it is not."""
+        """For how long it has not answered if it is heard and does not any more; None: it does, or is silent."""
         presence = self._presence[station]
-        return now - presence.answered_at if presence.deaf else None
+        return now - presence.answered_at if presence.alive(now) and not presence.connected(now) else None
 
     def unable(self, station: int, now: float, flying: bool) -> Reason | None:
         """Why authority must not go to this station in this moment, whatever was agreed; None if it may."""

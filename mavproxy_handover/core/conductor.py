@@ -190,6 +190,8 @@ class Conductor:
         cause = cause_of(message, station)
         if cause is None:
             return "not the sender's to say"
+        if cause is Cause.DENIED and self._authority.lost:
+            return "the commander is lost"
         self._candidates.spoke(station)
         if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):
             return None

@@ -2,8 +2,10 @@
 
 """The vehicle asks every station again and again whether it is there (CONNECT), and answers the same question.
 
-After a restart in flight it asks as often as it repeats a message of a transfer: an answer shows that the commander of
-before is there, and to wait for its heartbeat, or for the next question after one that was lost, would take seconds.
+After a restart in flight it asks as often as it repeats a message of a transfer: an answer brings back the commander of
+before, and to wait for the next question after one that was lost would take seconds. So it asks a commander whose
+answer is overdue: with one question a second a link that loses a third of everything leaves ten seconds without an
+answer several times in an hour, and each of them would be a return.
 
 What comes of it is in the station's `Presence`. Questions are numbered by nonces of this run: an answer to any other is
 no proof, and is dropped.
@@ -55,13 +57,12 @@ class Contacts:
     def answered(self, station: int, answer: ConnectAck, now: float, actions: list[Action]) -> str | None:
         """A station's answer to CONNECT; returns why it was dropped, None if it counts."""
         presence = self.presence[station]
-        if not presence.answers(answer.nonce):
+        if not presence.answers(answer.nonce, now):
             doubled = presence.answer is not None and answer.nonce == presence.answer.nonce
             return "doubled answer to CONNECT" if doubled else "stale answer to CONNECT"
         was_connected = presence.connected(now)
         presence.answered_at = now
         presence.answer = answer
-        presence.deaf = False
         if not was_connected:
             actions.append(Record("connected", f"{presence.station.name} is connected", station=station))
         return None
@@ -76,8 +77,9 @@ class Contacts:
             if now < presence.ask_at:
                 continue
             self._nonce = self._nonce % 0xFFFFFFFF + 1
-            presence.asked.append(self._nonce)
-            presence.ask_at = now + interval_s
+            presence.asked.append((self._nonce, now))
+            often = station == authority.owner and presence.overdue(now)
+            presence.ask_at = now + (min(interval_s, limits.retry_first_s) if often else interval_s)
             commander = authority.view.commander
             question = Connect(
                 station, PROTOCOL_VERSION, self._nonce, authority.epoch, commander, self._vehicle, digest

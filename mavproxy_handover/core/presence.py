@@ -7,9 +7,8 @@ says which protocol, mission package and epoch the station has. A partner must b
 A station that speaks only the MAVLink standard can prove no more than its heartbeat.
 
 So must who commands. One that is heard and answers no more hears nothing of the aircraft: its operator does not see
-what he flies. After `deaf_lost_s` it is lost like one that is silent, and what brings it back is an answer. Whoever has
-just been given the aircraft, or is back by a heartbeat, has `connect_lost_s` for an answer, and that once: silent again
-without one, it is not back before it answers.
+what he flies. After `deaf_lost_s` it is lost like one that is silent, and what brings back either is an answer. An
+answer to a question older than `connect_lost_s` is none, be it that it has only just come in.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ __all__ = ["Presence"]
 class Presence:
     """Liveness and agreement of one station. Times are monotonic seconds."""
 
-    __slots__ = ("_limits", "answer", "answered_at", "ask_at", "asked", "deaf", "heard_at", "station", "told_why")
+    __slots__ = ("_limits", "answer", "answered_at", "ask_at", "asked", "heard_at", "station", "told_why")
 
     def __init__(self, station: Station, limits: Limits) -> None:
         self._limits = limits
@@ -35,14 +34,12 @@ class Presence:
         self.heard_at = -inf
         self.answered_at = -inf
         self.answer: ConnectAck | None = None
-        #: lost as a commander, and only an answer brings it back
-        self.deaf = False
         #: when to ask CONNECT next; never where nobody there understands it
         self.ask_at = inf if station.standard else -inf
-        #: nonces of the questions that may still be answered, oldest first: the way there and back may take longer
-        #: than the pause between two questions, the shortest pause that there is (`contacts.py`)
+        #: nonces of the questions that may still be answered, and when they were asked, oldest first: the way there and
+        #: back may take longer than the pause between two questions, the shortest pause that there is (`contacts.py`)
         pause_s = min(limits.connect_interval_s, limits.retry_first_s)
-        self.asked: deque[int] = deque(maxlen=max(1, ceil(limits.connect_lost_s / pause_s)))
+        self.asked: deque[tuple[int, float]] = deque(maxlen=max(1, ceil(limits.connect_lost_s / pause_s)))
         #: why the station was last journalled as no partner; None while it could be one
         self.told_why: Reason | None = None
 
@@ -60,16 +57,18 @@ class Presence:
             return inf
         return max(self.answered_at + self._limits.deaf_lost_s, since + self._limits.connect_lost_s)
 
-    def lose(self, since: float, now: float) -> None:
-        """It is lost as the commander that it has been from `since` on: heard, or it has not answered in all the time
-        that it had, what brings it back is an answer."""
-        self.deaf = self.alive(now) or (not self.station.standard and self.answered_at < since)
+    def overdue(self, now: float) -> bool:
+        """Heard, and an answer that should have come by now has not: it is to be asked more often."""
+        limits = self._limits
+        waits_s = min(2.0 * limits.connect_interval_s, limits.connect_lost_s / 2.0)
+        return self.alive(now) and now - self.answered_at >= waits_s
 
-    def answers(self, nonce: int) -> bool:
+    def answers(self, nonce: int, now: float) -> bool:
         """Whether `nonce` answers an open question; that one and the older ones are closed by it."""
-        if nonce not in self.asked:
+        asked_at = next((at for asked, at in self.asked if asked == nonce), None)
+        if asked_at is None or now - asked_at >= self._limits.connect_lost_s:
             return False
-        while self.asked.popleft() != nonce:
+        while self.asked.popleft()[0] != nonce:
             pass
         return True
 

@@ -5,7 +5,8 @@
 It flies straight pieces (`Piece`), each at one speed and one power, so that where it is and what is left can be said of
 any moment without stepping. What ArduCopter does is kept to what matters here:
 
-* AUTO: straight up, along the way, down at its end, or the return. A pause brakes it; who is carried off flies back.
+* AUTO: straight up, along the way, down at its end, or the return, which is a mode of its own as it is ArduPlane's. A
+  pause brakes it; who is carried off flies back.
 * RTL: up to the height of the return, straight to the one point of its rally list, which it reads when it begins, a
   pause, down. A second order for it changes nothing; to leave it and begin it anew does. LAND: straight down.
 * Its own failsafes: a low and an empty battery (RTL, LAND), 8 s without a position (LAND), no heartbeat of the
@@ -27,13 +28,15 @@ from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Spot
 from sitl.campaign.times import NEVER, SECOND, in_ticks
 
-__all__ = ["Aircraft", "Mode"]
+__all__ = ["BY_MISSION", "Aircraft", "Mode"]
 
 #: parts of the full battery at which the autopilot acts by itself, if it does
 LOW_PART, EMPTY_PART = 0.12, 0.05
 #: deceleration to a stop (m/s^2)
 _BRAKING: Final = 2.5
 _SLOWEST_MPS: Final = 0.2
+#: who has it return behind the last waypoint
+BY_MISSION: Final = "mission"
 
 
 class Mode(Enum):
@@ -325,7 +328,7 @@ class Aircraft:
 
     def _end_of_way(self, now: int) -> None:
         if not self._plan.lands:
-            self.come_home("mission", now)
+            self.come_home(BY_MISSION, now)
         elif not self._legs:
             self._legs = self._down(self._x, self._y, self._z)
             self._next(now)

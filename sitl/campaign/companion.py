@@ -18,7 +18,7 @@ from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck, Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Phase, Station
+from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Hand, Phase, Station
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.safety.commands import CommandRules, Outcome, Ruling
 from mavproxy_handover.core.safety.route import RouteCheck, RouteLimits, TrackFact
@@ -26,7 +26,7 @@ from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.start import refused
 from mavproxy_handover.mission.zones import Circle as ZoneCircle
 from mavproxy_handover.mission.zones import Zone, ZoneFinder
-from sitl.campaign.aircraft import Aircraft, Mode
+from sitl.campaign.aircraft import BY_MISSION, Aircraft, Mode
 from sitl.campaign.commands import Desk
 from sitl.campaign.gaps import gap_at, lacking
 from sitl.campaign.log import FlightLog
@@ -52,8 +52,8 @@ _MODES: Final = {
 _LOST: Final = in_ticks(Limits().heartbeat_lost_s)
 _UNANSWERED: Final = in_ticks(Limits().connect_lost_s)
 _DEAF: Final = in_ticks(Limits().deaf_lost_s)
-#: whoever has answered so lately is asked anew each second and answers
-_LATELY: Final = in_ticks(2.5)
+#: whoever has answered so lately is asked anew each second, not more often, and answers
+_LATELY: Final = in_ticks(1.9)
 #: longer than any hold-off and clearing time of the rules lasts, but those of links and attacks, and pauses
 _LONG_S: Final = 8.0
 #: the same on the ground, where who is there and what is loaded is all that counts
@@ -309,6 +309,8 @@ class Companion:
         mode = events.ModeSeen(flown, name, aircraft.mode is Mode.LAND, self._plan.truth.radio)
         # who flew at the heartbeat before is a part of what the rules make of it
         key = mode, self._flew
+        if aircraft.mode is Mode.RTL and aircraft.by == BY_MISSION and self._mode is not Mode.RTL:
+            self.give(events.HandSeen(Hand.MISSION), now)
         self._flew, self._mode = aircraft.flying, aircraft.mode
         if always or self._told.get(events.ModeSeen) != key:
             self._told[events.ModeSeen] = key

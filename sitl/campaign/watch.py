@@ -69,13 +69,11 @@ class Watch:
         self._standard = frozenset(standard)
         self._view = arbiter.view
         self._heard: dict[int, float] = {}
-        #: questions to each station that may be answered, and when one last was
-        self._asked: dict[int, list[int]] = {}
+        #: questions to each station that may be answered, with when they were asked, and when one last was
+        self._asked: dict[int, dict[int, float]] = {}
         self._answered: dict[int, float] = {}
         #: since when this epoch has been, in this run; None before its first event
         self._since: float | None = None
-        #: who was lost is back by an answer only
-        self._deaf = False
         #: the last position was in a declared gap
         self._gap = False
         self._words: set[tuple[int, Message]] = set()
@@ -124,7 +122,7 @@ class Watch:
             self._note_consent(event)
         for action in actions:
             if isinstance(action, Send) and isinstance(action.message, Connect):
-                self._asked.setdefault(action.station, []).append(action.message.nonce)
+                self._asked.setdefault(action.station, {})[action.message.nonce] = now
             if isinstance(action, ViewChanged):
                 self._check_view(action.view)
                 assert action.view.lease is not LeaseState.ALONE or self._gap or in_gap
@@ -142,9 +140,11 @@ class Watch:
 
     def _note_answer(self, station: int, nonce: int, now: float) -> None:
         """An answer closes its question and the older ones."""
-        asked = self._asked.get(station, [])
-        if nonce in asked:
-            del asked[: asked.index(nonce) + 1]
+        asked = self._asked.get(station, {})
+        if nonce in asked and now - asked[nonce] < self._limits.connect_lost_s:
+            while next(iter(asked)) != nonce:
+                del asked[next(iter(asked))]
+            del asked[nonce]
             self._answered[station] = now
 
     def _lost(self, station: int, heard: dict[int, float], now: float) -> bool:
@@ -154,12 +154,6 @@ class Watch:
         silent = now - heard[station] >= limits.heartbeat_lost_s - 1e-9
         until = max(self._answered.get(station, -inf) + limits.deaf_lost_s, self._since + limits.connect_lost_s)
         return silent or (station not in self._standard and now >= until - 1e-9)
-
-    def _only_answers(self, station: int, heard: dict[int, float], now: float) -> bool:
-        """Whether a commander that is lost now is back by no heartbeat."""
-        assert self._since is not None
-        is_heard = now - heard[station] < self._limits.heartbeat_lost_s - 1e-9
-        return is_heard or (station not in self._standard and self._answered.get(station, -inf) < self._since)
 
     def _note_consent(self, event: ControlRequested) -> None:
         if event.request and event.for_station != event.station:
@@ -200,7 +194,7 @@ class Watch:
             assert old.commander is None
             assert isinstance(event, (StationHeard, StationMessage))
             assert event.station == new.commander
-            assert not self._deaf or isinstance(getattr(event, "message", None), ConnectAck)
+            assert event.station in self._standard or isinstance(getattr(event, "message", None), ConnectAck)
         else:
             if old.partner == new.commander:
                 self._check_transfer(old, new, heard, now)
@@ -242,7 +236,6 @@ class Watch:
         assert old.commander is not None
         if new.epoch == old.epoch:
             assert self._lost(old.commander, heard, now)
-            self._deaf = self._only_answers(old.commander, heard, now)
             return
         assert new.epoch == old.epoch + 1
         assert isinstance(event, ControlRequested)

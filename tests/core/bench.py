@@ -202,6 +202,15 @@ class Bench:
             self.digests[station],
         )
 
+    def back(self, station: int, *, for_good: bool = True) -> list[Action]:
+        """A station is heard, and answers what it is asked; for this moment, or from now on."""
+        alive = self.alive
+        self.alive = alive | {station}
+        actions = self.give(StationHeard(station))
+        if not for_good:
+            self.alive = alive
+        return actions
+
     def say(self, station: int, message: Message) -> list[Action]:
         """A station's message arrives now."""
         return self.give(StationMessage(station, message))

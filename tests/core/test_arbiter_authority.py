@@ -310,6 +310,7 @@ class TestLoss:
         bench.alive = {B}
         bench.run(20.0)
         bench.log.clear()
+        bench.alive = {A, B}
         if how == "heartbeat":
             bench.give(StationHeard(A))
         else:
@@ -439,7 +440,7 @@ class TestSuccessor:
         bench.run(8.0)
         bench.position(outside(A), inside(B))
         bench.say(B, OnHandover(KEY))
-        bench.give(StationHeard(A))
+        bench.back(A)
         assert bench.arbiter.view.commander == A
         assert bench.arbiter.view.epoch == 2
         bench.say(B, DroneConnected(KEY))

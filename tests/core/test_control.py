@@ -20,7 +20,6 @@ from mavproxy_handover.core.events import (
     NotifyOwner,
     Record,
     Send,
-    StationHeard,
     ViewChanged,
 )
 from mavproxy_handover.core.limits import Limits
@@ -852,7 +851,7 @@ class TestTraps:
         bench.alive = set()
         bench.run(6.0)
         assert bench.arbiter.view.commander is None
-        bench.give(StationHeard(A))
+        bench.back(A, for_good=False)
         assert bench.arbiter.view.commander == A
         assert bench.arbiter.view.takeover_allowed
 

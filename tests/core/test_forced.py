@@ -347,6 +347,7 @@ class TestReturn:
             "denial": OkHandover(KEY, Consent.DENIED),
             "release": DisconnectHandover(KEY),
         }
+        bench.alive = {A, B, C}
         if how == "heartbeat":
             bench.give(StationHeard(A))
         else:
@@ -363,14 +364,14 @@ class TestReturn:
     def test_both_are_told(self) -> None:
         bench = lost()
         bench.log.clear()
-        bench.give(StationHeard(A))
+        bench.back(A, for_good=False)
         ended = HandoverResult(KEY, None, Outcome.ABORTED, Reason.COMMANDER_RETURNED)
         assert [(station, m) for _at, station, m, _n in bench.sent()] == [(A, ended), (B, ended)]
 
     def test_back_between_two_attempts(self) -> None:
         bench = lost()
         bench.run(3.0)
-        bench.give(StationHeard(A))
+        bench.back(A, for_good=False)
         bench.alive = {A, B, C}
         assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 2, LeaseState.HELD, True, 1)
         bench.run(30.0)
@@ -378,7 +379,7 @@ class TestReturn:
 
     def test_lost_again_it_begins_again(self) -> None:
         bench = lost()
-        bench.give(StationHeard(A))
+        bench.back(A, for_good=False)
         bench.run(5.0)
         assert bench.arbiter.view == AuthorityView(
             Phase.ON_HANDOVER, None, B, 2, LeaseState.LOST, True, 2, why=Reason.COMMANDER_LOST
@@ -458,8 +459,8 @@ class TestNot:
     def test_when_both_are_lost_at_the_same_moment(self) -> None:
         bench = in_both_zones()
         bench.alive = set()
-        bench.give(StationHeard(A))
-        bench.give(StationHeard(B))
+        bench.back(A, for_good=False)
+        bench.back(B, for_good=False)
         silent_since = bench.now
         bench.run(20.0)
         assert begun(bench) == []

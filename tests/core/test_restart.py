@@ -81,6 +81,7 @@ class TestWaiting:
         bench = started(LEFT)
         bench.run(0.25)
         bench.log.clear()
+        bench.alive = {A}
         if how == "heartbeat":
             bench.give(StationHeard(A))
         else:
@@ -144,7 +145,7 @@ class TestWaiting:
         bench = started(LEFT)
         begun_at = bench.now
         bench.run(1.0)
-        bench.give(StationHeard(A))
+        bench.back(A, for_good=False)
         bench.run(3.1)
         asked = [round(at - begun_at, 2) for at, a in bench.log if isinstance(a, Send) and a.station == B]
         assert asked == [0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 2.0, 3.0, 4.0]
@@ -156,7 +157,11 @@ class TestWaiting:
 
     def test_nor_is_it_one_of_the_ground_before_the_autopilot_has_spoken(self) -> None:
         arbiter = Arbiter(Identity("drone", STATIONS, A), Limits(), LEFT)
-        arbiter.handle(StationHeard(A), 1.0)
+        actions = arbiter.handle(StationHeard(A), 1.0)
+        sent = {action.station: action.message for action in actions if isinstance(action, Send)}
+        asked = sent[A]
+        assert isinstance(asked, Connect)
+        arbiter.handle(StationMessage(A, Bench().ack(A, asked)), 1.0)
         assert arbiter.start_needs(A, 1.0)[0] == "the vehicle is already flying or starting"
 
     def test_the_clock_begins_with_the_first_event(self) -> None:
@@ -168,7 +173,7 @@ class TestWaiting:
         bench.now += 2.4
         bench.give(Tick())
         assert bench.arbiter.view == WAITING
-        bench.give(StationHeard(A))
+        bench.back(A, for_good=False)
         assert bench.arbiter.view.commander == A
 
 
@@ -205,7 +210,7 @@ class TestNotHeard:
     def test_later_it_is_back_like_any_lost_commander(self) -> None:
         bench = started(LEFT)
         bench.run(20.0)
-        bench.give(StationHeard(A))
+        bench.back(A, for_good=False)
         assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 6, LeaseState.HELD, True, 7)
         assert bench.records("authority")[0].text == "GCSA is back and commands again, epoch 6"
 
@@ -239,7 +244,7 @@ class TestWhoHadIt:
         assert bench.flights() == [RETURN]
         bench.restart()
         assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 2, LeaseState.RECOVERING, True, 0)
-        bench.give(StationHeard(A))
+        bench.back(A, for_good=False)
         assert bench.arbiter.view.commander == A
         assert bench.arbiter.view.epoch == 2
 
@@ -255,7 +260,7 @@ class TestWhoHadIt:
     def test_a_station_that_is_not_in_the_configuration_any_more_is_nobody(self, owner: int) -> None:
         bench = started(replace(LEFT, owner=owner))
         bench.alive = {A, B}
-        bench.give(StationHeard(owner))
+        bench.back(owner, for_good=False)
         bench.run(30.0)
         assert bench.arbiter.view.commander is None
         assert bench.flights() == [RETURN]
@@ -265,7 +270,7 @@ class TestWhoHadIt:
         bench.alive = {A}
         bench.run(2.0)
         assert bench.arbiter.view.commander is None, "the former commander gains nothing"
-        bench.give(StationHeard(B))
+        bench.back(B, for_good=False)
         assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, B, None, 3, LeaseState.HELD, True, 1)
 
     def test_the_parent_is_nobody_in_particular(self) -> None:
@@ -305,6 +310,9 @@ class TestInATransfer:
         assert bench.arbiter.view.commander is None
         bench.say(A, OkHandover(KEY))
         bench.say(A, DisconnectHandover(KEY))
+        assert bench.arbiter.view.commander is None, "it may hear nothing"
+        bench.alive = {A, B}
+        bench.run(0.25)
         assert bench.arbiter.view == AuthorityView(Phase.ON_MISSION, A, None, 2, LeaseState.HELD, True, 1)
         assert bench.dropped() == {"stale epoch or unknown transfer": 6}
 
@@ -358,7 +366,7 @@ class TestAgainAndAgain:
             bench.restart(0.5)
             epochs.append(bench.arbiter.view.epoch)
             if heard:
-                bench.give(StationHeard(A))
+                bench.back(A, for_good=False)
             assert bench.arbiter.view.epoch == epochs[-1]
             assert bench.arbiter.view.commander == (A if heard else None)
         assert epochs == [1, 2, 3, 4, 5, 6, 7]
@@ -494,7 +502,7 @@ class TestOnTheGround:
         bench.armed = bench.flying = False
         bench.alive = {A}
         bench.run(back_after_s)
-        bench.give(StationHeard(B))
+        bench.back(B)
         assert bench.arbiter.view.commander == commander
 
     def test_the_time_to_come_back_does_not_outlive_the_one_who_was_granted(self) -> None:
@@ -660,7 +668,7 @@ def test_every_state_of_a_flight_survives_as_itself() -> None:
         before = bench.arbiter.view
         bench.restart()
         assert before.commander is not None
-        bench.give(StationHeard(before.commander))
+        bench.back(before.commander, for_good=False)
         after = bench.arbiter.view
         assert (after.commander, after.epoch) == (before.commander, before.epoch + 1)
 

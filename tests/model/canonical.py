@@ -267,13 +267,14 @@ class _Shared(_Kind):
 
 
 class _Asked(_Kind):
-    """Open questions of CONNECT. The exploration answers the last one at once or never: the older ones stay open."""
+    """Open questions of CONNECT. The exploration answers the last one at once or never: the older ones stay open. One
+    is asked each second, so the last one is never too old."""
 
     def pack(self, value: Any, shift: Shift) -> Any:
         return bool(value)
 
     def unpack(self, value: Any) -> Any:
-        return deque([NONCE] if value else [], maxlen=5)
+        return deque([(NONCE, NOW)] if value else [], maxlen=5)
 
 
 class _Object(_Kind):
@@ -398,7 +399,6 @@ class Packer:
             answer=_Answer(),
             ask_at=_Time(0.0),
             asked=_Asked(),
-            deaf=plain,
             told_why=_Fixed(lambda: None),
         )
         transfer = _Class(

@@ -324,6 +324,8 @@ def _check_change(
         return
     came = getattr(event, "station", None) if isinstance(event, (StationHeard, StationMessage)) else None
     if old.commander is None and new.commander == books.had and came == new.commander:
+        answers = isinstance(event, StationMessage) and isinstance(event.message, ConnectAck)
+        demand(answers or came in standard, f"station {came} is back, and has not answered")
         rise = 0 if books.recovering is not None else 1
         demand(new.epoch == old.epoch + rise, f"a return that changes the epoch by {new.epoch - old.epoch}")
         return

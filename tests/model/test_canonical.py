@@ -66,7 +66,7 @@ class Shadow:
         event = shifted(event, Shift(0.0, -self.epochs, -self.numbers))
         if isinstance(event, StationMessage) and isinstance(event.message, ConnectAck) and event.message.nonce:
             asked = self.arbiter._presence[event.station].asked
-            event = replace(event, message=replace(event.message, nonce=asked[-1] if asked else 1))
+            event = replace(event, message=replace(event.message, nonce=asked[-1][0] if asked else 1))
         return event
 
     def _step(self, number: int, event: int) -> Any:

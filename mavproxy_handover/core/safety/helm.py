@@ -6,9 +6,10 @@ Theory of operation
 -------------------
 ArduPilot tells its mode and not who chose it. So whoever may have is noted beforehand: the companion's own orders, the
 commander's commands that pass, the guard when it says that it acts, and the autopilot's own words: of a failsafe
-(STATUSTEXT, the state CRITICAL), of one that is over and gives back the mode of before, and, with wings, of a mission that
-ends with a return, which is a mode of its own there. A mode that changes in flight is his of `EVIDENCE` who was heard of last, shortly
-before or up to DOUBT_S behind it: a word may come after its deed. Until then it is in doubt, and nobody is fought.
+(STATUSTEXT, the state CRITICAL), of one that is over and gives back the mode of before, and, with wings, of a mission
+that ends with a return, which is a mode of its own there. A mode that changes in flight is his of `EVIDENCE` who was
+heard of last, shortly before or up to DOUBT_S behind it: a word may come after its deed. Until then it is in doubt, and
+nobody is fought.
 What nobody is known to have chosen is
 
 * the guard's, if it returns or lands and was chosen while the autopilot was not heard: then the autopilot hears nothing
