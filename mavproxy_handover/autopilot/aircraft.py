@@ -45,6 +45,8 @@ class Aircraft:
         self.vehicle: Vehicle = COPTER
         #: whether a plane in AUTO flies its mission, or has been sent down
         self.ways_down = WaysDown()
+        #: what it was stopped in, where that is done by a mode of its own
+        self.stopped_in: Flown | None = None
         self._vtol_state = mavlink.MAV_VTOL_STATE_UNDEFINED
         #: a plane that hovers too: it has said so, or has the parameter
         self._has_rotors = False

@@ -6,7 +6,8 @@
   begins with the take-off. A mission that was flown before is at its end still where it ended in AUTO, so it is set to
   its first item. If arming is refused, the mode of before is set again: AUTO would take off by whoever arms it next.
 * There is no DO_PAUSE_CONTINUE. It stops by LOITER, a circle around where it is, and goes on by AUTO, which takes up
-  the item that was flown (MIS_RESTART 0). While it hovers there is no stop: QLOITER sinks half a metre a second
+  the item that was flown (MIS_RESTART 0); where it was stopped in GUIDED by that, which circles where it begins and
+  waits for its commander: nobody has ordered the mission. While it hovers there is no stop: QLOITER sinks half a metre a second
   without a radio (`get_pilot_desired_climb_rate_cms`), and with one it does what the throttle stick says, wherever that
   was left; LOITER flies off forwards from a take-off or a landing. Nor is there one in a return, or by hand.
 * To return is RTL. It may show as QRTL (Q_RTL_MODE), as QLAND (during a guided take-off), or, where it goes on to the
@@ -94,16 +95,20 @@ class Plane(Procedures):
         if pause and self.aircraft.landed_state in _NEAR_GROUND:
             raise AutopilotError("it takes off or lands: there is no stop so low")
         if pause:
+            if flown is not Flown.STOP:
+                self.aircraft.stopped_in = flown
             yield from self._mode(_LOITER)
         elif flown is Flown.STOP:
             if self.aircraft.custom_mode != _LOITER:
                 raise AutopilotError(f"it flies {mode}, by which a failsafe waits: nothing goes on with it")
-            yield from self._mode(PLANE.auto)
+            yield from self._mode(PLANE.guided if self.holds_by(pause) is Flown.GUIDED else PLANE.auto)
         return PLANE.mode_name(self.aircraft.custom_mode)
 
     def holds_by(self, pause: bool) -> Flown | None:
         """What is flown once that is done."""
-        return Flown.STOP if pause else Flown.MISSION
+        if pause:
+            return Flown.STOP
+        return Flown.GUIDED if self.aircraft.stopped_in is Flown.GUIDED else Flown.MISSION
 
     # ---- the way home -------------------------------------------------------------------------------------------
 

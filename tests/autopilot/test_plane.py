@@ -171,6 +171,19 @@ def test_it_goes_on_by_auto(cockpit: Cockpit) -> None:
 
 
 @pytest.mark.parametrize(("mode", "name"), [(AUTO, "AUTO"), (GUIDED, "GUIDED")])
+@pytest.mark.parametrize("twice", [False, True])
+def test_it_goes_on_with_what_it_was_stopped_in(cockpit: Cockpit, mode: int, name: str, twice: bool) -> None:
+    """Out of GUIDED nobody has ordered the mission."""
+    cockpit.flies(mode)
+    cockpit.does(cockpit.plane.hold(True))
+    if twice:
+        cockpit.does(cockpit.plane.hold(True))
+    made = cockpit.does(cockpit.plane.hold(False))
+    assert (made.result, made.failure) == (name, None)
+    assert cockpit.aircraft.flown is cockpit.plane.holds_by(pause=False)
+
+
+@pytest.mark.parametrize(("mode", "name"), [(AUTO, "AUTO"), (GUIDED, "GUIDED")])
 def test_what_nothing_has_stopped_goes_on_as_it_is(cockpit: Cockpit, mode: int, name: str) -> None:
     cockpit.flies(mode)
     made = cockpit.does(cockpit.plane.hold(False))

@@ -92,7 +92,7 @@ _COMES_BACK: Final = Follow(frozenset({Flown.RETURN, Flown.LAND}), "gets nearer 
 _COMES_DOWN: Final = Follow(frozenset({Flown.LAND}), "comes down")
 _CIRCLES: Final[Mapping[FlightAction, Follow]] = {
     FlightAction.HOLD: Follow(frozenset({Flown.STOP}), ""),
-    FlightAction.CONTINUE: Follow(frozenset({Flown.MISSION}), ""),
+    FlightAction.CONTINUE: Follow(frozenset({Flown.MISSION, Flown.GUIDED}), ""),
     FlightAction.RETURN: _COMES_BACK,
 }
 FOLLOW: Final[Mapping[Kind, Mapping[FlightAction, Follow]]] = {

@@ -67,8 +67,9 @@ def test_what_does_not_circle_is_told_once_more_and_then_cannot_hold(kind: Kind)
     assert watched.supervision.unable == {HOLD}
 
 
+@pytest.mark.parametrize("back", [Flown.MISSION, Flown.GUIDED])
 @pytest.mark.parametrize("kind", WINGED)
-def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind) -> None:
+def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind, back: Flown) -> None:
     watched = winged(kind).order(HOLD)
     watched.flies(Flown.STOP)
     assert watched.look(1.0) is OBEYED
@@ -76,7 +77,7 @@ def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind) -> 
     assert watched.look(5.9) is None
     for _ in range(5):
         assert watched.look(6.0) is AGAIN
-    watched.flies(Flown.MISSION)
+    watched.flies(back)
     assert watched.look(0.5) is OBEYED
     assert (watched.supervision.order, watched.supervision.stands) == (None, False)
 
