@@ -41,7 +41,7 @@ PLANE_NAMES: Final = (
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART",
-    "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "Q_ENABLE", "Q_RTL_MODE",
+    "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT",
 )  # fmt: skip
 
 #: for which kinds a rule is
@@ -176,6 +176,28 @@ def _return_height(name: str, unit_m: float) -> Rule:
     return rule
 
 
+def _climb(p: Parameters, plan: PlanFacts | None) -> str | None:
+    """RTL climbs by so much first, wherever it begins (`ModeRTL::update`)."""
+    climb_m, most_m = p.get("RTL_CLIMB_MIN", 0.0), p.get("FENCE_ALT_MAX", 0.0)
+    if plan is None or not _fence_on(p, _CEILING) or climb_m <= 0.0 or plan.highest_m + climb_m <= most_m:
+        return None
+    highest = f"{plan.highest_m:.0f} m"
+    return f"is {climb_m:g} m: a return from the route's {highest} climbs above FENCE_ALT_MAX first, {most_m:g} m"
+
+
+def _approach(p: Parameters, plan: PlanFacts | None) -> str | None:
+    """QRTL comes in higher than its place by RTL_ALTITUDE - Q_RTL_ALT (`ModeQRTL::update_target_altitude`), and the
+    place in the list is as high as RTL_ALTITUDE already."""
+    return_m, most_m = p.get("RTL_ALTITUDE", p.get("ALT_HOLD_RTL", 0.0) / 100.0), p.get("FENCE_ALT_MAX", 0.0)
+    if not _fence_on(p, _CEILING) or "Q_RTL_ALT" not in p:
+        return None
+    listed_m = min(return_m, most_m - 10.0)
+    height_m = listed_m + max(0.0, return_m - p["Q_RTL_ALT"])
+    if height_m <= most_m:
+        return None
+    return f"is {p['Q_RTL_ALT']:g} m: QRTL from afar comes in at {height_m:.0f} m, above FENCE_ALT_MAX, {most_m:g} m"
+
+
 def _home(p: Parameters, plan: PlanFacts | None) -> str | None:
     if p.get("RALLY_INCL_HOME", 0) == 0:
         return None
@@ -288,6 +310,8 @@ RULES: Final[tuple[tuple[str, Rule, frozenset[Kind]], ...]] = (
     ("RTL_ALT_M", _return_height("RTL_ALT_M", 1.0), COPTERS),
     ("RTL_ALTITUDE", _return_height("RTL_ALTITUDE", 1.0), WINGED),
     ("ALT_HOLD_RTL", _return_height("ALT_HOLD_RTL", 0.01), WINGED),
+    ("RTL_CLIMB_MIN", _climb, WINGED),
+    ("Q_RTL_ALT", _approach, frozenset({Kind.QUADPLANE})),
     ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01), COPTERS),
     ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0), COPTERS),
     ("RALLY_INCL_HOME", _home, EVERY),

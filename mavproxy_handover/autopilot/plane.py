@@ -7,9 +7,10 @@
   its first item. If arming is refused, the mode of before is set again: AUTO would take off by whoever arms it next.
 * There is no DO_PAUSE_CONTINUE. It stops by LOITER, a circle around where it is, and goes on by AUTO, which takes up
   the item that was flown (MIS_RESTART 0); where it was stopped in GUIDED by that, which circles where it begins and
-  waits for its commander: nobody has ordered the mission. While it hovers there is no stop: QLOITER sinks half a metre a second
-  without a radio (`get_pilot_desired_climb_rate_cms`), and with one it does what the throttle stick says, wherever that
-  was left; LOITER flies off forwards from a take-off or a landing. Nor is there one in a return, or by hand.
+  waits for its commander: nobody has ordered the mission. While it hovers there is no stop: QLOITER sinks half a metre
+  a second without a radio (`get_pilot_desired_climb_rate_cms`), and with one it does what the throttle stick says,
+  wherever that was left; LOITER flies off forwards from a take-off or a landing. Nor is there one in a return, or by
+  hand.
 * To return is RTL. It may show as QRTL (Q_RTL_MODE), as QLAND (during a guided take-off), or, where it goes on to the
   landing at once (RTL_AUTOLAND 2), as AUTO on a way down (`down.py`).
 * To land now is QLAND with rotors. Without it is, of what can be had, the mission's nearest way down (DO_LAND_START),

@@ -36,6 +36,8 @@ _OWN: Final = {
     "RTL_AUTOLAND": "Set RTL_AUTOLAND to 1.",
     "RTL_ALTITUDE": "Set RTL_ALTITUDE below FENCE_ALT_MAX.",
     "ALT_HOLD_RTL": "Set ALT_HOLD_RTL below FENCE_ALT_MAX.",
+    "RTL_CLIMB_MIN": "Set RTL_CLIMB_MIN lower, or FENCE_ALT_MAX above the route and it.",
+    "Q_RTL_ALT": "Set Q_RTL_ALT nearer to RTL_ALTITUDE, or FENCE_ALT_MAX higher.",
     "MIS_RESTART": "Set MIS_RESTART to 0.",
     "SCR_LD_CHECKSUM": "Set SCR_DEBUG_OPTS to 32 once, with the guard running.",
     "SYSID_ENFORCE": "Set SYSID_ENFORCE to 0.",

@@ -568,6 +568,14 @@ def test_a_plane_as_recommended_fits() -> None:
             {"RTL_ALTITUDE": 120.0, "FENCE_TYPE": 5.0},
             "RTL_ALTITUDE is 120 m, above FENCE_ALT_MAX: a return is flown at 100 m",
         ),
+        (
+            {"RTL_CLIMB_MIN": 50.0, "FENCE_TYPE": 5.0},
+            "RTL_CLIMB_MIN is 50 m: a return from the route's 60 m climbs above FENCE_ALT_MAX first, 100 m",
+        ),
+        (
+            {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 5.0},
+            "Q_RTL_ALT is 15 m: QRTL from afar comes in at 145 m, above FENCE_ALT_MAX, 100 m",
+        ),
         ({"MIS_RESTART": 1.0}, "MIS_RESTART is 1: CONTINUE, and AUTO behind a return, begin the mission anew"),
         ({"RALLY_LIMIT_KM": 5.0}, "RALLY_LIMIT_KM is 5: a return goes home where the chosen place is farther away"),
         (
@@ -579,6 +587,20 @@ def test_a_plane_as_recommended_fits() -> None:
 )
 def test_what_does_not_fit_a_plane_is_said(changes: dict[str, float], text: str) -> None:
     assert text in on_wings(**changes)
+
+
+@pytest.mark.parametrize(
+    ("kind", "changes"),
+    [
+        (Kind.QUADPLANE, {"RTL_CLIMB_MIN": 40.0, "FENCE_TYPE": 5.0}),
+        (Kind.QUADPLANE, {"RTL_CLIMB_MIN": 50.0, "FENCE_TYPE": 4.0}),
+        (Kind.QUADPLANE, {"Q_RTL_ALT": 60.0, "FENCE_TYPE": 5.0}),
+        (Kind.QUADPLANE, {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 4.0}),
+        (Kind.PLANE, {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 5.0, "RTL_AUTOLAND": 1.0}),
+    ],
+)
+def test_a_return_that_stays_below_the_ceiling_fits(kind: Kind, changes: dict[str, float]) -> None:
+    assert on_wings(kind, WITH_LANDING, **changes) == []
 
 
 def test_a_copters_rules_do_not_judge_a_plane() -> None:
