@@ -281,6 +281,8 @@ class PlaceWatch:
         height = max(here[2], place.alt_m, return_alt)
         if limits.ceiling_m is not None:
             height = max(here[2], min(height, limits.ceiling_m))
+        if self._aircraft.kind.winged:  # it glides all the way down to the height of the place in the list
+            height = self._point(place).alt_m
         view = self._finder.look(here[:2], spot, height)
         inside = view.inside and self._within(limits, place)
         need = None if model is None else model.need_wh(way)

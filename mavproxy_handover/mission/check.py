@@ -353,6 +353,8 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
             word = f"{way:.0f} m above the ground" if way >= 0.0 else f"{-way:.0f} m below the ground"
             yield Finding(Severity.WARNING if way >= 0.0 else Severity.ERROR, f"the way to item {leg.seq} is {word}")
         lat, lon, alt = leg.end
+        if package.kind.winged:  # the way back leads down to the height of the return, from wherever it is higher
+            alt = return_alt_m
         backs = [
             (relief.above_m((lat, lon), (p.lat_deg, p.lon_deg), max(alt, p.alt_m, return_alt_m)), p.name)
             for p in places

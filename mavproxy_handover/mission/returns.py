@@ -5,8 +5,8 @@
 That is the best one by the rule of `core/safety/places.py`, here as far as it is known before the flight. It is
 assumed that every station of the mission is there and could take the aircraft, that the energy lasts for any of the
 places and no wind blows, that the fence is the plan's, and that the return begins where the item before it ends, at the
-height that is flown there. In flight the companion chooses by what is so, and a mission may end at another one of its
-places.
+height that is flown there; with wings it leads down to that of ArduPlane's own returns. In flight the companion chooses
+by what is so, and a mission may end at another one of its places.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+from mavproxy_handover.core.safety.energy_prior import WINGED_RETURN_ALT_M
 from mavproxy_handover.core.safety.places import PlaceFact, best
 from mavproxy_handover.mission.energy import LANDING, places_of
 from mavproxy_handover.mission.fence import Fence
@@ -46,6 +47,8 @@ def with_return(route: Route, zones: Sequence[Zone], terrain: Terrain | None) ->
         return route
     legs = legs_of(replace(route, items=route.items[:number]))
     lat, lon, alt = legs[-1].end if legs else (route.home.lat_deg, route.home.lon_deg, 0.0)
+    if route.kind.winged:
+        alt = WINGED_RETURN_ALT_M
     finder = PlaceFinder(zones, Fence(route.fence), relief_of(terrain, route.home))
     # the landing is the place that is looked for
     far = [(distance_m(lat, lon, p.lat_deg, p.lon_deg), p) for p in places_of(route) if p.name != LANDING]

@@ -18,6 +18,7 @@ from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.package import from_bytes
 from mavproxy_handover.mission.places import PlaceFinder
 from mavproxy_handover.mission.terrain import Relief, read_terrain
+from tests.mission.test_mission_kinds import hovering
 
 #: cells of 0.001 degrees, their middles at longitude 10.000 to 10.006 and latitude -0.001 to 0.001
 HILL = """ncols 7
@@ -203,6 +204,18 @@ def test_heights_that_do_not_reach_to_home_are_a_warning(small):
     folder = small.write()
     (folder / "terrain.asc").write_text(hill(160.0).replace("xllcenter 10.0", "xllcenter 10.003"))
     assert any("do not reach to home" in text for text in found(load(folder), Severity.WARNING))
+
+
+@pytest.mark.parametrize("winged", [False, True])
+def test_a_return_on_wings_leads_down_to_its_height_and_may_meet_the_ground_there(small, winged):
+    """A copter stays at the 150 m that it flies at; ArduPlane comes down to 100 m, and the hill is 95 m high."""
+    if winged:
+        hovering(small)
+    for item in small.items[:2]:
+        item["Altitude"] = item["params"][6] = 150
+    small.items[2].update(command=20, Altitude=0, params=[0, 0, 0, 0, 0, 0, 0])
+    texts = [text for text in found(with_hill(small, 195.0), Severity.WARNING) if "no return from item 2" in text]
+    assert texts == (["no return from item 2 is 10 m above the ground: to rally 1 it is 5 m"] if winged else [])
 
 
 # --- the places ---

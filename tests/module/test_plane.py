@@ -164,6 +164,24 @@ def test_that_is_the_autopilots(
     assert heights(bench) == [height_m]
 
 
+def test_a_place_is_judged_at_the_height_at_which_its_way_ends(ready: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """ArduPlane glides down to the place in the list: a ridge before it is met far below the height of now."""
+    places, looked = ready.companion.autopilot.places, []
+    finder = places._finder
+    look = finder.look
+    monkeypatch.setattr(type(finder), "look", lambda _self, *way: looked.append(way[2]) or look(*way))
+    lat, lon = ready.autopilot.position or (0.0, 0.0)
+    ready.autopilot.position = None
+    for _ in range(4):
+        place = round(lat * 1e7), round(lon * 1e7), 300_000, 300_000
+        hear(ready, mavlink.MAVLink_global_position_int_message(1000, *place, 0, 0, 0, 0))
+        ready.run(0.9)
+    where = ready.companion.autopilot.aircraft.where
+    assert where is not None
+    assert where[2] == 300.0
+    assert set(looked) == {100.0}
+
+
 # ---- STOP and CONTINUE --------------------------------------------------------------------------------------------
 
 
