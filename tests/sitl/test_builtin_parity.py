@@ -223,6 +223,10 @@ class Session:
     def latest(self, kind: str) -> Any:
         return next(m for m in reversed(self.heard) if m.get_type() == kind)
 
+    def shows(self, kind: str, fits: Callable[[Any], bool]) -> bool:
+        """Whether the latest message of that kind fits; with none yet it does not."""
+        return any(fits(m) for m in [m for m in self.heard if m.get_type() == kind][-1:])
+
     def place(self) -> Place:
         m = self.latest("GLOBAL_POSITION_INT")
         return m.lat, m.lon
@@ -245,9 +249,15 @@ def fly(session: Session) -> dict[str, Any]:
     session.until(lambda: any(m.get_type() == "HEARTBEAT" for m in session.heard), 5)
     found["start"] = [session.command(176, 1, 4), session.command(400, 1), session.command(300)]
     started_s = session.now_s
-    session.until(lambda: session.latest("MISSION_CURRENT").seq == 3 and session.latest("VFR_HUD").groundspeed > 4, 60)
+    session.until(
+        lambda: (
+            session.shows("MISSION_CURRENT", lambda m: m.seq == 3)
+            and session.shows("VFR_HUD", lambda m: m.groundspeed > 4)
+        ),
+        60,
+    )
     found["in flight"] = [session.command(400, 0), session.command(300, 0, 1), session.command(193, 0)]
-    session.until(lambda: session.latest("VFR_HUD").groundspeed < 0.3, 30)
+    session.until(lambda: session.shows("VFR_HUD", lambda m: m.groundspeed < 0.3), 30)
     found["paused"] = session.latest("MISSION_CURRENT").mission_state
     found["continue"] = session.command(193, 1)
     session.until(lambda: not session.armed(), 300)
@@ -257,10 +267,10 @@ def fly(session: Session) -> dict[str, Any]:
     session.heard.clear()
     session.until(lambda: any(m.get_type() == "HEARTBEAT" for m in session.heard), 5)
     guided = [session.command(176, 1, 4), session.command(400, 1), session.command(22, 0, 0, 0, 0, 0, 0, 10)]
-    session.until(lambda: session.latest("GLOBAL_POSITION_INT").relative_alt > 9500, 60)
+    session.until(lambda: session.shows("GLOBAL_POSITION_INT", lambda m: m.relative_alt > 9500), 60)
     place = (1, 1, 6, 192, 0, 0, -1.0, 1.0, 0.0, 0.0, 526795500, 59240000, 12.0)
     session.send(dialect.MAVLink_command_int_message(*place))
-    session.until(lambda: session.latest("GLOBAL_POSITION_INT").lat > 526795300, 60)
+    session.until(lambda: session.shows("GLOBAL_POSITION_INT", lambda m: m.lat > 526795300), 60)
     found["guided"] = [*guided, session.command(178, 1, 3), session.command(176, 1, 17), session.command(20)]
     session.until(lambda: not session.armed(), 150)
     found["rally at"] = session.place()

@@ -25,10 +25,10 @@ from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Reason
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.emergency import Emergency, News
-from mavproxy_handover.core.safety.helm import Change, Helm
+from mavproxy_handover.core.safety.helm import GIVES_BACK, Change, Helm
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.safety.sentence import Figures, over, sentence
-from mavproxy_handover.core.safety.strategy import OVERRULED, Decision, Situation
+from mavproxy_handover.core.safety.strategy import OVERRULE, OVERRULED, Decision, Situation
 from mavproxy_handover.core.safety.supervision import Seen, Supervision
 
 __all__ = ["Execution"]
@@ -95,6 +95,11 @@ class Execution:
             return None
         return told.cause if self._lookout.resuming or self._supervision.order is FlightAction.HOLD else None
 
+    @property
+    def _others_fly(self) -> bool:
+        """A pilot, or a failsafe of the autopilot: to go on is theirs to say."""
+        return not self._helm.facts().isdisjoint(OVERRULE)
+
     # ---- who flies ------------------------------------------------------------------------------------------------
 
     def mode_seen(self, event: ModeSeen, now: float, actions: list[Action]) -> None:
@@ -105,8 +110,15 @@ class Execution:
     def hand_seen(self, event: HandSeen, now: float, actions: list[Action]) -> None:
         """Somebody has, or may have, chosen the mode."""
         self._changed(self._helm.heard(event, now), now, actions)
-        if event.hand is Hand.COMMANDER and self._supervision.commanded() is FlightAction.HOLD:
+        if event.hand is not Hand.COMMANDER:
+            return
+        ended = self._supervision.commanded()
+        if ended is FlightAction.HOLD:
             self._emergency.overrule(self._lookout.facts(now))
+        if ended is not None:
+            self._lookout.others_word()
+            if event.flown in GIVES_BACK and event.flown is self._helm.flown and not self._helm.piloted:
+                self._supervision.sent_on(now)
 
     def settle(self, now: float, actions: list[Action]) -> None:
         """Time has passed: what was in doubt is not any more."""
@@ -118,7 +130,10 @@ class Execution:
         who = {Change.COMMANDER: self._authority.name(self._authority.owner)}.get(change)
         text = f"{self._helm.name}: {change.value}" if who is None else f"{self._helm.name}: chosen by {who}"
         actions.append(Record("helm", text))
-        ended = self._supervision.taken(_TAKES[change]) if change in _TAKES else None
+        ended = None
+        if change in _TAKES:
+            ended = self._supervision.taken(_TAKES[change])
+            self._lookout.others_word()
         told = self._emergency.told
         if change is Change.PILOT:
             behind = "" if ended is None else f"; {ended.name} is not commanded any more"
@@ -128,7 +143,8 @@ class Execution:
         elif ended is not None:
             text = f"{text}; {ended.name} is not commanded any more"
             self._tell(text, FlightAction.WARN, told, actions)
-        if change is Change.COMMANDER and (ended is not None or (told is not None and told.action in OVERRULED)):
+        waits = told is not None and (told.action in OVERRULED or told.withheld in OVERRULE)
+        if change is Change.COMMANDER and (ended is not None or waits):
             self._emergency.overrule(self._lookout.facts(now))
 
     # ---- what was decided -----------------------------------------------------------------------------------------
@@ -145,7 +161,9 @@ class Execution:
         if self._flight.rehearsing:
             return
         stands = self._supervision.stands and self._helm.flown not in _COMES_HOME
-        if news.resumes or (news.mends and stands):
+        if (news.resumes or (news.mends and stands)) and self._others_fly:
+            self._supervision.over()
+        elif news.resumes or (news.mends and stands):
             self._supervision.go_on(now)
             self._fly(FlightAction.CONTINUE, news.reason, now, actions)
         elif decision is not None and not news.warning and not news.continues:

@@ -127,6 +127,11 @@ class Lookout:
         elif news.mends or not stands:
             self.held_at = -inf
 
+    def others_word(self) -> None:
+        """Somebody else has said how it flies: whether it stands now is not by an order, and whatever time it had to
+        stand is over."""
+        self.held_at = -inf
+
     def look_around(self, gap: GapFact | None, now: float) -> None:
         """A position has come: what does coverage look like from there? `gap`: that the mission declares there."""
         if self._flight.flying:

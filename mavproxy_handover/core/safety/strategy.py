@@ -208,8 +208,13 @@ class Strategy:
         self.overruled: frozenset[tuple[Cause, FlightAction]] = frozenset()
 
     def overrule(self, causes: Set[Cause], facts: Situation) -> None:
-        """The commander has the aircraft fly otherwise than ordered, with these causes and facts."""
-        self.overruled = frozenset((cause, _asked(cause, self.policies[cause], facts)) for cause in causes)
+        """The commander has the aircraft fly otherwise than ordered, with these causes and facts.
+
+        What asked for a hold comes to nothing graver by itself: that it can hold no more is no reason to turn back.
+        """
+        asked = ((cause, _asked(cause, self.policies[cause], facts)) for cause in causes)
+        gravest = {FlightAction.HOLD: FlightAction.LAND}
+        self.overruled = frozenset((cause, gravest.get(action, action)) for cause, action in asked)
         self.decision = self._lasts = None
 
     def judge(self, causes: Set[Cause], facts: Situation) -> Decision | None:

@@ -208,8 +208,8 @@ class Supervision:
         """Somebody else has chosen the mode; returns the order that this has ended, None if none."""
         order, self.order = self.order, None
         self.stands = False
-        if hand is Hand.COMMANDER:
-            order, self._interrupted = order or self._interrupted, None
+        if hand is Hand.COMMANDER:  # what it could not do then it may be able to do where he flies it
+            order, self._interrupted, self.unable = order or self._interrupted, None, frozenset()
         elif order is not None and order not in _STANDING:  # a hold that may be again is a decision of its own
             self._interrupted = order
         return order
@@ -220,8 +220,14 @@ class Supervision:
         self.stands = False
         if self.order not in _STANDING:
             return None
-        order, self.order = self.order, None
+        order, self.order, self.unable = self.order, None, frozenset()
         return order
+
+    def sent_on(self, now: float) -> None:
+        """The commander has what stood by an order fly on: watched until it does, as a mode that it is in already ends
+        no pause of ArduCopter."""
+        self.stands = True
+        self._begin(FlightAction.CONTINUE, 1, now)
 
     # ---- what is seen ---------------------------------------------------------------------------------------------
 

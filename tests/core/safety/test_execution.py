@@ -693,9 +693,64 @@ def test_whose_return_is_flown_flies_it() -> None:
 def test_who_is_told_to_stand_by_the_commander_is_not_told_to_go_on_again() -> None:
     bench = standing(aloft())
     taken_by_b(bench)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(HandSeen(Hand.COMMANDER, Flown.STOP))
     bench.run(60.0)
     assert bench.flights() == [HOLD, GO_ON]
+
+
+def test_whom_the_commander_sends_on_goes_on_though_his_command_changes_nothing() -> None:
+    """AUTO within AUTO ends no pause of ArduCopter: nobody held it any more, and it stood for ever."""
+    bench = standing(aloft())
+    bench.run(3.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.run(5.5)
+    assert bench.flights() == [HOLD]
+    bench.run(1.0)
+    assert [fly.action for fly in bench.flights()] == [FlightAction.HOLD, FlightAction.CONTINUE]
+    bench.motion = MotionSeen(8.0, 0.0, 300.0)
+    bench.run(120.0)
+    assert [fly.action for fly in bench.flights()] == [FlightAction.HOLD, FlightAction.CONTINUE]
+
+
+def test_a_hold_that_the_commander_overruled_is_not_followed_by_a_return() -> None:
+    """It came when the time of that hold was over, when the border was crossed, and when no position came for 2 s."""
+    bench = standing(aloft(Limits(hold_s=20.0)))
+    bench.run(5.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.motion = MotionSeen(8.0, 0.0, 300.0)
+    bench.run(60.0)
+    assert bench.flights() == [HOLD]
+    facts, bench.facts = bench.facts, None
+    bench.run(2.6)
+    bench.facts = facts
+    bench.run(3.0)
+    assert bench.flights() == [HOLD]
+
+
+def test_what_the_autopilot_did_not_follow_counts_no_more_behind_the_commanders_word() -> None:
+    """The next cause landed it where it was, though it was elsewhere and could return."""
+    bench = aloft()
+    supervision = bench.arbiter._lookout.supervision
+    supervision.ordered(FlightAction.RETURN, bench.now)
+    supervision.unable = frozenset({FlightAction.RETURN})
+    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.give(ModeSeen(Flown.GUIDED, "GUIDED", False, False))
+    assert supervision.unable == frozenset()
+
+
+def test_what_a_pilot_held_back_the_commander_can_overrule_at_once() -> None:
+    """He was obeyed at the second time of asking: the return that a failsafe held back came at his first word."""
+    bench = aloft()
+    bench.mode = RTL
+    bench.give(HandSeen(Hand.FAILSAFE))
+    bench.run(2.0)
+    bench.give(SignsSeen(energy=True))
+    bench.run(10.0)
+    assert bench.flights() == []
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.mode = AUTO
+    bench.run(10.0)
+    assert bench.flights() == []
 
 
 def test_a_return_out_of_a_hold_that_is_given_up_is_followed_by_a_landing() -> None:

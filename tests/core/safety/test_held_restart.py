@@ -350,7 +350,7 @@ def test_what_is_held_no_more_behind_a_restart_is_told_until_it_goes_on() -> Non
 def test_what_its_commander_has_stopped_stands_by_that_word_behind_a_restart_too() -> None:
     bench = standing(aloft())
     taken_by_b(bench)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.give(HandSeen(Hand.COMMANDER, Flown.STOP))
     bench.log.clear()
     bench.restart()
     bench.run(20.0)
