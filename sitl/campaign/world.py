@@ -473,9 +473,9 @@ class World:
             self._refused(ruling, self._sends_on, now)
             return
         self.log.obeyed.append((now, sysid, True))
-        self.tell(events.HandSeen(Hand.COMMANDER, Flown.MISSION), now)
         if not self.failsafes.no_position:
             aircraft.resume("commander", now)
+        self.tell(events.HandSeen(Hand.COMMANDER, Flown.MISSION), now)
 
     def _begin_start(self, now: int) -> None:
         self.plan_at(now + _START_TAKES, self._take_off)

@@ -12,6 +12,7 @@ from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.kinds import COPTER, PLANE, VEHICLES, Vehicle
 from mavproxy_handover.core.events import HandSeen
 from mavproxy_handover.core.model import Flown, Hand, Kind
+from mavproxy_handover.wire.frames import parse_one
 
 #: ArduPlane's mode.h
 PLANE_MODES = {
@@ -205,3 +206,12 @@ def test_a_copters_words_are_read_as_before() -> None:
     assert hands.of_text("GCS Failsafe") == HandSeen(Hand.FAILSAFE)
     assert hands.of_text("GCS Failsafe Cleared") is None
     assert hands.of_text("Battery 1 is low 10.40V used 1200 mAh", COPTER) is None
+
+
+@pytest.mark.parametrize(("pauses", "flown"), [(0.0, Flown.STOP), (1.0, Flown.MISSION)])
+def test_a_commanders_stop_is_told_from_his_going_on(pauses: float, flown: Flown) -> None:
+    command = mavlink.MAVLink_command_long_message(1, 1, 193, 0, pauses, 0, 0, 0, 0, 0, 0)
+    raw = bytes(command.pack(mavlink.MAVLink(None, srcSystem=251, srcComponent=190)))
+    frame = parse_one(raw)
+    assert frame is not None
+    assert hands.of_command(frame) == HandSeen(Hand.COMMANDER, flown)

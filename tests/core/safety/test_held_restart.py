@@ -255,6 +255,23 @@ def moves(bench: Bench) -> None:
     assert bench.flights() == ordered
 
 
+def test_a_pilot_who_took_it_during_a_restart_is_not_told_to_go_on() -> None:
+    """His transmitter lives; the commit that would have ended the hold came under his hands."""
+    bench = aloft(Limits(hold_s=60.0), ModeSeen(Flown.MISSION, "AUTO", radio=True))
+    bench.position(ends(4.0, A, B), outside(B))
+    bench.motion, bench.facts = MotionSeen(0.0, 0.0, 300.0), (inside(A), outside(B))
+    bench.run(8.0)
+    assert bench.flights() == [HOLD]
+    bench.restart()
+    bench.log.clear()
+    bench.mode, bench.motion = ModeSeen(Flown.HANDS, "LOITER", radio=True), MotionSeen(4.0, 0.0, 300.0)
+    bench.run(5.0)
+    bench.facts = (inside(A), inside(B))
+    taken_by_b(bench)
+    bench.run(60.0)
+    assert bench.flights() == []
+
+
 def ordered_home() -> Bench:
     """Held, and ordered home where the autopilot hears nothing any more: it stands."""
     bench = standing(aloft(Limits(hold_s=4.0)))
