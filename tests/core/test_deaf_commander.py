@@ -42,6 +42,17 @@ def lost_at(bench: Bench) -> list[float]:
     return [at for at, action in bench.log if getattr(action, "event", "") == "authority_lost"]
 
 
+def lost_beside_b() -> tuple[Bench, TransferKey]:
+    """GCSA is lost where GCSB could take the aircraft, and that has been asked by force."""
+    bench = deafened(None, B)
+    bench.facts = (inside(A), inside(B))
+    while not lost_at(bench):
+        bench.run(0.5)
+    view = bench.arbiter.view
+    assert view.partner == B
+    return bench, TransferKey(A, B, view.handover_id, view.epoch)
+
+
 def test_it_is_lost_when_it_has_not_answered_for_so_long() -> None:
     bench = deafened()
     begun = bench.now
@@ -64,13 +75,7 @@ def test_with_nobody_else_the_aircraft_comes_home_and_says_why() -> None:
 
 
 def test_another_station_takes_it_by_its_own_word() -> None:
-    bench = deafened(None, B)
-    bench.facts = (inside(A), inside(B))
-    while not lost_at(bench):
-        bench.run(0.5)
-    view = bench.arbiter.view
-    assert view.partner == B
-    key = TransferKey(A, B, view.handover_id, view.epoch)
+    bench, key = lost_beside_b()
     bench.say(B, OnHandover(key))
     bench.say(B, DroneConnected(key))
     assert bench.arbiter.view.commander == B
@@ -110,13 +115,7 @@ def test_silent_and_back_it_is_back_when_it_answers() -> None:
 
 
 def test_of_one_that_is_lost_no_denial_ends_a_forced_transfer() -> None:
-    bench = deafened(None, B)
-    bench.facts = (inside(A), inside(B))
-    while not lost_at(bench):
-        bench.run(0.5)
-    view = bench.arbiter.view
-    assert view.partner == B
-    key = TransferKey(A, B, view.handover_id, view.epoch)
+    bench, key = lost_beside_b()
     bench.say(A, OkHandover(key, Consent.DENIED))
     bench.say(B, OnHandover(key))
     bench.say(B, DroneConnected(key))
