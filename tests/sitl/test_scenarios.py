@@ -65,6 +65,7 @@ PROMISED = {
         "hold-at-border",
         "hold-then-home",
         "held-restart",
+        "hold-overruled",
     ),
     *("off-route", "planned-gap", "rally-choice", "rally-choice-guard", "battery-land"),
     *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
