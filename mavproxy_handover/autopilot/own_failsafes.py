@@ -28,8 +28,21 @@ from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import legs_of
 
-__all__ = ["COPTERS", "EVERY", "NAMES", "PLANE_NAMES", "RULES", "WINGED", "PlanFacts", "circles_for_ever", "plan_facts"]
+__all__ = [
+    "BELOW_CEILING_M",
+    "COPTERS",
+    "EVERY",
+    "NAMES",
+    "PLANE_NAMES",
+    "RULES",
+    "WINGED",
+    "PlanFacts",
+    "circles_for_ever",
+    "plan_facts",
+]
 
+#: how far below a ceiling the companion keeps the return of an ArduPlane (m)
+BELOW_CEILING_M: Final = 10.0
 #: what is read for these rules; of two names in a row a firmware has one
 NAMES: Final = (
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
@@ -191,7 +204,7 @@ def _approach(p: Parameters, plan: PlanFacts | None) -> str | None:
     return_m, most_m = p.get("RTL_ALTITUDE", p.get("ALT_HOLD_RTL", 0.0) / 100.0), p.get("FENCE_ALT_MAX", 0.0)
     if not _fence_on(p, _CEILING) or "Q_RTL_ALT" not in p:
         return None
-    listed_m = min(return_m, most_m - 10.0)
+    listed_m = min(return_m, most_m - BELOW_CEILING_M)
     height_m = listed_m + max(0.0, return_m - p["Q_RTL_ALT"])
     if height_m <= most_m:
         return None

@@ -31,6 +31,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.orders import Orders
+from mavproxy_handover.autopilot.own_failsafes import BELOW_CEILING_M
 from mavproxy_handover.autopilot.preflight import reading
 from mavproxy_handover.autopilot.rally import RallyKeeper, alike
 from mavproxy_handover.autopilot.rally_list import RallyList
@@ -72,8 +73,6 @@ _NAMES: Final = (
     *_RETURN_ALTS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
 )  # fmt: skip
 _CEILING, _CIRCLE = 1, 2
-#: how far below a ceiling the return of an ArduPlane stays (m)
-_BELOW_M: Final = 10.0
 _HOME: Final = "home"
 _FOUND: Final = "place found in the list"
 #: names of conversations
@@ -169,7 +168,7 @@ class PlaceWatch:
         if self._aircraft.kind.winged:
             ceiling_m = _fence_limits(self._parameters).ceiling_m
             return_m = self._return_alt_m()
-            alt_m = max(alt_m, return_m if ceiling_m is None else min(return_m, ceiling_m - _BELOW_M))
+            alt_m = max(alt_m, return_m if ceiling_m is None else min(return_m, ceiling_m - BELOW_CEILING_M))
         return RallyPoint(place.lat_deg, place.lon_deg, float(int(alt_m)))
 
     def _replaced(self, points: tuple[RallyPoint, ...], station: str, now: float) -> None:

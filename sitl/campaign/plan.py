@@ -9,9 +9,9 @@ zones, in most of them behind that as well, and half of these missions declare i
 asked. The energy of the battery is enough for the mission with the reserve, and little more; what flying costs, and
 what the battery says, is not quite what is believed of it.
 
-A flight aims at two causes. From seed `HARD` on, at two or three pairs of them: a thousand such flights find what fifty
-thousand others find, and more than the rules promise (a failsafe of the autopilot that flies home what cannot get there
-is not overruled), so they are for looking for faults, and no measure of safety.
+A flight aims at two causes. From seed `HARD` on, at two or three pairs of them: such flights find faults sooner, and
+more than the rules promise (a failsafe of the autopilot that flies home what cannot get there is not overruled), so
+they are for looking for faults, and no measure of safety.
 """
 
 from __future__ import annotations
