@@ -42,8 +42,8 @@ from sitl.bench.results import Measurement
 from sitl.bench.rig import key_file, key_for, toml
 from sitl.bench.talker import TalkingStation
 from sitl.bench.traffic import Place
-from sitl.run.ports import PortPicker
 from sitl.run.processes import Child, Processes
+from sitl.vehicles.ports import PortPicker
 
 __all__ = ["Plan", "Tour", "measure"]
 
@@ -375,11 +375,16 @@ class _Bench:
         return path
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
+        """Raises BenchError, with what the station said last, if that takes too long."""
+
         def checked() -> bool:
             self.check()
             return condition()
 
-        self.loop.run_until(checked, _LIMIT_START_S, what)
+        try:
+            self.loop.run_until(checked, _LIMIT_START_S, what)
+        except BenchError as late:
+            raise BenchError(f"{late}; the station's last words: {' | '.join(self.child.console()[-5:])}") from late
 
     def check(self) -> None:
         """Raises BenchError if the station has ended, something broke inside a vehicle's module, or a station refused

@@ -21,9 +21,9 @@ from sitl.bench.rig import toml
 from sitl.bench.shuttle import A, B, Shuttle, write_files
 from sitl.bench.traffic import Place
 from sitl.run.bad_links import LinkPlan
-from sitl.run.ports import PortPicker
 from sitl.run.processes import Child, Processes
 from sitl.script.weather import Weather
+from sitl.vehicles.ports import PortPicker
 
 __all__ = ["Flight"]
 

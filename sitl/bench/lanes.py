@@ -27,8 +27,8 @@ from sitl.bench.loop import BenchError, Loop, Timer
 from sitl.bench.shuttle import A, B, Shuttle, Wires, write_files
 from sitl.bench.traffic import VEHICLE, Place
 from sitl.run.bad_links import BadLinks, LinkPlan
-from sitl.run.ports import PortPicker
 from sitl.script.weather import Weather
+from sitl.vehicles.ports import PortPicker
 
 __all__ = ["Lane", "link_plans"]
 

@@ -44,8 +44,8 @@ from typing import Any, Final
 
 from sitl.run.ending import Orders
 from sitl.run.impairment import Impairment
-from sitl.run.ports import LOOPBACK
 from sitl.script.weather import Weather, WeatherError
+from sitl.vehicles.ports import LOOPBACK
 
 try:
     import tomllib

@@ -39,8 +39,8 @@ from typing import Any, Final
 
 from sitl.run.ending import Orders
 from sitl.run.noise import LineNoise
-from sitl.run.ports import LOOPBACK
 from sitl.script.weather import NoiseLevel
+from sitl.vehicles.ports import LOOPBACK
 
 try:
     import tomllib

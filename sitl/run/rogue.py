@@ -48,7 +48,7 @@ from typing import Any, TextIO
 from pymavlink.dialects.v20 import handover as mavlink
 
 from sitl.run.ending import Orders
-from sitl.run.ports import LOOPBACK
+from sitl.vehicles.ports import LOOPBACK
 
 try:
     import tomllib

@@ -30,11 +30,11 @@ from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.package import MissionPackage, StationEntry
 from mavproxy_handover.store.keys import key_path, write_key
 from sitl.run.fleet import FIRST, Craft, first_of
-from sitl.run.ports import LOOPBACK, PortPicker
 from sitl.run.slow_disk import on_slow_disk
 from sitl.script.places import mission_folder
 from sitl.script.scenario import AUTOPILOT, Scenario
 from sitl.script.weather import Weather
+from sitl.vehicles.ports import LOOPBACK, PortPicker
 
 __all__ = [
     "BOX",

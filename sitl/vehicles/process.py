@@ -13,7 +13,6 @@ from __future__ import annotations
 import atexit
 import os
 import shutil
-import socket
 import subprocess
 import time
 from collections.abc import Mapping
@@ -25,6 +24,7 @@ from mavproxy_handover.resources import DEPLOY
 from sitl.vehicles import arducopter, arduplane
 from sitl.vehicles.builtin import launcher
 from sitl.vehicles.parent_death import die_with_parent
+from sitl.vehicles.ports import PortPicker
 from sitl.vehicles.spec import Command, LaunchError, VehicleSpec
 
 __all__ = ["BASE_PARAMETERS", "KINDS", "RunningVehicle", "flies", "launch"]
@@ -118,7 +118,8 @@ def launch(kind: str, spec: VehicleSpec, directory: Path) -> RunningVehicle:
     directory = directory.resolve()
     directory.mkdir(parents=True, exist_ok=True)
     _install_scripts(spec, directory)
-    ports = dict(zip(_SERIALS, _free_ports(len(_SERIALS)), strict=True))
+    picker = PortPicker()
+    ports = {serial: picker.tcp() for serial in _SERIALS}
     arguments, environment = _KINDS[kind].command(spec, ports, _parameter_files(kind, spec, directory))
     log_path = directory / LOG_NAME
     with log_path.open("wb") as log:
@@ -163,17 +164,6 @@ def _parameter_files(kind: str, spec: VehicleSpec, directory: Path) -> list[Path
         )
         copies.append(overrides)
     return copies
-
-
-def _free_ports(count: int) -> list[int]:
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_STREAM) for _ in range(count)]
-    try:
-        for sock in sockets:
-            sock.bind(("127.0.0.1", 0))
-        return [sock.getsockname()[1] for sock in sockets]
-    finally:
-        for sock in sockets:
-            sock.close()
 
 
 def _wait_for_ports(vehicle: RunningVehicle) -> None:

@@ -28,6 +28,7 @@ from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.keys import write_key
 from mavproxy_handover.wire.frames import FrameSplitter
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
+from sitl.vehicles.ports import PortPicker
 
 PACKAGES = ("MAVProxy", "future", "pymavlink", "pyserial", "shapely", "tomli")
 #: whom the service runs as, where a test may give files away
@@ -37,9 +38,8 @@ KEYS = {"GCSA": b"A" * 32, "GCSB": b"B" * 32}
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as end:
-        end.bind(("127.0.0.1", 0))
-        return int(end.getsockname()[1])
+    picker = PortPicker()
+    return picker.udp() if kind is socket.SOCK_DGRAM else picker.tcp()
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import select
-import socket
 import time
 from collections.abc import Callable
 from typing import Any
@@ -14,6 +13,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.link.base import Device, LinkCounters
 from mavproxy_handover.wire.frames import Frame, parse_one
+from sitl.vehicles.ports import PortPicker
 
 STATION, STATION_COMPONENT = 251, 190
 
@@ -122,6 +122,4 @@ def read_frames(device: Device, count: int, timeout_s: float = 10.0) -> list[Fra
 
 def free_udp_port() -> int:
     """A port of 127.0.0.1 that nobody has now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
+    return PortPicker().udp()

@@ -11,7 +11,6 @@ import os
 import re
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -21,7 +20,7 @@ import pytest
 from markdown_it import MarkdownIt
 
 from mavproxy_handover import cli
-from tests.link.frames import free_udp_port
+from sitl.vehicles.ports import PortPicker
 
 ROOT = Path(__file__).resolve().parents[2]
 #: first words of what is started and goes on, in the order of the pages
@@ -45,7 +44,8 @@ def test_four_terminals_are_a_vehicle_a_companion_and_two_stations(page: str, tm
     assert len(lines) == 4
     folder = tmp_path / "handover-demo"
     assert cli.main(["init", "demo", str(folder)]) == 0
-    ports = {5762: _free_tcp_port(), **{port: free_udp_port() for port in (14551, 14552, 15551, 15552)}}
+    picker = PortPicker()
+    ports = {5762: picker.tcp(), **{port: picker.udp() for port in (14551, 14552, 15551, 15552)}}
 
     def moved(text: str) -> str:
         return re.sub(r"\b(5762|14551|14552|15551|15552)\b", lambda port: str(ports[int(port[1])]), text)
@@ -84,11 +84,6 @@ def test_four_terminals_are_a_vehicle_a_companion_and_two_stations(page: str, tm
             program.wait(10)
             if program.stdin is not None:
                 program.stdin.close()
-
-
-def _free_tcp_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
 
 
 def _wait(output: Path, text: str, programs: list[subprocess.Popen[bytes]]) -> None:

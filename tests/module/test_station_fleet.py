@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import socket
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -26,6 +25,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.keys import key_of, write_key
 from mavproxy_handover.wire.ids import PROBE_COMPID
 from mavproxy_handover.wire.package_transfer import PackageSender
+from sitl.vehicles.ports import PortPicker
 from tests.module.conftest import MISSIONS, Clock
 from tests.module.proxy import Master, MPState
 from tests.module.test_station_module import START, Peer, heartbeat
@@ -44,9 +44,7 @@ class Fleet:
         self.mpstate.connect(*self.links.values())
         self.mpstate.settings.target_system = 1
         self.peer = Peer()
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            self.listens: int = free.getsockname()[1]
+        self.listens = PortPicker().udp()
         self.config = folder / "station.toml"
         self.configure()
         self.module: Any = None

@@ -23,6 +23,7 @@ from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender
+from sitl.vehicles.ports import PortPicker
 from tests.module.conftest import MISSIONS, Clock
 from tests.module.proxy import MPState
 from tests.module.vehicle import frames
@@ -57,9 +58,7 @@ class StationBench:
         self.clock, self.folder = clock, folder
         self.mpstate = MPState()
         self.peer = Peer()
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            self.listens: int = free.getsockname()[1]
+        self.listens = PortPicker().udp()
         self.config = folder / "station.toml"
         self.configure()
         self.module: Any = None

@@ -17,9 +17,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from mavproxy_handover.link.box_line import BoxLine, Fix
 from mavproxy_handover.mission.geodesy import distance_m
 from sitl.run.data_box import DataBox
-from sitl.run.ports import PortPicker
 from sitl.script.box_orders import parse_order
 from sitl.vehicles import VehicleSpec, launch
+from sitl.vehicles.ports import PortPicker
 
 HOME = (52.679, 5.924)
 

@@ -16,8 +16,8 @@ import pytest
 
 from sitl.run.bad_links import BadLinks, LinkPlan, load_plans, main
 from sitl.run.impairment import Impairment
-from sitl.run.ports import LOOPBACK, PortPicker
 from sitl.script.weather import Weather, WeatherError
+from sitl.vehicles.ports import LOOPBACK, PortPicker
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -18,12 +18,12 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.wire.package_transfer import PackageReceiver
-from sitl.run.ports import LOOPBACK, PortPicker
 from sitl.run.processes import Child, Processes
 from sitl.run.proxy import give_orders
 from sitl.run.rogue import repertoire
 from sitl.script.places import mission_folder
 from sitl.script.steps import StepFailed
+from sitl.vehicles.ports import LOOPBACK, PortPicker
 
 pytestmark = pytest.mark.process
 

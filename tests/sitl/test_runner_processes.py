@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -14,8 +15,8 @@ from pathlib import Path
 import pytest
 
 import sitl
-from sitl.run.ports import PortPicker
 from sitl.run.processes import Processes, ProcessGone, ending
+from sitl.vehicles import ports
 
 pytestmark = pytest.mark.process
 
@@ -165,7 +166,27 @@ def test_endings_are_told_in_words() -> None:
     assert ending(3) == "ended with 3"
 
 
+def _eighty() -> list[int]:
+    picker = ports.PortPicker()
+    return [picker.udp() for _ in range(40)] + [picker.tcp() for _ in range(40)]
+
+
 def test_no_port_is_handed_out_twice() -> None:
-    picker = PortPicker()
-    ports = [picker.udp() for _ in range(40)] + [picker.tcp() for _ in range(40)]
-    assert len(set(ports)) == 80
+    assert len(set(_eighty())) == 80
+
+
+def test_a_port_is_none_that_the_system_gives_to_other_sockets() -> None:
+    """A station's ground port was once taken by somebody else's socket before the station bound it."""
+    assert all(1024 <= port < 32768 for port in _eighty())
+
+
+@pytest.mark.parametrize("kind", [socket.SOCK_DGRAM, socket.SOCK_STREAM])
+def test_a_port_in_use_is_not_handed_out(kind: socket.SocketKind, monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(socket.AF_INET, kind) as taken:
+        taken.bind((ports.LOOPBACK, 0))
+        port = taken.getsockname()[1]
+        monkeypatch.setattr(ports, "PORTS", range(port, port + 1))
+        picker = ports.PortPicker()
+        pick = picker.udp if kind is socket.SOCK_DGRAM else picker.tcp
+        with pytest.raises(OSError, match=f"no free port on 127.0.0.1 from {port} to {port}"):
+            pick()

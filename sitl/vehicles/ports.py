@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Free ports on loopback, never fixed numbers: several simulations may run on one machine.
+
+A port is free at the moment it is handed out, and one picker never hands out the same number twice, neither for UDP
+nor for TCP. Whoever gets it binds it a moment later. The numbers are none of those that a system gives to sockets
+which name none, so nothing but another picker can take one in between, and pickers start at random places.
+"""
+
+from __future__ import annotations
+
+import socket
+from itertools import cycle
+from random import randrange
+from typing import Final
+
+__all__ = ["PORTS", "PortPicker"]
+
+LOOPBACK = "127.0.0.1"
+#: What is handed out. Linux gives 32768 and above to sockets that name no port, other systems 49152 and above.
+PORTS: Final = range(20000, 32768)
+
+
+class PortPicker:
+    """Hands out ports for one simulation."""
+
+    def __init__(self) -> None:
+        start = randrange(len(PORTS))
+        self._next = cycle((*PORTS[start:], *PORTS[:start]))
+        self._given: set[int] = set()
+
+    def udp(self) -> int:
+        """A free UDP port of 127.0.0.1. Raises OSError when there is none."""
+        return self._pick(socket.SOCK_DGRAM)
+
+    def tcp(self) -> int:
+        """A free TCP port of 127.0.0.1. Raises OSError when there is none."""
+        return self._pick(socket.SOCK_STREAM)
+
+    def _pick(self, kind: socket.SocketKind) -> int:
+        for _ in PORTS:
+            port = next(self._next)
+            if port not in self._given and _is_free(port, kind):
+                self._given.add(port)
+                return port
+        raise OSError(f"no free port on {LOOPBACK} from {PORTS.start} to {PORTS.stop - 1}")
+
+
+def _is_free(port: int, kind: socket.SocketKind) -> bool:
+    with socket.socket(socket.AF_INET, kind) as sock:
+        try:
+            sock.bind((LOOPBACK, port))
+        except OSError:
+            return False
+    return True
