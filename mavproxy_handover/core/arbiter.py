@@ -144,6 +144,7 @@ class Arbiter:
                 self._emergency.resume()
             elif restored.held_for is not None:
                 self._emergency.resume_hold(restored.held_for)
+                self._execution.resume_hold(restored.held_for)
                 since, certain = restored.held_since, restored.proven
                 self._lookout.resume(restored.held_for, since, self._authority.owner, certain=certain)
             if restored.stands and restored.held_for is None:

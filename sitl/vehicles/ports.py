@@ -10,6 +10,7 @@ which name none, so nothing but another picker can take one in between, and pick
 from __future__ import annotations
 
 import socket
+from collections.abc import Iterator
 from itertools import cycle
 from random import randrange
 from typing import Final
@@ -26,7 +27,7 @@ class PortPicker:
 
     def __init__(self) -> None:
         start = randrange(len(PORTS))
-        self._next = cycle((*PORTS[start:], *PORTS[:start]))
+        self._next: Iterator[int] = cycle((*PORTS[start:], *PORTS[:start]))
         self._given: set[int] = set()
 
     def udp(self) -> int:

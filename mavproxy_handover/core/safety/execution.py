@@ -55,6 +55,7 @@ class Execution:
         "_emergency",
         "_figures",
         "_flight",
+        "_hold_cause",
         "_lookout",
         "_tells_at",
         "_told_place",
@@ -73,6 +74,8 @@ class Execution:
         self._lookout = lookout
         self._emergency = emergency
         self._figures = Figures(authority, flight, candidates)
+        #: for what it is held, whatever keeps that from being commanded; nobody has taken it since
+        self._hold_cause: Cause | None = None
         #: when it was told last that something is commanded again
         self._again_at = -inf
         #: since when a return is to be told, with the next event; None: none is. And where the last one was told to go
@@ -89,11 +92,18 @@ class Execution:
 
     @property
     def held_for(self) -> Cause | None:
-        """For what the aircraft stands still by the order in force; None: it does not."""
+        """For what the aircraft stands still by the order in force; None: it does not.
+
+        That stays in force while the autopilot is not heard, though no more than a warning is told then.
+        """
         told = self._emergency.told
-        if told is None or told.action is not FlightAction.HOLD:
+        if told is None or told.action > FlightAction.HOLD:
             return None
-        return told.cause if self._lookout.resuming or self._supervision.order is FlightAction.HOLD else None
+        return self._hold_cause if self._lookout.resuming or self._supervision.order is FlightAction.HOLD else None
+
+    def resume_hold(self, cause: Cause) -> None:
+        """It was held for that when the run before ended."""
+        self._hold_cause = cause
 
     @property
     def _others_fly(self) -> bool:
@@ -112,9 +122,10 @@ class Execution:
         self._changed(self._helm.heard(event, now), now, actions)
         if event.hand is not Hand.COMMANDER:
             return
+        self._hold_cause = None
         ended = self._supervision.commanded()
         if ended is FlightAction.HOLD:
-            self._emergency.overrule(self._lookout.facts(now))
+            self._overrule(now)
         if ended is not None:
             self._lookout.others_word()
             if event.flown in GIVES_BACK and event.flown is self._helm.flown and not self._helm.piloted:
@@ -132,7 +143,7 @@ class Execution:
         actions.append(Record("helm", text))
         ended = None
         if change in _TAKES:
-            ended = self._supervision.taken(_TAKES[change])
+            ended, self._hold_cause = self._supervision.taken(_TAKES[change]), None
             self._lookout.others_word()
         told = self._emergency.told
         if change is Change.PILOT:
@@ -145,7 +156,11 @@ class Execution:
             self._tell(text, FlightAction.WARN, told, actions)
         waits = told is not None and (told.action in OVERRULED or told.withheld in OVERRULE)
         if change is Change.COMMANDER and (ended is not None or waits):
-            self._emergency.overrule(self._lookout.facts(now))
+            self._overrule(now)
+
+    def _overrule(self, now: float) -> None:
+        self._emergency.overrule(self._lookout.facts(now))
+        self._lookout.overruled()
 
     # ---- what was decided -----------------------------------------------------------------------------------------
 
@@ -167,6 +182,8 @@ class Execution:
             self._supervision.go_on(now)
             self._fly(FlightAction.CONTINUE, news.reason, now, actions)
         elif decision is not None and not news.warning and not news.continues:
+            if news.holds:
+                self._hold_cause = decision.cause
             self._supervision.ordered(decision.action, now)
             if not self._flown_already(decision.action):
                 self._fly(decision.action, news.reason, now, actions)

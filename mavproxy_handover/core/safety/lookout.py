@@ -10,9 +10,12 @@ thinks, a message is on its way), not behind the border. The transfer goes on me
 
 Where the last coverage ends ahead (`hold_lead_s`), the aircraft is to stop inside. It then stands still, which looks as
 if nothing ended: so that sign stays until another station has authority, or the flight is over. If its commander has it
-fly on in spite of it, that is the commander's word. Outside of the commander's zone nobody is held: who waits there for
-a partner is commanded from where no station should command. What has wings circles where it is held, and needs room for
-that: ahead (`circles_s`), and on both sides (`circle_m`).
+fly on in spite of it, that is the commander's word, and that border is his: the sign stays, and means nothing, until
+the aircraft has moved inside for a while with no end ahead. Behind that the next border is one again.
+
+Outside of the commander's zone nobody is held: who waits there for a partner is commanded from where no station should
+command. What has wings circles where it is held, and needs room for that: ahead (`circles_s`), and on both sides
+(`circle_m`).
 
 A gap that the mission declares is a fact (`gap.py`). Into one the aircraft flies on, and behind it that sign is gone.
 Weak links are no sign while one is crossed.
@@ -23,6 +26,9 @@ where it would: it is carried on or back, and coverage ends ahead only as long a
 An aircraft that was held when the companion died stands where it was told to: the next run holds it on, for what is
 left of the time (`resume`), or, where it was ordered home or to go on by then and did not, has it go on once nothing is
 wrong (`resume_standing`). Until it knows that the aircraft flies, and where, it counts as where it could be held.
+
+To stand still it takes a position. One that is late by less than the hold-off of its cause ends no hold, and of an
+autopilot that is not heard, or was not right before, there is none to be late.
 
 What the autopilot was commanded in vain (`supervision.py`) is none of the things that can be done: then it cannot hold,
 and no place can be reached.
@@ -40,7 +46,7 @@ from mavproxy_handover.core.events import PlaceJudged, SignsSeen
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, GapFact, GuardState, Reason
-from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.emergency import News
 from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.safety.helm import Helm
@@ -61,12 +67,15 @@ class Lookout:
     __slots__ = (
         "_around",
         "_authority",
+        "_blind_since",
         "_candidates",
         "_ended_for",
         "_flight",
+        "_free_since",
         "_held_long",
         "_in_gap",
         "_limits",
+        "_may_hold",
         "crossing",
         "held_at",
         "helm",
@@ -86,6 +95,11 @@ class Lookout:
         self._around: frozenset[Cause] = frozenset()
         #: the commander whose coverage came to its end; None if nobody's has
         self._ended_for: int | None = None
+        #: since when it has moved with no end ahead, behind the one that its commander has it pass; inf while it does
+        #: not, None where there is none
+        self._free_since: float | None = None
+        #: since when there has been no position; inf while there is one
+        self._blind_since = inf
         #: since when the aircraft is held for that; -inf if it is not
         self.held_at = -inf
         #: at the last look that was as long as it may be
@@ -103,6 +117,8 @@ class Lookout:
         self.seen: frozenset[Cause] = frozenset()
         #: gaps that the mission declares
         self.crossing = Crossing()
+        #: at the last look it could stand still
+        self._may_hold = False
         #: at the last look the aircraft was in one, and might fly on
         self._in_gap = False
 
@@ -132,6 +148,11 @@ class Lookout:
         stand is over."""
         self.held_at = -inf
 
+    def overruled(self) -> None:
+        """The commander has it fly on in spite of what is wrong: where coverage ends ahead by now is known to him."""
+        if self._ended_for is not None:
+            self._free_since = inf
+
     def look_around(self, gap: GapFact | None, now: float) -> None:
         """A position has come: what does coverage look like from there? `gap`: that the mission declares there."""
         if self._flight.flying:
@@ -153,11 +174,23 @@ class Lookout:
             links = self._candidates.links
             if links.weak(owner) and not links.better(owner, others, now) and self.crossing.since is None:
                 found.add(Cause.LINKS_WEAK)
-            if commanded and self._ends_ahead(owner, others, now):
+            ends_ahead = commanded and self._ends_ahead(owner, others, now)
+            if ends_ahead:
+                self._free_since = self._free_since if self._ended_for == owner else None
                 self._ended_for = owner
             elif self._flight.rehearsing and zones.holds(owner):
                 self._ended_for = None
+            if self._is_free(now, moves_inside=zones.holds(owner) and not ends_ahead and self.supervision.moves):
+                self._ended_for = self._free_since = None
         self._around = frozenset(found)
+
+    def _is_free(self, now: float, *, moves_inside: bool) -> bool:
+        """Whether it has left behind the border that its commander had it pass: for longer than a circle takes."""
+        if self._free_since is None or not moves_inside:
+            self._free_since = None if self._free_since is None else inf
+            return False
+        self._free_since = min(self._free_since, now)
+        return now >= self._free_since + self._limits.hold_lead_s + 2.0 * self._flight.circles_s
 
     def _ends_ahead(self, owner: int, others: Sequence[int], now: float) -> bool:
         """Whether the last coverage that counts ends ahead. `others`: who could take the aircraft here."""
@@ -208,7 +241,9 @@ class Lookout:
         if self._limits.guard_required and flight.guard(now) in _NO_WATCH:
             found.add(Cause.GUARD_LOST)
         # of an autopilot that is not heard there is nothing to say: its heartbeat may be back before its position is
-        if not flight.position_known(now) and flight.silent_on_position():
+        blind = not flight.position_known(now) and flight.silent_on_position()
+        self._blind_since = min(self._blind_since, now) if blind else inf
+        if blind:
             found.add(Cause.POSITION_STALE)
         if self.told.energy:
             found.add(Cause.ENERGY)
@@ -245,11 +280,18 @@ class Lookout:
             found.add(Fact.SUCCESSOR)
         self._held_long = self.held_at > -inf and now >= self.held_at + self._limits.hold_s
         covered = authority.owner is not None and self._candidates.zones.holds(authority.owner)
-        placed = self.resuming or (covered and flight.position_known(now))
+        placed = self.resuming or (covered and now < self._blind_until)
         may_hold = placed and FlightAction.HOLD not in unable
-        if may_hold and not authority.lost and not self._held_long:
+        self._may_hold = may_hold and not authority.lost and not self._held_long
+        if self._may_hold:
             found.add(Fact.MAY_HOLD)
         return frozenset(found)
+
+    @property
+    def _blind_until(self) -> float:
+        """Until when the last position is good enough to stand still by."""
+        cause = Cause.POSITION_STALE
+        return self._blind_since + self._limits.hold_off_s.get(cause, CAUSES[cause].hold_off_s)
 
     def may_cross(self, now: float) -> bool:
         """Whether the aircraft is in a gap that its mission declares, or right before it, with time left."""
@@ -278,6 +320,8 @@ class Lookout:
         times += [at for at in (self.helm.due_at(), self.supervision.due_at) if at is not None]
         if self._in_gap and gap_ends_at is not None:
             times.append(gap_ends_at)
+        if self._may_hold and self._blind_until < inf:
+            times.append(self._blind_until)
         if Cause.AUTOPILOT_LOST not in self.seen:
             times.append(flight.autopilot_lost_at())
         if Cause.GUARD_LOST not in self.seen and self._limits.guard_required:

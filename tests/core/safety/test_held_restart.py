@@ -385,3 +385,26 @@ def test_on_the_ground_nothing_is_told_to_go_on() -> None:
     bench.armed = bench.flying = True
     bench.run(5.0)
     assert bench.flights() == []
+
+
+def test_what_was_held_while_the_autopilot_was_not_heard_is_held_on() -> None:
+    """The fault: that it was held was not known over the restart, so it was told to go on, towards the border."""
+    bench = held()
+    bench.autopilot, bench.facts = False, None
+    bench.run(8.0)
+    assert bench.arbiter.snapshot().held_for is Cause.COVERAGE_ENDS
+    bench.restart()
+    bench.run(2.0)
+    bench.restart()
+    bench.autopilot, bench.facts = True, (inside(A), outside(B))
+    bench.run(5.0)
+    assert GO_ON not in bench.flights()
+    assert HOLD in bench.flights()
+
+
+def test_what_its_commander_has_sent_on_meanwhile_is_not() -> None:
+    bench = held()
+    bench.autopilot, bench.facts = False, None
+    bench.run(8.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    assert bench.arbiter.snapshot().held_for is None

@@ -564,3 +564,40 @@ def test_who_could_take_the_aircraft_is_the_commander_and_who_is_fit_to_be_partn
     bench.alive = set()
     bench.run(7.0)
     assert bench.arbiter.usable(bench.now) == frozenset()
+
+
+class TestAPositionThatIsLate:
+    def held(self) -> Bench:
+        bench = mission()
+        bench.position(ends(4.0), outside(B))
+        bench.facts = (inside(A), outside(B))
+        bench.run(5.0)
+        assert bench.flights() == [HOLD]
+        return bench
+
+    def test_by_less_than_the_hold_off_of_its_cause_it_ends_no_hold(self) -> None:
+        """The fault: 2 s without one were a return at once, and POSITION_STALE has a second more to be nothing."""
+        bench = self.held()
+        facts, bench.facts = bench.facts, None
+        bench.run(2.4)
+        bench.facts = facts
+        bench.run(10.0)
+        assert bench.flights() == [HOLD]
+
+    def test_by_more_it_is_brought_home_at_that_moment(self) -> None:
+        bench = self.held()
+        last = bench.now
+        bench.facts = None
+        bench.run(10.0)
+        assert bench.flights()[:2] == [HOLD, HOME]
+        assert next(at for at, action in bench.log if action == HOME) == pytest.approx(last + 3.0, abs=0.5)
+
+    def test_of_an_autopilot_that_is_heard_again_it_may_come_behind_its_heartbeat(self) -> None:
+        bench = self.held()
+        facts, bench.facts, bench.autopilot = bench.facts, None, False
+        bench.run(8.0)
+        bench.autopilot = True
+        bench.run(0.8)
+        bench.facts = facts
+        bench.run(5.0)
+        assert HOME not in bench.flights()

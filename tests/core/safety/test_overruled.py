@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, PlaceJudged, SignsSeen
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, Hand, Reason
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Reason
 from mavproxy_handover.core.safety.causes import Cause
 from tests.core.bench import A, B, Bench, inside, outside
 from tests.core.safety.test_execution import (
@@ -217,3 +217,85 @@ def test_and_what_the_autopilot_did_not_follow() -> None:
     bench.facts = (outside(A), outside(B))
     bench.run(3.0)
     assert [flight.reason for flight in bench.flights()] == [Reason.OUT_OF_COVERAGE]
+
+
+def passes_a_border() -> Bench:
+    """Held where coverage ends ahead, and sent on over that border by its commander."""
+    bench = aloft(Limits(hold_s=600.0))
+    bench.position(ends(4.0), outside(B))
+    bench.motion = replace(HOMEWARD, speed_mps=0.0)
+    bench.facts = (inside(A), outside(B))  # it stands: no end is in sight
+    bench.run(3.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.run(30.0)  # and stands there, by his word
+    assert bench.flights() == [HOLD]
+    return bench
+
+
+def test_the_border_that_it_is_sent_over_is_known_to_the_commander() -> None:
+    bench = passes_a_border()
+    bench.motion = HOMEWARD
+    bench.facts = (ends(4.0), outside(B))
+    bench.run(4.0)
+    assert bench.flights() == [HOLD]
+
+
+def test_a_later_border_of_the_same_commander_is_another_one() -> None:
+    """The fault: until another station had authority no border of its zone held the aircraft any more."""
+    bench = passes_a_border()
+    bench.motion = HOMEWARD
+    bench.facts = (ends(4.0), outside(B))
+    bench.run(2.0)
+    bench.facts = (inside(A), outside(B))  # it has turned away
+    bench.run(6.0)
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights() == [HOLD, HOLD]
+
+
+def test_who_turns_away_for_a_moment_has_the_same_border_ahead() -> None:
+    bench = passes_a_border()
+    bench.motion = HOMEWARD
+    for _ in range(4):
+        bench.facts = (inside(A), outside(B))
+        bench.run(4.0)
+        bench.facts = (ends(4.0), outside(B))
+        bench.run(1.0)
+    assert bench.flights() == [HOLD]
+
+
+def test_what_has_wings_turns_away_on_each_of_its_circles() -> None:
+    bench = aloft(Limits(hold_s=600.0))
+    bench.kind, bench.circles_s = Kind.QUADPLANE, 8.0
+    bench.run(1.0)
+    bench.position(ends(4.0), outside(B))
+    bench.mode = ModeSeen(Flown.STOP, "LOITER")
+    bench.run(6.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.mode = AUTO
+    bench.facts = (inside(A), outside(B))
+    bench.run(16.0)
+    bench.facts = (ends(4.0), outside(B))
+    bench.run(4.0)
+    assert bench.flights() == [HOLD]
+    bench.facts = (inside(A), outside(B))
+    bench.run(22.0)
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights() == [HOLD, HOLD]
+
+
+def test_a_border_that_comes_after_the_word_is_none_that_he_knew() -> None:
+    """Sent on from another hold: what has it come home later by that border is not over because it turns away."""
+    bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold", Cause.COVERAGE_ENDS: "return"}))
+    bench.give(PLACE)
+    bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+    bench.run(15.0)
+    assert bench.flights() == [WEAK]
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.run(3.0)
+    bench.position(ends(4.0), outside(B))
+    bench.mode, bench.motion = RTL, HOMEWARD
+    bench.facts = (inside(A), outside(B))
+    bench.run(30.0)
+    assert bench.flights() == [WEAK, Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)]
+    assert not any("OVER" in text for text in said(bench))
