@@ -28,7 +28,7 @@ from mavproxy_handover.core.safety.emergency import Emergency, News
 from mavproxy_handover.core.safety.helm import GIVES_BACK, Change, Helm
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.safety.sentence import Figures, over, sentence
-from mavproxy_handover.core.safety.strategy import OVERRULE, OVERRULED, Decision, Situation
+from mavproxy_handover.core.safety.strategy import OVERRULE, OVERRULED, Decision, Fact, Situation
 from mavproxy_handover.core.safety.supervision import Seen, Supervision
 
 __all__ = ["Execution"]
@@ -96,8 +96,9 @@ class Execution:
 
         That stays in force while the autopilot is not heard, though no more than a warning is told then.
         """
-        told = self._emergency.told
-        if told is None or told.action > FlightAction.HOLD:
+        told, decision = self._emergency.told, self._emergency.decision
+        unheard = decision is not None and decision.withheld is Fact.AUTOPILOT
+        if told is None or not (told.action is FlightAction.HOLD or (told.action is FlightAction.WARN and unheard)):
             return None
         return self._hold_cause if self._lookout.resuming or self._supervision.order is FlightAction.HOLD else None
 
@@ -147,6 +148,7 @@ class Execution:
             self._lookout.others_word()
         told = self._emergency.told
         if change is Change.PILOT:
+            self._lookout.flown_on()
             behind = "" if ended is None else f"; {ended.name} is not commanded any more"
             self._tell(f"PILOT: a pilot has taken over, {self._helm.name}{behind}", FlightAction.WARN, told, actions)
         elif change is Change.GIVEN_BACK:
@@ -160,7 +162,7 @@ class Execution:
 
     def _overrule(self, now: float) -> None:
         self._emergency.overrule(self._lookout.facts(now))
-        self._lookout.overruled()
+        self._lookout.flown_on()
 
     # ---- what was decided -----------------------------------------------------------------------------------------
 
@@ -175,6 +177,10 @@ class Execution:
             self._tell_decision(decision, now, actions, crosses=news.continues)
         if self._flight.rehearsing:
             return
+        if news.holds:
+            self._hold_cause = None if decision is None else decision.cause
+        elif decision is None or decision.withheld is not Fact.AUTOPILOT:
+            self._hold_cause = None
         stands = self._supervision.stands and self._helm.flown not in _COMES_HOME
         if (news.resumes or (news.mends and stands)) and self._others_fly:
             self._supervision.over()
@@ -182,8 +188,6 @@ class Execution:
             self._supervision.go_on(now)
             self._fly(FlightAction.CONTINUE, news.reason, now, actions)
         elif decision is not None and not news.warning and not news.continues:
-            if news.holds:
-                self._hold_cause = decision.cause
             self._supervision.ordered(decision.action, now)
             if not self._flown_already(decision.action):
                 self._fly(decision.action, news.reason, now, actions)

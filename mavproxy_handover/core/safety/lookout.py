@@ -11,7 +11,8 @@ thinks, a message is on its way), not behind the border. The transfer goes on me
 Where the last coverage ends ahead (`hold_lead_s`), the aircraft is to stop inside. It then stands still, which looks as
 if nothing ended: so that sign stays until another station has authority, or the flight is over. If its commander has it
 fly on in spite of it, that is the commander's word, and that border is his: the sign stays, and means nothing, until
-the aircraft has moved inside for a while with no end ahead. Behind that the next border is one again.
+the aircraft has got away from it, to where it has more room by PASSED_M, and by a whole circle. Behind that the
+next border is one again. A pilot may take the aircraft away from it in the same way.
 
 Outside of the commander's zone nobody is held: who waits there for a partner is commanded from where no station should
 command. What has wings circles where it is held, and needs room for that: ahead (`circles_s`), and on both sides
@@ -57,6 +58,8 @@ __all__ = ["Lookout"]
 
 #: what a guard says that does not watch
 _NO_WATCH = (GuardState.SILENT, GuardState.DISABLED)
+#: who has so much more room (m) than at a border is not there any more
+PASSED_M: Final = 50.0
 #: before every clock's beginning (s): no hold time is left from then
 _LONG_AGO: Final = -1e9
 
@@ -71,11 +74,11 @@ class Lookout:
         "_candidates",
         "_ended_for",
         "_flight",
-        "_free_since",
         "_held_long",
         "_in_gap",
         "_limits",
         "_may_hold",
+        "_passed_m",
         "crossing",
         "held_at",
         "helm",
@@ -95,9 +98,8 @@ class Lookout:
         self._around: frozenset[Cause] = frozenset()
         #: the commander whose coverage came to its end; None if nobody's has
         self._ended_for: int | None = None
-        #: since when it has moved with no end ahead, behind the one that its commander has it pass; inf while it does
-        #: not, None where there is none
-        self._free_since: float | None = None
+        #: how much room it had (m) when somebody else had it fly on where coverage ends ahead; None: nobody has
+        self._passed_m: float | None = None
         #: since when there has been no position; inf while there is one
         self._blind_since = inf
         #: since when the aircraft is held for that; -inf if it is not
@@ -138,6 +140,9 @@ class Lookout:
         """The aircraft is to stand still from now on, or need not. Another cause gives it no new time, nor does what
         was ordered meanwhile, and did not move it."""
         stands = self.supervision.stands
+        decision = news.decision
+        if decision is not None and decision.cause is Cause.COVERAGE_ENDS and not news.warning:
+            self._passed_m = None
         if news.holds:
             self.held_at = self.held_at if stands and self.held_at > -inf else now
         elif news.mends or not stands:
@@ -148,10 +153,11 @@ class Lookout:
         stand is over."""
         self.held_at = -inf
 
-    def overruled(self) -> None:
-        """The commander has it fly on in spite of what is wrong: where coverage ends ahead by now is known to him."""
+    def flown_on(self) -> None:
+        """The commander, or a pilot, has it fly otherwise in spite of what is wrong: where coverage ends ahead by now
+        is known to them."""
         if self._ended_for is not None:
-            self._free_since = inf
+            self._passed_m = self._candidates.zones.margin_m(self._ended_for)
 
     def look_around(self, gap: GapFact | None, now: float) -> None:
         """A position has come: what does coverage look like from there? `gap`: that the mission declares there."""
@@ -174,23 +180,17 @@ class Lookout:
             links = self._candidates.links
             if links.weak(owner) and not links.better(owner, others, now) and self.crossing.since is None:
                 found.add(Cause.LINKS_WEAK)
-            ends_ahead = commanded and self._ends_ahead(owner, others, now)
-            if ends_ahead:
-                self._free_since = self._free_since if self._ended_for == owner else None
+            if commanded and self._ends_ahead(owner, others, now):
                 self._ended_for = owner
-            elif self._flight.rehearsing and zones.holds(owner):
+            elif (self._flight.rehearsing and zones.holds(owner)) or self._has_passed(owner):
                 self._ended_for = None
-            if self._is_free(now, moves_inside=zones.holds(owner) and not ends_ahead and self.supervision.moves):
-                self._ended_for = self._free_since = None
         self._around = frozenset(found)
 
-    def _is_free(self, now: float, *, moves_inside: bool) -> bool:
-        """Whether it has left behind the border that its commander had it pass: for longer than a circle takes."""
-        if self._free_since is None or not moves_inside:
-            self._free_since = None if self._free_since is None else inf
+    def _has_passed(self, owner: int) -> bool:
+        """Whether it has left behind the border at which it was flown on."""
+        if self._passed_m is None:
             return False
-        self._free_since = min(self._free_since, now)
-        return now >= self._free_since + self._limits.hold_lead_s + 2.0 * self._flight.circles_s
+        return self._candidates.zones.margin_m(owner) >= self._passed_m + 2.0 * self._flight.circle_m + PASSED_M
 
     def _ends_ahead(self, owner: int, others: Sequence[int], now: float) -> bool:
         """Whether the last coverage that counts ends ahead. `others`: who could take the aircraft here."""
@@ -229,7 +229,8 @@ class Lookout:
         if flight.flying:
             found |= self._aloft(now)
         elif flight.armed is not None:
-            self._ended_for, self.resuming, self.supervision.stands = None, False, False
+            self._ended_for = self._passed_m = None
+            self.resuming = self.supervision.stands = False
         self.seen = frozenset(found)
         return self.seen
 
@@ -254,6 +255,8 @@ class Lookout:
         if self._ended_for != authority.owner:
             self._ended_for = None
         if authority.owner is None or authority.lost:
+            if self._passed_m is not None:  # whose word that was is lost
+                self._ended_for = self._passed_m = None
             return found
         if self._ended_for is not None:
             found.add(Cause.COVERAGE_ENDS)
@@ -320,7 +323,7 @@ class Lookout:
         times += [at for at in (self.helm.due_at(), self.supervision.due_at) if at is not None]
         if self._in_gap and gap_ends_at is not None:
             times.append(gap_ends_at)
-        if self._may_hold and self._blind_until < inf:
+        if self._may_hold and not self.resuming and self._blind_until < inf:
             times.append(self._blind_until)
         if Cause.AUTOPILOT_LOST not in self.seen:
             times.append(flight.autopilot_lost_at())

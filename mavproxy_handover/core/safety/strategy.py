@@ -10,7 +10,8 @@ authority that is on its way to a station, and a gap that the mission declares. 
 with the fact that it needs; the first whose fact holds is what the cause asks for, and the last needs nothing.
 
 Of all that is asked for, the gravest is done (`FlightAction`), and of two causes that ask for the same the one that
-stands first in `Cause` is named. In which order causes come plays no part.
+stands first in `Cause` is named. Of two warnings that is the one that is more, and held back. In which order causes
+come plays no part.
 
 Above the ladders stand four facts: on the ground, with a pilot who steers, with a failsafe of the autopilot that has
 chosen what is flown, and while the autopilot is not heard, nothing is commanded: all but to wait is a warning. And
@@ -147,6 +148,11 @@ class Decision:
     cause: Cause
     withheld: Fact | None = field(default=None, compare=False)
 
+    @property
+    def ends_hold(self) -> bool:
+        """No hold is asked for any more, nor more than that, nor is one held back."""
+        return self.action < FlightAction.HOLD and self.withheld is None
+
 
 def ladder(cause: Cause, policy: str) -> tuple[Rung, ...]:
     """All that a cause may ask for under a policy other than "off", in order; the last needs nothing."""
@@ -188,7 +194,8 @@ def decide(
         held_back = withheld(action, facts)
         if held_back is not None:
             action = FlightAction.WARN
-        if best is None or action > best.action:
+        more = best is not None and best.withheld is None and held_back is not None
+        if best is None or action > best.action or (action is best.action and more):
             best = Decision(action, cause, held_back)
     return best
 

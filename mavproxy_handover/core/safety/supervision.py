@@ -168,11 +168,6 @@ class Supervision:
         #: when the next look is due that nothing else calls for; None: none is
         self.due_at: float | None = None
 
-    @property
-    def moves(self) -> bool:
-        """It is seen to move, and not only on its way to rest or out of it."""
-        return not self.stands and self._motion is not None and self._motion.speed_mps >= RESTS_MPS
-
     # ---- what happens ---------------------------------------------------------------------------------------------
 
     def moved(self, motion: MotionSeen, now: float) -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen, Record
+from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -28,7 +28,7 @@ from tests.core.bench import (
     inside,
     outside,
 )
-from tests.core.safety.test_execution import aloft, standing, taken_by_b
+from tests.core.safety.test_execution import AUTO, RTL, aloft, standing, taken_by_b
 from tests.core.safety.test_lookout import GO_ON, HOLD, HOME, ends, mission
 
 HOMEWARD = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
@@ -408,3 +408,40 @@ def test_what_its_commander_has_sent_on_meanwhile_is_not() -> None:
     bench.run(8.0)
     bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
     assert bench.arbiter.snapshot().held_for is None
+
+
+def test_without_a_position_time_passes_behind_a_restart() -> None:
+    """The fault: a moment that had passed was due for ever."""
+    bench = held().restart()
+    bench.facts = None
+    bench.run(20.0)
+    deadline = bench.arbiter.next_deadline()
+    assert deadline is None or deadline > bench.now
+    assert HOLD in bench.flights()
+
+
+def test_what_the_guard_brings_home_is_not_held_any_more() -> None:
+    """The fault: the next run held it against the commander's word, with no end ahead."""
+    bench = held(Limits(hold_s=600.0))
+    facts, bench.facts, bench.autopilot = bench.facts, None, False
+    bench.run(8.0)
+    bench.facts, bench.autopilot, bench.mode, bench.motion = facts, True, RTL, MotionSeen(8.0, 0.0, 300.0)
+    bench.run(5.0)
+    assert bench.arbiter.snapshot().held_for is None
+    bench.restart()
+    bench.run(3.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.mode = AUTO
+    bench.run(8.0)
+    assert bench.flights() == []
+
+
+def test_a_warning_ends_no_hold_before_it_is_known_what_holds_it() -> None:
+    limits = Limits(policies={Cause.LINKS_WEAK: "hold"}, hold_s=600.0)
+    bench = mission(limits)
+    bench.restart(snapshot=replace(HELD, held_for=Cause.LINKS_WEAK))
+    bench.facts = None
+    bench.give(LinkJudged(A, weak=True, attacked=True, text="a third is lost"))
+    bench.run(5.0)
+    assert GO_ON not in bench.flights()
+    assert bench.arbiter.snapshot().held_since is not None

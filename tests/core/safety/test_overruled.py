@@ -12,6 +12,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, PlaceJudged, SignsSeen
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Reason
@@ -219,9 +221,9 @@ def test_and_what_the_autopilot_did_not_follow() -> None:
     assert [flight.reason for flight in bench.flights()] == [Reason.OUT_OF_COVERAGE]
 
 
-def passes_a_border() -> Bench:
+def passes_a_border(limits: Limits | None = None) -> Bench:
     """Held where coverage ends ahead, and sent on over that border by its commander."""
-    bench = aloft(Limits(hold_s=600.0))
+    bench = aloft(limits or Limits(hold_s=600.0))
     bench.position(ends(4.0), outside(B))
     bench.motion = replace(HOMEWARD, speed_mps=0.0)
     bench.facts = (inside(A), outside(B))  # it stands: no end is in sight
@@ -241,45 +243,57 @@ def test_the_border_that_it_is_sent_over_is_known_to_the_commander() -> None:
     assert bench.flights() == [HOLD]
 
 
+#: where it has more room than it had at that border (100 m)
+AWAY = (inside(A, margin_m=151.0), outside(B))
+
+
 def test_a_later_border_of_the_same_commander_is_another_one() -> None:
     """The fault: until another station had authority no border of its zone held the aircraft any more."""
     bench = passes_a_border()
     bench.motion = HOMEWARD
     bench.facts = (ends(4.0), outside(B))
     bench.run(2.0)
-    bench.facts = (inside(A), outside(B))  # it has turned away
-    bench.run(6.0)
+    bench.facts = AWAY  # it has turned away
+    bench.run(2.0)
     bench.position(ends(4.0), outside(B))
     assert bench.flights() == [HOLD, HOLD]
 
 
-def test_who_turns_away_for_a_moment_has_the_same_border_ahead() -> None:
-    bench = passes_a_border()
+@pytest.mark.parametrize("clear_s", [0.0, 5.0])
+def test_so_is_one_that_comes_before_the_last_is_cleared_at_least_the_next_time(clear_s: float) -> None:
+    bench = passes_a_border(Limits(hold_s=600.0, clear_s={Cause.COVERAGE_ENDS: clear_s}))
     bench.motion = HOMEWARD
-    for _ in range(4):
-        bench.facts = (inside(A), outside(B))
-        bench.run(4.0)
+    for _ in range(2):
+        bench.position(*AWAY)
+        bench.position(ends(4.0), outside(B))
+        bench.facts = AWAY
+        bench.run(20.0)
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights()[1:2] == [HOLD]
+
+
+def test_who_turns_away_or_flies_on_slowly_has_the_same_border_ahead() -> None:
+    """Where an end is ahead goes by seconds: who is slow does not see it. What has wings turns away on each circle."""
+    bench = passes_a_border()
+    bench.motion = replace(HOMEWARD, speed_mps=1.5)
+    for margin_m in (100.0, 149.0, 60.0, 20.0):
+        bench.facts = (inside(A, margin_m=margin_m), outside(B))
+        bench.run(30.0)
         bench.facts = (ends(4.0), outside(B))
         bench.run(1.0)
     assert bench.flights() == [HOLD]
 
 
-def test_what_has_wings_turns_away_on_each_of_its_circles() -> None:
-    bench = aloft(Limits(hold_s=600.0))
-    bench.kind, bench.circles_s = Kind.QUADPLANE, 8.0
-    bench.run(1.0)
+def test_what_has_wings_is_away_by_a_circle_more() -> None:
+    bench = passes_a_border()
+    bench.kind, bench.circles_s, bench.circle_m = Kind.QUADPLANE, 8.0, 120.0
+    bench.motion = HOMEWARD
+    for margin_m in (100.0, 389.0, 100.0):
+        bench.facts = (inside(A, margin_m=margin_m), outside(B))
+        bench.run(20.0)
     bench.position(ends(4.0), outside(B))
-    bench.mode = ModeSeen(Flown.STOP, "LOITER")
-    bench.run(6.0)
-    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
-    bench.mode = AUTO
-    bench.facts = (inside(A), outside(B))
-    bench.run(16.0)
-    bench.facts = (ends(4.0), outside(B))
-    bench.run(4.0)
     assert bench.flights() == [HOLD]
-    bench.facts = (inside(A), outside(B))
-    bench.run(22.0)
+    bench.position(inside(A, margin_m=391.0), outside(B))
     bench.position(ends(4.0), outside(B))
     assert bench.flights() == [HOLD, HOLD]
 
@@ -295,7 +309,73 @@ def test_a_border_that_comes_after_the_word_is_none_that_he_knew() -> None:
     bench.run(3.0)
     bench.position(ends(4.0), outside(B))
     bench.mode, bench.motion = RTL, HOMEWARD
-    bench.facts = (inside(A), outside(B))
+    bench.facts = AWAY
     bench.run(30.0)
     assert bench.flights() == [WEAK, Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)]
     assert not any("OVER" in text for text in said(bench))
+
+
+def test_what_gets_graver_behind_the_word_lasts_wherever_it_flies() -> None:
+    bench = aloft(Limits(policies={Cause.COVERAGE_ENDS: "return"}))
+    bench.give(PLACE)
+    bench.position(ends(4.0), outside(B))
+    bench.mode, bench.motion, bench.facts = RTL, HOMEWARD, (inside(A), outside(B))
+    bench.run(2.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.mode = AUTO
+    bench.run(3.0)
+    bench.give(replace(PLACE, reachable=False))
+    bench.run(1.0)
+    lands = Fly(FlightAction.LAND, Reason.COVERAGE_ENDS)
+    assert bench.flights()[-1] == lands
+    bench.mode, bench.motion, bench.facts = LAND, MotionSeen(0.0, -1.0), AWAY
+    bench.run(10.0)
+    assert bench.flights()[-1] == lands
+    assert not any("OVER" in text for text in said(bench))
+
+
+def test_whose_commander_is_lost_has_left_no_word() -> None:
+    """The sign outlived the word: he was back, and it was held against what he had said, then brought home for it."""
+    bench = passes_a_border()
+    bench.alive = {B}
+    bench.run(9.0)
+    bench.alive = {A, B}
+    bench.run(3.0)
+    assert bench.flights().count(HOLD) == 1
+
+
+def test_a_pilot_may_fly_it_away_from_a_border_too() -> None:
+    bench = aloft(Limits(hold_s=600.0), mode=with_radio(AUTO))
+    bench.position(ends(4.0), outside(B))
+    bench.motion, bench.facts = replace(HOMEWARD, speed_mps=0.0), (inside(A), outside(B))
+    bench.run(5.0)
+    bench.mode, bench.motion = with_radio(LOITER), HOMEWARD
+    bench.run(3.0)
+    bench.facts = AWAY
+    bench.run(5.0)
+    bench.mode = with_radio(AUTO)
+    bench.run(5.0)
+    assert bench.flights() == [HOLD]
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights() == [HOLD, HOLD]
+
+
+def test_what_was_wrong_and_known_does_not_end_a_hold_that_only_waits_for_the_autopilot() -> None:
+    """The fault: beside a plain warning a hold that was held back counted as over: CONTINUE, and the hold time anew."""
+    bench = aloft(Limits(policies={Cause.ENERGY: "warn"}, hold_s=60.0))
+    bench.give(SignsSeen(energy=True))
+    bench.run(3.0)
+    bench.position(ends(4.0), outside(B))
+    held_at = bench.now
+    bench.motion, bench.facts = replace(HOMEWARD, speed_mps=0.0), (inside(A), outside(B))
+    bench.run(5.0)
+    for _ in range(2):
+        facts, bench.facts, bench.autopilot = bench.facts, None, False
+        bench.run(8.0)
+        assert bench.arbiter.snapshot().held_since == held_at
+        bench.facts, bench.autopilot = facts, True
+        bench.run(10.0)
+    assert FlightAction.CONTINUE not in {flight.action for flight in bench.flights()}
+    bench.run(30.0)
+    back = [at for at, action in bench.log if isinstance(action, Fly) and action.action is FlightAction.RETURN]
+    assert back[0] == pytest.approx(held_at + 60.0, abs=0.6)
