@@ -84,8 +84,15 @@ def table(cases: Sequence[str], outcomes: Outcomes) -> list[str]:
 
 
 def digest(*files: Path) -> str:
-    """Tells whether a table was flown with these files."""
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:16]
+    """Tells whether a table was flown with these files; what a parameter file says to people is not flown."""
+    return hashlib.sha256(b"".join(_flown_of(path) for path in files)).hexdigest()[:16]
+
+
+def _flown_of(path: Path) -> bytes:
+    if path.suffix != ".parm":
+        return path.read_bytes()
+    lines = (line.partition("#")[0].split() for line in path.read_text(encoding="utf-8").splitlines())
+    return "\n".join(" ".join(line) for line in lines if line).encode()
 
 
 def write(page: Path, lines: Sequence[str], digests: Mapping[str, str]) -> None:

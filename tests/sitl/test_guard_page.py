@@ -128,13 +128,24 @@ def test_a_partial_run_keeps_of_a_version_what_was_flown_with_the_same_script_an
 
 
 #: versions of which the table tells what came of them with an earlier script or parameters: to be flown anew
-FLOWN_BEFORE = {"4.5.7", "4.6.3"}
+FLOWN_BEFORE: set[str] = set()
 
 
 def test_what_was_flown_with_an_earlier_script_is_known() -> None:
     today = digest(GUARD, PARAMETERS, PLANE_PARAMETERS)
     assert {version for version, each in flown_with(PAGE).items() if each != today} == FLOWN_BEFORE
     assert "4.7.0-dev" in flown_with(PAGE)
+
+
+def test_what_a_parameter_file_says_to_people_is_not_flown(tmp_path: Path) -> None:
+    script, parameters = tmp_path / "guard.lua", tmp_path / "guard.parm"
+    script.write_text("return 1 -- one\n", encoding="utf-8")
+    parameters.write_text("# on\nSCR_ENABLE 1\n\nFS_GCS_ENABLE 1 # RTL\n", encoding="utf-8")
+    before = digest(script, parameters)
+    parameters.write_text("SCR_ENABLE  1\nFS_GCS_ENABLE 1\n", encoding="utf-8")
+    assert digest(script, parameters) == before
+    parameters.write_text("SCR_ENABLE 1\nFS_GCS_ENABLE 2\n", encoding="utf-8")
+    assert digest(script, parameters) != before
 
 
 def test_version_is_read_out_of_the_program(tmp_path: Path) -> None:
