@@ -60,7 +60,7 @@ _PEOPLE: Final = ("commander", "pilot")
 #: so long (s) what can be known of a place has to be so: 5 s until a station is lost, 20 s until one counts again, 5 s
 #: between two writes of the rally list
 KNOWN_S: Final = 32
-#: a heartbeat each second says what is flown: an order that is on its way when a pilot takes over knows nothing (s)
+#: a heartbeat each second says what is flown: an order on its way when somebody else takes over knows nothing (s)
 KNOWS_S: Final = 1.2
 #: held for longer than `hold_s`, and 10 s for what goes wrong with the autopilot meanwhile (s)
 HELD_S: Final = 70
@@ -219,9 +219,10 @@ def _overruled(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) 
 
 
 def _turned_back(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) -> Found | None:
-    for (_, mode, _), (at, after, by) in pairwise(log.modes):
+    for (began, mode, whose), (at, after, by) in pairwise(log.modes):
         coming = mode in (Mode.RTL.name, Mode.LAND.name)
-        if coming and by == "companion" and (after in ON_ITS_WAY or (mode, after) == ("LAND", "RTL")):
+        knew = whose == "companion" or at - began > KNOWS_S * SECOND
+        if coming and knew and by == "companion" and (after in ON_ITS_WAY or (mode, after) == ("LAND", "RTL")):
             return Found("graver undone", at, f"the companion made {after} of a {mode}")
     return None
 
@@ -420,7 +421,12 @@ UNSAFE: Final = (
         f"never; by the companion from {KNOWS_S:g} s on, when a heartbeat has told it",
         _overruled,
     ),
-    _row("graver undone", "the companion undoes a return or a landing", "never", _turned_back),
+    _row(
+        "graver undone",
+        "the companion undoes a return or a landing",
+        f"never; one of somebody else from {KNOWS_S:g} s on, when a heartbeat has told it",
+        _turned_back,
+    ),
     _row(
         "outside, not noticed",
         "all is whole, no zone holds the aircraft, and it flies on",

@@ -238,6 +238,14 @@ def test_an_order_that_crosses_a_pilots_hand_knows_nothing_of_it(plan: FlightPla
         assert rows(plan, log) == (["pilot overruled"] if found is None else found)
 
 
+def test_an_order_that_crosses_a_failsafes_landing_knows_nothing_of_it(plan: FlightPlan) -> None:
+    """Flight 3503723: a position was back, and the commander lost, 0.2 s behind a landing for want of one."""
+    for whose, ticks, found in (("EKF failsafe", 76, []), ("EKF failsafe", 77, None), ("companion", 1, None)):
+        log = logged(plan, still(plan, 30))
+        log.modes = [(0, "AUTO", "start"), (10, "LAND", whose), (10 + ticks, "RTL", "companion")]
+        assert rows(plan, log) == (["graver undone"] if found is None else found)
+
+
 def test_what_a_pilot_or_a_commander_does_himself_is_no_fault(plan: FlightPlan) -> None:
     log = logged(plan, still(plan, 100))
     log.modes = [(0, "AUTO", "start"), (1, "RTL", "companion"), (2, "AUTO", "commander"), (3, "PILOT", "pilot")]

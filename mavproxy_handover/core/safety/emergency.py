@@ -63,7 +63,10 @@ class News:
     @property
     def mends(self) -> bool:
         """Nothing calls for a hold, or more, any more. What another hand holds back is not the companion's to end."""
-        return self.decision is None or self.continues or self.decision.ends_hold
+        decision = self.decision
+        if decision is None or self.continues:
+            return True
+        return decision.action < FlightAction.HOLD and decision.held_back is None
 
     @property
     def continues(self) -> bool:
@@ -156,8 +159,6 @@ class Emergency:
         decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
         waits = decision is not None and decision.action is FlightAction.TRANSFER
         if waits and (stands or (told is not None and _holds(told))):
-            return None
-        if not certain and told is not None and _holds(told) and decision is not None and decision.ends_hold:
             return None
         if decision is None or waits:
             decision = None

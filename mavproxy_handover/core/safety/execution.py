@@ -96,11 +96,18 @@ class Execution:
 
         That stays in force while the autopilot is not heard, though no more than a warning is told then.
         """
-        told, decision = self._emergency.told, self._emergency.decision
-        unheard = decision is not None and decision.withheld is Fact.AUTOPILOT
-        if told is None or not (told.action is FlightAction.HOLD or (told.action is FlightAction.WARN and unheard)):
+        told = self._emergency.told
+        if told is None or not (told.action is FlightAction.HOLD or self._only_waits(self._emergency.decision)):
             return None
         return self._hold_cause if self._lookout.resuming or self._supervision.order is FlightAction.HOLD else None
+
+    def _only_waits(self, decision: Decision | None) -> bool:
+        """Whether a hold goes on that is no more than a warning now: nobody can be commanded, or it is in doubt whether
+        somebody else has chosen the mode."""
+        if decision is None or decision.action is not FlightAction.WARN:
+            return False
+        doubt = decision.held_back is Fact.PILOT and self._helm.chosen_by is Hand.DOUBT
+        return doubt or decision.held_back in (Fact.FLYING, Fact.AUTOPILOT)
 
     def resume_hold(self, cause: Cause) -> None:
         """It was held for that when the run before ended."""
@@ -148,7 +155,6 @@ class Execution:
             self._lookout.others_word()
         told = self._emergency.told
         if change is Change.PILOT:
-            self._lookout.flown_on()
             behind = "" if ended is None else f"; {ended.name} is not commanded any more"
             self._tell(f"PILOT: a pilot has taken over, {self._helm.name}{behind}", FlightAction.WARN, told, actions)
         elif change is Change.GIVEN_BACK:
@@ -162,7 +168,7 @@ class Execution:
 
     def _overrule(self, now: float) -> None:
         self._emergency.overrule(self._lookout.facts(now))
-        self._lookout.flown_on()
+        self._lookout.overruled()
 
     # ---- what was decided -----------------------------------------------------------------------------------------
 
@@ -179,7 +185,7 @@ class Execution:
             return
         if news.holds:
             self._hold_cause = None if decision is None else decision.cause
-        elif decision is None or decision.withheld is not Fact.AUTOPILOT:
+        elif not self._only_waits(decision):
             self._hold_cause = None
         stands = self._supervision.stands and self._helm.flown not in _COMES_HOME
         if (news.resumes or (news.mends and stands)) and self._others_fly:
@@ -191,7 +197,7 @@ class Execution:
             self._supervision.ordered(decision.action, now)
             if not self._flown_already(decision.action):
                 self._fly(decision.action, news.reason, now, actions)
-        elif decision is None or decision.withheld is None:  # what another hand holds back may have to be done yet
+        elif decision is None or decision.held_back is None:  # what another hand holds back may have to be done yet
             self._supervision.over()
 
     def _tell_decision(self, decision: Decision, now: float, actions: list[Action], *, crosses: bool = False) -> None:

@@ -12,7 +12,7 @@ Where the last coverage ends ahead (`hold_lead_s`), the aircraft is to stop insi
 if nothing ended: so that sign stays until another station has authority, or the flight is over. If its commander has it
 fly on in spite of it, that is the commander's word, and that border is his: the sign stays, and means nothing, until
 the aircraft has got away from it, to where it has more room by PASSED_M, and by a whole circle. Behind that the
-next border is one again. A pilot may take the aircraft away from it in the same way.
+next border is one again.
 
 Outside of the commander's zone nobody is held: who waits there for a partner is commanded from where no station should
 command. What has wings circles where it is held, and needs room for that: ahead (`circles_s`), and on both sides
@@ -98,7 +98,7 @@ class Lookout:
         self._around: frozenset[Cause] = frozenset()
         #: the commander whose coverage came to its end; None if nobody's has
         self._ended_for: int | None = None
-        #: how much room it had (m) when somebody else had it fly on where coverage ends ahead; None: nobody has
+        #: how much room it had (m) when its commander had it fly on where coverage ends ahead; None: he has not
         self._passed_m: float | None = None
         #: since when there has been no position; inf while there is one
         self._blind_since = inf
@@ -153,10 +153,9 @@ class Lookout:
         stand is over."""
         self.held_at = -inf
 
-    def flown_on(self) -> None:
-        """The commander, or a pilot, has it fly otherwise in spite of what is wrong: where coverage ends ahead by now
-        is known to them."""
-        if self._ended_for is not None:
+    def overruled(self) -> None:
+        """The commander has it fly otherwise in spite of what is wrong: where coverage ends ahead by now he knows."""
+        if self._ended_for is not None and not self.resuming:
             self._passed_m = self._candidates.zones.margin_m(self._ended_for)
 
     def look_around(self, gap: GapFact | None, now: float) -> None:

@@ -10,8 +10,7 @@ authority that is on its way to a station, and a gap that the mission declares. 
 with the fact that it needs; the first whose fact holds is what the cause asks for, and the last needs nothing.
 
 Of all that is asked for, the gravest is done (`FlightAction`), and of two causes that ask for the same the one that
-stands first in `Cause` is named. Of two warnings that is the one that is more, and held back. In which order causes
-come plays no part.
+stands first in `Cause` is named. In which order causes come plays no part.
 
 Above the ladders stand four facts: on the ground, with a pilot who steers, with a failsafe of the autopilot that has
 chosen what is flown, and while the autopilot is not heard, nothing is commanded: all but to wait is a warning. And
@@ -30,7 +29,7 @@ or asks for something graver; what comes later, or is another, counts as if noth
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
 from typing import Final
@@ -142,16 +141,13 @@ CARRIED_OUT: Final[Mapping[FlightAction, Mapping[Kind, str]]] = {
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What is done, and why. `withheld`: the fact for which no more than a warning is done."""
+    """What is done, and why. `withheld`: the fact for which no more than a warning is done; `held_back`: the same, of
+    this cause or of another that is wrong beside it."""
 
     action: FlightAction
     cause: Cause
     withheld: Fact | None = field(default=None, compare=False)
-
-    @property
-    def ends_hold(self) -> bool:
-        """No hold is asked for any more, nor more than that, nor is one held back."""
-        return self.action < FlightAction.HOLD and self.withheld is None
+    held_back: Fact | None = field(default=None, compare=False)
 
 
 def ladder(cause: Cause, policy: str) -> tuple[Rung, ...]:
@@ -187,17 +183,17 @@ def decide(
     the gravest that the commander will not have of a cause."""
     order = list(Cause)
     best: Decision | None = None
+    held_back: Fact | None = None
     for cause in sorted(causes, key=order.index):
         action = _asked(cause, policies[cause], facts)
         if action in OVERRULED and action <= overruled.get(cause, FlightAction.WARN):
             action = FlightAction.WARN
-        held_back = withheld(action, facts)
-        if held_back is not None:
-            action = FlightAction.WARN
-        more = best is not None and best.withheld is None and held_back is not None
-        if best is None or action > best.action or (action is best.action and more):
-            best = Decision(action, cause, held_back)
-    return best
+        fact = withheld(action, facts)
+        if fact is not None:
+            action, held_back = FlightAction.WARN, held_back or fact
+        if best is None or action > best.action:
+            best = Decision(action, cause, fact)
+    return best if best is None else replace(best, held_back=best.withheld or held_back)
 
 
 class Strategy:

@@ -184,7 +184,7 @@ def test_what_news_comes_to(action: FlightAction | None, before: FlightAction | 
 
 
 def test_what_another_hand_holds_back_is_not_ended() -> None:
-    assert not News(Decision(W, ENDS, Fact.PILOT), HOLD).resumes
+    assert not News(Decision(W, ENDS, Fact.PILOT, Fact.PILOT), HOLD).resumes
     assert News(Decision(W, ENDS), HOLD).resumes
 
 

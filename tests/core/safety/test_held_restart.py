@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, Record
+from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -28,7 +28,7 @@ from tests.core.bench import (
     inside,
     outside,
 )
-from tests.core.safety.test_execution import AUTO, RTL, aloft, standing, taken_by_b
+from tests.core.safety.test_execution import AUTO, RTL, aloft, said, standing, taken_by_b
 from tests.core.safety.test_lookout import GO_ON, HOLD, HOME, ends, mission
 
 HOMEWARD = Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)
@@ -436,12 +436,44 @@ def test_what_the_guard_brings_home_is_not_held_any_more() -> None:
     assert bench.flights() == []
 
 
-def test_a_warning_ends_no_hold_before_it_is_known_what_holds_it() -> None:
-    limits = Limits(policies={Cause.LINKS_WEAK: "hold"}, hold_s=600.0)
-    bench = mission(limits)
-    bench.restart(snapshot=replace(HELD, held_for=Cause.LINKS_WEAK))
+def test_a_border_passed_before_there_was_a_position_is_passed() -> None:
+    bench = held(Limits(hold_s=600.0))
+    bench.mode, bench.motion = AUTO, MotionSeen(0.0, 0.0, 300.0)
+    bench.run(1.0)
+    bench.restart()
     bench.facts = None
-    bench.give(LinkJudged(A, weak=True, attacked=True, text="a third is lost"))
-    bench.run(5.0)
-    assert GO_ON not in bench.flights()
-    assert bench.arbiter.snapshot().held_since is not None
+    bench.run(1.2)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.run(0.6)
+    ordered = bench.flights()
+    bench.motion, bench.facts = MotionSeen(1.5, 0.0, 300.0), (inside(A, margin_m=25.0), outside(B))
+    bench.run(8.0)
+    bench.facts = (replace(ends(4.0), margin_m=7.0), outside(B))
+    bench.run(2.0)
+    assert bench.flights() == ordered
+
+
+def test_what_waits_for_a_position_is_told_meanwhile() -> None:
+    limits = Limits(policies={Cause.LINKS_WEAK: "hold"})
+    bench = mission(limits)
+    bench.mode, bench.motion, bench.facts = AUTO, MotionSeen(0.0, 0.0, 300.0), None
+    bench.restart(snapshot=replace(HELD, held_for=Cause.LINKS_WEAK, stands=True))
+    bench.run(20.0)
+    assert any("no fresh position" in text for text in said(bench))
+
+
+def test_what_was_held_is_known_before_the_first_heartbeat_and_while_a_mode_is_in_doubt() -> None:
+    bench = held(Limits(hold_s=600.0))
+    bench.mode, bench.motion = AUTO, MotionSeen(0.0, 0.0, 300.0)
+    bench.run(1.0)
+    bench.autopilot, bench.facts, bench.alive = False, None, set()
+    bench.restart()
+    bench.run(3.5)
+    bench.restart()
+    bench.alive, bench.autopilot, bench.facts = {A}, True, (inside(A), outside(B))
+    bench.run(6.0)
+    assert bench.flights() == [HOLD]
+    bench.mode = ModeSeen(Flown.STOP, "BRAKE", radio=True)
+    bench.run(0.5)
+    assert bench.arbiter.snapshot().held_for is Cause.COVERAGE_ENDS

@@ -344,20 +344,37 @@ def test_whose_commander_is_lost_has_left_no_word() -> None:
     assert bench.flights().count(HOLD) == 1
 
 
-def test_a_pilot_may_fly_it_away_from_a_border_too() -> None:
-    bench = aloft(Limits(hold_s=600.0), mode=with_radio(AUTO))
+def test_what_a_pilot_interrupts_is_over_with_its_cause_and_not_where_he_flies_it() -> None:
+    """A return that he has given back is watched on."""
+    bench = aloft(Limits(hold_s=4.0), mode=with_radio(AUTO))
+    bench.alive = {A}
+    bench.give(PLACE)
     bench.position(ends(4.0), outside(B))
     bench.motion, bench.facts = replace(HOMEWARD, speed_mps=0.0), (inside(A), outside(B))
     bench.run(5.0)
-    bench.mode, bench.motion = with_radio(LOITER), HOMEWARD
+    bench.mode, bench.motion = with_radio(RTL), HOMEWARD
+    bench.run(2.0)
+    bench.mode = with_radio(LOITER)
     bench.run(3.0)
-    bench.facts = AWAY
-    bench.run(5.0)
     bench.mode = with_radio(AUTO)
+    bench.run(2.0)
+    bench.mode, bench.facts = with_radio(RTL), AWAY
     bench.run(5.0)
-    assert bench.flights() == [HOLD]
+    assert not any("OVER" in text for text in said(bench))
+    bench.mode = ModeSeen(Flown.STOP, "BRAKE")
+    bench.log.clear()
+    bench.run(10.0)
+    assert bench.flights()
+
+
+def test_a_warning_is_told_beside_what_a_pilot_holds_back() -> None:
+    bench = aloft(Limits(policies={Cause.OUT_OF_COVERAGE: "warn"}), mode=with_radio(LOITER))
+    bench.alive = {A}
+    bench.run(3.0)
     bench.position(ends(4.0), outside(B))
-    assert bench.flights() == [HOLD, HOLD]
+    bench.facts = (outside(A), outside(B))
+    bench.run(20.0)
+    assert any("out of coverage" in text for text in said(bench))
 
 
 def test_what_was_wrong_and_known_does_not_end_a_hold_that_only_waits_for_the_autopilot() -> None:

@@ -119,16 +119,13 @@ def test_what_returns_is_not_stopped_and_what_lands_is_not_sent_anywhere(cause: 
     ids=["on the ground", "no autopilot", "a pilot steers", "a failsafe acts", "both"],
 )
 def test_where_nothing_is_to_be_commanded_everything_is_a_warning(facts: frozenset[Fact], policies: str) -> None:
-    """Named is what would be more; else a plain warning looked as if nothing were held back, and what was held by an
-    autopilot that was not heard was told to go on."""
     chosen = {cause: policies if policies in row.policies else row.policies[0] for cause, row in CAUSES.items()}
     for n, flown in product(range(8), ((), (Fact.RETURNING,), (Fact.LANDING,))):
         for pair in combinations(Cause, 2):
             found = decide(set(pair), facts | bits(n) | set(flown), chosen)
             assert found is not None
-            named = min(pair, key=lambda cause: (chosen[cause] == "warn", list(Cause).index(cause)))
-            assert (found.action, found.cause) == (W, named)
-            assert (found.withheld is None) is (chosen[named] == "warn")
+            assert (found.action, found.cause) == (W, min(pair, key=list(Cause).index))
+            assert (found.held_back is None) is all(chosen[cause] == "warn" for cause in pair)
 
 
 def test_to_wait_for_a_station_commands_nothing_so_it_goes_on() -> None:
