@@ -55,8 +55,6 @@ OUTSIDE_S: Final = 30
 #: changes between the same two stations, and in how many seconds; whoever flies the aircraft on over their border, from
 #: which it is brought back, has it change twice
 PING_PONG, PING_PONG_S = 4, 60
-#: whose word it is, and no rule's, that the aircraft flies what it flies
-_PEOPLE: Final = ("commander", "pilot")
 #: so long (s) what can be known of a place has to be so: 5 s until a station is lost, 20 s until one counts again, 5 s
 #: between two writes of the rally list
 KNOWN_S: Final = 32
@@ -157,8 +155,8 @@ def _ping_pong(_plan: FlightPlan, log: FlightLog, _moments: tuple[Moment, ...]) 
         times = by_pair.setdefault(frozenset((old, new)), [])
         times.append(at)
         lately = [each for each in times if at - each < PING_PONG_S * SECOND]
-        flown_on = sum(by in _PEOPLE and lately[0] < begun <= at for begun, _mode, by in log.modes)
-        if len(lately) - 2 * flown_on >= PING_PONG:
+        turned = sum(lately[0] < begun <= at for begun, _mode, _by in log.modes)
+        if len(lately) - 2 * turned >= PING_PONG:
             return Found("ping-pong", at, f"{len(lately)} changes between {old} and {new} within {PING_PONG_S} s")
     return None
 
@@ -405,7 +403,7 @@ UNSAFE: Final = (
     _row(
         "ping-pong",
         "authority goes to and fro between two stations",
-        f"{PING_PONG} in {PING_PONG_S} s, and two for each time that somebody has the aircraft fly on",
+        f"{PING_PONG} in {PING_PONG_S} s, and two for each time that the aircraft is sent elsewhere meanwhile",
         _ping_pong,
     ),
     _row(

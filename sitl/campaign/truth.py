@@ -67,7 +67,7 @@ class Moment:
     companion: bool
     #: the autopilot does what it is ordered
     obeys: bool
-    #: limit (s) of the declared gap that it flies through; 0: in none
+    #: limit (s) of the declared gap that it flies through, or has just flown through; 0: in none
     gap_s: float
     #: right behind one, where the rules give the far station time to make contact
     behind_gap: bool
@@ -138,21 +138,25 @@ def parts_whole_s(log: FlightLog, at: int) -> float:
 
 
 def gap_allowed_s(plan: FlightPlan, mode: str, x: float, y: float) -> float:
-    """Limit (s) of the declared gap that is flown through there; 0: none is."""
+    """Limit (s) of the declared gap that is flown through there, or where contact is made behind it; 0: none is."""
     if mode not in ON_ITS_WAY:
         return 0.0
     for gap in plan.gaps:
         along = gap.along_m(x, y)
-        if along is not None and -BORDER_M <= along <= gap.length_m + BORDER_M:
+        if along is not None and -BORDER_M <= along <= gap.length_m + _contact_m(plan):
             return gap.limit_s
     return 0.0
+
+
+def _contact_m(plan: FlightPlan) -> float:
+    """So far behind a gap the far station is given time to make contact, within the limit of the gap."""
+    return CONTACT_S * plan.speed_mps + BORDER_M
 
 
 def is_behind_gap(plan: FlightPlan, x: float, y: float) -> bool:
     """Whether that is right behind one, where the far station is given time to make contact."""
     alongs = [(gap.length_m, gap.along_m(x, y)) for gap in plan.gaps]
-    contact_m = CONTACT_S * plan.speed_mps + BORDER_M
-    return any(along is not None and 0.0 <= along - length_m <= contact_m for length_m, along in alongs)
+    return any(along is not None and 0.0 <= along - length_m <= _contact_m(plan) for length_m, along in alongs)
 
 
 def longest(moments: tuple[Moment, ...], limit_s: int, wrong: Callable[[Moment], bool]) -> Moment | None:

@@ -265,6 +265,15 @@ def test_ping_pong(plan: FlightPlan) -> None:
     assert rows(plan, log) == ["ping-pong"]
 
 
+def test_what_is_landed_meanwhile_does_not_leave_the_zone_that_it_was_leaving(plan: FlightPlan) -> None:
+    """Flight 4118100: an autopilot that did not obey left the zone of the better link, and then landed in it."""
+    log = logged(plan, still(plan, 200))
+    log.moves = [(at * SECOND, *pair) for at, pair in ((10, (A, B)), (42, (B, A)), (61, (A, B)), (67, (B, A)))]
+    assert rows(plan, log) == ["ping-pong"]
+    log.modes.insert(1, (65 * SECOND, "LAND", "companion"))
+    assert "ping-pong" not in rows(plan, log)
+
+
 @pytest.fixture
 def far() -> FlightPlan:
     """One with a place that no station covers but the last one, which is not heard where GCSA is."""

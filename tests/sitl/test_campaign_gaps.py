@@ -167,6 +167,12 @@ def test_the_same_comes_of_it_however_time_is_let_pass(limit_s: float | None) ->
 def alone(x: float, seconds: int, by: str = "companion", carried: float = 0.0, limit_s: float = 300.0) -> list[str]:
     """Nobody commands who hangs so far along the way, in a gap with time left, until it is sent home by that, and is
     carried sideways at so many m/s; what of it is left undone by the rules."""
+    rows = ("nobody, not noticed", "left to others")
+    return [row for row in all_rows_of(x, seconds, by, carried, limit_s) if row in rows]
+
+
+def all_rows_of(x: float, seconds: int, by: str, carried: float, limit_s: float) -> list[str]:
+    """The same; all that is unsafe about it."""
     (gap,) = find_gaps(WAY, ZONES, MODEL, 10.0, 1.0)
     plan = replace(declaring(), gaps=(replace(gap, limit_s=limit_s),), speed_mps=10.0)
     stations = tuple(replace(station, zone=zone) for station, zone in zip(plan.stations[:2], ZONES, strict=True))
@@ -176,7 +182,7 @@ def alone(x: float, seconds: int, by: str = "companion", carried: float = 0.0, l
         log.working[station.sysid], log.believes[station.sysid] = Series(True), Series(None)
     log.flown = [Flown(0, seconds * SECOND, x, 0.0, 50.0, 0.0, carried, 0.0, "AUTO")]
     log.modes = [(0, "AUTO", "start"), (seconds * SECOND, "RTL", by), (1000 * SECOND, "GROUND", by)]
-    return [found.row for found in judge(plan, log) if found.row in ("nobody, not noticed", "left to others")]
+    return [found.row for found in judge(plan, log)]
 
 
 def test_nobody_is_left_alone_in_a_gap_or_right_behind_it() -> None:
@@ -199,6 +205,17 @@ def test_who_is_carried_out_of_the_gap_sideways_was_in_it_for_no_longer_than_its
     assert alone(1250.0, 14, "GCS failsafe", carried) == []
     assert alone(1250.0, 14, "GCS failsafe", carried, limit_s=3.0) == ["left to others"]
     assert alone(950.0, 14, "GCS failsafe", carried) == ["left to others"]
+
+
+def test_contact_is_made_within_the_limit_of_the_gap() -> None:
+    """Flight 4109122: lifted over the ceiling right behind the gap, it hung there while its far station was asked."""
+
+    def rows(x: float, seconds: int, limit_s: float) -> bool:
+        return "nobody, nothing done" in all_rows_of(x, seconds, "companion", 0.0, limit_s)
+
+    assert not rows(1500.0 + 65.0, 30 + 18, 30.0)
+    assert rows(1500.0 + 65.0, 30 + 19, 30.0)
+    assert rows(1500.0 + 75.0, 19, 30.0)
 
 
 @pytest.mark.parametrize(("seconds", "rows"), [(30 + 18, []), (30 + 19, ["uncovered, nothing done"])])
