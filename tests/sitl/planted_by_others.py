@@ -27,8 +27,8 @@ PLANTED_BY_OTHERS = (
     Planted(
         "what was held and is to return is sent on",
         "safety/emergency.py",
-        "return decision.action < FlightAction.HOLD and decision.withheld is None",
-        "return decision.action is not FlightAction.HOLD and decision.withheld is None",
+        "return decision.action < FlightAction.HOLD and decision.held_back is None",
+        "return decision.action is not FlightAction.HOLD and decision.held_back is None",
     ),
     # The wrong one of two: a partner that answers and does not take the aircraft, because its operator thinks, counts
     # as coverage behind the border. The aircraft flies over it under a commander whose zone has ended.
