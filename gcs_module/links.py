@@ -15,15 +15,20 @@ first link when the vehicle has not been heard yet. Rules that live here:
    MAVProxy's other ones. Two aircraft of one system id are not mixed up.
 5. Sticks (RC_CHANNELS_OVERRIDE) go only to the vehicle that was chosen when they were set: MAVProxy repeats them ten
    times a second to whoever is chosen now. See `choice.py`.
+
+For one vehicle too: what waits at a UDP link while this program is slow has as much room as the system gives. It is a
+second's worth otherwise, and what comes behind it is missing in the station's log.
 """
 
 from __future__ import annotations
 
+import socket
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
+from weakref import WeakSet
 
 from mavproxy_handover.config.files import FleetVehicle
 
@@ -34,6 +39,8 @@ _NO_STICK: Final = (0, 65534, 65535)
 #: first byte of a frame of MAVLink 2, and where the system id stands in it
 _MAGIC: Final = 0xFD
 _SYSID_AT: Final = 5
+#: more than the system allows (Linux: net.core.rmem_max) is cut by the system
+_RECEIVE_BUFFER_BYTES: Final = 1 << 20
 _CHANNELS: Final = tuple(f"chan{number}_raw" for number in range(1, 19))
 
 
@@ -64,6 +71,7 @@ class Links:
         self._refused = refused
         self._known: set[str] = set()
         self._doors: list[_Door] = []
+        self._roomy: WeakSet[socket.socket] = WeakSet()
         #: the link that each vehicle's messages take
         self._carriers: dict[int, Any] = {}
         #: whose the sticks are that are set (rule 5)
@@ -117,9 +125,11 @@ class Links:
 
     def see_to(self) -> None:
         """Look after links that have come and gone; to be called once a second."""
+        masters = self._mpstate.mav_master
+        for master in masters:
+            self._give_room(getattr(master, "port", None))
         if not self.several:
             return
-        masters = self._mpstate.mav_master
         self._doors = [door for door in self._doors if any(door.master is master for master in masters)]
         for number, master in enumerate(masters, 1):
             if self._owner(master) is None:
@@ -165,6 +175,17 @@ class Links:
         if text not in self._known:
             self._known.add(text)
             self._told(text)
+
+    def _give_room(self, port: Any) -> None:
+        """What waits at a UDP socket gets more room, once; of what is none nothing is changed."""
+        if not isinstance(port, socket.socket) or port.type != socket.SOCK_DGRAM or port in self._roomy:
+            return
+        self._roomy.add(port)
+        try:
+            if port.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) < _RECEIVE_BUFFER_BYTES:
+                port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
+        except OSError:
+            return  # closed by now: MAVProxy opens another one, or tells of it
 
     # ---- what goes through ----------------------------------------------------------------------------------------
 

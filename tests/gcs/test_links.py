@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The room for what waits at a station's links; whose they are is tried with whole stations (`tests/stations`)."""
+
+from __future__ import annotations
+
+import socket
+from collections import Counter
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gcs_module.links import Links
+
+SMALL_BYTES = 8192
+
+
+def links(*masters: Any) -> Links:
+    return Links(SimpleNamespace(mav_master=list(masters)), (), lambda text: None, Counter())
+
+
+def room(port: socket.socket) -> int:
+    return port.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
+@pytest.fixture(params=[socket.SOCK_DGRAM, socket.SOCK_STREAM], ids=["udp", "tcp"])
+def port(request: pytest.FixtureRequest) -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, request.param) as made:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BYTES)
+        yield made
+
+
+def test_what_waits_at_a_udp_link_has_room(port: socket.socket) -> None:
+    """Without, a station that is slow for a second loses frames: 262 waited, and 115 behind them were lost."""
+    before = room(port)
+    links(SimpleNamespace(port=port)).see_to()
+    assert (room(port) > 4 * before) is (port.type == socket.SOCK_DGRAM)
+
+
+@pytest.mark.parametrize("port", [socket.SOCK_DGRAM], indirect=True)
+def test_a_link_that_comes_later_is_seen_to_and_each_once(port: socket.socket) -> None:
+    masters: list[Any] = []
+    ours = Links(SimpleNamespace(mav_master=masters), (), lambda text: None, Counter())
+    ours.see_to()
+    before = room(port)
+    masters.append(SimpleNamespace(port=port))
+    ours.see_to()
+    assert room(port) > before
+    port.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SMALL_BYTES)
+    ours.see_to()
+    assert room(port) == before
+
+
+def test_a_link_without_a_socket_or_with_a_closed_one_is_left_alone(port: socket.socket) -> None:
+    port.close()
+    no_socket = (SimpleNamespace(port=object()), SimpleNamespace(), SimpleNamespace(port=None))
+    links(SimpleNamespace(port=port), *no_socket).see_to()
