@@ -213,6 +213,11 @@ class Arbiter:
         owner, zones = self._authority.owner, self._candidates.zones
         return zones.ends_s(owner) if owner is not None and zones.holds(owner) else inf
 
+    @property
+    def passed_at_m(self) -> float | None:
+        """How far inside its commander's zone (m) a border is passed at which it was flown on; None: it was at none."""
+        return self._lookout.passed_at_m
+
     def answer_left_s(self, now: float) -> float:
         """What is left (s) for an operator who is asked in the transfer under way; inf: nobody is."""
         transfer = self._authority.transfer

@@ -164,6 +164,11 @@ class Companion:
         deadline = None if self.arbiter is None else self.arbiter.next_deadline()
         return math.inf if deadline is None else deadline
 
+    @property
+    def passed_at_m(self) -> float | None:
+        """`Arbiter.passed_at_m`."""
+        return None if self.arbiter is None else self.arbiter.passed_at_m
+
     def silent_at(self, after: int, near: int) -> int:
         """When, behind `after`, a station will count as silent that is not heard, or does not answer, until then; if
         that is behind `near`, perhaps too early (ticks, as the rules count)."""

@@ -7,8 +7,9 @@ Three speeds:
 * Restless: every round of the main loop is made. So it is for an eighth of a second behind everything that is no
   routine, as long before everything that is planned, around the end of every pause and of every time after which a
   station counts as silent, and where a fact of the way ahead changes: near every border that is about to be crossed,
-  where the end of a zone comes so near that the rules move authority or hold the aircraft, and where a gap begins and
-  ends. And by every border while wind carries the aircraft off its way.
+  where the end of a zone comes so near that the rules move authority or hold the aircraft, where a border at which it
+  was flown on is left behind, and where a gap begins and ends. And by every border while wind carries the aircraft
+  off its way.
 * At rest: a position each second keeps the last one fresh, and the rounds in between are made when the rules have
   something due. Nothing that they ask of a position changes within that second.
   The route is looked at each second, whatever the speed (in the air it is five times).
@@ -79,6 +80,8 @@ class Pace:
         #: windows of the piece that is flown, and whose zone it is that has to command for it to count, if it matters
         self._crossings: list[tuple[int, int, int | None]] = []
         self._of: tuple[float, ...] = ()
+        #: where a border is passed at which the aircraft was flown on: whose zone's, and how far inside (m)
+        self._passing: tuple[int, float] | None = None
         #: grows whenever what was said of the time ahead may not hold any more
         self.changes = 0
 
@@ -97,6 +100,13 @@ class Pace:
     def settle(self, now: int, settle_s: float) -> None:
         """The same of something that lets the rules wait for no position."""
         self._quiet_from = max(self._quiet_from, now + in_ticks(settle_s))
+
+    def passes(self, commander: int | None, at_m: float | None) -> None:
+        """The border at which the aircraft was flown on is passed so far inside its commander's zone; None: at none."""
+        passing = None if commander is None or at_m is None else (commander, at_m)
+        if passing != self._passing:
+            self._passing = passing
+            self.changes += 1
 
     def worry(self, weak: bool, whom: Iterable[int]) -> None:
         """These links are weak, or are not any more: for how long they have been matters."""
@@ -151,7 +161,7 @@ class Pace:
     def _know(self) -> None:
         """The crossings of the piece that is flown now."""
         aircraft = self._aircraft
-        of = (*aircraft.velocity, float(aircraft.ends), *aircraft.at(aircraft.begun))
+        of = (*aircraft.velocity, float(aircraft.ends), *aircraft.at(aircraft.begun), *(self._passing or ()))
         if of == self._of:
             return
         self._of = of
@@ -175,6 +185,11 @@ class Pace:
             self._window(border[1] - _SOON_S - _BIT_S, border[1] - _SOON_S + _BIT_S, sysid)
             self._window(border[1] - _WORTH_S - _BIT_S, border[1] - _WORTH_S + _BIT_S, _NOBODY)
             self._hold_window(border[1], *_ahead(x, y, vx, vy, border[1]), sysid)
+        if self._passing is not None:
+            sysid, at_m = self._passing
+            passed = self._zones[sysid].crossed(x, y, vx, vy, -at_m)
+            if passed is not None:
+                self._window(passed[0] - _BIT_S, passed[0] + _BIT_S, sysid)
         for gap in self._gaps:  # where the rules are told of one, and of another part of it
             if aircraft.mode is Mode.AUTO and gap.waypoint == aircraft.waypoint:
                 for at_s in gap.changes_s(x, y, vx, vy, self._fastest_mps):

@@ -201,6 +201,7 @@ class World:
 
     def _find_next_round(self, following: int, planned: int, companion: Companion) -> int:
         at = following - self.stood
+        self.pace.passes(companion.view.commander, companion.passed_at_m)
         silent = companion.silent_at(at - STIRRED - 1, at + STIRRED + ROUND) + self.stood
         of = (self.pace.changes, planned, self.aircraft.begun, self.stood, companion.view.commander, silent)
         restless = self._restless

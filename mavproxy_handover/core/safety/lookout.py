@@ -185,11 +185,16 @@ class Lookout:
                 self._ended_for = None
         self._around = frozenset(found)
 
+    @property
+    def passed_at_m(self) -> float | None:
+        """How far inside its commander's zone (m) it has left behind the border at which it was flown on; None: it was
+        at none."""
+        return None if self._passed_m is None else self._passed_m + 2.0 * self._flight.circle_m + PASSED_M
+
     def _has_passed(self, owner: int) -> bool:
         """Whether it has left behind the border at which it was flown on."""
-        if self._passed_m is None:
-            return False
-        return self._candidates.zones.margin_m(owner) >= self._passed_m + 2.0 * self._flight.circle_m + PASSED_M
+        passed_at_m = self.passed_at_m
+        return passed_at_m is not None and self._candidates.zones.margin_m(owner) >= passed_at_m
 
     def _ends_ahead(self, owner: int, others: Sequence[int], now: float) -> bool:
         """Whether the last coverage that counts ends ahead. `others`: who could take the aircraft here."""
