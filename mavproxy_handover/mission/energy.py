@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
 from math import isfinite
 
@@ -177,11 +177,11 @@ def pieces_along(
 
 def _pieces(legs: Iterable[Leg], released: int | None) -> tuple[Piece, ...]:
     """Of legs whose payload is dropped by that item."""
-    return tuple(replace(_piece(leg), unloaded=released is not None and leg.seq > released) for leg in legs)
+    return tuple(_piece(leg)._replace(unloaded=released is not None and leg.seq > released) for leg in legs)
 
 
 def _loaded_as(way: Iterable[Piece], *, unloaded: bool) -> tuple[Piece, ...]:
-    return tuple(replace(piece, unloaded=unloaded) for piece in way)
+    return tuple(piece._replace(unloaded=unloaded) for piece in way)
 
 
 def _piece(leg: Leg) -> Piece:

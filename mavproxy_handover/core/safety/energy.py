@@ -35,7 +35,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import cos, hypot, inf, isfinite, radians, sin, sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 __all__ = [
     "CIRCLE_S",
@@ -80,8 +80,7 @@ class Wind:
         return max(0.0, self.speed_mps * cos(angle)), abs(self.speed_mps * sin(angle))
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
+class Piece(NamedTuple):
     """A straight piece of a way. Lengths in metres, none negative; directions in degrees from north.
 
     `length_m` is horizontal, `climb_m` and `descent_m` are what it gains and loses on it. `landing_m` of the descent is
@@ -105,8 +104,7 @@ class Piece:
         return self.climb_m / CLIMB_MPS + down_s
 
 
-@dataclass(frozen=True, slots=True)
-class MadeGood:
+class MadeGood(NamedTuple):
     """How a direction is flown in the wind: ground speed (m/s), 0 where it cannot be flown, and power (W)."""
 
     speed_mps: float
@@ -188,12 +186,10 @@ class EnergyModel:
 
     def piece_wh(self, piece: Piece) -> float:
         """What one piece costs this aircraft; infinite where the wind does not let it be flown."""
-        if piece.unloaded and self.unloaded_part < 1.0:
-            return self.unloaded.piece_wh(piece)
-        if self.wings:
-            return self._on_wings_wh(piece)
-        wind_mps = self.headwind_mps if self.wind is None else self.wind.speed_mps
-        still_w = self.power_w(min(wind_mps, self.airspeed_mps))
+        return self.need_wh((piece,))
+
+    def _hanging_wh(self, piece: Piece, still_w: float) -> float:
+        """A piece that is flown on rotors alone; `still_w`: the power of standing against the wind."""
         level_w, level_s = still_w, 0.0
         if piece.length_m > 0.0:
             made = self.made_good(piece.bearing_deg, piece.speed_mps)
@@ -202,8 +198,9 @@ class EnergyModel:
             level_w, level_s = max(made.power_w, still_w), _duration_s(piece.length_m, made.speed_mps)
         vertical_s = piece.vertical_s
         joules = level_w * max(level_s, vertical_s) + still_w * piece.hold_s
-        climb_s = piece.climb_m / CLIMB_MPS
-        joules += (self.climb_w - self.hover_w) * climb_s + (self.descent_w - self.hover_w) * (vertical_s - climb_s)
+        if vertical_s > 0.0:
+            climb_s = piece.climb_m / CLIMB_MPS
+            joules += (self.climb_w - self.hover_w) * climb_s + (self.descent_w - self.hover_w) * (vertical_s - climb_s)
         return max(0.0, joules) / _SECONDS_AN_HOUR
 
     def _on_wings_wh(self, piece: Piece) -> float:
@@ -224,8 +221,16 @@ class EnergyModel:
 
     def need_wh(self, way: Iterable[Piece]) -> float:
         """What a way costs, without any reserve; infinite where the wind does not let it be flown."""
-        light = self.unloaded
-        return sum(((light if piece.unloaded else self).piece_wh(piece) for piece in way), 0.0)
+        wind_mps = self.headwind_mps if self.wind is None else self.wind.speed_mps
+        still_w = self.power_w(min(wind_mps, self.airspeed_mps))
+        light, light_still_w = self.unloaded, still_w
+        if light is not self:
+            light_still_w = light.power_w(min(wind_mps, light.airspeed_mps))
+        total = 0.0
+        for piece in way:
+            model, hanging_w = (light, light_still_w) if piece.unloaded else (self, still_w)
+            total += model._on_wings_wh(piece) if self.wings else model._hanging_wh(piece, hanging_w)
+        return total
 
     def budget_wh(self, need_wh: float) -> float:
         """What has to be left for a way of that need to be begun: the need with its factor, and the reserve."""
@@ -268,11 +273,8 @@ def way_home(
     if wings:
         there = Piece(length_m=distance_m, bearing_deg=bearing_deg, climb_m=height - alt_m, hold_s=CIRCLE_S)
         return there, landing(height)
-    return (
-        Piece(climb_m=height - alt_m),
-        Piece(length_m=distance_m, bearing_deg=bearing_deg, hold_s=LOITER_S),
-        landing(height),
-    )
+    there = Piece(length_m=distance_m, bearing_deg=bearing_deg, hold_s=LOITER_S)
+    return (Piece(climb_m=height - alt_m), there, landing(height)) if height > alt_m else (there, landing(height))
 
 
 def point_of_no_return(margin_wh: Callable[[float], float], places_m: Sequence[float]) -> float | None:

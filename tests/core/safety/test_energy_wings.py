@@ -84,7 +84,7 @@ def test_waiting_is_circling_and_above_its_place_hovering() -> None:
     assert MODEL.piece_wh(Piece(hold_s=100.0)) == pytest.approx(10.0)
     assert MODEL.piece_wh(Piece(length_m=3600.0, hold_s=100.0)) == pytest.approx(28.0)
     up = Piece(climb_m=25.0)
-    assert MODEL.piece_wh(replace(up, hold_s=10.0)) - MODEL.piece_wh(up) == pytest.approx(5.0)
+    assert MODEL.piece_wh(up._replace(hold_s=10.0)) - MODEL.piece_wh(up) == pytest.approx(5.0)
 
 
 def test_nothing_costs_nothing() -> None:
