@@ -16,7 +16,7 @@ from __future__ import annotations
 import traceback
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Final
 
@@ -36,12 +36,14 @@ from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.messages import TransferMessage
 from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState, Phase, Reason
 from mavproxy_handover.core.never import assert_never
+from mavproxy_handover.core.snapshot import Snapshot
+from mavproxy_handover.core.start import MIDWAY
 from mavproxy_handover.gate.gate import Gate
 from mavproxy_handover.gate.intent import intent_of, repeats, wish_of
 from mavproxy_handover.gate.judge import Fate, Verdict, uploads
 from mavproxy_handover.gate.latent import News
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.gate.policy.rows import classify
+from mavproxy_handover.gate.policy.rows import begins_midway, classify
 from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.mission.package import MissionPackage
@@ -167,6 +169,12 @@ class Companion:
         if package is not None:
             self.autopilot.adopt(package, edge.clocks.monotonic())
             self._lay_out(package)
+        if self._restart.restored is not None:
+            self.autopilot.resume(self._restart.restored.packs, edge.clocks.monotonic())
+
+    def _snapshot(self) -> Snapshot:
+        """What a run after this one needs."""
+        return replace(self.arbiter.snapshot(), packs=self.autopilot.packs)
 
     def _keep(self, package: MissionPackage) -> None:
         """The autopilot holds this mission now."""
@@ -310,12 +318,13 @@ class Companion:
 
     def _begins_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """The commander's START, or what else arms or takes off on the ground: that needs no less."""
-        orders = self.autopilot.orders
-        self.autopilot.desk.start(port, wish_of(frame), repeats(frame), now)
+        orders, midway = self.autopilot.orders, begins_midway(classify(frame))
+        if not midway:
+            self.autopilot.desk.start(port, wish_of(frame), repeats(frame), now)
         if commanded(frame) == MISSION_START:
             orders.start_asked(port, frame, verdict.what, now)
             return
-        needs = self.arbiter.take_off_needs(port.sysid, now)
+        needs = MIDWAY if midway else self.arbiter.take_off_needs(port.sysid, now)
         if needs:
             orders.refuse_take_off(port, frame, needs, now)
             kind, proven = (frame.msgid, verdict.reason), port.proves(frame)
@@ -447,7 +456,7 @@ class Companion:
         self._announcer.tick(now)
         self.narrator.clock(now)
         self.narrator.sum_up(now)
-        self._restart.each_second(self.arbiter.snapshot())
+        self._restart.each_second(self._snapshot())
         self.autopilot.each_second(self.view, now)
 
     def _beat_stations(self, now: float, pause_s: float) -> None:
@@ -538,7 +547,7 @@ class Companion:
         if self.view.rehearsal:  # the rules order nothing in one; whoever carries the aircraft has his hands on it
             self.fault("order in a rehearsal", f"{action.action.name} is not commanded")
             return
-        self._restart.save(self.arbiter.snapshot())  # what stands still by this order must not be left standing
+        self._restart.save(self._snapshot())  # what stands still by this order must not be left standing
         self.autopilot.orders.fly(action.action, now)
 
     def _announce(self, told: events.Announce, now: float) -> None:
@@ -560,7 +569,7 @@ class Companion:
         former = before.commander
         self._reason = action.reason
         try:
-            self._restart.save(self.arbiter.snapshot())
+            self._restart.save(self._snapshot())
             self._put_in_force(view, now)
         except Exception:
             if self.view is not view:  # the former one would stay in force, with leases and all

@@ -13,6 +13,7 @@ Rules
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from mavproxy_handover.core.arbiter import Arbiter
 from mavproxy_handover.core.model import Phase
@@ -79,7 +80,8 @@ class Restart:
             return None
         if self._store is None:
             return None
-        self.save(arbiter.snapshot())  # the epoch has risen: if this run ends soon, the next one must begin above it
+        # the epoch has risen: if this run ends soon, the next one must begin above it
+        self.save(replace(arbiter.snapshot(), packs=restored.packs))
         if restored.phase is Phase.ON_LOAD:
             return None
         where = "a rehearsal" if restored.rehearsal else "flight"

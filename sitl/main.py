@@ -16,8 +16,9 @@ from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
-from typing import Any, TextIO
+from typing import Any, Final, TextIO
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.check import Severity, check
 from mavproxy_handover.mission.errors import MissionError
@@ -48,6 +49,8 @@ DEFAULT_SPEEDUP = 4.0
 #: A station's heartbeat comes every second of the wall clock, so at a handover up to two seconds pass between the last
 #: one of the old commander and the first one of the new; the autopilot's FS_GCS_TIMEOUT is 10 s of its own time.
 MAX_SPEEDUP = 5.0
+#: what is played where no scenario is named
+USUAL_SCENARIO: Final = {Kind.COPTER: "nominal", Kind.QUADPLANE: "ferry", Kind.PLANE: "dike"}
 #: what MAVProxy's command line splits or eats
 UNUSABLE = " ;'\"\\"
 _BAD_USAGE = 2
@@ -114,7 +117,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit code: 0 every expectation held, 1 one did not, 2 wrong usage or nothing could be set up.",
     )
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("--scenario", default="nominal", metavar="NAME", help="what to play (default: nominal)")
+    usual = ", ".join(f"{name} for a {kind.value}" for kind, name in USUAL_SCENARIO.items())
+    what.add_argument("--scenario", metavar="NAME", help=f"what to play (default: {usual})")
     what.add_argument("--mission", type=Path, metavar="DIR", help="fly this mission package as its check says")
     parser.add_argument("--faults", type=int, metavar="SEED", help="with --mission: something goes wrong, by chance")
     parser.add_argument("--anyway", action="store_true", help="with --mission: even if its check finds errors")
@@ -250,9 +254,11 @@ def _scenario(arguments: argparse.Namespace) -> Scenario:
     if arguments.faults is not None or arguments.anyway:
         raise SetupError("--faults and --anyway go with --mission")
     scenarios = known_scenarios()
-    if arguments.scenario not in scenarios:
-        raise ScenarioError(f"no scenario {arguments.scenario!r}; known are {', '.join(scenarios) or 'none'}")
-    return load_scenario(scenarios[arguments.scenario])
+    kind = Kind.COPTER if arguments.vehicle == "auto" else flies(arguments.vehicle)
+    name = USUAL_SCENARIO[kind] if arguments.scenario is None else arguments.scenario
+    if name not in scenarios:
+        raise ScenarioError(f"no scenario {name!r}; known are {', '.join(scenarios) or 'none'}")
+    return load_scenario(scenarios[name])
 
 
 def _own(folder: Path, faults: int | None, *, anyway: bool) -> Scenario:

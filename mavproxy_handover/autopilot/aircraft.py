@@ -48,7 +48,7 @@ class Aircraft:
         #: what it was stopped in, where that is done by a mode of its own
         self.stopped_in: Flown | None = None
         self._vtol_state = mavlink.MAV_VTOL_STATE_UNDEFINED
-        #: a plane that hovers too: it has said so, or has the parameter
+        #: a plane that hovers too: it has said so, or has the parameter; a copter says nothing of the kind
         self._has_rotors = False
         self._radius_m: dict[str, float] = {}
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
@@ -76,6 +76,7 @@ class Aircraft:
         self._had_fix = self._has_fix = False
         #: SYS_STATUS, FENCE_STATUS and their times
         self.sys_status: Any | None = None
+        self.sys_status_at = -math.inf
         self.fence_status: Any | None = None
         self.fence_status_at = -math.inf
 
@@ -91,7 +92,7 @@ class Aircraft:
         self._was_disarmed |= not self.armed
         self.custom_mode = m.custom_mode
         self.critical = m.system_status == mavlink.MAV_STATE_CRITICAL
-        known = vehicle_of(m.autopilot, m.type)
+        known = vehicle_of(m.autopilot, m.type, has_rotors=self._has_rotors)
         self.vehicle = COPTER if known is None else known
         self.foreign = "" if known else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}"
         self.ways_down.mode(self.vehicle, m.custom_mode, now)
@@ -110,8 +111,8 @@ class Aircraft:
     def _take_attitude(self, m: Any, _now: float) -> None:
         self._attitude = m
 
-    def _take_battery(self, m: Any, _now: float) -> None:
-        self.sys_status = m
+    def _take_battery(self, m: Any, now: float) -> None:
+        self.sys_status, self.sys_status_at = m, now
         self._battery_voltage = m.voltage_battery
         self._battery_remaining = m.battery_remaining
 

@@ -10,11 +10,12 @@ here and known nowhere else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot import own_failsafes
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.border_watch import BorderWatch
 from mavproxy_handover.autopilot.command_desk import CommandDesk
@@ -25,7 +26,7 @@ from mavproxy_handover.autopilot.gaps import GapWatch
 from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
-from mavproxy_handover.autopilot.own_failsafes import plan_facts
+from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
@@ -39,6 +40,7 @@ from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.autopilot.waypoints import WaypointWatch
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core.events import (
+    AircraftJudged,
     AutopilotState,
     GuardSeen,
     MissionLoaded,
@@ -47,6 +49,7 @@ from mavproxy_handover.core.events import (
     SignsSeen,
 )
 from mavproxy_handover.core.model import AuthorityView, Flown, ZoneFact
+from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.ahead import Ahead
@@ -68,6 +71,8 @@ __all__ = ["Autopilot"]
 _ZONE_CHECK_S: Final = 0.03
 #: name of a conversation
 _HELD: Final = "held"
+#: by these a return of wings ends on the ground
+_LANDS: Final = {"Q_RTL_MODE": 1.0, "RTL_AUTOLAND": 1.0}
 #: a restart in flight is over by then (s): what takes the processor a while has waited for that
 _WALK_S: Final = 10.0
 #: what an older heartbeat has said of arming and of the mode does not count
@@ -111,22 +116,32 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
-        #: why a return would not end on the ground, as it was told last
-        self._return_lacks = ""
+        #: why the mission is none for this aircraft, and why a return would not end on the ground, as it was told last
+        self._aircraft_lacks = self._return_lacks = ""
         #: the parameters by which that was judged
         self._judged_by: Mapping[str, float] | None = None
         self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
         self._borders = BorderWatch(config.limits.operator_timeout_s, self.aircraft, ties)
-        self._execution = ExecutionWatch(self.aircraft, ties, lambda: self._preflight.radio_watched)
+        self._execution = ExecutionWatch(
+            self.aircraft, ties, lambda: self._preflight.radio_watched, lambda: self.places.goes_to
+        )
         #: where a return goes
         self.places = PlaceWatch(config.sysid, self.aircraft, lambda: self._energy.fact, self.orders, talks, ties)
         self._missions = MissionWriter(
             self._loader, self.procedures, talks, ties, self._flies_by, self.places.first_point
         )
         #: the commander's commands in flight, judged by the situation
-        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places.candidates, ties)
+        self.desk = CommandDesk(config.commands, self.aircraft, self._energy, self.places, ties)
         #: and what it uploads then
-        self.staging = Staging(self.desk, self.procedures, talks, ties, lambda: self._loader.package, self._rerouted)
+        self.staging = Staging(
+            self.desk,
+            self.procedures,
+            talks,
+            ties,
+            lambda: self._loader.package,
+            self._circles_for_ever,
+            self._rerouted,
+        )
         self._heed: dict[str, Callable[[Any, float], None]] = {
             "HEARTBEAT": self._on_state,
             "EXTENDED_SYS_STATE": self._on_state,
@@ -165,6 +180,11 @@ class Autopilot:
         return self._energy.fact
 
     @property
+    def packs(self) -> tuple[PackMemory, ...]:
+        """What a run after this one needs to know of the batteries; empty on the ground."""
+        return self._energy.memory
+
+    @property
     def route_changed(self) -> bool:
         """The commander has changed the mission in flight: it is not the package's any more."""
         return self._changed_aloft
@@ -199,6 +219,7 @@ class Autopilot:
             narrator.mode(aircraft.vehicle.mode_name(aircraft.custom_mode))
             if known:
                 self.orders.mode_changed()
+                self.desk.mode_changed()
         if known and aircraft.flies_mission is not on_mission:
             self._mission_flown(now)
         if aircraft.waypoint != waypoint:
@@ -283,7 +304,8 @@ class Autopilot:
         self.places.take(message, now)
 
     def _on_energy(self, message: Any, now: float) -> None:
-        self._energy.take(message, now, on_ground=not self.aircraft.armed)
+        if self.aircraft.heartbeat_at > -math.inf:  # before its first one nothing is known of arming
+            self._energy.take(message, now, on_ground=not self.aircraft.armed)
 
     def _adopted(self, package: MissionPackage, way: Way, now: float) -> None:
         self._energy.adopt(package.energy, way, now, wings=package.kind.winged)
@@ -321,6 +343,10 @@ class Autopilot:
         asking = self.procedures().holds_another(package.route.upload_items())
         self.conversations.begin(_HELD, asking, done, now)
 
+    def resume(self, packs: Sequence[PackMemory], now: float) -> None:
+        """What the run before knew of the batteries; behind `adopt`."""
+        self._energy.resume(packs, now)
+
     def holds(self, prepared: Prepared, now: float) -> None:
         """The same where the autopilot cannot be asked, and the walk is done: in the replay of a recording."""
         self._loader.adopt(prepared.package, prepared.finder, prepared.way, now)
@@ -344,13 +370,26 @@ class Autopilot:
         self.places.adopt(package, now)
 
     def _judge_plan(self, now: float) -> None:
-        """Tell the arbiter what START lacks for the gaps, and for a return that ends on the ground."""
+        """Tell the arbiter what START lacks for the gaps, for a return that ends on the ground, and of the aircraft."""
         self._judged_by = self._preflight.parameters
         self._gaps.judge(self._preflight.parameters, now)
+        wanted, kind = None if self._flown is None else self._flown.kind, self.aircraft.kind
+        other = wanted not in (None, kind) and self.aircraft.heartbeat_at > -math.inf
+        none = f"the mission is for a {wanted.value}, and this is a {kind.value}" if wanted and other else ""
+        none = self._preflight.other_type or none
+        if none != self._aircraft_lacks:
+            self._aircraft_lacks = none
+            self._ties.handle(AircraftJudged(none), now)
         lacks = self._preflight.circles_for_ever(self.aircraft.kind)
         if lacks != self._return_lacks:
             self._return_lacks = lacks
             self._ties.handle(ReturnJudged(lacks), now)
+
+    def _circles_for_ever(self, facts: PlanFacts) -> str:
+        parameters = self._preflight.parameters
+        if parameters is None:  # behind a restart in flight: what START has asked for
+            parameters = _LANDS
+        return own_failsafes.circles_for_ever(parameters, facts, self.aircraft.kind)
 
     def _flies(self, route: Route | None) -> None:
         self._flown = route
@@ -377,6 +416,9 @@ class Autopilot:
         if rerouted is None:
             return
         self._loader.reroute(rerouted.ahead.route)
+        self.places.reroute(rerouted.ahead.route)
+        self._preflight.planned(rerouted.facts)
+        self._judge_plan(now)
         self._ties.handle(MissionLoaded(self._ties.arbiter.mission_digest, rerouted.commanders), now)
 
     def authority_moved(self, now: float) -> None:

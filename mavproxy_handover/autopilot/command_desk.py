@@ -8,6 +8,9 @@ The rules are `core/safety/commands.py`, the geometry `mission/ahead.py`; here t
   it would without this. So it does when something breaks in here: authority is not the question.
 * To judge takes milliseconds, and a station may send what it likes: `MOST` at once, then `PER_S` a second. What comes
   faster is refused without a look.
+* What wings fly to they circle: by the radius that DO_REPOSITION asks for, which ArduPlane keeps until it leaves
+  GUIDED, else by WP_LOITER_RAD or what the mission counts on, and never narrower than a turn (`mission/wings.py`). The
+  ceiling of the autopilot's own fence is looked at for them alone: a copter refuses such a target itself.
 * The operator is told in words, in the journal stands who lifted what.
 """
 
@@ -21,14 +24,17 @@ from typing import Final
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.energy import EnergyWatch
+from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.safety.commands import LIFTED_S, CommandRules, Kind, Limit, Outcome, Ruling
+from mavproxy_handover.core.safety.energy import EnergyModel
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.refusals import CAUSE_S, OncePerCause, RefusalLimiter
-from mavproxy_handover.mission.ahead import Ahead, leaves_coverage, leaves_fence, straight
-from mavproxy_handover.mission.energy import Place, pieces_along, released_at
+from mavproxy_handover.mission.ahead import Ahead, around, leaves_coverage, leaves_fence, straight, to_height
+from mavproxy_handover.mission.energy import Place, pieces_along, released_at, with_ways_down
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.walk import Leg
+from mavproxy_handover.mission.wings import AS_IT_COMES
 from mavproxy_handover.stations.port import StationPort
 
 __all__ = ["MOST", "PER_S", "CommandDesk"]
@@ -44,6 +50,8 @@ _TURNED: Final = (8, 9)
 _UNKNOWN_HEADING: Final = 0xFFFF
 #: how fast a guided target is flown to, if no mission says it
 _GUIDED_MPS: Final = 10.0
+#: commands of these are done by GUIDED alone
+_GUIDED: Final = (Kind.FLY_TO, Kind.TARGET)
 
 _Place = tuple[float, float, float]
 _NOT_JUDGED: Final = Ruling(Outcome.PASSES)
@@ -74,10 +82,9 @@ class CommandDesk:
         policies: Mapping[Limit, str],
         aircraft: Aircraft,
         energy: EnergyWatch,
-        places: Callable[[], Sequence[Place] | None],
+        places: PlaceWatch,
         ties: Ties,
     ) -> None:
-        """`places`: those that a return could be sent to; None: not known."""
         self.rules = CommandRules(policies)
         #: the plan that the autopilot holds; None: nobody knows which one
         self.ahead: Ahead | None = None
@@ -85,6 +92,8 @@ class CommandDesk:
         self._energy = energy
         self._places = places
         self._ties = ties
+        #: of the circle that GUIDED flies until it is left (m); 0: it has been told none
+        self._kept_radius_m = 0.0
         self._purse = _Purse()
         self._entries = RefusalLimiter(1, _ENTRY_S)
         self._stream_entries = RefusalLimiter(1, CAUSE_S)
@@ -94,7 +103,16 @@ class CommandDesk:
 
     def judge(self, port: StationPort, intent: Intent, now: float) -> Ruling:
         """What becomes of a command of the commander in flight; people are told."""
-        return self._rule(port, intent.kind, intent.word, intent.wish, intent.repeats, now, lambda: self._way(intent))
+        wanted = intent.kind, intent.word, intent.wish, intent.repeats
+        ruling = self._rule(port, *wanted, now, lambda: self._way(intent))
+        if ruling.passes and intent.aim is not None and intent.aim.radius_m:
+            self._kept_radius_m = intent.aim.radius_m
+        return ruling
+
+    def mode_changed(self) -> None:
+        """The autopilot flies another mode than before."""
+        if self._aircraft.custom_mode != self._aircraft.vehicle.guided:
+            self._kept_radius_m = 0.0
 
     def target(self, aim: Aim, station: int, now: float) -> bool:
         """Whether the commander's stream of targets may lead there."""
@@ -153,7 +171,8 @@ class CommandDesk:
         if not self._purse.take(now):
             return Ruling(Outcome.REFUSED, (), "too many commands at once")
         try:
-            left = self._left(way(), limits, ahead or self.ahead, now)
+            ceiling_m = self._places.ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
+            left = self._left(way(), limits, ahead or self.ahead, ceiling_m, now)
             ruling = self.rules.rule(kind, wish, left, port.sysid, now, repeats=repeats)
         except Exception:
             self._ties.fault("judging a command", traceback.format_exc(limit=-3))
@@ -161,13 +180,15 @@ class CommandDesk:
         self._tell(port, kind, word, ruling, now)
         return ruling
 
-    def _left(self, legs: Sequence[Leg], limits: Sequence[Limit], ahead: Ahead | None, now: float) -> dict[Limit, str]:
+    def _left(
+        self, legs: Sequence[Leg], limits: Sequence[Limit], ahead: Ahead | None, ceiling_m: float | None, now: float
+    ) -> dict[Limit, str]:
         """What a way would leave, of these limits."""
         if not legs or ahead is None:
             return {}
         look: dict[Limit, Callable[[], str]] = {
             Limit.ENERGY: lambda: self._energy_short(legs, ahead),
-            Limit.FENCE: lambda: leaves_fence(legs, ahead.fence),
+            Limit.FENCE: lambda: leaves_fence(legs, ahead.fence, ceiling_m),
             Limit.COVERAGE: lambda: leaves_coverage(legs, ahead.finder, self._usable(now), ahead.gaps),
         }
         return {limit: look[limit]() for limit in limits}
@@ -175,26 +196,32 @@ class CommandDesk:
     def _energy_short(self, legs: Sequence[Leg], ahead: Ahead) -> str:
         """What is in reach with the reserve comes before what is covered (`core/safety/places.py`): so a way is too
         long where not even the place that costs least from its end is in reach, of those inside the fence."""
-        fact, places = self._energy.fact, self._places()
+        fact, places = self._energy.fact, self._places.candidates()
         # on the ground START asks for it; in the air it was granted
         if fact.model is None or fact.left_wh is None or places is None:
             return ""
         if not places and legs[-1].end[2] > 0.0:
             return "no place of a return is inside the fence"
-        way = pieces_along(legs, places, fact.model, released_at(ahead.route))
-        return fact.shortfall(fact.model.need_wh(way))
+        return fact.shortfall(self._need_wh(legs, places, fact.model, ahead))
 
     def way_on_wh(self) -> float | None:
         """What the rest of the mission needs from here, to the place that costs least from its end, with the reserve
         (Wh); None: not known, or no mission is flown."""
-        fact, places, ahead, here = self._energy.fact, self._places(), self.ahead, self._aircraft.where
+        fact, places, ahead, here = self._energy.fact, self._places.candidates(), self.ahead, self._aircraft.where
         if fact.model is None or places is None or ahead is None or here is None:
             return None
         if not self._aircraft.flies_mission:
             return None
         legs = ahead.way(self.item_in(ahead), here)
-        way = pieces_along(legs, places, fact.model, released_at(ahead.route))
-        return fact.model.budget_wh(fact.model.need_wh(way))
+        if legs and not places and legs[-1].end[2] > 0.0:
+            return None
+        return fact.model.budget_wh(self._need_wh(legs, places, fact.model, ahead))
+
+    def _need_wh(self, legs: Sequence[Leg], places: Sequence[Place], model: EnergyModel, ahead: Ahead) -> float:
+        """Of a way, and the return from its end: a plane comes down by the landing sequences of that plan."""
+        down = with_ways_down(places, ahead.route, ahead.speed_mps)
+        way = pieces_along(legs, down, model, self._places.return_mps, released_at(ahead.route))
+        return model.need_wh(way)
 
     def _usable(self, now: float) -> frozenset[int]:
         """The commander, and whoever could take the aircraft from it now."""
@@ -228,16 +255,27 @@ class CommandDesk:
         if here is None or there is None:
             return ()
         speed_mps = _GUIDED_MPS if self.ahead is None else self.ahead.speed_mps
-        return straight(here, there, speed_mps)
+        if not self._aircraft.kind.winged:
+            return straight(here, there, speed_mps)
+        if aim.here:
+            return to_height(here, there[2], speed_mps)
+        return (*straight(here, there, speed_mps), *around(there, self._circle_m(aim.radius_m, speed_mps), speed_mps))
+
+    def _circle_m(self, asked_m: float, speed_mps: float) -> float:
+        """The radius of the circle around a guided target, for which so much is asked; 0: nothing."""
+        model, wings = self._energy.fact.model, AS_IT_COMES if self.ahead is None else self.ahead.route.wings
+        wind_mps = 0.0 if model is None else model.headwind_mps if model.wind is None else model.wind.speed_mps
+        told_m = asked_m or self._kept_radius_m or self._places.circle_m or 0.0
+        return wings.circle_radius_m(told_m, speed_mps + wind_mps)
 
     def _place_of(self, aim: Aim, here: _Place) -> _Place | None:
         """Where a target lies: degrees, metres above home. None: a local frame, and home is not known."""
         position = self._aircraft.position
         assert position is not None
         if aim.on_earth:
-            if aim.first == 0.0 and aim.second == 0.0:  # "where it is", to the autopilot
-                return *here[:2], aim.third
             home_m = (position.alt - position.relative_alt) / 1000.0 if aim.frame in _ABOVE_SEA else 0.0
+            if aim.here or (aim.first == 0.0 and aim.second == 0.0):  # "where it is", to the autopilot
+                return *here[:2], aim.third - home_m
             return aim.first, aim.second, aim.third - home_m
         if aim.frame in _OFFSETS:
             turn = radians(position.hdg / 100.0) if aim.frame in _TURNED and position.hdg != _UNKNOWN_HEADING else 0.0

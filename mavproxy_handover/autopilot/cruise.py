@@ -5,8 +5,8 @@
 It is written as the autopilot's own parameter for the speed between waypoints, on the ground, with the mission. A
 DO_CHANGE_SPEED would do as well only until the aircraft leaves AUTO: after a while in GUIDED, or a return that was
 called off, the mission would go on at whatever the parameter says. The parameter holds in every mode, and when every
-computer above the autopilot is dead; a return is flown by it too. A DO_CHANGE_SPEED in the mission stays what it is, an
-item, and the companion says it again when the aircraft comes back to AUTO behind it.
+computer above the autopilot is dead; a return is flown by it too, where RTL_SPEED is 0. A DO_CHANGE_SPEED in the
+mission stays what it is, an item, and the companion says it again when the aircraft comes back to AUTO behind it.
 
 Of a plane it is an airspeed, and one between the least and the most that it is set up for: a wing that is told to fly
 slower than it can does not, and the check would have walked at a speed that nobody flies.

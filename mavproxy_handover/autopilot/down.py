@@ -24,14 +24,11 @@ from typing import Final
 
 from mavproxy_handover.autopilot.kinds import PLANE, Vehicle
 from mavproxy_handover.core.model import Flown
-from mavproxy_handover.mission.items import COMMANDS
-from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.items import COMMANDS, LANDINGS
+from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 
 __all__ = ["WaysDown", "ways_down"]
 
-_LAND_START: Final = 189
-#: NAV_LAND, NAV_VTOL_LAND
-_LANDINGS: Final = (21, 85)
 #: the item that is flown to is told twice a second (s)
 _WAIT_S: Final = 1.5
 #: so many items may be passed without being told of before it is a jump
@@ -41,14 +38,8 @@ _ENDS: Final = (Flown.RETURN, Flown.LAND)
 
 def ways_down(route: Route) -> tuple[range, ...]:
     """The numbers of the items of each way down: from behind a DO_LAND_START to a landing; those without have none."""
-    found = []
-    for item in route.items:
-        if item.command != _LAND_START:
-            continue
-        lands = [each.seq for each in route.items if each.seq > item.seq and each.command in _LANDINGS]
-        if lands:
-            found.append(range(item.seq, lands[0] + 1))
-    return tuple(found)
+    ways = ways_from_land_starts(route.items)
+    return tuple(range(way[0].seq, way[-1].seq + 1) for way in ways if way[-1].command in LANDINGS)
 
 
 class WaysDown:

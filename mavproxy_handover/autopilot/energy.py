@@ -18,7 +18,7 @@ from typing import Any, Final
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import EnergyJudged
-from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, PackReport
+from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, PackMemory, PackReport
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
@@ -115,9 +115,19 @@ class EnergyWatch:
             for number, (report, at) in self._reports.items():
                 if self._batteries is not None and now - at < _COUNT_S:
                     self._batteries.take(number, report, at, True)
-            self._judge(self._observe(now), now)
+            self._judge(self._observe(now, grounded=True), now)
         except Exception:
             self._broke(now)
+
+    @property
+    def memory(self) -> tuple[PackMemory, ...]:
+        """What a run after this one needs to know of the batteries; empty on the ground."""
+        return () if self._batteries is None else self._batteries.memory
+
+    def resume(self, memory: Sequence[PackMemory], now: float) -> None:
+        """The run before has left this behind. To be called when the mission is known again and nothing was said."""
+        if self._batteries is not None:
+            self._batteries.resume(memory, now)
 
     def _adopt(self, settings: EnergySettings, *, wings: bool = False) -> None:
         if (settings, wings) == (self._settings, self._wings):
@@ -128,8 +138,9 @@ class EnergyWatch:
             self._learner = self._batteries = None
             return
         self._learner = Learner(settings, wings=wings)
-        most_w = _MOST_HOVER * max(prior.hover_w, prior.cruise_w, prior.climb_w)
-        self._batteries = Batteries(prior.battery_wh, int(settings.batteries or 1), settings.cells, most_w)
+        flies_w = max(prior.hover_w, prior.cruise_w)
+        most_w = _MOST_HOVER * max(flies_w, prior.climb_w)
+        self._batteries = Batteries(prior.battery_wh, int(settings.batteries or 1), settings.cells, most_w, flies_w)
 
     # ---- each second ----------------------------------------------------------------------------------------------
 
@@ -138,7 +149,7 @@ class EnergyWatch:
         try:
             self._weigh(aircraft)
             self._learn(aircraft, now)
-            fact = self._observe(now)
+            fact = self._observe(now, grounded=grounded)
             if grounded:
                 self._judge(fact, now)
             self._tell(fact, aircraft.flying, now)
@@ -172,11 +183,11 @@ class EnergyWatch:
         speeds = (position.vx / 100.0, position.vy / 100.0, -position.vz / 100.0)
         self._learner.fly(Motion(*speeds, lean, towards, self._batteries.charge(now).power_w), now)
 
-    def _observe(self, now: float) -> EnergyFact:
+    def _observe(self, now: float, *, grounded: bool) -> EnergyFact:
         if self._learner is None or self._batteries is None:
             self.fact = EnergyFact(now, missing=self._settings.missing_for(wings=self._wings))
             return self.fact
-        charge: Charge = self._batteries.charge(now)
+        charge: Charge = self._batteries.charge(now, on_ground=grounded)
         model, source = self._learner.model(now)
         self.fact = EnergyFact(
             at=now,

@@ -16,14 +16,17 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot import hands
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.core.events import HandSeen, ModeSeen, MotionSeen
+from mavproxy_handover.core.events import HandSeen, ModeSeen, MotionSeen, MotionUnseen
 from mavproxy_handover.core.model import Hand
+from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.wire.lease import GuardStatus
 
 __all__ = ["ExecutionWatch"]
 
 #: what comes once a second, or oftener, has stopped
 _STOPPED_S: Final = 3.0
+#: what was said of the radio counts so long: who takes a pilot for a stranger fights him
+_RADIO_S: Final = 10.0
 _LANDING: Final[int] = mavlink.MAV_LANDED_STATE_LANDING
 _BREACHES: Final = {
     mavlink.FENCE_BREACH_MINALT: "too low",
@@ -33,13 +36,22 @@ _BREACHES: Final = {
 
 
 class ExecutionWatch:
-    """Of one aircraft. `radio_watched`: whether the loss of the radio would be noticed. Times are monotonic seconds."""
+    """Of one aircraft. `radio_watched`: whether the loss of the radio would be noticed; `place`: latitude and longitude
+    (degrees) of where a return goes, None: not known. Times are monotonic seconds."""
 
-    def __init__(self, aircraft: Aircraft, ties: Ties, radio_watched: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        ties: Ties,
+        radio_watched: Callable[[], bool],
+        place: Callable[[], tuple[float, float] | None],
+    ) -> None:
         self._aircraft = aircraft
         self._ties = ties
         self._radio_watched = radio_watched
+        self._place = place
         self._critical = False
+        self._moves = False
 
     # ---- as it comes ----------------------------------------------------------------------------------------------
 
@@ -51,12 +63,12 @@ class ExecutionWatch:
         self._critical = aircraft.critical
         name = aircraft.vehicle.mode_name(aircraft.custom_mode)
         landing = aircraft.landed_state == _LANDING
-        self._ties.handle(ModeSeen(aircraft.flown, name, landing, self._radio), now)
+        self._ties.handle(ModeSeen(aircraft.flown, name, landing, self._radio(now)), now)
 
-    @property
-    def _radio(self) -> bool:
+    def _radio(self, now: float) -> bool:
         status = self._aircraft.sys_status
-        return status is not None and self._radio_watched() and hands.radio_lives(status)
+        lately = now - self._aircraft.sys_status_at < _RADIO_S
+        return status is not None and lately and self._radio_watched() and hands.radio_lives(status)
 
     def text(self, text: str, now: float) -> None:
         """A STATUSTEXT of the autopilot."""
@@ -74,16 +86,27 @@ class ExecutionWatch:
     def each_second(self, now: float) -> None:
         """Motion."""
         aircraft = self._aircraft
+        moved, self._moves = self._moves, now - aircraft.own_position_at < _STOPPED_S
         if not aircraft.flying or aircraft.own_position is None:
             return
-        fresh = now - aircraft.waypoint_distance_at < _STOPPED_S
-        # a circle around the place is at the place
-        left_m = (
-            max(0.0, aircraft.waypoint_distance_m - aircraft.return_circle_m) if fresh and aircraft.to_place else None
-        )
-        if now - aircraft.own_position_at < _STOPPED_S:
+        if self._moves:
             climb_mps = -aircraft.own_position.vz / 100.0
-            self._ties.handle(MotionSeen(aircraft.own_speed_mps, climb_mps, left_m), now)
+            self._ties.handle(MotionSeen(aircraft.own_speed_mps, climb_mps, self._left_m(now)), now)
+        elif moved:
+            self._ties.handle(MotionUnseen(), now)
+
+    def _left_m(self, now: float) -> float | None:
+        """How far it is to the place that it flies to (m), by the autopilot's word, or by where both are."""
+        aircraft = self._aircraft
+        if not aircraft.to_place:
+            return None
+        away_m = aircraft.waypoint_distance_m
+        if now - aircraft.waypoint_distance_at >= _STOPPED_S:
+            own, place = aircraft.own_position, self._place()
+            if own is None or place is None:
+                return None
+            away_m = distance_m(own.lat / 1e7, own.lon / 1e7, *place)
+        return max(0.0, away_m - aircraft.return_circle_m)  # a circle around the place is at the place
 
     def breach(self, now: float) -> str:
         """What is wrong with the fence, in words; "" if nothing is known to be.
@@ -96,5 +119,6 @@ class ExecutionWatch:
             if not fence.breach_status:
                 return ""
             return f"outside the fence: {_BREACHES.get(fence.breach_type, 'breached')}"
-        known = aircraft.sys_status is not None and hands.breached(aircraft.sys_status)
+        lately = now - aircraft.sys_status_at < _STOPPED_S
+        known = lately and aircraft.sys_status is not None and hands.breached(aircraft.sys_status)
         return "outside the fence" if known else ""

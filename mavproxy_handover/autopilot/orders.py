@@ -37,6 +37,7 @@ __all__ = ["Orders", "commanded"]
 _CARRIERS: Final = (mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT)
 #: names of the conversations
 _START: Final = "start"
+_CALLED_OFF: Final = "start called off"
 _HOME: Final = "home"
 _SPEED: Final = "speed"
 _PAUSE: Final = "pause"
@@ -139,6 +140,7 @@ class Orders:
             asker = self._asker
             self._ties.handle(StartFinished(False, why), now)
             self._answer(asker, mavlink.MAV_RESULT_FAILED, f"START failed: {why}")
+            self._conversations.begin(_CALLED_OFF, self._procedures().call_off_start(), lambda _talk, _now: None, now)
 
     def _answer(self, asker: _Asker, result: int, why: str = "") -> None:
         self._reply(asker, MISSION_START, result, why)

@@ -10,8 +10,8 @@ ArduCopter's own fences, around home and above it, end a mission that leaves the
 A plane that returns circles at the place for ever unless something ends that: the mission's landing sequence
 (RTL_AUTOLAND), or its rotors (Q_RTL_MODE). Without, no START (`circles_for_ever`).
 
-Names and units differ by firmware: RTL_ALT and RTL_ALT_FINAL are centimetres, RTL_ALT_M and RTL_ALT_FINAL_M (from 4.7
-on) metres.
+Names and units differ by firmware: RTL_ALT, RTL_ALT_FINAL and RTL_SPEED are centimetres (a second), RTL_ALT_M,
+RTL_ALT_FINAL_M and RTL_SPEED_MS (from 4.7 on) metres.
 Sources: ArduCopter's and ArduPlane's Parameters.cpp, Plane.h (`_failsafe_priorities`), events.cpp, mode_rtl.cpp and
 fence.cpp of the latter, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of the parameters.
 """
@@ -22,10 +22,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from mavproxy_handover.autopilot.down import ways_down
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.items import LANDINGS
+from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.walk import legs_of
 
 __all__ = [
@@ -47,19 +47,22 @@ BELOW_CEILING_M: Final = 10.0
 NAMES: Final = (
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
-    "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RALLY_INCL_HOME", "HNDO_ACTION",
+    "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RTL_SPEED", "RTL_SPEED_MS", "RALLY_INCL_HOME",
+    "HNDO_ACTION",
 )  # fmt: skip
 #: the same of an aircraft with wings
 PLANE_NAMES: Final = (
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART",
-    "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT",
+    "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "FLIGHT_OPTIONS", "TERRAIN_FOLLOW",
+    "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS",
 )  # fmt: skip
 
 #: for which kinds a rule is
 COPTERS: Final = frozenset({Kind.COPTER})
 WINGED: Final = frozenset({Kind.PLANE, Kind.QUADPLANE})
+_HOVERING: Final = frozenset({Kind.QUADPLANE})
 EVERY: Final = COPTERS | WINGED
 
 
@@ -74,8 +77,10 @@ class PlanFacts:
     #: how far from home the route goes, and how high above it: metres
     farthest_m: float
     highest_m: float
-    #: it has a landing sequence
+    #: it has a landing sequence, and whichever is the nearest lands
     lands: bool = False
+    #: the number of a DO_LAND_START that comes to no landing; None: it has none
+    aloft: int | None = None
 
 
 def plan_facts(route: Route) -> PlanFacts:
@@ -84,8 +89,9 @@ def plan_facts(route: Route) -> PlanFacts:
     legs = legs_of(route)
     farthest_m = max(distance_m(*home, *leg.end[:2]) for leg in legs)
     highest_m = max(leg.end[2] for leg in legs)
-    inclusions, lands = sum(part.inclusion for part in route.fence), bool(ways_down(route))
-    return PlanFacts(bool(route.fence), inclusions, farthest_m, highest_m, lands)
+    inclusions, ways = sum(part.inclusion for part in route.fence), ways_from_land_starts(route.items)
+    aloft = next((way[0].seq for way in ways if way[-1].command not in LANDINGS), None)
+    return PlanFacts(bool(route.fence), inclusions, farthest_m, highest_m, bool(ways) and aloft is None, aloft)
 
 
 Parameters = Mapping[str, float]
@@ -159,6 +165,8 @@ def circles_for_ever(p: Parameters | None, plan: PlanFacts | None, kind: Kind) -
     """
     if not kind.winged or plan is None:
         return ""
+    if plan.aloft is not None:
+        return f"it would never land: the landing sequence of item {plan.aloft} (DO_LAND_START) comes to no landing"
     if p is None:
         return "its parameters are not read yet"
     if kind is Kind.QUADPLANE and int(p.get("Q_RTL_MODE", 0)) in _BY_ROTORS:
@@ -175,6 +183,19 @@ def _hover(name: str, unit_m: float) -> Rule:
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
         final = p.get(name, 0.0)
         return f"is {final:g}: a return ends hovering at {final * unit_m:g} m, not landed" if final > 0 else None
+
+    return rule
+
+
+def _return_speed(name: str, unit_mps: float) -> Rule:
+    """0 is the speed of missions (ModeRTL::init), which the companion writes."""
+
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        speed = p.get(name, 0.0)
+        if speed <= 0.0:
+            return None
+        counted = "handover check and START count the mission's cruise speed"
+        return f"is {speed:g}: a return is flown at {speed * unit_mps:g} m/s, {counted}"
 
     return rule
 
@@ -209,6 +230,42 @@ def _approach(p: Parameters, plan: PlanFacts | None) -> str | None:
     if height_m <= most_m:
         return None
     return f"is {p['Q_RTL_ALT']:g} m: QRTL from afar comes in at {height_m:.0f} m, above FENCE_ALT_MAX, {most_m:g} m"
+
+
+#: FLIGHT_OPTIONS: RTL climbs first (`ModeRTL::update`). TERRAIN_FOLLOW: every mode, RTL, QRTL (`Plane::do_RTL`)
+_CLIMB_FIRST, _FOLLOWS_GROUND = 1 << 4, 1 << 0 | 1 << 4 | 1 << 9
+#: Q_OPTIONS: the failsafes' return out of hover, by QRTL or by RTL; take-off and landing of a mission on wings
+_RETURNS, _ON_WINGS = 1 << 5 | 1 << 20, 1 << 1 | 1 << 2
+
+
+def _climbs_first(p: Parameters, plan: PlanFacts | None) -> str | None:
+    options = int(p.get("FLIGHT_OPTIONS", 0))
+    if not options & _CLIMB_FIRST:
+        return None
+    return f"is {options}: bit 4 has a return climb straight on to its whole height, whatever RTL_CLIMB_MIN is"
+
+
+def _follows_ground(p: Parameters, plan: PlanFacts | None) -> str | None:
+    modes = int(p.get("TERRAIN_FOLLOW", 0))
+    if not modes & _FOLLOWS_GROUND:
+        return None
+    return f"is {modes}: a return keeps a height above the ground, not the one above home that is judged"
+
+
+def _lands_in_hover(p: Parameters, plan: PlanFacts | None) -> str | None:
+    options = int(p.get("Q_OPTIONS", _RETURNS))
+    if options & _RETURNS:
+        return None
+    where = "where it is, and not at the place that was chosen"
+    return f"is {options}: without bit 5 the failsafes land it out of hover {where}"
+
+
+def _on_wings(p: Parameters, plan: PlanFacts | None) -> str | None:
+    options = int(p.get("Q_OPTIONS", 0))
+    if not options & _ON_WINGS:
+        return None
+    checked = "and the mission was checked with those of a QuadPlane"
+    return f"is {options}: bits 1 and 2 make a plane's of take-off and landing, {checked}"
 
 
 def _home(p: Parameters, plan: PlanFacts | None) -> str | None:
@@ -324,8 +381,14 @@ RULES: Final[tuple[tuple[str, Rule, frozenset[Kind]], ...]] = (
     ("RTL_ALTITUDE", _return_height("RTL_ALTITUDE", 1.0), WINGED),
     ("ALT_HOLD_RTL", _return_height("ALT_HOLD_RTL", 0.01), WINGED),
     ("RTL_CLIMB_MIN", _climb, WINGED),
-    ("Q_RTL_ALT", _approach, frozenset({Kind.QUADPLANE})),
+    ("FLIGHT_OPTIONS", _climbs_first, WINGED),
+    ("TERRAIN_FOLLOW", _follows_ground, WINGED),
+    ("Q_RTL_ALT", _approach, _HOVERING),
+    ("Q_OPTIONS", _lands_in_hover, _HOVERING),
+    ("Q_OPTIONS", _on_wings, _HOVERING),
     ("RTL_ALT_FINAL", _hover("RTL_ALT_FINAL", 0.01), COPTERS),
     ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0), COPTERS),
+    ("RTL_SPEED", _return_speed("RTL_SPEED", 0.01), COPTERS),
+    ("RTL_SPEED_MS", _return_speed("RTL_SPEED_MS", 1.0), COPTERS),
     ("RALLY_INCL_HOME", _home, EVERY),
 )

@@ -7,6 +7,11 @@ gets into the autopilot for `rally.py`. Here they meet, with what the autopilot 
 parameters. Rules that live here:
 
 * Home is where the autopilot has it, which moves when it arms; until it has told, where the plan has it.
+* A return is flown at RTL_SPEED, and where that is 0 at the mission's cruise speed: the autopilot has it (`cruise.py`).
+  A plane without rotors comes down by the landing sequences of the mission that is flown now.
+* Where no position comes any more, the battery goes on emptying: until it returns, the way back is the one from where
+  it was seen last, and from as far beyond as it may have flown since. On its way back it gets nearer, and what was
+  known stays.
 * The candidates are home, the rally points and the place where the mission lands. The commander may replace the rally
   points (`rally_list.py`), for this flight.
 * On its way to a place the aircraft reads no list: RTL has read it when it began. So a choice that changes then needs a
@@ -37,16 +42,17 @@ from mavproxy_handover.autopilot.rally import RallyKeeper, alike
 from mavproxy_handover.autopilot.rally_list import RallyList
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import PlaceJudged
-from mavproxy_handover.core.model import LeaseState
+from mavproxy_handover.core.model import Kind, LeaseState
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
 from mavproxy_handover.core.safety.places import Choice, PlaceChooser, PlaceFact
-from mavproxy_handover.mission.energy import Place, places_of, way_back
+from mavproxy_handover.mission.energy import Place, places_of, way_back, with_ways_down
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.places import FenceLimits, PlaceFinder, flown_s
+from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.returns import before_return
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 
@@ -68,9 +74,14 @@ _BREACH_S: Final = 3.0
 _GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
 #: parameter for the height of a return -> its units in a metre; a firmware has one of them
 _RETURN_ALTS: Final = {"RTL_ALT_M": 1.0, "RTL_ALT": 100.0, "RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0}
+#: parameter for the speed of a return (0: that of missions) -> its units in one m/s; ArduPlane has none
+_RETURN_SPEEDS: Final = {"RTL_SPEED_MS": 1.0, "RTL_SPEED": 100.0}
+#: the circle of wings, where nothing says otherwise (m); up to 1 it is the firmware's own (`Plane::update_loiter`)
+_LOITER_RADIUS, _LOITER_M = "WP_LOITER_RAD", 60.0
 #: what is read of the autopilot, and what counts of what it tells
 _NAMES: Final = (
-    *_RETURN_ALTS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
+    *_RETURN_ALTS, *_RETURN_SPEEDS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
+    _LOITER_RADIUS,
 )  # fmt: skip
 _CEILING, _CIRCLE = 1, 2
 _HOME: Final = "home"
@@ -107,6 +118,8 @@ class PlaceWatch:
         self.choice: Choice | None = None
         #: of the mission that is flown
         self._package: MissionPackage | None = None
+        #: its route, or the one that the commander has sent since
+        self._flown: Route | None = None
         self._finder = PlaceFinder((), Fence(()))
         self._rally: tuple[RallyPoint, ...] = ()
         self._found: Place | None = None
@@ -140,13 +153,19 @@ class PlaceWatch:
         chosen = next((place for place in self._places if place.name == name), None)
         return None if chosen is None else (chosen.name, chosen.lat_deg, chosen.lon_deg)
 
+    @property
+    def goes_to(self) -> tuple[float, float] | None:
+        """Latitude and longitude (degrees) of the place in the autopilot's list; None: it is not known."""
+        held = self._keeper.held
+        return None if held is None else (held.lat_deg, held.lon_deg)
+
     # ---- what there is to choose from -----------------------------------------------------------------------------
 
     def adopt(self, package: MissionPackage | None, now: float) -> None:
         """The autopilot holds this mission; None: nobody knows which one, and the places of before stay."""
         if package is None:
             return
-        self._package = package
+        self._package, self._flown = package, package.route
         self._finder = PlaceFinder(package.zones, Fence(package.route.fence), package.relief(self._home))
         self._rally, self._found = package.route.rally, None
         self._last = before_return(package.route)
@@ -154,6 +173,11 @@ class PlaceWatch:
         self._home_at = self._parameters_at = now
         self._fence_at = math.inf if package.route.fence else now
         self._unread_until = now + _AGAIN_S
+        self._gather()
+
+    def reroute(self, route: Route) -> None:
+        """Another route is flown than the package's."""
+        self._flown = route
         self._gather()
 
     def first_point(self, package: MissionPackage) -> RallyPoint:
@@ -177,7 +201,7 @@ class PlaceWatch:
 
     def _gather(self) -> None:
         """The places, from what is known of them."""
-        if self._package is None:
+        if self._package is None or self._flown is None:
             return
         route = replace(self._package.route, rally=self._rally)
         places = [
@@ -188,7 +212,7 @@ class PlaceWatch:
         ]
         if self._found is not None and not any(alike(self._point(self._found), self._point(place)) for place in places):
             places.append(self._found)
-        self._places = tuple(places)
+        self._places = with_ways_down(places, self._flown, self._package.cruise_speed_mps)
         self._facts = {name: fact for name, fact in self._facts.items() if any(p.name == name for p in places)}
 
     # ---- what comes in --------------------------------------------------------------------------------------------
@@ -252,15 +276,18 @@ class PlaceWatch:
             if self._replaced_at is not None:
                 self._replaced_at = None
                 self._gather()
-            here = self._aircraft.where
-            if here is not None and now - self._aircraft.position_at <= _FRESH_S:
+            here, unseen_s = self._aircraft.where, now - self._aircraft.position_at
+            if here is not None and unseen_s <= _FRESH_S:
                 self._measure(here)
+            elif here is not None and self._aircraft.flying and not self._aircraft.to_place:
+                self._measure(here, unseen_s * max(self._aircraft.track[1], self.return_mps or 0.0))
             self._choose(now)
         except Exception:
             self._ties.fault("places of a return", traceback.format_exc(limit=-3))
 
-    def _measure(self, here: tuple[float, float, float]) -> None:
-        """Look at the place that is chosen, at home, and at some of the others in turn."""
+    def _measure(self, here: tuple[float, float, float], beyond_m: float = 0.0) -> None:
+        """Look at the place that is chosen, at home, and at some of the others in turn. `beyond_m`: so much farther it
+        may be than from here, which is where it was seen last."""
         chosen = None if self.choice is None else self.choice.place.name
         others = [place for place in self._places if place.name not in (chosen, _HOME)]
         now = [place for place in self._places if place.name in (chosen, _HOME)]
@@ -269,14 +296,16 @@ class PlaceWatch:
             now.append(others[self._turn])
         now += [place for place in others if place.name not in self._facts and place not in now]
         for place in now:
-            self._facts[place.name] = self._fact(place, here)
+            self._facts[place.name] = self._fact(place, here, beyond_m)
 
-    def _fact(self, place: Place, here: tuple[float, float, float]) -> PlaceFact:
+    def _fact(self, place: Place, here: tuple[float, float, float], beyond_m: float = 0.0) -> PlaceFact:
         assert self._package is not None
         spot, energy = (place.lat_deg, place.lon_deg), self._energy()
         model, limits = energy.model, _fence_limits(self._parameters)
         return_alt = max(self._return_alt_m(), 0.0 if model is None else model.return_alt_m)
-        way = way_back(here, place, return_alt, wings=model is not None and model.wings)
+        return_mps = self._return_mps(self._package)
+        winged = model is not None and model.wings
+        way = way_back(here, place, return_alt, return_mps, wings=winged, beyond_m=beyond_m)
         height = max(here[2], place.alt_m, return_alt)
         if limits.ceiling_m is not None:
             height = max(here[2], min(height, limits.ceiling_m))
@@ -294,7 +323,7 @@ class PlaceWatch:
         return PlaceFact(
             place.name,
             distance_m(*here[:2], *spot),
-            flown_s(way, model, self._package.cruise_speed_mps),
+            flown_s(way, model, return_mps),
             margin,
             spare,
             needs,
@@ -313,6 +342,28 @@ class PlaceWatch:
         home = next(entry for entry in self._places if entry.name == _HOME)
         away = distance_m(place.lat_deg, place.lon_deg, home.lat_deg, home.lon_deg)
         return limits.radius_m is None or away <= limits.radius_m
+
+    @property
+    def ceiling_m(self) -> float | None:
+        """The ceiling of the autopilot's own fence (m above home); None: it has none that is known to be on."""
+        return _fence_limits(self._parameters).ceiling_m
+
+    @property
+    def circle_m(self) -> float | None:
+        """The radius of the circle that wings fly where nothing else is asked for (m); None: it is not known."""
+        radius_m = self._parameters.get(_LOITER_RADIUS)
+        if radius_m is None:
+            return None
+        return abs(radius_m) if abs(radius_m) > 1.0 else _LOITER_M
+
+    @property
+    def return_mps(self) -> float | None:
+        """How fast a return is flown (m/s), of wings the airspeed; None: there is no mission."""
+        return None if self._package is None else self._return_mps(self._package)
+
+    def _return_mps(self, package: MissionPackage) -> float:
+        held = (self._parameters[name] / units for name, units in _RETURN_SPEEDS.items() if name in self._parameters)
+        return next((speed_mps for speed_mps in held if speed_mps > 0.0), package.cruise_speed_mps)
 
     def _return_alt_m(self) -> float:
         held = (self._parameters[name] / units for name, units in _RETURN_ALTS.items() if name in self._parameters)
@@ -366,23 +417,28 @@ class PlaceWatch:
             return
         place = next((place for place in self._places if alike(self._point(place), held)), None)
         if place is None:
-            self._found = place = Place(_FOUND, held.lat_deg, held.lon_deg, held.alt_m)
+            self._found = Place(_FOUND, held.lat_deg, held.lon_deg, held.alt_m)
             self._gather()
+            place = self._places[-1]
             if self._aircraft.where is not None:
                 self._facts[_FOUND] = self._fact(place, self._aircraft.where)
         self._chooser.adopt(place.name)
 
     @property
     def short(self) -> bool:
-        """No place is in reach any more with the reserve left, as far as is known."""
+        """No place is in reach any more with the reserve left, as far as is known. Not of a plane on its way down: a
+        return would lead it away from there, and to the same landing."""
+        if self._aircraft.kind is Kind.PLANE and self._aircraft.ways_down.is_on:
+            return False
         margin_wh = self._margin_wh
         return margin_wh is not None and margin_wh <= 0.0
 
     @property
     def _margin_wh(self) -> float | None:
-        """What the best place leaves beyond need and reserve; None where that is not known."""
-        margins = [fact.margin_wh for fact in self._facts.values() if fact.inside]
-        return max((margin for margin in margins if margin is not None), default=None)
+        """What the best place leaves beyond need and reserve; None where that is not known. Where none is inside the
+        fence it is the best of all: energy comes to its end there as well, and nobody else would say so."""
+        facts = [fact for fact in self._facts.values() if fact.inside] or self._facts.values()
+        return max((fact.margin_wh for fact in facts if fact.margin_wh is not None), default=None)
 
     @property
     def energy_words(self) -> str:

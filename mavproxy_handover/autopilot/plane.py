@@ -4,7 +4,8 @@
 
 * START is the mode AUTO first and arming behind it: a plane is armed in the mode that it takes off in, and its mission
   begins with the take-off. A mission that was flown before is at its end still where it ended in AUTO, so it is set to
-  its first item. If arming is refused, the mode of before is set again: AUTO would take off by whoever arms it next.
+  its first item. If it does not arm, refused, unanswered or called off, the mode of before is set again: AUTO would
+  take off by whoever arms it next. Unless a heartbeat shows it armed, or none comes: it may be in the air.
 * There is no DO_PAUSE_CONTINUE. It stops by LOITER, a circle around where it is, and goes on by AUTO, which takes up
   the item that was flown (MIS_RESTART 0); where it was stopped in GUIDED by that, which circles where it begins and
   waits for its commander: nobody has ordered the mission. While it hovers there is no stop: QLOITER sinks half a metre
@@ -26,7 +27,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -76,13 +77,25 @@ class Plane(Procedures):
         yield from self._mode(PLANE.auto)
         try:
             yield from self._do("arming", mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-        except AutopilotError as error:
+            yield from self._shows("arming in AUTO", lambda m: _armed(m) and m.custom_mode == PLANE.auto)
+        except NoAnswer as error:
             with suppress(NoAnswer):
-                yield from self._mode(_MANUAL if before == PLANE.auto else before)
+                yield from self._leave_auto(_MANUAL if before == PLANE.auto else before)
+            if self.aircraft.armed and self.aircraft.in_auto:
+                return  # the answer alone was lost
             # why is said behind the answer, and before the answer what is flown in AUTO
-            raise AutopilotError(f"{str(error).partition(':')[0]}{self._why}") from None
-        armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        yield from self._shows("arming in AUTO", lambda m: bool(m.base_mode & armed) and m.custom_mode == PLANE.auto)
+            why = self._why if isinstance(error, AutopilotError) else ""
+            raise AutopilotError(f"{str(error).partition(':')[0]}{why}") from None
+
+    def call_off_start(self) -> Asking:
+        """Leave nothing behind that takes off by whoever arms it next."""
+        yield from self._leave_auto(_MANUAL)
+
+    def _leave_auto(self, mode: int) -> Asking:
+        """Set that mode in the place of AUTO, where the next heartbeat shows it disarmed."""
+        yield from self._shows("heartbeat", lambda _m: True)
+        if self.aircraft.in_auto and not self.aircraft.armed:
+            yield from self._mode(mode)
 
     # ---- the stop -----------------------------------------------------------------------------------------------
 
@@ -169,3 +182,7 @@ class Plane(Procedures):
     @property
     def _flies(self) -> str:
         return WAY_DOWN if self._on_way_down else PLANE.mode_name(self.aircraft.custom_mode)
+
+
+def _armed(heartbeat: Any) -> bool:
+    return bool(heartbeat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)

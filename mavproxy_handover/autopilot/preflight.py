@@ -36,10 +36,10 @@ from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
 __all__ = ["NAMES", "PLANE_NAMES", "Finding", "Found", "Preflight", "judge", "names_of", "reading"]
 
-#: of the guard, and of whom the autopilot obeys
+#: of the guard, of whom the autopilot obeys, and of what it says that it is
 _SHARED: Final = (
     "SCR_ENABLE", "HNDO_ENABLE", "HNDO_CHAN", "HNDO_COMPID", "HNDO_TIMEOUT", "HNDO_LOST_T", "HNDO_SYSID_SW",
-    "HNDO_ALONE_MAX",
+    "HNDO_ALONE_MAX", "Q_MAV_TYPE",
 )  # fmt: skip
 #: what is read of ArduCopter; of two names in a row a firmware has one (up to 4.6, from 4.7)
 NAMES = (
@@ -70,6 +70,8 @@ _FORCED_S, _ROUNDED_S = 0.5, 1e-4
 _CONTINUE_AUTO, _CONTINUE_PILOT = 0b10, 0b10000
 #: FS_GCS_ENABL
 _IN_AUTO_ONLY = 3
+#: Q_MAV_TYPE: as it comes, and FIXED_WING, which is the same (`QuadPlane::get_mav_type`)
+_OWN_TYPES = (0, mavlink.MAV_TYPE_FIXED_WING)
 _WRONG_CHANNEL = re.compile(r"HNDO: lease refused, channel (\d+) not (-?\d+)")
 
 
@@ -303,6 +305,18 @@ def _lands(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     return f"a return does not land: {lacks}; START is refused" if lacks else None
 
 
+def _other_type(p: Mapping[str, float]) -> str:
+    """What an ArduPlane is set to say of itself, in words, where that is something else; "" where it is not. No copter
+    has this parameter, so what has it and says that it is one is none."""
+    number = int(p.get("Q_MAV_TYPE", 0))
+    return "" if number in _OWN_TYPES else f"Q_MAV_TYPE is {number}: its modes are taken for those of another aircraft"
+
+
+def _type(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    other = _other_type(p)
+    return f"{other}; START is refused" if other else None
+
+
 def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     if found.firmware is None or found.firmware == (0, 0) or OLDEST <= found.firmware <= NEWEST:
         return None
@@ -315,6 +329,7 @@ def _firmware(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
 _BY_VEHICLE: Final = ((COPTER, COPTERS), (PLANE, WINGED))
 #: parameter to change ("" for none), rule, whether it concerns the guard, kinds of aircraft that it is for
 _RULES: tuple[tuple[str, Rule, bool, frozenset[Kind]], ...] = (
+    ("Q_MAV_TYPE", _type, False, EVERY),
     ("", _lands, False, WINGED),
     ("ARMING_REQUIRE", _arming_required, False, WINGED),
     ("", _guard_there, True, EVERY),
@@ -412,6 +427,11 @@ class Preflight:
         self._told[name] = float(value)
         if self.parameters is not None:
             self.parameters = {**self.parameters, name: float(value)}
+
+    @property
+    def other_type(self) -> str:
+        """What it is set to say of itself that it is not, in words; "" if it is not."""
+        return _other_type(self.parameters or {})
 
     def circles_for_ever(self, kind: Kind) -> str:
         """Why a return does not end in a landing, in words; "" if it does."""

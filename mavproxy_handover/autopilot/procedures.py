@@ -91,6 +91,10 @@ class Procedures(ABC):
     def start(self) -> Asking:
         """Arm, then fly the mission: what START means."""
 
+    def call_off_start(self) -> Asking:
+        """Behind a START that was called off halfway: leave nothing behind that takes off."""
+        yield from ()
+
     @abstractmethod
     def hold(self, pause: bool) -> Asking:
         """Stop, or go on. Returns what it does."""

@@ -10,7 +10,8 @@ mixture behind where the link breaks; what it holds would be known to nobody. So
   aircraft is, written by the companion, and read back. Then its sender hears ACCEPTED, and from then on the rest of
   the companion goes by it: route check, speeds, zones on the way, and who is to command along it.
 * It has to consist of what a package may hold (`mission/items.py`): what jumps, moves home or switches the fence off
-  cannot be judged. It need not begin with a take-off.
+  cannot be judged. It need not begin with a take-off. A plane's has to leave a return that ends on the ground: where
+  that goes on to the landing sequence, one without would have it circle for ever.
 * To clear the mission is refused: there is nothing to fly by then, and RTL needs no empty mission.
 * A geofence is not changed in flight. It is a limit that the autopilot keeps by itself, the places of a return were
   checked against it, and one that leaves the aircraft outside lands it at once (4.7) or turns it back. The one that is
@@ -32,6 +33,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.command_desk import CommandDesk
 from mavproxy_handover.autopilot.mission_protocol import same_fence
+from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.gate.mission_items import Flaw, flaw
@@ -68,6 +70,7 @@ class Rerouted:
 
     ahead: Ahead
     commanders: tuple[int, ...]
+    facts: PlanFacts
     #: with its borders; None: it leads nowhere
     way: WayAhead | None = None
 
@@ -83,8 +86,9 @@ def _mission_flaw(item: MissionItem) -> Flaw | None:
 class Staging:
     """The uploads of one vehicle's commander in flight.
 
-    `package`: what the autopilot was loaded with, None if that is not known. `rerouted` is told of each mission that
-    the autopilot holds from now on; None: nobody knows which one it holds.
+    `package`: what the autopilot was loaded with, None if that is not known. `circles_for_ever`: why a return would not
+    land with such a mission, in words, "" if it would. `rerouted` is told of each mission that the autopilot holds from
+    now on; None: nobody knows which one it holds.
     """
 
     def __init__(
@@ -94,6 +98,7 @@ class Staging:
         conversations: Conversations,
         ties: Ties,
         package: Callable[[], MissionPackage | None],
+        circles_for_ever: Callable[[PlanFacts], str],
         rerouted: Callable[[Rerouted | None, float], None],
     ) -> None:
         self._desk = desk
@@ -101,6 +106,7 @@ class Staging:
         self._conversations = conversations
         self._ties = ties
         self._package = package
+        self._circles_for_ever = circles_for_ever
         self._rerouted = rerouted
         self._worker = Worker()
         self._servers = {
@@ -194,6 +200,10 @@ class Staging:
                 self._ties.fault("upload", f"{type(result).__name__}: {result}")
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_INVALID, why, now)
             return
+        circles = self._circles_for_ever(result.facts)
+        if circles:
+            self._conclude(port, _MISSION, _DENIED, f"a return would not land: {circles}", now)
+            return
         ruling = self._desk.route(port, result.ahead, (upload.sender, upload.items), now)
         if not ruling.passes:
             self._conclude(port, _MISSION, _DENIED, "", now)
@@ -222,8 +232,8 @@ def _read_route(
     """What an upload says, with the zones of the package. Raises MissionError. Takes as long as the upload makes it."""
     route: Route = with_return(with_items(package.route, items), package.zones, package.terrain)
     ahead = Ahead(route, package.zone_finder(), package.cruise_speed_mps)
-    legs = ahead.way(1, here)
+    legs, facts = ahead.way(1, here), plan_facts(route)
     if not legs:
-        return Rerouted(ahead, (commander,))
+        return Rerouted(ahead, (commander,), facts)
     walk = walk_legs(legs, package.zone_finder(), commander)
-    return Rerouted(ahead, walk.commanders, WayAhead(walk))
+    return Rerouted(ahead, walk.commanders, facts, WayAhead(walk))

@@ -46,17 +46,17 @@ def _state(words: Sequence[str], limits: Limits) -> tuple[_State, Limits]:
         if key.startswith("policy."):
             limits = _with_policy(limits, key.removeprefix("policy."), value)
             continue
+        if key not in _CAUSES and key not in _FACTS:
+            raise _BadState(f"{word}: {key!r} must be a cause ({', '.join(_CAUSES)}) or a fact ({', '.join(_FACTS)})")
         if value not in (*_YES, *_NO) and equals:
             raise _BadState(f"{word}: {value!r} must be yes or no")
         on = value in _YES or not equals
         if key in _CAUSES:
             cause = {_CAUSES[key]}
             state = replace(state, causes=state.causes | cause if on else state.causes - cause)
-        elif key in _FACTS:
+        else:
             fact = {_FACTS[key]}
             state = replace(state, facts=state.facts | fact if on else state.facts - fact)
-        else:
-            raise _BadState(f"{word}: {key!r} must be a cause ({', '.join(_CAUSES)}) or a fact ({', '.join(_FACTS)})")
     return state, limits
 
 
@@ -84,7 +84,8 @@ def main(argv: Sequence[str]) -> int:
         description="What the aircraft does about what is wrong: each cause, how long its sign has to stay, and what "
         "is done, by the configuration. With --state: what would be decided then, and why.",
         epilog="A state names causes and facts: --state commander_lost --state place=no --state policy.fence=return. "
-        "In the air, the autopilot heard, a place in reach and room to hold are taken for granted.",
+        "In the air, the autopilot heard, a place in reach and room to hold are taken for granted. A mission's own "
+        "policy (on_out_of_coverage) goes before: --state policy.out_of_coverage=land.",
     )
     parser.add_argument("--config", type=Path, help="the vehicle's configuration; without it the defaults")
     parser.add_argument(
@@ -95,6 +96,12 @@ def main(argv: Sequence[str]) -> int:
         arguments = parser.parse_args(argv)
     except SystemExit as stop:
         return int(stop.code or 0)
+    if arguments.markdown and (arguments.state or arguments.config):
+        print(
+            "handover explain: --markdown gives the tables of the defaults: without --config and --state",
+            file=sys.stderr,
+        )
+        return 2
     if arguments.markdown:
         print(markdown())
         return 0

@@ -33,7 +33,7 @@ _ENERGY: Final[Meanings] = {
     "cruise_w": "power in level flight at cruise_mps; else that of hover and a tenth",
     "climb_factor": "power in climb, as a part of that in hover",
     "descent_factor": "power in descent, as a part of that in hover",
-    "cruise_mps": "airspeed of cruise_w, and ground speed of a return",
+    "cruise_mps": "airspeed of cruise_w",
     "airspeed_mps": "the fastest that it flies through the air, at its lean limit; else cruise_mps",
     "headwind_mps": "taken to blow from ahead wherever it flies, where the wind is not known",
     "reserve_factor": "a need is multiplied with this",
@@ -48,7 +48,7 @@ _ENERGY: Final[Meanings] = {
 _CAUSES: Final[Meanings] = {
     "energy": "no more is left than the way to the best place needs, with the reserve",
     "commander_lost": "no commander is heard, and no other station takes the aircraft",
-    "out_of_coverage": "outside every zone",
+    "out_of_coverage": "outside every zone; a mission's own on_out_of_coverage goes before",
     "no_station": "inside zones, but no station of theirs could take the aircraft",
     "coverage_ends": "the border of the last zone that counts is ahead",
     "authentication": "somebody tries to speak as the commander",

@@ -34,6 +34,7 @@ from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.contacts import Contacts
 from mavproxy_handover.core.events import (
     Action,
+    AircraftJudged,
     AutopilotState,
     BordersSeen,
     Cancel,
@@ -47,6 +48,7 @@ from mavproxy_handover.core.events import (
     MissionLoaded,
     ModeSeen,
     MotionSeen,
+    MotionUnseen,
     PlaceJudged,
     PositionSeen,
     Record,
@@ -139,6 +141,7 @@ class Arbiter:
             self._candidates.hold(Mission(restored.digest, restored.route, restored.route_at))
             self._emergency.adopt(restored.out_of_coverage)
             self._lookout.crossing.resume(restored.gap_since, certain=restored.proven)
+            self._emergency.resume_lasting(restored.lasting)
             self._interrupted = restored.phase is Phase.ON_HANDOVER
             if restored.phase is Phase.EMERGENCY or (restored.stands and restored.held_for is None):
                 self._emergency.resume()
@@ -183,6 +186,7 @@ class Arbiter:
             None if held_at == -inf else held_at,
             held_for,
             stands,
+            self._emergency.lasting,
         )
 
     def name(self, sysid: int | None) -> str:
@@ -300,6 +304,8 @@ class Arbiter:
                 self._execution.hand_seen(event, now, actions)
             case MotionSeen():
                 self._lookout.supervision.moved(event, now)
+            case MotionUnseen():
+                self._lookout.supervision.unseen()
             case GuardSeen():
                 self._on_guard(event, now, actions)
             case SignsSeen():
@@ -311,6 +317,8 @@ class Arbiter:
                 self._flight.energy_short = event.shortfall
             case GapsJudged():
                 self._flight.gaps_lack = event.lacking
+            case AircraftJudged():
+                self._flight.aircraft_lacks = event.lacking
             case ReturnJudged():
                 self._flight.return_lacks = event.lacking
             case MissionLoaded():

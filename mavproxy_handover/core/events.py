@@ -26,6 +26,7 @@ from mavproxy_handover.core.model import (
 )
 
 __all__ = [
+    "AircraftJudged",
     "Action",
     "Announce",
     "AutopilotState",
@@ -45,6 +46,7 @@ __all__ = [
     "MissionLoaded",
     "ModeSeen",
     "MotionSeen",
+    "MotionUnseen",
     "NotifyOwner",
     "PlaceJudged",
     "PositionSeen",
@@ -155,6 +157,11 @@ class MotionSeen:
 
 
 @dataclass(frozen=True, slots=True)
+class MotionUnseen:
+    """The autopilot says how the aircraft moves no more."""
+
+
+@dataclass(frozen=True, slots=True)
 class GuardSeen:
     """A status message of the guard. `ours`: it echoes the nonce of this companion's leases."""
 
@@ -175,6 +182,13 @@ class EnergyJudged:
 @dataclass(frozen=True, slots=True)
 class GapsJudged:
     """What the gaps of the loaded mission lack, in words; "": nothing, or it has none. It counts until the next one."""
+
+    lacking: str
+
+
+@dataclass(frozen=True, slots=True)
+class AircraftJudged:
+    """Why the loaded mission is none for this aircraft, in words; "": it is. It counts until the next one."""
 
     lacking: str
 
@@ -304,9 +318,11 @@ Event = (
     | ModeSeen
     | HandSeen
     | MotionSeen
+    | MotionUnseen
     | GuardSeen
     | EnergyJudged
     | GapsJudged
+    | AircraftJudged
     | ReturnJudged
     | SignsSeen
     | PlaceJudged

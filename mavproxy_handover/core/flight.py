@@ -28,6 +28,7 @@ class Flight:
         "_limits",
         "_position_at",
         "_stale_told",
+        "aircraft_lacks",
         "aloft",
         "armed",
         "circle_m",
@@ -59,6 +60,8 @@ class Flight:
         self.gaps_lack = ""
         #: why a return would not end on the ground, in words
         self.return_lacks = ""
+        #: why the loaded mission is none for this aircraft, in words
+        self.aircraft_lacks = ""
         self._autopilot_at = -inf
         self._position_at = -inf
         self._stale_told = False

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""What of authority outlives a restart of the companion.
+"""What outlives a restart of the companion: of authority, of what is wrong, and of the batteries.
 
 A restart must not give authority to anyone who had none. So the snapshot names the one station that had it, and the
 arbiter that starts from it commands nobody until that station is heard again; then the epoch is one higher, which
@@ -8,6 +8,9 @@ makes every frame of the time before stale. No snapshot, or one that cannot be t
 
 A snapshot may be older than the last change of authority: after a loss of power there is what the disk got in time.
 Such a one is not `proven`, and the station that it names has to show that it still has authority (`authority.py`).
+
+Nor must a restart make less of what is wrong: what lasts as long as the flight is wrong in the next run too, and the
+batteries hold no more than they did (`battery.py`).
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.causes import Cause
 
 __all__ = ["Snapshot"]
@@ -48,3 +52,7 @@ class Snapshot:
     held_for: Cause | None = None
     #: it stands still by that order, or did when it was ordered home or to go on, and nothing has shown since
     stands: bool = False
+    #: what is wrong until the flight is over, and the commander has not overruled
+    lasting: tuple[Cause, ...] = ()
+    #: what is known of the batteries in flight; the arbiter has no part in it
+    packs: tuple[PackMemory, ...] = ()

@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
@@ -18,7 +19,10 @@ from mavproxy_handover.core.model import Phase, Reason
 from mavproxy_handover.core.phases import PhaseCause
 from mavproxy_handover.core.transfer import Cause
 
-__all__ = ["Start", "StartFacts", "refused", "start_needs"]
+__all__ = ["MIDWAY", "Start", "StartFacts", "refused", "start_needs"]
+
+#: what a command lacks that would begin the mission elsewhere than START
+MIDWAY: Final = ("on the ground a flight begins with START",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +31,7 @@ class StartFacts:
 
     `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what
     the loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do; `return_lacks`: why a return would not
-    end on the ground. `rehearsing`: the aircraft is carried.
+    end on the ground; `aircraft_lacks`: why the mission is none for this aircraft. `rehearsing`: it is carried.
     """
 
     station: str
@@ -43,6 +47,7 @@ class StartFacts:
     energy_short: str = ""
     gaps_lack: str = ""
     return_lacks: str = ""
+    aircraft_lacks: str = ""
     rehearsing: bool = False
 
 
@@ -63,6 +68,8 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append("no autopilot")
     if facts.foreign:
         needs.append(f"{facts.foreign} is neither ArduCopter nor ArduPlane")
+    if facts.aircraft_lacks:
+        needs.append(facts.aircraft_lacks)
     if not facts.guarded:
         needs.append("the guard does not answer the lease")
     if not facts.position_known:
@@ -119,6 +126,7 @@ class Start:
                 energy_short=flight.energy_short if flown else "",
                 gaps_lack=flight.gaps_lack if flown else "",
                 return_lacks=flight.return_lacks if flown else "",
+                aircraft_lacks=flight.aircraft_lacks if flown else "",
                 rehearsing=flight.rehearsing,
             )
         )

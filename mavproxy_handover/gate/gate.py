@@ -186,7 +186,7 @@ class Gate:
             if self._latent.untold:
                 self._tell_stations(now)
             if frame.msgid in TARGET_MESSAGES and verdict.fate is Fate.FORWARD and self.view.phase is not Phase.ON_LOAD:
-                verdict = self.targets.limit(frame, verdict, port.sysid, now)
+                verdict = self.targets.limit(frame, verdict, port.sysid, now, self.modes)
         commands = port.sysid == self.view.commander
         if (
             verdict.access is Access.COMMAND

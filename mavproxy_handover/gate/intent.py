@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from math import isfinite
 from typing import Final
 
@@ -24,6 +24,8 @@ from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field
 __all__ = [
     "GUIDED_ITEM",
     "INTENT_MESSAGES",
+    "NO_HEIGHT",
+    "NO_PLACE",
     "TARGET_MESSAGES",
     "Aim",
     "Intent",
@@ -49,8 +51,12 @@ GUIDED_ITEM: Final = 2
 #: frames whose place is in degrees
 _GLOBAL_FRAMES: Final = frozenset({0, 3, 5, 6, 10, 11})
 _ABOVE_HOME: Final = 3
-#: type_mask: any of these, and there is no place
-_NO_PLACE: Final = 0b111
+#: type_mask: any of these, and there is no place; this one, and no height
+NO_PLACE, NO_HEIGHT = 0b111, 0b100
+#: the parameter that is the height of a place
+_HEIGHT: Final = 7
+#: what ArduPlane keeps of a radius: whole metres, and up to 1 its own (`ModeGuided::set_radius_and_direction`)
+_LEAST_RADIUS_M, _MOST_RADIUS_M = 2.0, 65535.0
 _INT32: Final = struct.Struct("<i")
 #: where COMMAND_LONG counts its repetitions
 _COUNTER: Final = field_offset(_COMMAND_LONG, "confirmation")
@@ -59,12 +65,18 @@ _COUNTER: Final = field_offset(_COMMAND_LONG, "confirmation")
 @dataclass(frozen=True, slots=True)
 class Aim:
     """A place to fly to, as the frame has it: MAV_FRAME, and latitude, longitude, altitude (degrees, metres), or, of a
-    local frame, metres north, east and down."""
+    local frame, metres north, east and down.
+
+    `radius_m`: of the circle that wings are told to fly there, 0: as they do without a word. `here`: the height alone
+    counts, wherever it is."""
 
     frame: int
     first: float
     second: float
     third: float
+    _: KW_ONLY
+    radius_m: float = 0.0
+    here: bool = False
 
     @property
     def on_earth(self) -> bool:
@@ -108,14 +120,13 @@ def intent_of(frame: Frame, modes: Modes = COPTER) -> Intent | None:
 
 def _of_command(frame: Frame, modes: Modes) -> Intent | None:
     rule = _RULES.get(field_int(frame, "command"))
-    if rule is None:
+    if rule is None or (rule.height is not None and not modes.wings):
         return None
     values = (modes.auto,) if rule.mode else rule.values
     if rule.which is not None and not _holds(field_float(frame, f"param{rule.which}"), values):
         return None
     if rule.also is not None and not _holds(field_float(frame, f"param{rule.also[0]}"), rule.also[1:]):
         return None
-    whole = frame.msgid == _COMMAND_INT
     item = None if rule.item is None else _whole(field_float(frame, f"param{rule.item}"))
     return Intent(
         rule.kind,
@@ -123,17 +134,29 @@ def _of_command(frame: Frame, modes: Modes) -> Intent | None:
         wish_of(frame),
         repeats=repeats(frame),
         item=item,
-        aim=_aim_of_command(frame, whole) if rule.kind is Kind.FLY_TO else None,
+        aim=_aim_of_command(frame, rule) if rule.kind is Kind.FLY_TO else None,
         speed_mps=None if rule.speed is None else field_float(frame, f"param{rule.speed}"),
         auto_only=rule.auto_only,
     )
 
 
-def _aim_of_command(frame: Frame, whole: bool) -> Aim:
-    if whole:
+def _aim_of_command(frame: Frame, rule: JudgedRule) -> Aim:
+    if rule.height not in (None, _HEIGHT):
+        height_m, above = (field_float(frame, f"param{n}") for n in (rule.height, rule.height + 1))
+        return Aim(_whole(above), 0.0, 0.0, height_m, here=True)
+    if frame.msgid == _COMMAND_INT:
         place = _signed(frame, "x") / 1e7, _signed(frame, "y") / 1e7, field_float(frame, "z")
-        return Aim(field_int(frame, "frame"), *place)
-    return Aim(_ABOVE_HOME, *(field_float(frame, f"param{n}") for n in (5, 6, 7)))
+        aim = Aim(field_int(frame, "frame"), *place)
+    else:
+        aim = Aim(_ABOVE_HOME, *(field_float(frame, f"param{n}") for n in (5, 6, 7)))
+    if rule.height is not None:
+        return Aim(aim.frame, 0.0, 0.0, aim.third, here=True)
+    return aim if rule.radius is None else replace(aim, radius_m=_radius_m(field_float(frame, f"param{rule.radius}")))
+
+
+def _radius_m(asked: float) -> float:
+    """Of the circle that ArduPlane flies for this; 0: as without a word."""
+    return float(int(min(asked, _MOST_RADIUS_M))) if asked >= _LEAST_RADIUS_M else 0.0
 
 
 def _of_mode(frame: Frame, modes: Modes) -> Intent | None:
@@ -160,11 +183,12 @@ def _aim_of_item(frame: Frame) -> Aim:
     return Aim(number, *(field_float(frame, name) for name in ("x", "y", "z")))
 
 
-def aim_of(frame: Frame) -> Aim | None:
-    """The place in a frame of TARGET_MESSAGES; None where it holds none."""
-    if field_int(frame, "type_mask") & _NO_PLACE:
-        return None
-    number = field_int(frame, "coordinate_frame")
+def aim_of(frame: Frame, modes: Modes = COPTER) -> Aim | None:
+    """The place in a frame of TARGET_MESSAGES, of wings a height without one too; None where it holds none."""
+    mask, number = field_int(frame, "type_mask"), field_int(frame, "coordinate_frame")
+    if mask & NO_PLACE:
+        height = modes.wings and frame.msgid == _GLOBAL and not mask & NO_HEIGHT
+        return Aim(number, 0.0, 0.0, field_float(frame, "alt"), here=True) if height else None
     if frame.msgid == _GLOBAL:
         place = _signed(frame, "lat_int") / 1e7, _signed(frame, "lon_int") / 1e7
         return Aim(number, *place, field_float(frame, "alt"))

@@ -9,7 +9,8 @@ zones and fence costs a hundred times more than to pass the frame on. So what wa
    and what it can reach changes.
 2. What was judged less than `PAUSE_S` ago and is farther away waits for its turn: it is dropped. A stream repeats it,
    and none moves at 30 m/s. So whoever jumps to and fro costs no more than ten judgements a second.
-3. One stream is one message of one station. Nothing that carries no place is judged.
+3. One stream is one message of one station. Nothing that carries no place is judged, but for the height that wings
+   take from a place on earth that is left out.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.gate.intent import Aim, aim_of
+from mavproxy_handover.gate.intent import NO_HEIGHT, NO_PLACE, Aim, aim_of
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
+from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.wire.frames import Frame, field_offset
 
 __all__ = ["HOLDS_S", "NEAR_M", "PAUSE_S", "TargetStreams"]
@@ -63,10 +65,10 @@ class TargetStreams:
         self.judge: Callable[[Aim, int, float], bool] = lambda _aim, _station, _now: True
         self._streams: dict[tuple[int, int], _Judged] = {}
 
-    def limit(self, frame: Frame, verdict: Verdict, station: int, now: float) -> Verdict:
-        """The verdict on a frame of TARGET_MESSAGES that stands."""
+    def limit(self, frame: Frame, verdict: Verdict, station: int, now: float, modes: Modes = COPTER) -> Verdict:
+        """The verdict on a frame of TARGET_MESSAGES that stands. `modes`: those of the aircraft's firmware."""
         msgid, payload = frame.msgid, frame.payload
-        if payload[_MASK] & 0b111:  # no place in it
+        if payload[_MASK] & (NO_HEIGHT if modes.wings else NO_PLACE):
             return verdict
         judged = self._streams.get((station, msgid))
         if judged is None:
@@ -84,7 +86,7 @@ class TargetStreams:
         if not same or now - judged.at >= HOLDS_S:
             if now - judged.at < PAUSE_S:
                 return verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
-            aim = aim_of(frame)
+            aim = aim_of(frame, modes)
             judged.frame, judged.numbers, judged.at = payload[_FRAME], numbers, now
             judged.passes = aim is None or self.judge(aim, station, now)
         return verdict if judged.passes else verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)

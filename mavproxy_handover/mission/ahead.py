@@ -10,6 +10,8 @@ Rules that live here
 * What lies outside at the beginning does not count: whoever brings an aircraft back inside may do so. But inside it
   has to come with the first leg, and to stay there.
 * The vertical pieces of a way, take-off and landing, leave nothing that their place does not.
+* What wings fly to they circle, as far away as the radius says: once around counts (`around`). Another height alone is
+  a metre of way to it: they climb on their way, wherever that leads.
 * A way is looked at every `STEP_M`, and at `MOST_STEPS` places at most; the fence is exact.
 
 The time that a question takes grows with zones and legs: whoever asks often has to hold back.
@@ -19,19 +21,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Sequence
+from itertools import pairwise
 
 from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.gaps import Stretch
+from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import DEFAULT_CRUISE_MPS, Leg, legs_from
 from mavproxy_handover.mission.zones import ZoneFinder
 
-__all__ = ["NEAR_M", "Ahead", "leaves_coverage", "leaves_fence", "straight"]
+__all__ = ["NEAR_M", "Ahead", "around", "leaves_coverage", "leaves_fence", "straight", "to_height"]
 
 #: half a minute of flight at 10 m/s
 NEAR_M = 300.0
 STEP_M = 20.0
 MOST_STEPS = 400
+#: a circle is a row of straight pieces: of so many the corners are a thousandth of its radius outside
+_PIECES = 72
+#: so long is the way to another height
+_ON_M = 1.0
 
 _Place = tuple[float, float, float]  #: latitude, longitude, metres above home
 
@@ -39,6 +47,19 @@ _Place = tuple[float, float, float]  #: latitude, longitude, metres above home
 def straight(here: _Place, there: _Place, speed_mps: float) -> tuple[Leg, ...]:
     """The way of a guided target."""
     return (Leg(0, here, there, 0.0, 0.0, speed_mps),)
+
+
+def to_height(here: _Place, alt_m: float, speed_mps: float) -> tuple[Leg, ...]:
+    """The way of wings to another height (m above home)."""
+    return straight(here, (*offset(*here[:2], 0.0, _ON_M), alt_m), speed_mps)
+
+
+def around(there: _Place, radius_m: float, speed_mps: float) -> tuple[Leg, ...]:
+    """The circle that wings fly at a guided target: out to it, and once around. Its pieces are outside of what is
+    flown, nowhere inside."""
+    corner_m, angles = radius_m / math.cos(math.pi / _PIECES), [math.tau * n / _PIECES for n in range(_PIECES)]
+    ring = [(*offset(*there[:2], corner_m * math.sin(a), corner_m * math.cos(a)), there[2]) for a in angles]
+    return tuple(leg for start, end in pairwise((there, *ring, ring[0])) for leg in straight(start, end, speed_mps))
 
 
 def leaves_coverage(
@@ -67,10 +88,12 @@ def _within_gap(gap: Stretch, seq: int, place: _Place) -> bool:
     return along_m is not None and -STEP_M <= along_m <= gap.found.length_m + STEP_M
 
 
-def leaves_fence(legs: Sequence[Leg], fence: Fence) -> str:
-    """Where a way breaks the geofence, in words; "" where it does not."""
+def leaves_fence(legs: Sequence[Leg], fence: Fence, ceiling_m: float | None = None) -> str:
+    """Where a way breaks the geofence, in words; "" where it does not. `ceiling_m`: above home."""
     gone_m = 0.0
     for leg in legs:
+        if ceiling_m is not None and leg.end[2] > ceiling_m:
+            return f"climbs above the fence's ceiling of {ceiling_m:g} m"
         start, end = leg.start[:2], leg.end[:2]
         if not fence.holds(end) or (fence.holds(start) and not fence.holds_way(start, end)):
             return f"breaks the geofence {_within(gone_m + leg.length_m)}{_item(leg.seq)}"

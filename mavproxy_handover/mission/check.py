@@ -22,7 +22,7 @@ from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
-from mavproxy_handover.mission.energy import Budget, budget_of, places_of, released_at
+from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
 from mavproxy_handover.mission.gaps import Stretch, undeclared
@@ -314,13 +314,21 @@ def _rally(package: MissionPackage, walk: Walk, reach_m: float, return_alt_m: fl
         if package.kind.winged and point.alt_m < return_alt_m:
             text = f"{name} is flown to at RTL_ALTITUDE, not at {point.alt_m:g} m: wings have to stay up on the way"
             yield Finding(Severity.INFO, text)
-    places = [(route.home.lat_deg, route.home.lon_deg), *((p.lat_deg, p.lon_deg) for p in route.rally)]
+    places = [
+        place
+        for place in ((route.home.lat_deg, route.home.lon_deg), *((p.lat_deg, p.lon_deg) for p in route.rally))
+        if not outside_fence(route.fence, *place)
+    ]
+    if not places:
+        return
     far = max(walk.samples, key=lambda s: min(distance_m(s.lat_deg, s.lon_deg, *place) for place in places))
     away = min(distance_m(far.lat_deg, far.lon_deg, *place) for place in places)
     yield Finding(Severity.INFO, f"home or a rally point is never farther than {away:.0f} m (on the way to {far.seq})")
 
 
 def _fence(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
+    if not places_inside(package.route):
+        yield Finding(Severity.ERROR, "no place of a return is inside the geofence")
     for sample in walk.samples:
         if outside_fence(package.route.fence, sample.lat_deg, sample.lon_deg):
             place = f"{_place(sample.lat_deg, sample.lon_deg)}, {_way(sample.distance_along_m)}"
@@ -344,7 +352,7 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
     home = package.route.home
     if relief.terrain.lowest_m((home.lat_deg, home.lon_deg)) is None:
         yield Finding(Severity.WARNING, "the heights of the ground do not reach to home: the plan's altitude counts")
-    places = places_of(package.route)
+    places = places_inside(package.route)
     for leg in package.legs():
         if leg.length_m <= 0.0:
             continue
@@ -359,7 +367,7 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
             (relief.above_m((lat, lon), (p.lat_deg, p.lon_deg), max(alt, p.alt_m, return_alt_m)), p.name)
             for p in places
         ]
-        best, name = max(backs)
+        best, name = max(backs, default=(inf, ""))
         if best < CLEAR_M:
             text = f"no return from item {leg.seq} is {CLEAR_M:g} m above the ground: to {name} it is {best:.0f} m"
             yield Finding(Severity.WARNING, text)
@@ -562,10 +570,13 @@ def report_text(report: CheckReport) -> str:
 # --- command ---
 
 
-def _positive(text: str) -> float:
-    value = float(text)
+def _above_zero(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0.0 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"{text} (allowed: above 0)")
+        raise argparse.ArgumentTypeError(f"{text} (allowed: a number above 0)")
     return value
 
 
@@ -590,17 +601,17 @@ def main(args: Sequence[str]) -> int:
     parser.add_argument("mission", metavar="MISSION", help=f"folder of the mission package, or its {MISSION_FILE}")
     parser.add_argument("--map", metavar="FILE", help="draw a map of the mission (.png, .svg or .pdf)")
     parser.add_argument(
-        "--transfer", type=_positive, default=TRANSFER_S, metavar="S", help="seconds a transfer needs (%(default)g)"
+        "--transfer", type=_above_zero, default=TRANSFER_S, metavar="S", help="seconds a transfer needs (%(default)g)"
     )
     parser.add_argument(
         "--operator",
-        type=_positive,
+        type=_above_zero,
         default=OPERATOR_S,
         metavar="S",
         help="seconds an operator may take to answer (%(default)g)",
     )
     parser.add_argument(
-        "--reach", type=_positive, default=REACH_M, metavar="M", help="metres off the route for rally (%(default)g)"
+        "--reach", type=_above_zero, default=REACH_M, metavar="M", help="metres off the route for rally (%(default)g)"
     )
     parser.add_argument(
         "--wind",

@@ -3,31 +3,49 @@
 """The energy budget of a mission: what its route costs leg by leg, and the way back from each place of it.
 
 A return may begin at every waypoint. It goes to the best of home, the rally points and the place where the route lands,
-by the way that RTL takes, and the best is the one with the largest margin. The route is flown whole: where it does not
-end on the ground, the return from its end to home is a part of it. Behind the item that drops the payload
-(`released_at`) everything is flown without it.
+of those inside the plan's geofence, by the way that RTL takes, and the best is the one with the largest margin. It is
+flown at the mission's cruise speed, whatever was set on the way: that is the autopilot's own (`autopilot/cruise.py`).
+What hovers comes down straight. A plane without rotors goes on from the place to the landing sequence that begins
+nearest to it, and along that to the ground (RTL_AUTOLAND 1); without a sequence it would circle, which nobody counts,
+and such a mission does not start.
+
+The route is flown whole: where it does not end on the ground, the return from its end to home is a part of it. Behind
+the item that drops the payload (`released_at`) everything is flown without it.
+
+Sources: ModeRTL::init and AC_WPNav (`wp_and_spline_init`); ArduPlane's ModeRTL::navigate, AP_Mission
+(`get_landing_sequence_start`).
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate
-from math import isfinite
+from math import inf, isfinite
 
+from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import (
     LANDING_BELOW_M,
+    SINK_MPS,
     EnergyModel,
     MadeGood,
     Piece,
     point_of_no_return,
     way_home,
 )
+from mavproxy_handover.mission.fence import Fence
 from mavproxy_handover.mission.geodesy import bearing_deg, distance_m
 from mavproxy_handover.mission.items import GRIPPER, LANDINGS, PAYLOAD_PLACE, RETURN_TO_LAUNCH
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.walk import Leg, legs_of
+from mavproxy_handover.mission.walk import (
+    Leg,
+    cruise_of,
+    landing_sequences,
+    legs_of,
+    sequence_legs,
+    sequence_place,
+)
 
 __all__ = [
     "LANDING",
@@ -39,9 +57,11 @@ __all__ = [
     "budget_of",
     "pieces_along",
     "pieces_of",
+    "places_inside",
     "places_of",
     "released_at",
     "way_back",
+    "with_ways_down",
 ]
 
 #: the margin along the route is looked at this often (m), and at no more places than this
@@ -58,12 +78,18 @@ _LET_GO = 0.0
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A place to return to; `alt_m` above home is a floor for the return to it."""
+    """A place to return to; `alt_m` above home is a floor for the return to it.
+
+    `down`: the way from there to the ground, where that is a landing sequence, which begins `down_from_m` above home:
+    a floor as well. None: straight down.
+    """
 
     name: str
     lat_deg: float
     lon_deg: float
     alt_m: float
+    down: tuple[Piece, ...] | None = None
+    down_from_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +104,7 @@ class Return:
 @dataclass(frozen=True, slots=True)
 class ItemBudget:
     """The way to an item of the route: length (m), how its longest piece is flown (None: straight up or down), need
-    (Wh), what is left at its end (Wh), and the best return from there (None: it has landed)."""
+    (Wh), what is left at its end (Wh), and the best return from there (None: it has landed, or there is none)."""
 
     seq: int
     length_m: float
@@ -104,7 +130,7 @@ class Budget:
         return self.model.budget_wh(self.need_wh)
 
 
-def places_of(route: Route) -> tuple[Place, ...]:
+def places_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Place, ...]:
     """Home, the rally points, and the place where the route lands if that is another one."""
     home = Place("home", route.home.lat_deg, route.home.lon_deg, 0.0)
     places = [home]
@@ -112,7 +138,43 @@ def places_of(route: Route) -> tuple[Place, ...]:
     end = _landing(route)
     if end is not None and all(distance_m(*end, p.lat_deg, p.lon_deg) > _SAME_PLACE_M for p in places):
         places.append(Place(LANDING, *end, 0.0))
-    return tuple(places)
+    return with_ways_down(places, route, cruise_speed_mps)
+
+
+def places_inside(route: Route, cruise_speed_mps: float | None = None) -> tuple[Place, ...]:
+    """Those of them that the plan's geofence holds: no return goes to another one."""
+    fence = Fence(route.fence)
+    return tuple(place for place in places_of(route, cruise_speed_mps) if fence.holds((place.lat_deg, place.lon_deg)))
+
+
+def with_ways_down(places: Iterable[Place], route: Route, cruise_speed_mps: float | None = None) -> tuple[Place, ...]:
+    """The same places, with the way down from each by the landing sequences of this route. Takes milliseconds."""
+    sequences = landing_sequences(route) if route.kind is Kind.PLANE else ()
+    if not sequences:
+        return tuple(replace(place, down=None, down_from_m=0.0) for place in places)
+    speed_mps = cruise_of(route, cruise_speed_mps)
+    begins = [sequence_place(sequence) for sequence in sequences]
+    legs: dict[int, tuple[Leg, ...]] = {}
+    found = []
+    for place in places:
+        spot = (place.lat_deg, place.lon_deg)
+        away_m, number = min((distance_m(*spot, *begin), number) for number, begin in enumerate(begins))
+        if number not in legs:
+            legs[number] = sequence_legs(route, sequences[number], speed_mps)
+        there = Piece(
+            length_m=away_m,
+            bearing_deg=bearing_deg(*spot, *begins[number]) if away_m > 0.0 else 0.0,
+            speed_mps=speed_mps,
+        )
+        down = (there, *(_on_wings(leg) for leg in legs[number]))
+        found.append(replace(place, down=down, down_from_m=legs[number][0].start[2] if legs[number] else 0.0))
+    return tuple(found)
+
+
+def _on_wings(leg: Leg) -> Piece:
+    """What has no rotors circles where it would go straight up or down."""
+    piece = _piece(leg)
+    return piece if leg.length_m > 0.0 else Piece(hold_s=leg.hold_s + leg.size_m / SINK_MPS)
 
 
 def _landing(route: Route) -> tuple[float, float] | None:
@@ -147,13 +209,14 @@ class PreparedWay:
         self._wings = route.kind.winged
         self._pieces = _pieces(legs, released)
         self._end = legs[-1].end if legs and not _lands(route, legs[-1]) else None
-        self._home = places_of(route)[0]
+        self._home = places_of(route, cruise_speed_mps)[0]
+        self._return_mps = cruise_of(route, cruise_speed_mps)
 
     def pieces(self, return_alt_m: float) -> tuple[Piece, ...]:
         """All of it, with the return to home at that height where it does not end on the ground."""
         if self._end is None:
             return self._pieces
-        back = way_back(self._end, self._home, return_alt_m, wings=self._wings)
+        back = way_back(self._end, self._home, return_alt_m, self._return_mps, wings=self._wings)
         return (*self._pieces, *_loaded_as(back, unloaded=self._drops))
 
 
@@ -163,14 +226,18 @@ def pieces_of(route: Route, cruise_speed_mps: float | None, return_alt_m: float)
 
 
 def pieces_along(
-    legs: Sequence[Leg], places: Iterable[Place], model: EnergyModel, released: int | None = None
+    legs: Sequence[Leg],
+    places: Iterable[Place],
+    model: EnergyModel,
+    return_mps: float | None,
+    released: int | None = None,
 ) -> tuple[Piece, ...]:
     """A way that begins in the air: its legs and, where it does not end on the ground, the return from there to the
-    place that costs least. `released`: see `released_at`."""
+    place that costs least. `return_mps`: see `way_back`, `released`: see `released_at`."""
     pieces = _pieces(legs, released)
     if not legs or legs[-1].end[2] <= 0.0:
         return pieces
-    backs = (way_back(legs[-1].end, place, model.return_alt_m, wings=model.wings) for place in places)
+    backs = (way_back(legs[-1].end, place, model.return_alt_m, return_mps, wings=model.wings) for place in places)
     ways = (_loaded_as(back, unloaded=pieces[-1].unloaded) for back in backs)
     return (*pieces, *min(ways, key=model.need_wh, default=()))
 
@@ -201,13 +268,32 @@ def _piece(leg: Leg) -> Piece:
 
 
 def way_back(
-    here: tuple[float, float, float], place: Place, return_alt_m: float, *, wings: bool = False
+    here: tuple[float, float, float],
+    place: Place,
+    return_alt_m: float,
+    return_mps: float | None,
+    *,
+    wings: bool = False,
+    beyond_m: float = 0.0,
 ) -> tuple[Piece, ...]:
-    """The way of a return, as RTL flies it, from here (degrees, degrees, metres above home) to a place."""
+    """The way of a return, as RTL flies it, from here (degrees, degrees, metres above home) to a place.
+
+    `return_mps`: how fast RTL flies, of wings the airspeed; None: at the cruise speed of the model. `beyond_m`: so much
+    farther than that it may be.
+    """
     there = (place.lat_deg, place.lon_deg)
     distance = distance_m(*here[:2], *there)
     bearing = bearing_deg(*here[:2], *there) if distance > 0.0 else 0.0
-    return way_home(distance, bearing, here[2], place.alt_m, return_alt_m, wings=wings)
+    return way_home(
+        distance + beyond_m,
+        bearing,
+        here[2],
+        max(place.alt_m, place.down_from_m),
+        return_alt_m,
+        speed_mps=return_mps,
+        wings=wings or place.down is not None,
+        down=place.down,
+    )
 
 
 class _Route:
@@ -216,7 +302,8 @@ class _Route:
     def __init__(self, route: Route, cruise_speed_mps: float | None, model: EnergyModel) -> None:
         self.legs = legs_of(route, cruise_speed_mps)
         self.model = model
-        self.places = places_of(route)
+        self.places = places_inside(route, cruise_speed_mps)
+        self.return_mps = cruise_of(route, cruise_speed_mps)
         pieces = _pieces(self.legs, released_at(route))
         self.needs = [model.piece_wh(piece) for piece in pieces]
         #: the aircraft of each leg, with its payload or without
@@ -225,21 +312,22 @@ class _Route:
         self.used_wh = list(accumulate(self.needs, initial=0.0))
         self.gone_m = list(accumulate((leg.size_m for leg in self.legs), initial=0.0))
 
-    def best(self, here: tuple[float, float, float], left_wh: float, model: EnergyModel) -> Return:
-        """The best return from here, as heavy as `model` is."""
+    def best(self, here: tuple[float, float, float], left_wh: float, model: EnergyModel) -> Return | None:
+        """The best return from here, as heavy as `model` is; None: there is none."""
         found = []
         for place in self.places:
-            need = model.need_wh(way_back(here, place, model.return_alt_m, wings=model.wings))
+            need = model.need_wh(way_back(here, place, model.return_alt_m, self.return_mps, wings=model.wings))
             found.append(Return(place.name, need, left_wh - model.budget_wh(need)))
-        return max(found, key=lambda way: way.margin_wh)
+        return max(found, key=lambda way: way.margin_wh, default=None)
 
     def margin_wh(self, gone_m: float) -> float:
-        """Of the best return from there."""
+        """Of the best return from there; -infinite: there is none."""
         number = min(bisect_right(self.gone_m, gone_m), len(self.legs)) - 1
         leg, size = self.legs[number], self.legs[number].size_m
         part = min(1.0, (gone_m - self.gone_m[number]) / size) if size > 0.0 else 1.0
         left = self.model.battery_wh - self.used_wh[number] - part * self.needs[number]
-        return self.best(leg.at(part), left, self.models[number]).margin_wh
+        back = self.best(leg.at(part), left, self.models[number])
+        return -inf if back is None else back.margin_wh
 
     def no_return_m(self) -> float | None:
         """Where the last way back ends, in metres along the route as people count them: horizontally."""

@@ -159,12 +159,14 @@ def _in_circle(circle: Circle, here: _Spot, place: _Spot) -> list[_Span]:
 
 
 def flown_s(way: Iterable[Piece], model: EnergyModel | None, speed_mps: float) -> float:
-    """How long a way takes, infinite where the wind does not let it be flown; without a model at `speed_mps`."""
+    """How long a way takes, infinite where the wind does not let it be flown; without a model at `speed_mps`, where its
+    pieces name none."""
     total = 0.0
     for piece in way:
         level_s = 0.0
         if piece.length_m > 0.0:
-            made_mps = speed_mps if model is None else model.made_good(piece.bearing_deg, piece.speed_mps).speed_mps
+            told_mps = speed_mps if piece.speed_mps is None else piece.speed_mps
+            made_mps = told_mps if model is None else model.made_good(piece.bearing_deg, piece.speed_mps).speed_mps
             level_s = piece.length_m / made_mps if made_mps > _LEAST_MPS else math.inf
         total += max(level_s, piece.vertical_s) + piece.hold_s
     return total

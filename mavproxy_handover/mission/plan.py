@@ -13,11 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeAlias
 
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission.errors import Where, parse_json
 from mavproxy_handover.mission.items import (
+    CHANGE_ALTITUDE,
     CHANGE_SPEED,
     COMMANDS,
     FRAME_ABOVE_HOME,
@@ -25,6 +27,7 @@ from mavproxy_handover.mission.items import (
     FRAME_ABOVE_TERRAIN,
     FRAME_NONE,
     LAND,
+    LAND_START,
     LANDINGS,
     LOITER_TURNS,
     LOITER_UNLIMITED,
@@ -40,7 +43,16 @@ from mavproxy_handover.mission.items import (
 )
 from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
 
-__all__ = ["FenceCircle", "FencePart", "FencePolygon", "Home", "Route", "read_route", "with_items"]
+__all__ = [
+    "FenceCircle",
+    "FencePart",
+    "FencePolygon",
+    "Home",
+    "Route",
+    "read_route",
+    "ways_from_land_starts",
+    "with_items",
+]
 
 #: what a flight controller's mission storage holds, rounded down (Cube Orange: 724 items)
 MAX_ITEMS = 700
@@ -83,6 +95,8 @@ _ENDS: Mapping[Kind, tuple[str, frozenset[int]]] = {
     Kind.PLANE: ("NAV_LAND", frozenset((LAND,))),
     Kind.QUADPLANE: ("NAV_VTOL_LAND", LANDINGS),
 }
+#: behind these nothing is flown by itself
+_LAST = LANDINGS | {RETURN_TO_LAUNCH, LOITER_UNLIMITED}
 
 
 @dataclass(frozen=True, slots=True)
@@ -413,7 +427,19 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
     )
     if not any(COMMANDS[item.command].flown for item in checked):
         raise where.error("nothing is flown (allowed: at least one item that is)")
+    if route.kind.winged:
+        _check_landings(where, checked, route.kind)
     return replace(route, items=checked, return_to=None)
+
+
+def ways_from_land_starts(items: Sequence[MissionItem]) -> tuple[tuple[MissionItem, ...], ...]:
+    """What ArduPlane flies from each DO_LAND_START: to the landing, or to what ends it before one."""
+    found: list[tuple[MissionItem, ...]] = []
+    for number, start in enumerate(items):
+        if start.command == LAND_START:
+            end = next((n for n, item in enumerate(items[number:], number + 1) if item.command in _LAST), len(items))
+            found.append(tuple(items[number:end]))
+    return tuple(found)
 
 
 def _finish(
@@ -451,6 +477,8 @@ def _finish(
                 circles = "it would circle there for ever (allowed: NAV_LOITER_TIME, NAV_LOITER_TURNS)"
                 raise where.at(f"item {item.seq}").error(f"NAV_LOITER_UNLIM: {circles}")
             found.append(f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft waits there until told to go on")
+    if kind.winged:
+        _check_landings(where, items, kind)
     if not rally:
         found.append("no rally point: the aircraft can only return to home")
     return Route(home, items, rally, fence, cruise_speed_mps, tuple(found), kind=kind)
@@ -467,3 +495,24 @@ def _check_takeoff(where: Where, home: Home, item: MissionItem, kind: Kind) -> N
         )
     if kind is Kind.PLANE and not item.has_place:
         raise inside.error("take-off without a place (allowed: one ahead on the runway, to where it climbs)")
+
+
+def _check_landings(where: Where, items: Sequence[MissionItem], kind: Kind) -> None:
+    """Where a return goes on to a DO_LAND_START, ArduPlane takes the nearest of all, and behind the end of a mission it
+    returns: a sequence that does not land begins itself again. A landing that is broken off goes on with a change of
+    altitude right behind it, where there is one, and else to the nearest DO_LAND_START, which is a way down again."""
+    for way in ways_from_land_starts(items):
+        last = way[-1]
+        if last.command in LANDINGS:
+            continue
+        ends = f"item {last.seq}, {COMMANDS[last.command].name}" if last.command in _LAST else "the end of the mission"
+        raise where.at(f"item {way[0].seq}").error(
+            f"DO_LAND_START leads to {ends}, and to no landing before: a return that goes there may never end "
+            f"(allowed: {_ENDS[kind][0]} before that)"
+        )
+    for item, behind in pairwise(items):
+        if item.command == LAND and behind.command == CHANGE_ALTITUDE:
+            raise where.at(f"item {behind.seq}").error(
+                "NAV_CONTINUE_AND_CHANGE_ALT behind NAV_LAND: a landing that is broken off would go on there, and not "
+                "land (allowed: something else; by itself it goes back to the nearest DO_LAND_START)"
+            )

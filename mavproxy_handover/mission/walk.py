@@ -36,7 +36,6 @@ from mavproxy_handover.mission.items import (
     COMMANDS,
     FRAME_ABOVE_SEA,
     LAND,
-    LAND_START,
     LANDINGS,
     LOITER_TIME,
     LOITER_TURNS,
@@ -47,7 +46,7 @@ from mavproxy_handover.mission.items import (
     WAYPOINT,
     MissionItem,
 )
-from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.reached import Belonging
 from mavproxy_handover.mission.wings import DEFAULT_AIRSPEED_MPS, HOVER_MPS
 from mavproxy_handover.mission.zones import ZoneFinder
@@ -60,11 +59,13 @@ __all__ = [
     "Walk",
     "by_commander",
     "commanders_along",
+    "cruise_of",
     "default_speed_mps",
     "hovers_at",
     "landing_sequences",
     "legs_from",
     "legs_of",
+    "sequence_legs",
     "sequence_place",
     "speed_at",
     "walk_legs",
@@ -212,7 +213,13 @@ def by_commander(samples: tuple[Sample, ...]) -> Iterator[tuple[int, list[Sample
 
 def legs_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Leg, ...]:
     """The path of a route as straight legs, from home to the ground. The speed given goes before the plan's own."""
-    return tuple(_legs(route, cruise_speed_mps or route.cruise_speed_mps or default_speed_mps(route.kind)))
+    return tuple(_legs(route, cruise_of(route, cruise_speed_mps)))
+
+
+def cruise_of(route: Route, cruise_speed_mps: float | None = None) -> float:
+    """The speed (m/s) at which a route is flown where it sets none itself, and every return: the one given, or the
+    plan's own, or what the autopilot comes with."""
+    return cruise_speed_mps or route.cruise_speed_mps or default_speed_mps(route.kind)
 
 
 def default_speed_mps(kind: Kind) -> float:
@@ -227,8 +234,7 @@ def legs_from(
 
     `here`: latitude, longitude, metres above home. A take-off is a climb where the aircraft is.
     """
-    speed_mps = speed_at(route, seq) or cruise_speed_mps or route.cruise_speed_mps or default_speed_mps(route.kind)
-    return tuple(_legs(route, speed_mps, seq, here))
+    return tuple(_legs(route, cruise_of(route, cruise_speed_mps), seq, here))
 
 
 def speed_at(route: Route, seq: int) -> float | None:
@@ -250,14 +256,8 @@ def hovers_at(route: Route, seq: int) -> bool:
 
 def landing_sequences(route: Route) -> tuple[tuple[MissionItem, ...], ...]:
     """The landing sequences of a plane: from DO_LAND_START to the landing. Each begins at the first place in it."""
-    found: list[tuple[MissionItem, ...]] = []
-    for start in route.items:
-        if start.command == LAND_START:
-            behind = [item for item in route.items if item.seq > start.seq]
-            lands = next((n for n, item in enumerate(behind) if item.command in LANDINGS), None)
-            if lands is not None and any(item.has_place for item in (start, *behind[: lands + 1])):
-                found.append((start, *behind[: lands + 1]))
-    return tuple(found)
+    ways = ways_from_land_starts(route.items)
+    return tuple(way for way in ways if way[-1].command in LANDINGS and any(item.has_place for item in way))
 
 
 def sequence_place(sequence: Sequence[MissionItem]) -> tuple[float, float]:
@@ -265,24 +265,32 @@ def sequence_place(sequence: Sequence[MissionItem]) -> tuple[float, float]:
     return next((item.lat_deg, item.lon_deg) for item in sequence if item.has_place)
 
 
+def sequence_legs(route: Route, sequence: Sequence[MissionItem], speed_mps: float) -> tuple[Leg, ...]:
+    """The lines of a landing sequence: from where it begins, as high as its first place, to the ground."""
+    first = next((item for item in sequence if item.has_place and COMMANDS[item.command].flown), sequence[-1])
+    start = (*sequence_place(sequence), _above_home(route, first))
+    return tuple(_wing_legs(route, sequence[1:], speed_mps, speed_mps, start))
+
+
 def _legs(
-    route: Route, speed_mps: float, first: int = 0, start_at: tuple[float, float, float] | None = None
+    route: Route, cruise_mps: float, first: int = 0, start_at: tuple[float, float, float] | None = None
 ) -> Iterator[Leg]:
+    speed_mps = speed_at(route, first) or cruise_mps
     here = start_at or (route.home.lat_deg, route.home.lon_deg, 0.0)
     items = [item for item in route.items if item.seq >= first]
     if not route.kind.winged:
-        yield from _copter_legs(route, items, speed_mps, here)
+        yield from _copter_legs(route, items, speed_mps, cruise_mps, here)
         return
     end = next((n for n, item in enumerate(items) if item.command == RETURN_TO_LAUNCH), len(items))
-    yield from _wing_legs(route, items[: end + 1], speed_mps, here)
+    yield from _wing_legs(route, items[: end + 1], speed_mps, cruise_mps, here)
 
 
 def _wing_legs(
-    route: Route, items: Sequence[MissionItem], speed_mps: float, here: tuple[float, float, float]
+    route: Route, items: Sequence[MissionItem], speed_mps: float, cruise_mps: float, here: tuple[float, float, float]
 ) -> Iterator[Leg]:
     before = here
     for item in items:
-        speed_mps = _new_speed(item) or speed_mps
+        speed_mps = _speed_to(item, speed_mps, cruise_mps)
         if not COMMANDS[item.command].flown:
             continue
         made_mps = min(speed_mps, HOVER_MPS) if hovers_at(route, item.seq) else speed_mps
@@ -299,7 +307,13 @@ def _wing_legs(
         elif item.command == RETURN_TO_LAUNCH:
             near = [(distance_m(*here[:2], *sequence_place(each)), each) for each in landing_sequences(route)]
             if near:
-                yield from _wing_legs(route, min(near, key=lambda found: found[0])[1][1:], speed_mps, here)
+                sequence = min(near, key=lambda found: found[0])[1]
+                yield from _wing_legs(route, sequence[1:], cruise_mps, cruise_mps, here)
+
+
+def _speed_to(item: MissionItem, speed_mps: float, cruise_mps: float) -> float:
+    """The speed from that item on. A return forgets what was set: ModeRTL::init, and Mode::enter of ArduPlane."""
+    return cruise_mps if item.command == RETURN_TO_LAUNCH else _new_speed(item) or speed_mps
 
 
 def _wing_end(
@@ -340,11 +354,11 @@ def _circling_s(route: Route, item: MissionItem, speed_mps: float) -> float:
 
 
 def _copter_legs(
-    route: Route, items: Sequence[MissionItem], speed_mps: float, here: tuple[float, float, float]
+    route: Route, items: Sequence[MissionItem], speed_mps: float, cruise_mps: float, here: tuple[float, float, float]
 ) -> Iterator[Leg]:
     lat, lon, alt = here
     for item in items:
-        speed_mps = _new_speed(item) or speed_mps
+        speed_mps = _speed_to(item, speed_mps, cruise_mps)
         if not COMMANDS[item.command].flown:
             continue
         if item.command == RETURN_TO_LAUNCH:

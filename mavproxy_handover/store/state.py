@@ -18,13 +18,14 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.safety.causes import CAUSES, Cause
+from mavproxy_handover.core.safety.battery import PackMemory
+from mavproxy_handover.core.safety.causes import CAUSES, Cause, Ends
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
@@ -32,11 +33,13 @@ from mavproxy_handover.store.durable import sync_folder
 
 __all__ = ["Kept", "StateError", "StateStore", "pack", "unpack"]
 
-_FORMAT = 7
+_FORMAT = 8
 _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
 _DIGEST_BYTES = 32
+#: more than any battery has of anything
+_MOST_AMOUNT = 1e6
 
 
 class StateError(Exception):
@@ -75,6 +78,8 @@ def pack(kept: Kept, vehicle: str) -> bytes:
         "held_since": snapshot.held_since,
         "held_for": None if snapshot.held_for is None else snapshot.held_for.value,
         "stands": snapshot.stands,
+        "lasting": [cause.value for cause in snapshot.lasting],
+        "packs": [asdict(memory) for memory in snapshot.packs],
     }
     return json.dumps({"body": body, "sha256": _checksum(body)}, indent=1).encode("utf-8")
 
@@ -136,9 +141,7 @@ class StateStore:
 
 def _snapshot(body: Mapping[str, Any]) -> Snapshot:
     """Raises ValueError, KeyError, TypeError. Nothing is converted: what is not what was written is none of ours."""
-    route = body["route"]
-    if not isinstance(route, list):
-        raise ValueError(f"route: {route!r} must be a list")
+    route = _list("route", body)
     digest = bytes.fromhex(body["digest"])
     if len(digest) not in (0, _DIGEST_BYTES):
         raise ValueError(f"digest: {len(digest)} bytes, must be {_DIGEST_BYTES}, or none")
@@ -157,9 +160,18 @@ def _snapshot(body: Mapping[str, Any]) -> Snapshot:
         proven=_flag("proven", body),
         rehearsal=_flag("rehearsal", body),
         held_since=_since("held_since", body["held_since"]),
-        held_for=None if body["held_for"] is None else _cause(body["held_for"]),
+        held_for=None if body["held_for"] is None else _cause("held_for", body["held_for"]),
         stands=_flag("stands", body),
+        lasting=tuple(_lasting(word) for word in _list("lasting", body)),
+        packs=tuple(_memory(values) for values in _list("packs", body)),
     )
+
+
+def _list(key: str, body: Mapping[str, Any]) -> list[Any]:
+    value = body[key]
+    if not isinstance(value, list):
+        raise ValueError(f"{key}: {value!r} must be a list")
+    return value
 
 
 def _flag(key: str, body: Mapping[str, Any]) -> bool:
@@ -182,10 +194,31 @@ def _since(key: str, value: object) -> float | None:
     return value
 
 
-def _cause(word: object) -> Cause:
+def _cause(key: str, word: object) -> Cause:
     if type(word) is not str or word not in {cause.value for cause in Cause}:
-        raise ValueError(f"held_for: {word!r} is no cause")
+        raise ValueError(f"{key}: {word!r} is no cause")
     return Cause(word)
+
+
+def _lasting(word: object) -> Cause:
+    cause = _cause("lasting", word)
+    if CAUSES[cause].ends is not Ends.WITH_THE_FLIGHT:
+        raise ValueError(f"lasting: {word!r} is none that lasts as long as the flight")
+    return cause
+
+
+def _memory(values: object) -> PackMemory:
+    names = [entry.name for entry in fields(PackMemory)]
+    if not isinstance(values, dict) or sorted(values) != sorted(names):
+        raise ValueError(f"packs: {values!r} must have {', '.join(names)}")
+    return PackMemory(**{name: _amount(name, values[name]) for name in names})
+
+
+def _amount(key: str, value: object) -> float | None:
+    """What there is of something, or none."""
+    if value is not None and (type(value) is not float or not 0.0 <= value <= _MOST_AMOUNT):
+        raise ValueError(f"packs: {key}: {value!r} must be a number from 0.0 to {_MOST_AMOUNT}, or none")
+    return value
 
 
 def _policy(word: object) -> str:

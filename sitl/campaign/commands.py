@@ -94,7 +94,7 @@ class Desk:
             for name, spot in self.plan.named_places
             if name != "landing"
         ]
-        return fact.shortfall(model.need_wh(pieces_along(legs, places, model)))
+        return fact.shortfall(model.need_wh(pieces_along(legs, places, model, self.plan.speed_mps)))
 
     def _fence(self) -> Fence:
         fence = self.plan.fence

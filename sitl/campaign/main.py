@@ -52,6 +52,8 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     for name, least in (("runs", 1), ("jobs", 1), ("seed", 0)):
         if getattr(arguments, name) < least:
             parser.error(f"--{name} must be {least} or more")
+    if arguments.story and (arguments.compare or arguments.runs != parser.get_default("runs")):
+        parser.error("--story tells of one flight: without --runs and --compare")
     if arguments.hard and arguments.seed < HARD:
         arguments.seed += HARD
     return arguments

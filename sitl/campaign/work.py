@@ -53,12 +53,12 @@ class Flights:
         says = {**asdict(campaign), "rules": rules(), "runs": 0}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            if about.exists() and json.loads(about.read_text(encoding="utf-8")) != says:
+            if about.exists() and _read_json(about) != says:
                 raise CampaignError(f"{folder} holds another campaign (seed, stepping or rules differ)")
             about.write_text(json.dumps(says), encoding="utf-8")
             self.outcomes = {outcome.seed: outcome for outcome in self._read() if outcome.seed in campaign.seeds}
-        except (OSError, ValueError) as error:
-            raise CampaignError(f"{folder}: {error}") from error
+        except OSError as error:
+            raise CampaignError(f"{error.filename or folder}: {error.strerror}") from error
 
     def _read(self) -> Iterator[Outcome]:
         if not self._path.exists():
@@ -82,6 +82,13 @@ class Flights:
         except OSError as error:
             raise CampaignError(f"{self._path}: {error.strerror}") from error
         self.outcomes.update((outcome.seed, outcome) for outcome in found)
+
+
+def _read_json(path: Path) -> object:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise CampaignError(f"{path}: no JSON ({error})") from error
 
 
 def _fly_batch(seeds: Sequence[int], plain: bool, flown_with: str) -> list[Outcome]:

@@ -5,6 +5,9 @@
 Read by pymavlink's `DFReader`, which takes UTC from the GPS of the log; without one the times are seconds since the
 autopilot was started. Who commanded is told by the guard's own record, `HNDO`: what it was told by the companion's
 leases, and what it did about it. That is the witness that is left when everything above the autopilot was lost.
+
+A mode is a number, whose name depends on the vehicle. Which one it is (VER, or the firmware's name in MSG) may be told
+behind the first mode, so the names are given at the end: ArduPlane's to its logs, ArduCopter's to all others.
 """
 
 from __future__ import annotations
@@ -39,6 +42,9 @@ _BINARY: Final = b"\xa3\x95"
 #: a GPS week that a receiver with a fix can report (2001)
 _WEEK_SET: Final = 1095
 _WAYPOINT, _LAST_NAV = 16, 94
+#: VER's build type and MSG's beginning of a firmware's name
+_BUILT_PLANE: Final = 3
+_NAMED_PLANE: Final = "ArduPlane V"
 
 
 class DataflashError(Exception):
@@ -107,6 +113,8 @@ class _Reader:
         self._due: dict[str, float] = {}
         self._view: tuple[Any, ...] = ()
         self._guard = ""
+        self._modes: list[tuple[float, int]] = []
+        self._plane = False
         self._ground_alt_m: float | None = None
         self._speed_mps = self._course_deg = 0.0
 
@@ -125,6 +133,10 @@ class _Reader:
     def finish(self) -> Strand:
         """What it tells in all."""
         strand = self.strand
+        names = mavutil.mode_mapping_apm if self._plane else mavutil.mode_mapping_acm
+        for t, number in self._modes:
+            mode = names.get(number, f"mode {number}")
+            self._note(t, "mode", f"mode {mode}", mode=mode)
         order = lambda entry: entry.t  # noqa: E731
         if not (self._seen or self._told):
             raise DataflashError(f"{strand.path}: a dataflash log in which nothing is told")
@@ -173,9 +185,7 @@ class _Reader:
         )  # fmt: skip
 
     def _on_mode(self, message: Any, t: float) -> None:
-        number = int(getattr(message, "ModeNum", message.Mode))
-        mode = mavutil.mode_mapping_acm.get(number, f"mode {number}")
-        self._note(t, "mode", f"mode {mode}", mode=mode)
+        self._modes.append((t, int(getattr(message, "ModeNum", message.Mode))))
 
     def _on_ev(self, message: Any, t: float) -> None:
         if message.Id == _ARMED:
@@ -214,7 +224,9 @@ class _Reader:
         self._note(t, "landed", "landed", **place)
 
     def _on_msg(self, message: Any, t: float) -> None:
-        self._note(t, "said", str(message.Message), severity=6)
+        text = str(message.Message)
+        self._plane = self._plane or _NAMED_PLANE in text
+        self._note(t, "said", text, severity=6)
 
     def _on_bat(self, message: Any, t: float) -> None:
         if getattr(message, "Inst", getattr(message, "Instance", 0)) == 0 and self._is_due(t, "battery", _BATTERY_S):
@@ -229,6 +241,7 @@ class _Reader:
             self.strand.items.setdefault(0, {})[message.CNum] = (message.Lat, message.Lng)
 
     def _on_ver(self, message: Any, t: float) -> None:
+        self._plane = self._plane or getattr(message, "BU", 0) == _BUILT_PLANE
         firmware = f"{message.Maj}.{message.Min}.{message.Pat}"
         self._note(t, "firmware", f"firmware {firmware}", version=firmware)
 

@@ -138,7 +138,9 @@ def test_a_way_down_that_is_told_to_land_lands(cockpit: Cockpit) -> None:
 
 
 @pytest.mark.parametrize(
-    "mission", [None, route(22, 16, 21), route(22, 16, 189, 16)], ids=["unknown", "no way down", "one that ends aloft"]
+    "mission",
+    [None, route(22, 16, 21), route(22, 16, 189, 16), route(22, 16, 189, 20, 21)],
+    ids=["unknown", "no way down", "one that ends aloft", "one that returns"],
 )
 def test_without_a_way_down_auto_is_the_mission_at_once(mission: Route | None) -> None:
     cockpit = Cockpit(mission)

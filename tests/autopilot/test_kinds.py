@@ -105,6 +105,15 @@ def told(kind: int, vtol_state: int = 0, **parameters: float) -> Aircraft:
     return aircraft
 
 
+def twice(kind: int, vtol_state: int) -> Aircraft:
+    """The same, and one heartbeat more: ArduPlane with Q_MAV_TYPE set calls itself what that says, and still tells
+    whether it hovers. The fault: a return was ordered by a copter's number, FBWB."""
+    aircraft = told(kind, vtol_state)
+    aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 11, 4, 3), 2.0)
+    assert (aircraft.foreign, aircraft.flown) == ("", Flown.RETURN)
+    return aircraft
+
+
 @pytest.mark.parametrize(
     ("aircraft", "kind"),
     [
@@ -115,9 +124,22 @@ def told(kind: int, vtol_state: int = 0, **parameters: float) -> Aircraft:
         (told(mavlink.MAV_TYPE_FIXED_WING, Q_ENABLE=1.0), Kind.QUADPLANE),
         (told(mavlink.MAV_TYPE_FIXED_WING, 4), Kind.QUADPLANE),
         (told(21, 3), Kind.QUADPLANE),
+        (twice(mavlink.MAV_TYPE_QUADROTOR, 4), Kind.QUADPLANE),
+        (twice(mavlink.MAV_TYPE_GROUND_ROVER, 3), Kind.QUADPLANE),
         (told(mavlink.MAV_TYPE_GROUND_ROVER), Kind.COPTER),
     ],
-    ids=["copter", "heli", "plane", "no rotors", "rotors", "says so", "tiltrotor", "rover"],
+    ids=[
+        "copter",
+        "heli",
+        "plane",
+        "no rotors",
+        "rotors",
+        "says so",
+        "tiltrotor",
+        "called copter",
+        "called rover",
+        "rover",
+    ],
 )
 def test_a_plane_hovers_too_where_it_says_so(aircraft: Aircraft, kind: Kind) -> None:
     """ArduPlane's MAV_TYPE is FIXED_WING with rotors and without, unless Q_MAV_TYPE says otherwise."""

@@ -14,7 +14,7 @@ from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.autopilot.kinds import PLANE
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.core.model import FlightAction, Flown
-from mavproxy_handover.wire.conversation import Asking, Conversation
+from mavproxy_handover.wire.conversation import Asking, Conversation, NoAnswer
 from tests.autopilot.test_copter import talk
 from tests.autopilot.test_down import COMMANDS, route
 from tests.module.vehicle import PlaneAutopilot
@@ -120,11 +120,66 @@ def test_the_reason_counts_that_the_autopilot_says_behind_its_answer(cockpit: Co
     assert made.failure == "arming refused (MAV_RESULT_DENIED): Arm: Gyros inconsistent"
 
 
-def test_arming_that_nobody_answered_is_left_alone(cockpit: Cockpit) -> None:
-    """It may be in the air: MANUAL would stop the motor."""
+@pytest.mark.parametrize(("before", "after"), [(FBWA, FBWA), (AUTO, MANUAL)])
+def test_arming_that_nobody_answered_leaves_nothing_behind_either(cockpit: Cockpit, before: int, after: int) -> None:
+    """The fault: the mode stayed AUTO, and whoever armed it next made it take off."""
+    cockpit.autopilot.mode = before
     cockpit.autopilot.script[ARM] = None
     assert cockpit.does(cockpit.plane.start()).failure == "no answer to arming"
+    assert (cockpit.autopilot.mode, cockpit.autopilot.armed) == (after, False)
+
+
+def test_arming_whose_answer_was_lost_is_a_start(cockpit: Cockpit) -> None:
+    """It is in the air, or about to be: MANUAL would stop the motor."""
+    cockpit.autopilot.script[ARM] = None
+    made = talk(_armed_unheard(cockpit), cockpit.autopilot)
+    assert (made.finished, made.failure, cockpit.autopilot.mode) == (True, None, AUTO)
+
+
+def test_an_autopilot_that_is_not_heard_any_more_is_left_alone(cockpit: Cockpit) -> None:
+    """For all that is known it flies."""
+    cockpit.autopilot.script[ARM] = None
+    made = talk(_armed_unheard(cockpit, silent=True), cockpit.autopilot)
+    assert made.failure == "no answer to arming"
     assert cockpit.autopilot.mode == AUTO
+
+
+def _armed_unheard(cockpit: Cockpit, silent: bool = False) -> Asking:
+    """It arms and does not say so; `silent`: and says nothing more."""
+    cockpit.listen()
+    asking = cockpit.plane.start()
+    answer: Any = None
+    while True:
+        try:
+            ask = asking.send(answer) if not isinstance(answer, NoAnswer) else asking.throw(answer)
+        except StopIteration:
+            return
+        if ask.what == "arming":
+            cockpit.autopilot.armed = True
+            answer = NoAnswer("no answer to arming")
+            if not silent:
+                cockpit.listen()
+            continue
+        if silent and ask.what.startswith("heartbeat"):
+            answer = NoAnswer("no answer to heartbeat to show")
+            continue
+        try:
+            answer = yield ask
+        except NoAnswer as error:
+            answer = error
+
+
+def test_a_start_that_is_called_off_leaves_nothing_behind_that_takes_off(cockpit: Cockpit) -> None:
+    cockpit.autopilot.mode = AUTO
+    cockpit.does(cockpit.plane.call_off_start())
+    assert cockpit.autopilot.mode == MANUAL
+
+
+@pytest.mark.parametrize(("mode", "armed"), [(AUTO, True), (FBWA, False)])
+def test_but_touches_nothing_that_flies_or_is_somebody_elses(cockpit: Cockpit, mode: int, armed: bool) -> None:
+    cockpit.autopilot.mode, cockpit.autopilot.armed = mode, armed
+    cockpit.does(cockpit.plane.call_off_start())
+    assert (cockpit.autopilot.mode, cockpit.told()) == (mode, [])
 
 
 @pytest.mark.parametrize(

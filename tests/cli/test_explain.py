@@ -137,6 +137,7 @@ def test_what_it_says_is_what_is_decided() -> None:
     ("argv", "error"),
     [
         (["--state", "moon"], "moon: 'moon' must be a cause (energy, "),
+        (["--state", "kind=plane"], "kind=plane: 'kind' must be a cause (energy, "),
         (["--state", "fence=maybe"], "fence=maybe: 'maybe' must be yes or no"),
         (["--state", "fence="], "fence=: '' must be yes or no"),
         (["--state", "policy.moon=warn"], "policy.moon: 'moon' must be one of energy, "),
@@ -165,3 +166,9 @@ def test_it_says_how_each_kind_of_aircraft_does_what_is_decided(capsys: pytest.C
         "the next landing sequence: it cannot come down where it is",
         "QLAND, where it is",
     ]
+
+
+@pytest.mark.parametrize("more", [["--state", "energy"], ["--config", "vehicle.toml"]])
+def test_the_tables_of_the_defaults_take_nothing_else(more: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--markdown", *more]) == 2
+    assert "without --config and --state" in capsys.readouterr().err

@@ -10,13 +10,17 @@ import pytest
 
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.events import (
+    Announce,
     AutopilotState,
     ControlAnswer,
     ControlResult,
     Fly,
+    HandSeen,
     MissionLoaded,
+    ModeSeen,
     Record,
     Send,
+    SignsSeen,
     StationHeard,
     StationMessage,
     Tick,
@@ -24,7 +28,8 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
+from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Hand, LeaseState
+from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.core.transfer import Step
 from tests.core.bench import (
@@ -65,6 +70,10 @@ def started(snapshot: Snapshot, limits: Limits | None = None) -> Bench:
     bench.armed = bench.flying = True
     bench.facts = (inside(A), inside(B), outside(C), outside(D))
     return bench.restart(0.0, snapshot)
+
+
+def announced(bench: Bench) -> list[str]:
+    return [action.text for _at, action in bench.log if isinstance(action, Announce)]
 
 
 class TestWaiting:
@@ -420,6 +429,95 @@ class TestEmergency:
         assert bench.arbiter.view.phase is Phase.EMERGENCY
         assert bench.arbiter.view.commander == A
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.OUT_OF_COVERAGE)]
+
+
+class TestUntilTheFlightIsOver:
+    """Less energy does not become more, whatever is known of it behind a restart."""
+
+    BACK = Fly(FlightAction.RETURN, Reason.ENERGY)
+    LEFT = replace(LEFT, phase=Phase.EMERGENCY, lasting=(Cause.ENERGY,))
+
+    @staticmethod
+    def turned_back(limits: Limits | None = None) -> Bench:
+        """It has turned back for its energy, which looks like enough by now."""
+        bench = Bench(limits)
+        bench.armed = bench.flying = True
+        bench.mode = ModeSeen(Flown.MISSION, "AUTO")
+        bench = bench.restart(0.0, LEFT)
+        bench.run(3.0)
+        bench.give(SignsSeen(energy=True))
+        bench.run(3.0)
+        bench.mode = ModeSeen(Flown.RETURN, "RTL")
+        bench.give(SignsSeen())
+        bench.run(3.0)
+        return bench
+
+    def test_it_is_kept(self) -> None:
+        bench = self.turned_back()
+        assert bench.flights() == [self.BACK]
+        assert bench.arbiter.snapshot().lasting == (Cause.ENERGY,)
+
+    def test_who_turned_back_goes_on_and_is_not_told_that_it_is_over(self) -> None:
+        """The fault: "OVER: the emergency of before the restart", and the return was nobody's order any more."""
+        bench = self.turned_back().restart()
+        bench.run(10.0)
+        assert bench.flights() == [], "it returns already"
+        assert [text.split(":")[0] for text in announced(bench)] == ["RETURN"]
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        assert bench.arbiter.snapshot().lasting == (Cause.ENERGY,)
+        assert {view.view.phase for view in bench.views()} == {Phase.EMERGENCY}
+
+    def test_who_does_not_return_is_sent_back_at_once(self) -> None:
+        bench = started(self.LEFT)
+        bench.mode = ModeSeen(Flown.MISSION, "AUTO")
+        bench.alive = {A}
+        bench.run(1.0)
+        assert bench.flights() == [self.BACK]
+
+    def test_before_it_is_known_to_fly_nothing_is_said_and_it_outlives_another_restart(self) -> None:
+        bench = started(self.LEFT)
+        bench.autopilot, bench.alive = False, {A}
+        bench.run(5.0)
+        assert announced(bench) == []
+        assert bench.arbiter.view.phase is Phase.EMERGENCY
+        bench.restart()
+        bench.autopilot = True
+        bench.run(1.0)
+        assert bench.flights() == [self.BACK]
+
+    def test_found_on_the_ground_it_is_over(self) -> None:
+        bench = started(self.LEFT)
+        bench.armed = bench.flying = False
+        bench.alive = {A}
+        bench.run(3.0)
+        assert bench.arbiter.snapshot().lasting == ()
+        bench.armed = bench.flying = True
+        bench.run(5.0)
+        assert bench.flights() == []
+
+    def test_what_the_commander_has_overruled_is_not_wrong_again(self) -> None:
+        bench = self.turned_back()
+        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.mode = ModeSeen(Flown.MISSION, "AUTO")
+        bench.run(3.0)
+        assert bench.arbiter.snapshot().lasting == ()
+        bench.restart()
+        bench.run(10.0)
+        assert bench.flights() == []
+
+    def test_a_warning_is_told_again_and_stays_one(self) -> None:
+        bench = self.turned_back(Limits(policies={Cause.ENERGY: "warn"})).restart()
+        bench.run(10.0)
+        assert [text.split(":")[0] for text in announced(bench)] == ["WARN"]
+        assert bench.flights() == []
+        assert bench.arbiter.view.phase is Phase.ON_MISSION
+
+    def test_what_is_not_looked_at_any_more_is_over(self) -> None:
+        bench = started(self.LEFT, Limits(policies={Cause.ENERGY: "off"}))
+        bench.alive = {A}
+        bench.run(5.0)
+        assert bench.flights() == []
+        assert announced(bench) == ["OVER: the emergency of before the restart"]
 
 
 class TestPolicy:

@@ -30,6 +30,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.events import Tick
 from mavproxy_handover.core.model import GuardState, Phase, Reason, Station
+from mavproxy_handover.core.safety.battery import PackMemory
+from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.store.memory import Condition, Slots
@@ -53,7 +55,10 @@ STATIONS: Final = (Station(251, "GCSA"), Station(252, "GCSB"))
 UTC_S: Final = 1_795_132_800.0
 LONG_AGO: Final = 37_506_240_000_000 - 86_400 * 100_000
 PACKAGE: Final = packages.load(Path(__file__).resolve().parents[2] / "missions" / "linear")
-GOOD: Final = Snapshot(251, 4, 7, Phase.ON_MISSION, 2, PACKAGE.digest, (251, 252, 251), True, "land")
+PACKS: Final = (PackMemory(59.0, 1.0, 60.0, 0.02),)
+GOOD: Final = Snapshot(
+    251, 4, 7, Phase.ON_MISSION, 2, PACKAGE.digest, (251, 252, 251), True, "land", lasting=(Cause.ENERGY,), packs=PACKS
+)
 
 
 class Files:

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.safety.commands import Kind
 from mavproxy_handover.gate.intent import INTENT_MESSAGES, TARGET_MESSAGES, Aim, aim_of, intent_of, repeats, wish_of
+from mavproxy_handover.gate.policy.modes import COPTER, PLANE
 from mavproxy_handover.wire.frames import Frame
 
 Make = Callable[..., Frame]
@@ -102,6 +103,39 @@ def test_what_is_never_judged(make: Make, name: str, fields: dict[str, Any]) -> 
     assert intent_of(make(name, **fields)) is None
 
 
+#: what else is judged of wings, where the place of a target is the middle of a circle, and a height alone is one
+OF_WINGS: list[tuple[str, dict[str, Any], str, Aim]] = [
+    *(
+        (
+            "COMMAND_INT",
+            {"command": 192, "param3": radius, "frame": 3, "x": 525000000, "y": 62500000, "z": 40.0},
+            "target",
+            Aim(3, 52.5, 6.25, 40.0, radius_m=told),
+        )
+        for radius, told in ((0.0, 0.0), (300.7, 300.0), (1.9, 0.0), (-300.0, 0.0), (math.nan, 0.0), (1e9, 65535.0))
+    ),
+    ("COMMAND_INT", {"command": 192, "param3": math.inf}, "target", Aim(0, 0.0, 0.0, 0.0, radius_m=65535.0)),
+    ("COMMAND_LONG", {"command": 186, "param1": 500.0, "param2": 3.0}, "altitude", Aim(3, 0.0, 0.0, 500.0, here=True)),
+    ("COMMAND_INT", {"command": 186, "param1": 500.0}, "altitude", Aim(0, 0.0, 0.0, 500.0, here=True)),
+    ("COMMAND_LONG", {"command": 43001, "param7": 120.0}, "altitude", Aim(3, 0.0, 0.0, 120.0, here=True)),
+    ("COMMAND_INT", {"command": 43001, "frame": 6, "z": 120.0}, "altitude", Aim(6, 0.0, 0.0, 120.0, here=True)),
+]
+
+
+@pytest.mark.parametrize(("name", "fields", "word", "aim"), OF_WINGS)
+def test_what_a_frame_wants_of_wings(make: Make, name: str, fields: dict[str, Any], word: str, aim: Aim) -> None:
+    intent = intent_of(make(name, **fields), PLANE)
+    assert intent is not None
+    assert (intent.kind, intent.word, intent.aim) == (FLY_TO, word, aim)
+    if word == "altitude":
+        assert intent_of(make(name, **fields), COPTER) is None
+
+
+@pytest.mark.parametrize("name", ["COMMAND_LONG", "COMMAND_INT"])
+def test_a_heading_leads_to_no_place_and_is_judged_no_more_than_a_velocity(make: Make, name: str) -> None:
+    assert intent_of(make(name, command=43002, param2=90.0), PLANE) is None
+
+
 def test_a_repetition_is_told_by_its_counter_and_is_the_same_wish(make: Make) -> None:
     fields = {"command": 176, "param1": 1.0, "param2": 3.0}
     first, again = make("COMMAND_LONG", **fields), make("COMMAND_LONG", confirmation=1, **fields)
@@ -136,6 +170,17 @@ def test_a_stream_s_target(make: Make, name: str, fields: dict[str, Any], aim: A
 
 
 @pytest.mark.parametrize(
+    ("mask", "of_wings"), [(0b011, True), (0b001, True), (0b111, False), (0b101, False), (0b111000111, False)]
+)
+def test_of_a_stream_wings_take_the_height_alone(make: Make, mask: int, of_wings: bool) -> None:
+    fields = {"type_mask": mask, "coordinate_frame": 6, "lat_int": 525000000, "alt": 300.0}
+    frame = make("SET_POSITION_TARGET_GLOBAL_INT", **fields)
+    assert aim_of(frame, PLANE) == (Aim(6, 0.0, 0.0, 300.0, here=True) if of_wings else None)
+    assert aim_of(frame) is None
+    assert aim_of(make("SET_POSITION_TARGET_LOCAL_NED", type_mask=mask, z=-300.0), PLANE) is None
+
+
+@pytest.mark.parametrize(
     ("aim", "sense"),
     [
         (Aim(3, 52.0, 6.0, 40.0), True),
@@ -159,6 +204,8 @@ def test_whatever_a_frame_holds_nothing_raises(msgid: int, contents: bytes, comm
     frame = Frame(b"", 2, msgid, 251, 190, 0, False, bytes(payload), True)
     if msgid in TARGET_MESSAGES:
         aim_of(frame)
+        aim_of(frame, PLANE)
     else:
         intent_of(frame)
+        intent_of(frame, PLANE)
         wish_of(frame)

@@ -92,12 +92,16 @@ def test_of_every_switch_it_looks_at_those_that_arm_or_take_off(make: Make, mode
         "TECS_LAND_SINK",
         "RALLY_LIMIT_KM",
         "FENCE_ACTION",
+        "FLIGHT_OPTIONS",
+        "TERRAIN_FOLLOW",
+        "WP_LOITER_RAD",
+        "Q_MAV_TYPE",
     ],
 )
 def test_what_a_planes_safety_rests_on_is_locked_while_armed(name: str) -> None:
     assert parameter_rule(name).access is Access.SAFEGUARD
 
 
-@pytest.mark.parametrize("name", ["AIRSPEED_CRUISE", "WP_LOITER_RAD", "TKOFF_ALT", "Q_WP_SPEED", "MIS_RESTART"])
+@pytest.mark.parametrize("name", ["AIRSPEED_CRUISE", "WP_RADIUS", "TKOFF_ALT", "Q_WP_SPEED", "MIS_RESTART"])
 def test_what_shapes_the_flight_stays_the_commanders(name: str) -> None:
     assert parameter_rule(name).access is Access.COMMAND

@@ -13,6 +13,7 @@ import pytest
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase
 from mavproxy_handover.gate.intent import Aim
 from mavproxy_handover.gate.judge import Fate, GateReason
+from mavproxy_handover.gate.policy.modes import PLANE
 from mavproxy_handover.gate.targets import HOLDS_S
 from mavproxy_handover.wire.frames import Frame
 from tests.gate.door import Door
@@ -60,6 +61,19 @@ def test_a_target_that_moves_is_judged_when_it_has_moved_by_some_metres(make: Ma
     for shift in (0, step):
         assert watched.door.up(A, target(make, 520_000_000 + shift)).verdict.fate is Fate.FORWARD
     assert len(watched.asked) == asked
+
+
+def test_of_wings_a_height_without_a_place_is_judged_too(make: Make) -> None:
+    """The fault: ArduPlane takes the height of such a frame, and nothing looked at it."""
+    watched = Watched(step_s=0.2)
+    frame = target(make, 520_000_000, mask=ONLY_PLACE | 0b011)
+    watched.door.up(A, frame)
+    assert watched.asked == []
+    watched.door.gate.modes = PLANE
+    watched.door.up(A, frame)
+    assert watched.asked == [(Aim(6, 0.0, 0.0, 40.0, here=True), GCSA)]
+    watched.door.up(A, target(make, 520_000_000, mask=ONLY_VELOCITY))
+    assert len(watched.asked) == 1
 
 
 def test_what_would_leave_is_dropped_and_counted_until_the_target_is_another(make: Make) -> None:

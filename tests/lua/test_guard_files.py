@@ -240,6 +240,10 @@ class TestPlaneFile:
         assert (values["RTL_AUTOLAND"], values["Q_RTL_MODE"], int(values["Q_OPTIONS"]) & 1 << 5) == (1, 1, 32)
         assert values["ARMING_REQUIRE"] >= 1
 
+    def test_a_quadplane_takes_off_and_lands_by_its_rotors(self) -> None:
+        """By bits 1 and 2 of Q_OPTIONS NAV_TAKEOFF and NAV_LAND are those of a plane."""
+        assert int(values_of(PLANE_FILE)["Q_OPTIONS"]) & 0b110 == 0
+
     def test_every_parameter_is_one_of_arduplane(self) -> None:
         """By the names in its source; those of 4.7 that are older or newer have their successors beside them."""
         folder = ardupilot()

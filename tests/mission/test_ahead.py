@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavproxy_handover.mission.ahead import Ahead, leaves_coverage, leaves_fence, straight
+from mavproxy_handover.mission.ahead import Ahead, around, leaves_coverage, leaves_fence, straight
 from mavproxy_handover.mission.borders import Circle
 from mavproxy_handover.mission.fence import Fence, outside_fence
-from mavproxy_handover.mission.geodesy import offset
+from mavproxy_handover.mission.geodesy import distance_m, offset
 from mavproxy_handover.mission.items import LAND, RETURN_TO_LAUNCH, TAKEOFF, WAYPOINT, MissionItem
 from mavproxy_handover.mission.plan import FenceCircle, FencePart, FencePolygon, Home, Route
 from mavproxy_handover.mission.walk import Leg
@@ -187,6 +187,53 @@ def test_a_mission_that_returns_goes_home_from_where_it_is() -> None:
 
 def test_a_guided_target_is_a_straight_way() -> None:
     assert shown(straight(at(0.0), at(400.0, 300.0, 60.0), 5.0)) == [(0, 500, 40, 60, 5.0)]
+
+
+def circled(east_m: float, radius_m: float, alt_m: float = 40.0) -> tuple[Leg, ...]:
+    """A target of wings, from the middle of zone A."""
+    there = at(east_m, 0.0, alt_m)
+    return (*straight(at(0.0), there, 20.0), *around(there, radius_m, 20.0))
+
+
+def test_a_circle_is_flown_once_around_its_middle() -> None:
+    out, *ring = around(at(500.0), 90.0, 20.0)
+    assert (out.start, ring[0].start, ring[-1].end) == (at(500.0), out.end, out.end)
+    ends = [distance_m(*leg.end[:2], *at(500.0)[:2]) for leg in ring]
+    middles = [distance_m(*leg.at(0.5)[:2], *at(500.0)[:2]) for leg in ring]
+    assert max(ends) < 90.1
+    assert min(middles) > 89.99, "no piece is inside of what is flown"
+    assert sum(leg.length_m for leg in ring) == pytest.approx(565.5, abs=1.0)
+    assert {leg.end[2] for leg in ring} == {40.0}
+    assert {leg.speed_mps for leg in ring} == {20.0}
+
+
+@pytest.mark.parametrize(
+    ("east_m", "radius_m", "words"),
+    [
+        (895.0, 90.0, ""),
+        (980.0, 90.0, "leaves coverage in "),  # the target itself is inside
+        (690.0, 3000.0, "leaves coverage in "),
+        (0.0, 980.0, ""),
+        (0.0, 1000.0, "leaves coverage in "),
+    ],
+)
+def test_coverage_and_fence_of_a_circle(east_m: float, radius_m: float, words: str) -> None:
+    legs = circled(east_m, radius_m)
+    assert leaves_coverage(legs, zones((A, 0.0, 990.0)), {A})[: len(words) or None] == words
+    broken = leaves_fence(legs, Fence((circle(0.0, 990.0),)))
+    assert bool(words) is broken.startswith("breaks the geofence within ")
+    on_it = Fence((circle(east_m + radius_m, 5.0, False),))
+    assert leaves_fence(legs, on_it).startswith("breaks the geofence within ")
+
+
+@pytest.mark.parametrize(
+    ("alt_m", "words"), [(100.0, ""), (101.0, "climbs above the fence's ceiling of 100 m"), (20.0, "")]
+)
+def test_the_ceiling_of_the_fence(alt_m: float, words: str) -> None:
+    assert leaves_fence(circled(300.0, 90.0, alt_m), Fence(()), 100.0) == words
+    assert leaves_fence(circled(300.0, 90.0, alt_m), Fence(())) == ""
+    from_above = straight(at(0.0, 0.0, 300.0), at(300.0, 0.0, alt_m), 20.0)
+    assert leaves_fence(from_above, Fence(()), 100.0) == words, "back below it may"
 
 
 def test_landing_and_take_off_leave_nothing_that_their_place_does_not() -> None:

@@ -15,7 +15,8 @@ from mavproxy_handover.core.safety.energy import Piece, Wind
 from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
 from mavproxy_handover.mission import MissionError, load
 from mavproxy_handover.mission.check import Severity, check, main, report_text
-from mavproxy_handover.mission.energy import budget_of, pieces_of, places_of, released_at
+from mavproxy_handover.mission.energy import budget_of, pieces_along, pieces_of, places_of, released_at
+from mavproxy_handover.mission.walk import legs_of
 
 NUMBERS = """
 [energy]
@@ -124,9 +125,33 @@ def test_a_route_that_does_not_end_on_the_ground_is_flown_home_from_its_end(smal
     package = load(small.write())
     pieces = pieces_of(package.route, package.cruise_speed_mps, 15.0)
     assert pieces[2:] == (
-        Piece(length_m=pytest.approx(445.28, abs=0.01), bearing_deg=pytest.approx(270.0), hold_s=5.0),
+        Piece(length_m=pytest.approx(445.28, abs=0.01), bearing_deg=pytest.approx(270.0), hold_s=5.0, speed_mps=5.0),
         Piece(descent_m=30.0, landing_m=10.0),
     )
+
+
+def test_the_way_back_is_flown_at_the_cruise_speed_of_the_mission(small):
+    """The fault: at cruise_mps of [energy], 10 m/s: 10.1 Wh from the end of item 2. RTL flies at WPNAV_SPEED, which is
+    the mission's; a DO_CHANGE_SPEED does not last into it."""
+    del small.items[2]
+    small.plan["rallyPoints"]["points"] = []
+    numbers(small)
+    # the pause of 5 s and the descent, 3.833 Wh; 89.06 s and 3.33 s at 370 W
+    assert budget_of_small(small).items[1].back.need_wh == pytest.approx(13.33, abs=0.01)
+    small.items[1:1] = [small.item(2, 178, 0, 0, 0)]
+    small.items[1]["params"] = [1, 8, -1, 0, 0, 0, 0]
+    assert budget_of_small(small).items[1].back.need_wh == pytest.approx(13.33, abs=0.01)
+    small.toml = "cruise_speed_mps = 10\n" + small.toml
+    # 44.53 s and 6.67 s at 440 W
+    assert budget_of_small(small).items[1].back.need_wh == pytest.approx(10.09, abs=0.01)
+
+
+def test_a_way_in_the_air_is_flown_back_at_the_speed_that_is_told(small):
+    route = load(small.write()).route
+    legs = legs_of(route)[:2]
+    model = load(numbers(small).write()).energy.model()
+    found = pieces_along(legs, places_of(route)[:1], model, 2.0)
+    assert [piece.speed_mps for piece in found] == [5.0, 5.0, 2.0, None]
 
 
 def gripper(small, action, after=1):
@@ -234,15 +259,56 @@ def test_the_ways_back_item_by_item(small):
 
 def test_from_where_on_there_is_no_way_back(small):
     # of 14 Wh 12.56 - 0.021327 x are left at x m (9.496 Wh over 445.28 m). Home takes 3.833 Wh for the pause and the
-    # descent, 440 W for x / 10 + 6.667 s, and 2 Wh stay: 5.912 - 0.033549 x, which is nothing at 176.2 m
+    # descent, 370 W for x / 5 + 3.333 s, and 2 Wh stay: 6.384 - 0.041883 x, which is nothing at 152.4 m
     small.plan["rallyPoints"]["points"] = []
-    assert budget(small, battery=14.0).no_return_m == pytest.approx(176.2, abs=1.0)
+    assert budget(small, battery=14.0).no_return_m == pytest.approx(152.4, abs=1.0)
 
 
 def test_a_rally_point_on_the_way_moves_the_point_of_no_return(small):
-    # at 278.3 m, right above it, 0.79 Wh are too many, and from d m behind it, too short a way for 10 m/s, it takes
-    # 440 W for 2 sqrt(d / 1.5) s: 0.79 - 0.0213 d - 0.1996 sqrt(d) is nothing at 9.0 m
-    assert budget(small, battery=14.0).no_return_m == pytest.approx(287.3, abs=1.0)
+    # at 278.3 m, right above it, 0.79 Wh are too many, and from d m behind it, too short a way for 5 m/s, it takes
+    # 370 W for 2 sqrt(d / 1.5) s: 0.79 - 0.0213 d - 0.1678 sqrt(d) is nothing at 11.0 m
+    assert budget(small, battery=14.0).no_return_m == pytest.approx(289.3, abs=1.0)
+
+
+def box(small, west, east):
+    """A geofence from longitude to longitude, over every latitude of the mission."""
+    corners = [[0.01, west], [0.01, east], [-0.01, east], [-0.01, west]]
+    small.plan["geoFence"]["polygons"] = [{"inclusion": True, "polygon": corners, "version": 1}]
+
+
+def test_no_place_outside_the_geofence_is_a_way_back(small):
+    """The fault: the check warned of such a rally point, "no return goes there", and counted on it."""
+    del small.items[2]
+    small.plan["rallyPoints"]["points"] = [[0.0, 10.0055, 30]]
+    numbers(small, 30.0)
+    assert budget_of_small(small).items[1].back.place == "rally 1"
+    box(small, 9.9, 10.0052)
+    item = budget_of_small(small).items[1]
+    assert (item.back.place, round(item.back.need_wh, 2)) == ("home", 13.33)
+
+
+def test_where_no_place_is_inside_the_geofence_there_is_no_way_back(small):
+    del small.items[2]
+    numbers(small, 100.0)
+    box(small, 10.0036, 10.1)  # home and the rally point are west of it
+    found_ = budget_of_small(small)
+    assert [item.back for item in found_.items] == [None, None]
+    assert found_.no_return_m == 0.0
+    report = check(load(small.write()))
+    errors = [finding.text for finding in report.findings if finding.severity is Severity.ERROR]
+    assert "no place of a return is inside the geofence" in errors
+    assert not any("is never farther than" in finding.text for finding in report.findings)
+
+
+def test_the_nearest_place_that_the_check_tells_of_is_inside_the_geofence(small):
+    def nearest():
+        (text,) = [f.text for f in check(load(small.write())).findings if "is never farther than" in f.text]
+        return text
+
+    small.plan["rallyPoints"]["points"] = [[0.0, 10.0055, 30]]
+    assert nearest().startswith("home or a rally point is never farther than 2")
+    box(small, 9.9, 10.0052)
+    assert nearest().startswith("home or a rally point is never farther than 445 m")
 
 
 def test_with_enough_in_the_battery_there_always_is_one(small):

@@ -13,6 +13,7 @@ from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission import MissionError, MissionItem, difference, load, read_route
 from mavproxy_handover.mission.items import COMMANDS
 from mavproxy_handover.mission.plan import with_items
+from tests.mission.conftest import PLAN
 
 
 def read(plan, kind):
@@ -180,6 +181,84 @@ def test_a_plan_for_a_multicopter_is_a_warning(small):
     assert read(small.plan, Kind.PLANE).warnings == (
         "the plan was made for a multicopter (vehicleType 2), the mission is for a plane",
     )
+
+
+# --- the way down of wings ---
+
+
+def going_down(small, *commands):
+    """The small mission with a DO_LAND_START as item 2, and these behind it."""
+    small.items[1:] = [small.item(seq, command, 0.0, 10.005, 30) for seq, command in enumerate((189, *commands), 2)]
+    return small.plan
+
+
+def uploaded(plan, kind):
+    """The same, sent in flight. Returns why it is refused."""
+    route = read_route("small.plan", json.dumps(PLAN), kind)
+    items = [MissionItem(0, 16, 3, 0, 0, 0, 0, 0.0, 10.0, 0.0)]
+    for seq, each in enumerate(plan["mission"]["items"], 1):
+        items.append(MissionItem(seq, each["command"], 3, 0, 0, 0, 0, *each["params"][4:]))
+    with pytest.raises(MissionError) as caught:
+        with_items(route, items)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("kind", [Kind.PLANE, Kind.QUADPLANE])
+@pytest.mark.parametrize(
+    ("commands", "ends"),
+    [
+        ((16, 20, 21), "item 4, NAV_RETURN_TO_LAUNCH"),
+        ((20,), "item 3, NAV_RETURN_TO_LAUNCH"),
+        ((16,), "the end of the mission"),
+        ((), "the end of the mission"),
+        ((189, 16, 16), "the end of the mission"),
+    ],
+)
+def test_a_landing_sequence_that_comes_to_no_landing_is_refused(small, kind, commands, ends):
+    """ArduPlane returns behind the end of a mission, and a return goes to the nearest DO_LAND_START again."""
+    landing = "NAV_LAND" if kind is Kind.PLANE else "NAV_VTOL_LAND"
+    words = (
+        f"item 2: DO_LAND_START leads to {ends}, and to no landing before: a return that goes there may never end "
+        f"(allowed: {landing} before that)"
+    )
+    plan = going_down(small, *commands)
+    assert refusal(plan, kind) == f"small.plan: {words}"
+    assert uploaded(plan, kind) == f"the upload: {words}"
+
+
+def test_an_endless_circle_in_a_landing_sequence_is_refused_in_flight_too(small):
+    assert uploaded(going_down(small, 16, 17, 21), Kind.PLANE) == (
+        "the upload: item 2: DO_LAND_START leads to item 4, NAV_LOITER_UNLIM, and to no landing before: a return that "
+        "goes there may never end (allowed: NAV_LAND before that)"
+    )
+
+
+def test_the_second_of_two_landing_sequences_is_judged_too(small):
+    assert refusal(going_down(small, 21, 189, 16), Kind.PLANE).startswith(
+        "small.plan: item 4: DO_LAND_START leads to the end of the mission, "
+    )
+
+
+def test_landing_sequences_that_land_are_taken(small):
+    for commands in ((21,), (16, 189, 16, 21), (16, 21, 189, 16, 21), (16, 21, 20)):
+        assert len(read(going_down(small, *commands), Kind.PLANE).items) == 2 + len(commands)
+
+
+def test_a_copter_is_not_asked_where_its_landing_sequence_leads(small):
+    assert len(read(going_down(small, 16, 20), Kind.COPTER).items) == 4
+
+
+@pytest.mark.parametrize("kind", [Kind.PLANE, Kind.QUADPLANE])
+def test_what_a_landing_that_is_broken_off_would_climb_to_is_refused(small, kind):
+    """AP_Landing::restart_landing_sequence goes there instead of to the DO_LAND_START."""
+    words = (
+        "item 5: NAV_CONTINUE_AND_CHANGE_ALT behind NAV_LAND: a landing that is broken off would go on there, and not "
+        "land (allowed: something else; by itself it goes back to the nearest DO_LAND_START)"
+    )
+    plan = going_down(small, 16, 21, 30)
+    assert refusal(plan, kind) == f"small.plan: {words}"
+    assert uploaded(plan, kind) == f"the upload: {words}"
+    assert len(read(going_down(small, 30, 21, 16, 30), kind).items) == 6
 
 
 # --- what ArduPlane stores ---

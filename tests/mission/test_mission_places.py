@@ -198,5 +198,7 @@ def test_how_long_a_way_takes() -> None:
     way = (Piece(climb_m=25.0), Piece(length_m=800.0, hold_s=5.0), Piece(descent_m=40.0, landing_m=10.0))
     # 10 s up, 100 s there, 5 s of pause, 20 s down and 20 s of landing
     assert flown_s(way, None, 8.0) == pytest.approx(155.0)
+    slower = (way[0], way[1]._replace(speed_mps=4.0), way[2])
+    assert flown_s(slower, None, 8.0) == pytest.approx(255.0), "what the piece says goes first"
     model = EnergySettings(battery_wh=100.0, hover_w=300.0).model(Wind(12.0, 0.0))
     assert flown_s(way, model, 8.0) == math.inf, "north, against 12 m/s"

@@ -10,7 +10,7 @@ import pytest
 from shapely.geometry import Polygon
 
 from mavproxy_handover.mission import Circle, Zone, ZoneFinder, commanders_along, load, read_route
-from mavproxy_handover.mission.walk import legs_of, speed_at
+from mavproxy_handover.mission.walk import legs_from, legs_of, speed_at
 
 A, B, C = 251, 252, 253
 
@@ -89,6 +89,15 @@ def test_return_goes_to_the_nearest_of_home_and_rally_points(small):
     small.plan["rallyPoints"]["points"] = []
     legs = legs_of(read_route("small.plan", json.dumps(small.plan)))
     assert legs[2].end == (0.0, 10.001, 30.0)
+
+
+def test_a_return_is_flown_at_the_cruise_speed_whatever_was_set_on_the_way(small):
+    """ModeAuto's RTL begins as the mode RTL does: it forgets a DO_CHANGE_SPEED."""
+    small.items[2] = {"type": "SimpleItem", "command": 20, "frame": 2, "params": [0] * 7}
+    small.items.insert(1, {"type": "SimpleItem", "command": 178, "frame": 2, "params": [1, 8, -1, 0, 0, 0, 0]})
+    route = read_route("small.plan", json.dumps(small.plan))
+    assert [leg.speed_mps for leg in legs_of(route) if leg.length_m > 0.0] == [8.0, 5.0]
+    assert [leg.speed_mps for leg in legs_from(route, 3, (0.0, 10.004, 30.0), 6.0) if leg.length_m > 0.0] == [8.0, 6.0]
 
 
 def test_landing_without_a_place_is_where_the_aircraft_is(small):

@@ -13,14 +13,14 @@ import math
 import pytest
 
 from mavproxy_handover.core.model import Kind
-from mavproxy_handover.core.safety.energy import Wind
+from mavproxy_handover.core.safety.energy import Piece, Wind, landing
 from mavproxy_handover.mission import MissionError, MissionItem, RallyPoint, load
-from mavproxy_handover.mission.check import Severity, check, report_text
-from mavproxy_handover.mission.energy import places_of
+from mavproxy_handover.mission.check import Severity, check, main, report_text
+from mavproxy_handover.mission.energy import places_of, way_back
 from mavproxy_handover.mission.geodesy import east_north_m
 from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import Home, Route
-from mavproxy_handover.mission.walk import hovers_at, legs_of
+from mavproxy_handover.mission.walk import hovers_at, landing_sequences, legs_of
 from mavproxy_handover.mission.wings import Air, Wings, bend
 
 CALM = Air(20.0)
@@ -221,6 +221,66 @@ def test_a_return_of_a_plane_circles_at_its_place_and_flies_the_nearest_landing_
     assert [turn.seq for turn in path_of(flown, CALM).turns if turn.circle] == [3]
 
 
+#: metres and degrees from the middle of RUNWAY's landing to where its sequence begins: 890.56 m east, 552.87 m north
+AWAY_M, TOWARDS_DEG = near(1048.2, 0.1), near(58.17, 0.05)
+
+
+def test_a_return_of_a_plane_comes_down_by_its_landing_sequence():
+    """The fault: a landing of rotors at the place was counted, which it has not, and the sequence was not."""
+    (home,) = places_of(route(*RUNWAY, kind=Kind.PLANE), 20.0)
+    assert home.down == (
+        Piece(length_m=AWAY_M, bearing_deg=TOWARDS_DEG, speed_mps=20.0),
+        Piece(length_m=AWAY_M, bearing_deg=near(238.17, 0.05), descent_m=60.0, speed_mps=20.0),
+    )
+    assert home.down_from_m == 60.0
+    there, *down = way_back((0.0, 10.03, 60.0), home, 50.0, 20.0, wings=True)
+    # at 60 m, where the sequence begins, and not at the 50 m of the return
+    assert there == Piece(length_m=near(3339.6, 0.1), bearing_deg=near(270.0), hold_s=30.0, speed_mps=20.0)
+    assert tuple(down) == home.down
+
+
+def test_what_comes_down_hovering_counts_no_landing_sequence():
+    flown = route(*RUNWAY, kind=Kind.QUADPLANE)
+    assert [place.down for place in places_of(flown, 20.0)] == [None]
+    assert way_back((0.0, 10.03, 60.0), places_of(flown)[0], 50.0, 20.0, wings=True)[-1] == landing(60.0)
+
+
+def test_a_plane_without_a_landing_sequence_has_no_way_down_of_its_own():
+    """A return of it circles for ever: the check says so, and START is refused."""
+    flown = route(RUNWAY[0], RUNWAY[1], item(3, 21, 0, 0, 0.0), kind=Kind.PLANE)
+    assert [place.down for place in places_of(flown)] == [None]
+
+
+def test_each_place_has_the_sequence_that_begins_nearest_to_it():
+    """AP_Mission's get_landing_sequence_start."""
+    more = (item(6, 189, 0, 40), item(7, 16, 0, 40, 80.0), item(8, 21, 0, 50, 0.0))
+    flown = route(*RUNWAY, *more, kind=Kind.PLANE, rally=(RallyPoint(0.0, 10.038, 60.0),))
+    home, rally, end = places_of(flown, 20.0)
+    assert (home.down_from_m, rally.down_from_m) == (60.0, 80.0)
+    assert rally.down[0] == Piece(length_m=near(222.64), bearing_deg=near(90.0), speed_mps=20.0)
+    assert end.down[-1].length_m == near(1113.2, 0.1)
+
+
+def test_in_its_landing_sequence_a_plane_goes_straight_down_by_circling():
+    """20 m at 2 m/s; and a speed that is set there is flown there."""
+    slower = MissionItem(4, 178, 2, 0.0, 15.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    rest = (slower, item(5, 16, 5, 8, 60.0), item(6, 16, 5, 8, 40.0), item(7, 21, 0, 0, 0.0))
+    (home,) = places_of(route(*RUNWAY[:3], *rest, kind=Kind.PLANE), 20.0)
+    assert home.down == (
+        Piece(length_m=AWAY_M, bearing_deg=TOWARDS_DEG, speed_mps=20.0),
+        Piece(hold_s=10.0),
+        Piece(length_m=AWAY_M, bearing_deg=near(238.17, 0.05), descent_m=40.0, speed_mps=15.0),
+    )
+
+
+def test_a_return_in_its_own_landing_sequence_ends_the_lines_of_a_route():
+    """No package has one: it would be flown for ever."""
+    back = MissionItem(5, 20, 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    flown = route(*RUNWAY[:4], back, item(6, 21, 0, 0, 0.0), kind=Kind.PLANE)
+    assert landing_sequences(flown) == ()
+    assert [leg.seq for leg in legs_of(flown, 20.0)] == [1, 2, 4, 5]
+
+
 def test_wings_fly_at_the_airspeed_of_arduplane_where_nobody_names_one():
     assert legs_of(CORNER)[1].speed_mps == 12.0
 
@@ -352,6 +412,13 @@ def test_a_landing_sequence_near_a_place_ends_its_return(plane):
     assert "a return to rally 1 ends in the landing sequence of item 3: it needs RTL_AUTOLAND 1 or 2" in texts
 
 
+def test_a_return_that_would_begin_itself_again_is_one_line_and_no_traceback(plane, capsys):
+    plane.items[2:2] = [plane.item(3, 189, 0.0, 10.017, 30), plane.item(4, 20, 0.0, 0.0, 0)]
+    assert main([str(plane.write())]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("handover check: small.plan: item 3: DO_LAND_START leads to item 4, NAV_RETURN_TO_LAUNCH, ")
+
+
 def test_a_circle_of_a_return_that_leaves_every_zone_is_a_warning(plane):
     plane.items[2:2] = [plane.item(3, 189, 0.0, 10.017, 30)]
     plane.plan["rallyPoints"]["points"] = [[0.0197, 10.017, 60]]
@@ -414,3 +481,15 @@ def test_ferry_passes_three_stations_with_two_handovers(missions):
     assert all(handover.overlap_s > 30.0 for handover in package.walk(Wind(12.0, 270.0)).handovers)
     assert [item.command for item in package.route.items] == [84, 16, 16, 16, 16, 85]
     assert package.route.rally == (RallyPoint(52.696912, 5.36213, 60.0), RallyPoint(52.713986, 5.415407, 60.0))
+
+
+def test_dike_returns_by_its_landing_sequence(missions):
+    """From home 4.6 km, 241 s and more at 17 m/s over ground and 134 W: 9 Wh and more, where 4.84 Wh of rotors were
+    counted."""
+    package = load(missions / "dike")
+    home, rally = places_of(package.route, package.cruise_speed_mps)
+    model = package.energy.model(wings=True)
+    lengths = [sum(piece.length_m for piece in place.down) for place in (home, rally)]
+    needs = [model.need_wh(place.down) for place in (home, rally)]
+    assert all(4000.0 < length < 4700.0 for length in lengths)
+    assert needs == [near(length / 17.0 * 134.0 / 3600.0, 0.05) for length in lengths]

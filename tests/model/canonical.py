@@ -459,6 +459,7 @@ class Packer:
             energy_short=plain,
             gaps_lack=plain,
             return_lacks=plain,
+            aircraft_lacks=plain,
             _autopilot_at=_Ago(limits.autopilot_lost_s),
             _position_at=_Ago(limits.position_stale_s),
             _stale_told=plain,
@@ -562,7 +563,13 @@ class Packer:
         )
         strategy = _Class(Strategy, _lasts=plain, decision=plain, overruled=plain, policies=_Policies())
         emergency = _Class(
-            Emergency, _grave=plain, _resumed=plain, _strategy=_Object(strategy), _watch=_Object(watch), told=plain
+            Emergency,
+            _grave=plain,
+            _left=plain,
+            _resumed=plain,
+            _strategy=_Object(strategy),
+            _watch=_Object(watch),
+            told=plain,
         )
         helm = _Class(
             Helm,

@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Phase
-from mavproxy_handover.mission.package import MissionPackage
-from tests.module.conftest import Bench
+from mavproxy_handover.mission.geodesy import offset
+from mavproxy_handover.mission.package import MissionPackage, load
+from mavproxy_handover.mission.places import PlaceFinder
+from tests.module.conftest import MISSIONS, Bench
 from tests.module.test_rally_list import clear, result, send, upload
-from tests.module.vehicle import AUTO, HOME
+from tests.module.vehicle import AUTO, HOME, PlaneAutopilot
 
 START, SET_MODE, PAUSE = (
     mavlink.MAV_CMD_MISSION_START,
@@ -296,7 +299,173 @@ def test_a_target_that_is_no_place_is_the_autopilots_to_refuse(flown: Bench, val
     assert flown.companion.faults == {}
 
 
+# ---- wings --------------------------------------------------------------------------------------------------------
+
+CHANGE_ALTITUDE, GUIDED_ALTITUDE, GUIDED_HEADING = mavlink.MAV_CMD_DO_CHANGE_ALTITUDE, 43001, 43002
+GUIDED_ON_WINGS, LOITER_ON_WINGS = 15, 12
+#: the zone of GCSA: its middle, and its radius (m); the mission has no geofence
+STRIP, STRIP_M = (52.693595, 5.411108), 3200.0
+CEILING = "climbs above the fence's ceiling of 250 m"
+
+
+def along_the_dike(bench: Bench, **parameters: float) -> Bench:
+    """A plane without rotors, WP_LOITER_RAD 90; its mission counts on 80."""
+    plane = bench.autopilot = PlaneAutopilot()
+    plane.position, plane.way_down = (52.69, 5.42), 9
+    plane.parameters |= {"RTL_AUTOLAND": 1.0, "ARMING_REQUIRE": 1.0, "WP_LOITER_RAD": 90.0}
+    plane.parameters |= {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": 250.0, **parameters}
+    bench.connect()
+    bench.share(load(MISSIONS / "dike"))
+    bench.run(12.0)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    plane.waypoint, plane.position = 2, (52.70, 5.42)
+    bench.run(4.0)
+    plane.received.clear()
+    bench.a.received.clear()
+    return bench
+
+
+@pytest.fixture
+def dike(bench: Bench) -> Bench:
+    return along_the_dike(bench)
+
+
+def circles(bench: Bench, inside_m: float, radius_m: float = 0.0, alt_m: float = 100.0) -> bool:
+    """DO_REPOSITION to a place so far inside the western border of the zone: whether it passes."""
+    lat, lon = offset(*STRIP, inside_m - STRIP_M, 0.0)
+    place = round(lat * 1e7), round(lon * 1e7), alt_m
+    before = passed(bench)
+    bench.a.send(mavlink.MAVLink_command_int_message(1, 1, 3, REPOSITION, 0, 0, -1, 1, radius_m, 0, *place))
+    bench.run(0.3)
+    return passed(bench) > before
+
+
+@pytest.mark.parametrize(
+    ("inside_m", "radius_m", "words"),
+    [
+        (110.0, 0.0, ""),
+        (85.0, 0.0, "leaves coverage in "),
+        (10.0, 0.0, "leaves coverage in "),
+        (-50.0, 0.0, "leaves coverage in "),
+        (210.0, 200.0, ""),
+        (190.0, 200.0, "leaves coverage in "),
+        (300.0, 3000.0, "leaves coverage in "),
+        (110.0, -3000.0, ""),  # ArduPlane takes no such radius
+    ],
+)
+def test_a_target_of_wings_is_judged_as_the_circle_that_is_flown_there(
+    dike: Bench, inside_m: float, radius_m: float, words: str
+) -> None:
+    """The fault: 10 m inside the border, or anywhere with a radius of 3 km, it passed as a place."""
+    assert circles(dike, inside_m, radius_m) is (words == "")
+    assert dike.a.texts().startswith(words and f"target refused: {words}")
+    assert dike.companion.faults == {}
+
+
+def test_the_radius_of_before_is_flown_on_in_guided(dike: Bench) -> None:
+    """ArduPlane forgets it when it enters GUIDED anew, and not before."""
+    assert circles(dike, 1000.0, 800.0)
+    dike.autopilot.mode = GUIDED_ON_WINGS
+    dike.run(1.5)
+    assert not circles(dike, 300.0)
+    assert circles(dike, 300.0, 200.0)
+    assert circles(dike, 300.0)
+    assert not circles(dike, 110.0)
+    dike.autopilot.mode = LOITER_ON_WINGS
+    dike.run(1.5)
+    assert circles(dike, 110.0)
+
+
+def test_what_hovers_is_judged_by_its_circle_too_for_it_flies_there_on_its_wings(dike: Bench) -> None:
+    dike.autopilot.vtol_state = mavlink.MAV_VTOL_STATE_MC
+    dike.run(1.5)
+    assert not circles(dike, 10.0)
+
+
+def test_above_the_ceiling_of_the_fence_no_target_of_wings_passes(dike: Bench) -> None:
+    assert circles(dike, 1000.0, alt_m=250.0)
+    assert not circles(dike, 1000.0, alt_m=251.0)
+    assert dike.a.texts() == f"target refused: {CEILING}; send again in 3-15 s, or handover override fence"
+
+
+@pytest.mark.parametrize("command", [CHANGE_ALTITUDE, GUIDED_ALTITUDE])
+@pytest.mark.parametrize(
+    ("alt_m", "words"), [(200.0, ""), (600.0, f"altitude refused: {CEILING}"), (5000.0, "altitude refused: ")]
+)
+def test_a_height_alone_is_judged(dike: Bench, command: int, alt_m: float, words: str) -> None:
+    """The fault: nobody looked at it, ArduPlane itself no more than the companion."""
+    dike.a.command(command, alt_m, 3.0, 0.0, 0.0, 0.0, 0.0, alt_m)
+    dike.run(0.3)
+    assert passed(dike, "COMMAND_LONG") == (0 if words else 1)
+    assert dike.a.texts().startswith(words)
+    assert words or dike.a.texts() == ""
+
+
+def test_a_height_above_the_sea_is_one_above_home(dike: Bench) -> None:
+    """Here the sea is 300 m below home."""
+    place = round(52.70 * 1e7), round(5.42 * 1e7), 400_000, 100_000
+    dike.autopilot.position = None
+    for above_sea_m, arrives in ((500.0, 1), (600.0, 1)):
+        dike.autopilot.say(mavlink.MAVLink_global_position_int_message(1000, *place, 0, 0, 0, 0))
+        dike.mpstate.deliver(dike.autopilot._out.pop())
+        dike.a.command(CHANGE_ALTITUDE, above_sea_m, 0.0)
+        dike.run(0.3)
+        assert passed(dike, "COMMAND_LONG") == arrives
+
+
+def test_a_height_without_a_ceiling_is_judged_by_the_energy(bench: Bench) -> None:
+    dike = along_the_dike(bench, FENCE_TYPE=4.0)
+    for alt_m, arrives in ((600.0, 1), (5000.0, 1)):
+        dike.a.command(CHANGE_ALTITUDE, alt_m, 3.0)
+        dike.run(0.3)
+        assert passed(dike, "COMMAND_LONG") == arrives
+    assert "Wh are needed with the reserve" in dike.a.texts()
+
+
+def test_beside_a_border_another_height_is_no_matter(dike: Bench) -> None:
+    """It flies on where it was about to, and no circle of its own for it."""
+    dike.autopilot.position = offset(*STRIP, 20.0 - STRIP_M, 0.0)
+    dike.run(1.0)
+    dike.autopilot.received.clear()
+    dike.a.command(CHANGE_ALTITUDE, 120.0, 3.0)
+    dike.run(0.3)
+    assert CHANGE_ALTITUDE in [m.command for m in dike.autopilot.got("COMMAND_LONG", 251)]
+
+
+@pytest.mark.parametrize(("alt_m", "arrives"), [(200.0, 1), (5000.0, 0)])
+def test_a_height_in_a_stream_is_judged(dike: Bench, alt_m: float, arrives: int) -> None:
+    dike.run(3.0)
+    zeros = (0, 0, 0, 0, 0, 0, 0, 0)
+    dike.a.send(mavlink.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0b110111111011, 0, 0, alt_m, *zeros))
+    dike.run(0.3)
+    assert passed(dike, "SET_POSITION_TARGET_GLOBAL_INT") == arrives
+
+
+def test_a_heading_passes_as_a_velocity_does(dike: Bench) -> None:
+    dike.a.command(GUIDED_HEADING, 0.0, 270.0, 1.0)
+    dike.run(0.3)
+    assert passed(dike, "COMMAND_LONG") == 1
+
+
 # ---- energy -------------------------------------------------------------------------------------------------------
+
+
+def test_the_way_on_is_not_known_where_no_place_is_inside_the_fence(
+    flown: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fault: without a place it was the way without any return."""
+    flown.autopilot.mode = AUTO
+    flown.run(1.5)
+    desk = flown.companion.autopilot.desk
+    whole = desk.ahead.route
+    ends_aloft = replace(whole, items=whole.items[:-1])
+    for inside, route, known in ((True, whole, True), (True, ends_aloft, True), (False, whole, True)):
+        monkeypatch.setattr(PlaceFinder, "in_fence", lambda *_, inside=inside: inside)
+        desk.ahead.route = route
+        assert (desk.way_on_wh() is not None) is known
+    desk.ahead.route = ends_aloft
+    assert desk.way_on_wh() is None
 
 
 def test_a_target_beyond_the_point_of_no_return_is_refused(bench: Bench, delivery: MissionPackage) -> None:
@@ -335,6 +504,19 @@ def test_the_way_back_goes_where_a_return_could_be_sent(
     fly_to(bench, (52.679, 5.944))
     assert passed(bench) == (1 if passes else 0)
     assert ("target refused: " in bench.a.texts()) is not passes
+
+
+@pytest.mark.parametrize(("parameters", "passes"), [({}, True), ({"RTL_SPEED": 100.0}, False)])
+def test_the_way_back_is_flown_at_the_speed_of_a_return(
+    bench: Bench, delivery: MissionPackage, parameters: dict[str, float], passes: bool
+) -> None:
+    """1 km and back at 7 m/s against the wind are in reach, the way back at 1 m/s is not."""
+    bench.autopilot.battery = 0.65
+    bench.autopilot.parameters |= parameters
+    take_off(bench, delivery, 'fence = "off"\ncoverage = "off"')
+    fly_to(bench, (52.6880, 5.924))
+    assert passed(bench) == (1 if passes else 0)
+    assert ("Wh are needed with the reserve" in bench.a.texts()) is not passes
 
 
 def test_another_speed_is_judged_by_the_energy_of_the_way_ahead(bench: Bench, delivery: MissionPackage) -> None:

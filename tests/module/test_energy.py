@@ -21,7 +21,10 @@ from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.store.state import StateStore
 from tests.module.conftest import MISSIONS, Bench
+from tests.module.test_restart import lose_power, restart
+from tests.module.vehicle import AUTO, RTL
 
 START, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
@@ -286,6 +289,18 @@ def test_a_battery_that_falls_silent_in_flight_is_told_once(flying: Bench) -> No
     assert len(told) == 1
 
 
+def test_one_that_never_said_what_it_draws_draws_what_flying_takes(flying: Bench) -> None:
+    """The fault: a monitor of percentages alone fell silent, and nothing was drawn any more."""
+    unknown = {"current_battery": -1, "current_consumed": -1, "energy_consumed": -1}
+    for _ in range(3):
+        flying.mpstate.deliver(said(mavlink_battery(**unknown)))
+        flying.run(1.0)
+    flying.run(30.0)
+    fact = flying.companion.autopilot.energy
+    # 385 W in cruise, more than in hover
+    assert fact.left_wh == pytest.approx(126.0 - 385.0 * 31.0 / 3600.0, abs=0.15)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -307,6 +322,84 @@ def test_no_report_of_a_battery_breaks_anything(flying: Bench, changes: dict[str
         flying.run(1.0)
     assert flying.companion.faults == {}
     assert flying.companion.autopilot.energy.left_wh is not None
+
+
+# ---- a restart in flight ------------------------------------------------------------------------------------------
+
+
+def rest(bench: Bench, delivery: MissionPackage, volts: float) -> None:
+    """Ready for START, and off. The pack counts as full; its voltage says what it holds."""
+    bench.autopilot.battery = None
+    bench.connect()
+    bench.share(delivery)
+    for _ in range(5):
+        bench.mpstate.deliver(said(mavlink_battery(voltages=[round(volts * 1000), *[65535] * 9])))
+        bench.run(0.5)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+
+
+def drain(bench: Bench, seconds: int, part: float) -> float:
+    """So many seconds at 30 A and 11.3 V, this part of it drawn by then. Returns what is left (Wh)."""
+    used_mah = round(10_000 * part)
+    counted = {"current_consumed": used_mah, "energy_consumed": round(used_mah * 12.6 * 0.036)}
+    load = {"voltages": [11_300, *[65535] * 9], "current_battery": 3000, "battery_remaining": round(100 * (1 - part))}
+    for _ in range(seconds):
+        bench.mpstate.deliver(said(mavlink_battery(**counted, **load)))
+        bench.run(1.0)
+    left = bench.companion.autopilot.energy.left_wh
+    assert left is not None
+    return left
+
+
+@pytest.mark.parametrize("how", ["none", "killed", "killed at once again", "power lost"])
+def test_what_the_rest_voltage_said_is_known_behind_a_restart(
+    bench: Bench, delivery: MissionPackage, how: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fault: 3.84 V a cell at rest are 75.6 Wh at most, and behind a restart 122.2 Wh were believed in."""
+    energy_table(bench, "reserve_wh = 5\nreserve_factor = 1.0")
+    rest(bench, delivery, 11.52)
+    assert drain(bench, 3, 0.02) == pytest.approx(73.1, abs=0.3)
+    if how == "killed":
+        restart(bench)
+    elif how == "killed at once again":
+        restart(bench)
+        restart(bench)
+    elif how == "power lost":
+        lose_power(bench, monkeypatch)
+        bench.load()
+    # its first report is here before the heartbeat that says that it flies
+    assert drain(bench, 4, 0.03) == pytest.approx(71.8, abs=0.3)
+    assert bench.companion.faults == {}
+
+
+def test_who_returns_for_its_energy_goes_on_behind_a_restart(bench: Bench, delivery: MissionPackage) -> None:
+    """The fault: 59.2 Wh after 34.0 Wh, and everybody was told that the emergency was over."""
+    rest(bench, delivery, 11.85)
+    part = 0.0
+    while bench.autopilot.mode == AUTO:
+        part += 0.01
+        left = drain(bench, 3, part)
+    assert bench.autopilot.mode == RTL
+    before = len(bench.journal("decision"))
+    restart(bench)
+    assert drain(bench, 8, part) == pytest.approx(left, abs=0.3)
+    assert bench.companion.view.phase is Phase.EMERGENCY
+    told = [entry["text"].split(":")[0] for entry in bench.journal("decision")[before:]]
+    assert told == ["RETURN", "RETURN to home"], "its place is looked at anew"
+
+
+def test_it_is_written_when_a_twentieth_is_drawn_and_not_with_every_report(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rest(bench, delivery, 12.6)
+    drain(bench, 3, 0.0)
+    written: list[Any] = []
+    monkeypatch.setattr(StateStore, "save", lambda self, *what: written.append(what))
+    for hundredth in range(1, 21):
+        drain(bench, 3, hundredth / 100.0)
+        assert bench.companion.settle(10.0)
+    assert 3 <= len(written) <= 5
 
 
 # ---- faults -------------------------------------------------------------------------------------------------------

@@ -269,3 +269,62 @@ def test_an_autopilot_that_is_heard_again_is_not_commanded_by_the_mode_of_before
     flown.autopilot.silent = False
     flown.run(3.0)
     assert modes(flown) == told
+
+
+# ---- what is not told any more ------------------------------------------------------------------------------------
+
+
+def in_a_return(bench: Bench) -> Bench:
+    bench.autopilot.position = OUTSIDE
+    bench.until(lambda: bench.autopilot.mode == RTL)
+    return bench
+
+
+def test_a_return_whose_positions_have_stopped_is_not_given_up(flown: Bench) -> None:
+    """The fault: nothing was known of its motion, its time ran on, and it was landed where it was."""
+    in_a_return(flown)
+    for second in range(50):
+        if second == 5:
+            flown.autopilot.position = None
+        flown.mpstate.deliver(
+            packed(stock.MAVLink_nav_controller_output_message(0, 0, 0, 0, 2000 - 10 * second, 0, 0, 0))
+        )
+        flown.run(1.0)
+    assert flown.autopilot.mode == RTL
+    assert modes(flown) == [RTL]
+
+
+@pytest.mark.parametrize(("east", "mode"), [(1e-4, LAND), (-1e-4, RTL)], ids=["blown away", "gets on"])
+def test_where_the_autopilot_does_not_say_how_far_it_is_the_place_is_known(
+    flown: Bench, east: float, mode: int
+) -> None:
+    """The fault: without NAV_CONTROLLER_OUTPUT a return that was blown away was never given up."""
+    in_a_return(flown)
+    for _ in range(45):
+        lat, lon = flown.autopilot.position or OUTSIDE
+        flown.autopilot.position = lat, lon + east
+        flown.run(1.0)
+    assert flown.autopilot.mode == mode
+
+
+@pytest.mark.parametrize(("stops", "fought"), [(False, False), (True, True)], ids=["goes on", "stopped"])
+def test_a_radio_of_which_nothing_is_heard_any_more_lives_not_for_ever(flown: Bench, stops: bool, fought: bool) -> None:
+    say_health(flown, enabled=RADIO, healthy=RADIO)
+    flown.run(2.0)
+    in_a_return(flown)
+    flown.run(3.0)
+    if stops:
+        flown.each_round = lambda: None
+    flown.run(11.0)
+    flown.autopilot.mode = LOITER
+    flown.run(10.0)
+    assert (flown.autopilot.mode == RTL) is fought
+
+
+def test_a_fence_of_which_nothing_is_heard_any_more_is_not_breached(flown: Bench) -> None:
+    say_health(flown, enabled=FENCE, healthy=0)
+    flown.run(2.0)
+    assert flown.companion.autopilot._execution.breach(flown.clock.now)
+    flown.each_round = lambda: None
+    flown.run(4.0)
+    assert not flown.companion.autopilot._execution.breach(flown.clock.now)

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,9 +17,9 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot.rally import READ_S, WRITE_S
 from mavproxy_handover.core.events import LinkJudged, PlaceJudged
 from mavproxy_handover.core.model import Phase
-from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.package import MissionPackage, load
 from mavproxy_handover.mission.places import PlaceFinder
-from tests.module.conftest import Bench
+from tests.module.conftest import MISSIONS, Bench
 
 START, MODE = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE
 GUIDED, AUTO, RTL, LAND = 4, 3, 6, 9
@@ -362,6 +365,44 @@ def test_the_best_place_and_not_the_nearest_tells_when_to_turn_back(flying: Benc
     flying.autopilot.battery = 0.34
     flying.run(8.0)
     assert flying.journal("emergency") == [], "rally 2 is near"
+
+
+@pytest.mark.parametrize(
+    ("parameters", "made_mps"),
+    [({}, 4.0), ({"RTL_SPEED": 0.0}, 4.0), ({"RTL_SPEED": 200.0}, 2.0), ({"RTL_SPEED_MS": 2.0}, 2.0)],
+)
+def test_the_way_is_judged_at_the_speed_at_which_the_autopilot_returns(
+    bench: Bench, tmp_path: Path, parameters: dict[str, float], made_mps: float
+) -> None:
+    """The fault: at cruise_mps of [energy], 7 m/s against the wind that is not known, whatever the mission's speed."""
+    shutil.copytree(MISSIONS / "delivery", tmp_path / "slow")
+    text = (tmp_path / "slow" / "mission.toml").read_text(encoding="utf-8")
+    assert "cruise_speed_mps = 10.0" in text
+    text = text.replace("cruise_speed_mps = 10.0", "cruise_speed_mps = 4.0")
+    (tmp_path / "slow" / "mission.toml").write_text(text, encoding="utf-8")
+    bench.autopilot.parameters |= parameters
+    bench.connect()
+    bench.share(load(tmp_path / "slow"))
+    fly_to(bench, (52.6790, 5.9270), 12.0)
+    places = bench.companion.autopilot.places
+    assert places.return_mps == made_mps
+    assert places.choice.place.name == "home"
+    # up and down 15 m, 5 s above the place
+    assert places.choice.place.time_s == pytest.approx(places.choice.place.distance_m / made_mps + 34.33, abs=0.1)
+
+
+def test_where_no_place_is_inside_the_fence_the_best_of_all_tells_of_the_energy(
+    flying: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fault: then no number of energy was one, and it flew on until the battery was empty."""
+    look = PlaceFinder.look
+    out = {"inside": False, "way_inside": False}
+    monkeypatch.setattr(PlaceFinder, "look", lambda *way: replace(look(*way), **out))
+    fly_to(flying, IN_B, 5.0)
+    assert flying.companion.autopilot.places.short is False
+    flying.autopilot.battery = 0.2
+    flying.until(lambda: flying.autopilot.mode == LAND, 30.0)
+    assert flying.journal("emergency")[-1]["text"] == "energy for the way back only: land"
 
 
 def test_where_no_place_is_in_reach_it_lands(flying: Bench) -> None:

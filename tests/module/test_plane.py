@@ -4,34 +4,61 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Phase
-from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.mission.package import MissionPackage, load
 from tests.autopilot.test_down import COMMANDS, route
-from tests.module.conftest import Bench
+from tests.module.conftest import MISSIONS, Bench
+from tests.module.test_commands_in_flight import along_the_dike
+from tests.module.test_staging import Program
 from tests.module.vehicle import PlaneAutopilot
 
 START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 PAUSE, CURRENT = mavlink.MAV_CMD_DO_PAUSE_CONTINUE, mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
 ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 REJECTED, IN_PROGRESS = mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_IN_PROGRESS
-AUTO, RTL, LOITER, GUIDED = 10, 11, 12, 15
+AUTO, RTL, LOITER, GUIDED, QHOVER = 10, 11, 12, 15, 18
+#: NAV_LAND and NAV_TAKEOFF of a copter -> the same by rotors
+BY_ROTORS = {21: 85, 22: 84}
 STOP, CONTINUE = 0.0, 1.0
 
 
 @pytest.fixture
-def ready(bench: Bench, delivery: MissionPackage) -> Bench:
-    """The parent commands, a plane that hovers too holds the mission, the guard answers."""
+def ferry(tmp_path: Path) -> MissionPackage:
+    """The delivery, by a plane that hovers too."""
+    folder = tmp_path / "ferry"
+    shutil.copytree(MISSIONS / "delivery", folder)
+    mission, plan = folder / "mission.toml", folder / "delivery.plan"
+    mission.write_text(mission.read_text().replace("\ndetector =", '\naircraft = "quadplane"\ndetector =', 1))
+    items = json.loads(plan.read_text())
+    for item in items["mission"]["items"]:
+        item["command"] = BY_ROTORS.get(item["command"], item["command"])
+        item["params"][0] = 0  # wings wait nowhere
+    plan.write_text(json.dumps(items))
+    return load(folder)
+
+
+def stands(bench: Bench, package: MissionPackage, **parameters: float) -> None:
+    """A plane that hovers too, at the home of that mission."""
     bench.autopilot = PlaneAutopilot(rotors=True)
-    bench.autopilot.parameters["Q_RTL_MODE"] = 1.0
-    bench.autopilot.parameters["ARMING_REQUIRE"] = 1.0
-    bench.autopilot.parameters["AIRSPEED_MIN"] = 9.0  # the mission is a copter's, of 10 m/s
+    bench.autopilot.position = package.route.home.lat_deg, package.route.home.lon_deg
+    usual = {"Q_RTL_MODE": 1.0, "ARMING_REQUIRE": 1.0, "AIRSPEED_MIN": 9.0}  # the mission is one of 10 m/s
+    bench.autopilot.parameters |= usual | parameters
+
+
+@pytest.fixture
+def ready(bench: Bench, ferry: MissionPackage) -> Bench:
+    """The parent commands, a plane that hovers too holds the mission, the guard answers."""
+    stands(bench, ferry)
     bench.connect()
-    bench.share(delivery)
+    bench.share(ferry)
     bench.run(12.0)
     return bench
 
@@ -92,11 +119,10 @@ def test_the_rules_are_told_what_it_is_and_the_room_that_it_needs(flight: Bench)
     assert flight.companion.autopilot._autopilot_state().circles_s == 11.0
 
 
-def test_without_a_landing_at_the_end_of_a_return_it_does_not_start(bench: Bench, delivery: MissionPackage) -> None:
-    bench.autopilot = PlaneAutopilot(rotors=True)
-    bench.autopilot.parameters |= {"Q_RTL_MODE": 0.0, "ARMING_REQUIRE": 1.0, "AIRSPEED_MIN": 9.0}
+def test_without_a_landing_at_the_end_of_a_return_it_does_not_start(bench: Bench, ferry: MissionPackage) -> None:
+    stands(bench, ferry, Q_RTL_MODE=0.0)
     bench.connect()
-    bench.share(delivery)
+    bench.share(ferry)
     bench.run(12.0)
     bench.a.command(START)
     bench.run(0.5)
@@ -154,12 +180,11 @@ def test_home_is_in_the_list_at_the_height_of_a_return(ready: Bench) -> None:
     ],
 )
 def test_that_is_the_autopilots(
-    bench: Bench, delivery: MissionPackage, parameters: dict[str, float], height_m: float
+    bench: Bench, ferry: MissionPackage, parameters: dict[str, float], height_m: float
 ) -> None:
-    bench.autopilot = PlaneAutopilot(rotors=True)
-    bench.autopilot.parameters |= {"Q_RTL_MODE": 1.0, "ARMING_REQUIRE": 1.0, "AIRSPEED_MIN": 9.0, **parameters}
+    stands(bench, ferry, **parameters)
     bench.connect()
-    bench.share(delivery)
+    bench.share(ferry)
     bench.run(20.0)
     assert heights(bench) == [height_m]
 
@@ -180,6 +205,45 @@ def test_a_place_is_judged_at_the_height_at_which_its_way_ends(ready: Bench, mon
     assert where is not None
     assert where[2] == 300.0
     assert set(looked) == {100.0}
+
+
+def test_a_plane_is_judged_by_the_landing_sequence_of_the_mission_that_is_flown(bench: Bench) -> None:
+    """The fault: by a landing of rotors. The one that dike ships with is 4.6 km from home, the new one 1.5 km away."""
+    bench.config.write_text(bench.config.read_text() + '[commands]\nenergy = "off"\nfence = "off"\ncoverage = "off"\n')
+    flight = along_the_dike(bench)
+    watch = flight.companion.autopilot.places
+
+    def home_m() -> float:
+        place = watch.candidates()[0]
+        assert place.name == "home"
+        return sum(piece.length_m for piece in place.down)
+
+    def home_s() -> float:
+        return float(watch._facts["home"].time_s)
+
+    assert home_m() == pytest.approx(4630.0, abs=60.0)
+    long_s = home_s()
+    items = list(flight.companion.autopilot.desk.ahead.route.upload_items())
+    (start,) = (number for number, item in enumerate(items) if item.command == mavlink.MAV_CMD_DO_LAND_START)
+    items[start : start + 2] = [replace(items[start], lat_deg=52.6765, lon_deg=5.42)]
+    items = [replace(item, seq=number) for number, item in enumerate(items)]
+    assert Program(flight, items).send() == mavlink.MAV_MISSION_ACCEPTED
+    flight.run(2.0)
+    assert home_m() == pytest.approx(3005.0, abs=20.0)
+    assert home_s() == pytest.approx(long_s - (4630.0 - 3005.0) / 17.0, abs=6.0)
+
+
+def test_on_its_way_down_a_plane_is_never_sent_back_for_its_energy(bench: Bench) -> None:
+    """It would break its landing off, to fly the same landing once more."""
+    flight = along_the_dike(bench)
+    watch = flight.companion.autopilot.places
+    flight.autopilot.battery = 0.2
+    flight.autopilot.waypoint = 9
+    flight.run(6.0)
+    assert watch.short is False
+    flight.autopilot.waypoint = 5
+    flight.run(1.5)
+    assert watch.short is True
 
 
 # ---- STOP and CONTINUE --------------------------------------------------------------------------------------------
@@ -311,3 +375,27 @@ def test_a_circle_around_the_place_is_at_the_place(flight: Bench) -> None:
         flight.run(1.5)
     left = [event.left_m for event in seen if type(event).__name__ == "MotionSeen"]
     assert {0.0, 140.0} <= set(left)
+
+
+@pytest.mark.parametrize("told", [True, False], ids=["by a failsafe", "by nobody"])
+def test_what_the_estimators_failsafe_hovers_by_is_never_left(flight: Bench, told: bool) -> None:
+    """The fault: in QRTL that is QHOVER, and the return was commanded again, out of it."""
+    flight.a.alive = flight.b.alive = False
+    flight.until(lambda: flight.autopilot.mode == RTL, 40.0)
+    flight.run(3.0)
+    if told:
+        hear(flight, mavlink.MAVLink_statustext_message(2, b"EKF variance"))
+    flight.autopilot.mode = QHOVER
+    flight.run(20.0)
+    assert flight.autopilot.mode == (QHOVER if told else RTL)
+
+
+def test_a_start_that_is_called_off_does_not_leave_it_in_auto(ready: Bench) -> None:
+    """The fault: whoever armed it next made it take off."""
+    ready.autopilot.script[ARM] = None
+    ready.a.command(START)
+    ready.until(lambda: ARM in ready.autopilot.commands())
+    ready.a.alive = False
+    ready.until(lambda: FAILED in ready.a.acks(START))
+    ready.run(5.0)
+    assert (ready.autopilot.mode, ready.autopilot.armed) == (0, False)

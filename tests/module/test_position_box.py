@@ -15,12 +15,14 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
+from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.geodesy import offset
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.box_record import BoxRecord, pack_record
 from tests.module.conftest import Bench, Clock
-from tests.module.vehicle import HOME, Station
+from tests.module.vehicle import HOME, RTL, Station
 
 #: in zone B of `delivery` alone
 IN_B = (52.679, 5.932)
@@ -394,3 +396,26 @@ def test_what_breaks_in_reading_costs_that_reading(bench: Bench, box: Box, monke
     assert set(bench.companion.faults) == {"position box"}
     assert bench.companion.view.commander == 251, "all else goes on"
     assert where(bench) is None
+
+
+def test_without_a_position_the_battery_goes_on_emptying(bench: Bench, box: Box, delivery: MissionPackage) -> None:
+    """The fault: the way back was that of the last position, with what was left then, and the mission went on until
+    nothing was left."""
+    sound(bench, box)
+    bench.share(delivery)
+    bench.run(2.0)
+    bench.a.command(mavlink.MAV_CMD_MISSION_START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.run(5.0)
+    box.silent = True
+    returned_at = None
+    for second in range(80):
+        bench.autopilot.battery = 1.0 - 0.01 * second
+        bench.run(1.0)
+        if returned_at is None and bench.autopilot.mode == RTL:
+            returned_at = bench.autopilot.battery
+    # home is next to it; with a reserve of 20 % and what it may have flown since, that leaves something
+    assert returned_at is not None
+    assert 0.25 < returned_at < 0.9
+    assert bench.autopilot.mode == RTL, "on its way back nothing is known, and it is not landed for that"
+    assert any(entry["text"].startswith("RETURN to home: energy") for entry in bench.journal("decision"))

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,17 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
 
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts, circles_for_ever, plan_facts
-from mavproxy_handover.autopilot.preflight import NAMES, Finding, Found, judge, reading
+from mavproxy_handover.autopilot.preflight import NAMES, PLANE_NAMES, Finding, Found, judge, reading
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.autopilot.test_copter import talk
+from tests.autopilot.test_down import route
 from tests.module.conftest import MISSIONS, Bench, Clock
 from tests.module.vehicle import Autopilot
 
 PARAMETER_FILE = Path(__file__).parents[2] / "ardupilot_lua" / "handover.parm"
+PLANE_FILE = PARAMETER_FILE.with_name("handover_plane.parm")
 #: an ArduCopter 4.7 with handover.parm and the guard's defaults
 GOOD = {
     "SCR_ENABLE": 1.0,
@@ -240,6 +243,7 @@ PLAN, TWO = PlanFacts(True, 1, 800.0, 50.0), PlanFacts(True, 2, 800.0, 50.0)
 NO_FENCE = PlanFacts(False, 0, 800.0, 50.0)
 SMART = "SMART_RTL flies back the way it came, and not to the place that was chosen"
 AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes not to the place that was chosen"
+AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the mission's cruise speed"
 
 
 @pytest.mark.parametrize(
@@ -300,6 +304,8 @@ AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes not to the
             {"FENCE_TYPE": 5.0, "RTL_ALT_M": None, "RTL_ALT": 12000.0},
             "RTL_ALT is 120 m, above FENCE_ALT_MAX: a return is flown at 100 m",
         ),
+        ({"RTL_SPEED_MS": 5.0}, f"RTL_SPEED_MS is 5: {AT_5_MPS}"),
+        ({"RTL_SPEED": 500.0}, f"RTL_SPEED is 500: {AT_5_MPS}"),
         ({"RTL_ALT_FINAL_M": 5.0}, "RTL_ALT_FINAL_M is 5: a return ends hovering at 5 m, not landed"),
         (
             {"RTL_ALT_FINAL_M": None, "RTL_ALT_FINAL": 500.0},
@@ -323,6 +329,7 @@ def test_each_of_the_autopilot_s_own_failsafes_that_does_not_fit_is_said_alone(
         {"BATT_MONITOR": 4.0, "BATT_FS_LOW_ACT": 7.0, "BATT_FS_CRT_ACT": 7.0},
         {"BATT_LOW_VOLT": 0.0, "BATT_LOW_MAH": 600.0},
         {"BATT_FS_CRT_ACT": 0.0},
+        {"RTL_SPEED": 0.0},
         {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 3.0, "plan": PLAN},
         {"FENCE_ENABLE": 0.0, "FENCE_TYPE": 7.0, "FENCE_ACTION": 0.0, "plan": NO_FENCE},
         {"FENCE_ENABLE": None, "FENCE_AUTOENABLE": None, "FENCE_TYPE": None, "plan": PLAN},
@@ -354,6 +361,24 @@ def test_the_facts_of_a_plan() -> None:
     assert facts.farthest_m == pytest.approx(546.3, abs=0.5)  # waypoint 8: 195 m north, 510 m east
     corridor = plan_facts(load(MISSIONS / "corridor").route)
     assert (corridor.fence, corridor.inclusions) == (False, 0)
+
+
+@pytest.mark.parametrize(
+    ("commands", "lands", "aloft"),
+    [
+        ((22, 16), False, None),
+        ((22, 16, 189, 16, 21), True, None),
+        ((22, 16, 189, 16, 20, 21), False, 3),
+        ((22, 16, 189, 16), False, 3),
+        ((22, 189, 16, 21, 189, 16), False, 5),
+    ],
+)
+def test_a_plan_lands_where_each_of_its_landing_sequences_does(
+    commands: tuple[int, ...], lands: bool, aloft: int | None
+) -> None:
+    """A return goes to the nearest, whichever that is."""
+    facts = plan_facts(replace(route(*commands), kind=Kind.PLANE))
+    assert (facts.lands, facts.aloft) == (lands, aloft)
 
 
 def without_guard(**changes: Any) -> Found:
@@ -513,6 +538,10 @@ GOOD_PLANE = {
     "MIS_RESTART": 0.0,
     "WP_LOITER_RAD": 60.0,
     "RTL_RADIUS": 0.0,
+    "FLIGHT_OPTIONS": 0.0,
+    "TERRAIN_FOLLOW": 0.0,
+    "Q_OPTIONS": 32.0,
+    "Q_MAV_TYPE": 0.0,
 }
 FLAT = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0)
 WITH_LANDING = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0, lands=True)
@@ -579,6 +608,38 @@ def test_a_plane_as_recommended_fits() -> None:
         ({"MIS_RESTART": 1.0}, "MIS_RESTART is 1: CONTINUE, and AUTO behind a return, begin the mission anew"),
         ({"RALLY_LIMIT_KM": 5.0}, "RALLY_LIMIT_KM is 5: a return goes home where the chosen place is farther away"),
         (
+            {"FLIGHT_OPTIONS": 17.0},
+            "FLIGHT_OPTIONS is 17: bit 4 has a return climb straight on to its whole height, whatever RTL_CLIMB_MIN is",
+        ),
+        *(
+            (
+                {"TERRAIN_FOLLOW": float(bits)},
+                f"TERRAIN_FOLLOW is {bits}: a return keeps a height above the ground, not the one above home that is "
+                "judged",
+            )
+            for bits in (1, 16, 512)
+        ),
+        (
+            {"Q_OPTIONS": 0.0},
+            "Q_OPTIONS is 0: without bit 5 the failsafes land it out of hover where it is, and not at the place that "
+            "was chosen",
+        ),
+        *(
+            (
+                {"Q_OPTIONS": float(options)},
+                f"Q_OPTIONS is {options}: bits 1 and 2 make a plane's of take-off and landing, and the mission was "
+                "checked with those of a QuadPlane",
+            )
+            for options in (34, 36)
+        ),
+        *(
+            (
+                {"Q_MAV_TYPE": float(kind)},
+                f"Q_MAV_TYPE is {kind}: its modes are taken for those of another aircraft; START is refused",
+            )
+            for kind in (2, 10)
+        ),
+        (
             {"Q_RTL_MODE": 0.0},
             "a return does not land: it would circle for ever: the mission has no landing sequence (DO_LAND_START), "
             "and Q_RTL_MODE is 0; START is refused",
@@ -597,10 +658,26 @@ def test_what_does_not_fit_a_plane_is_said(changes: dict[str, float], text: str)
         (Kind.QUADPLANE, {"Q_RTL_ALT": 60.0, "FENCE_TYPE": 5.0}),
         (Kind.QUADPLANE, {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 4.0}),
         (Kind.PLANE, {"Q_RTL_ALT": 15.0, "FENCE_TYPE": 5.0, "RTL_AUTOLAND": 1.0}),
+        (Kind.QUADPLANE, {"FLIGHT_OPTIONS": 15.0, "TERRAIN_FOLLOW": 14.0, "Q_MAV_TYPE": 1.0}),
+        (Kind.QUADPLANE, {"Q_OPTIONS": float(1 << 20)}),  # they return on its wings
+        (Kind.PLANE, {"Q_OPTIONS": 6.0, "RTL_AUTOLAND": 1.0}),
     ],
 )
 def test_a_return_that_stays_below_the_ceiling_fits(kind: Kind, changes: dict[str, float]) -> None:
     assert on_wings(kind, WITH_LANDING, **changes) == []
+
+
+def test_what_says_that_it_is_a_copter_and_has_that_parameter_is_none() -> None:
+    (finding,) = judge(found(Q_MAV_TYPE=2.0), Limits())
+    assert finding.text.startswith("Q_MAV_TYPE is 2: ")
+
+
+def test_the_parameter_file_for_wings_that_ships_fits() -> None:
+    lines = [line.split() for line in PLANE_FILE.read_text().splitlines() if line and not line.startswith("#")]
+    shipped = {name: float(value) for name, value in lines if name in PLANE_NAMES}
+    assert len(shipped) >= 14
+    assert on_wings(**shipped) == []
+    assert on_wings(Kind.PLANE, WITH_LANDING, **shipped) == []
 
 
 def test_a_copters_rules_do_not_judge_a_plane() -> None:
@@ -632,6 +709,15 @@ def test_a_copters_rules_do_not_judge_a_plane() -> None:
             "it would circle for ever: RTL_AUTOLAND is not 1, and Q_RTL_MODE is 0",
         ),
         (Kind.PLANE, WITH_LANDING, None, "its parameters are not read yet"),
+        *(
+            (
+                kind,
+                PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0, aloft=12),
+                {"RTL_AUTOLAND": 1.0, "Q_RTL_MODE": 1.0},
+                "it would never land: the landing sequence of item 12 (DO_LAND_START) comes to no landing",
+            )
+            for kind in (Kind.PLANE, Kind.QUADPLANE)
+        ),
     ],
 )
 def test_a_return_ends_in_a_landing_or_it_lacks_something(

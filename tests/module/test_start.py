@@ -8,9 +8,9 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Phase
-from mavproxy_handover.mission.package import MissionPackage
-from tests.module.conftest import Bench
-from tests.module.vehicle import AUTO, GUIDED, RTL
+from mavproxy_handover.mission.package import MissionPackage, load
+from tests.module.conftest import MISSIONS, Bench
+from tests.module.vehicle import AUTO, GUIDED, RTL, PlaneAutopilot
 
 START, MODE, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
@@ -245,6 +245,7 @@ def test_in_flight_the_commanders_mission_start_is_the_autopilots_business(ready
 
 
 TAKE_OFF, AUX, FLY = mavlink.MAV_CMD_NAV_TAKEOFF, mavlink.MAV_CMD_DO_AUX_FUNCTION, mavlink.MAV_CMD_SOLO_BTN_FLY_HOLD
+LAND_START, RETURN_PATH = mavlink.MAV_CMD_DO_LAND_START, 188
 MODE = mavlink.MAV_CMD_DO_SET_MODE
 
 
@@ -257,6 +258,35 @@ def test_a_rover_does_not_start_and_the_operator_reads_why(ready: Bench) -> None
     assert ready.a.acks(START)[-1] == REJECTED
     assert "START refused: ardupilotmega ground rover is neither ArduCopter nor ArduPlane" in ready.a.texts()
     assert START not in ready.autopilot.commands()
+
+
+def test_an_arduplane_that_is_set_to_say_that_it_is_a_copter_does_not_start(
+    bench: Bench, delivery: MissionPackage
+) -> None:
+    """It would be flown by a copter's modes: RTL, 6, is its FBWB."""
+    bench.autopilot.parameters["Q_MAV_TYPE"] = 2.0
+    bench.connect()
+    bench.share(delivery)
+    bench.run(12.0)
+    bench.a.command(START)
+    bench.run(0.5)
+    assert bench.a.acks(START) == [REJECTED]
+    needs = "START refused: Q_MAV_TYPE is 2: its modes are taken for those of another aircraft"
+    assert needs in bench.a.texts()
+    (finding,) = [each for each in bench.companion.autopilot.findings or () if each.parameter == "Q_MAV_TYPE"]
+    assert finding.text.endswith("; START is refused")
+
+
+@pytest.mark.parametrize("told", [0.0, 1.0])
+def test_one_that_says_what_it_is_starts(bench: Bench, told: float) -> None:
+    plane = bench.autopilot = PlaneAutopilot()
+    plane.position, plane.way_down = (52.69, 5.42), 9
+    plane.parameters |= {"RTL_AUTOLAND": 1.0, "ARMING_REQUIRE": 1.0, "Q_MAV_TYPE": told}
+    bench.connect()
+    bench.share(load(MISSIONS / "dike"))
+    bench.run(12.0)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
 
 
 class TestByHand:
@@ -305,6 +335,28 @@ class TestByHand:
             e for e in ready.journal() if e["event"] == "accepted" and str(e["what"]).startswith("COMMAND_LONG")
         ]
         assert entry["station"] == "GCSA"
+
+    @pytest.mark.parametrize(("command", "word"), [(LAND_START, "land start"), (RETURN_PATH, "return path start")])
+    def test_nothing_begins_in_the_middle_of_the_mission(self, ready: Bench, command: int, word: str) -> None:
+        """The fault: an aircraft that its pilot had armed was in AUTO by these, with whatever START lacked."""
+        ready.autopilot.armed = True
+        ready.run(1.5)
+        for _ in range(2):
+            ready.a.command(command)
+            ready.run(4.0)  # sent anew it lifts nothing
+        assert ready.a.acks(command) == [REJECTED, REJECTED]
+        assert f"{word} refused: on the ground a flight begins with START" in ready.a.texts()
+        assert command not in ready.autopilot.commands()
+        entries = [entry for entry in ready.journal() if entry["event"] == "refused"]
+        assert [entry["reason"] for entry in entries][:1] == ["on the ground a flight begins with START"]
+
+    @pytest.mark.parametrize("command", [LAND_START, RETURN_PATH])
+    def test_in_flight_they_are_a_way_home(self, ready: Bench, command: int) -> None:
+        ready.a.command(START)
+        ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+        ready.a.command(command)
+        ready.run(0.5)
+        assert command in ready.autopilot.commands()
 
     def test_to_disarm_needs_nothing(self, bench: Bench) -> None:
         bench.connect()

@@ -54,11 +54,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "a parent that is lost is not heard, so not fit; and when it is heard it is not lost any more"
         ),
     },
-    "safety.strategy": {
-        "judge: dropped from and/or: found is not None: found is not None and found.action >= held.action": (
-            "where the held decision's cause is there, something is decided; the type checker wants it said"
-        ),
-    },
     "safety.places": {
         "look: number one more: 0.0 in self.value = self._level_s > 0.0": (
             "it is asked at both ends of the scale only, and the upper one is more than 1"
@@ -75,7 +70,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "_goes_over: comparison turned: better > counts": "it is asked only of two standings that differ",
     },
     "safety.energy": {
-        "made_good: comparison turned: across >= self.airspeed_mps": (
+        "made_good: comparison turned: across >= airspeed": (
             "with all of the airspeed taken from the side none is left for the way, and that is looked at next"
         ),
         "_duration_s: comparison turned: length_m < speed_mps ** 2 / ACCELERATION_MPSS": (
@@ -84,7 +79,6 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     },
     "safety.helm": {
         "__init__: truth turned: False in self._flying = False": "there is no mode before the first one to differ from",
-        "settle: dropped: self._since = -inf": "it is looked at in doubt only, and the next doubt sets it",
     },
     "safety.supervision": {
         "__init__: number one more: 0 in self._tries = 0": "nothing is counted before an order, which sets it",

@@ -17,8 +17,19 @@ from pymavlink.dialects.v20 import all as dialect
 
 from tests.sitl.firmware import Firmware
 from tests.sitl.flown import recorded
-from tests.sitl.guard_cases import SOFT_M_S, Outcome, chosen
-from tests.sitl.guard_flight import ACCEPTED, HURRY, LIVE, PLANE_PARAMETERS, SPEEDUP, Flight, launched, position
+from tests.sitl.guard_cases import SOFT_M_S, Outcome, chosen, said
+from tests.sitl.guard_flight import (
+    ACCEPTED,
+    FAILED,
+    FORCE,
+    HURRY,
+    LIVE,
+    PLANE_PARAMETERS,
+    SPEEDUP,
+    Flight,
+    launched,
+    position,
+)
 from tests.sitl.guard_suite import EVERY_TIME
 
 MANUAL, CIRCLE, STABILIZE, FBWA, FBWB, CRUISE = 0, 1, 2, 5, 6, 7
@@ -233,3 +244,32 @@ def on_the_ground(flight: WingedFlight, away_m: float = 0.0) -> Outcome:
 def modes_of(flight: WingedFlight) -> list[tuple[int, int]]:
     """Ends the flight. Its modes and their reasons."""
     return [entry[:2] for entry in chosen(flight)]
+
+
+def no_lease_no_arming(mode: int, armed_in: int) -> Callable[[WingedFlight], Outcome]:
+    """On the ground, in that mode; `armed_in`: the one in which it is armed with a lease, which is lost then."""
+
+    def fly(flight: WingedFlight) -> Outcome:
+        flight.pace(HURRY)
+        flight.run(60)
+        assert flight.set_mode(mode) == ACCEPTED
+        assert flight.arm() == FAILED, f"it arms; {flight.texts}"
+        said(flight, "HNDO: no lease from companion")
+        flight.pace(4)
+        flight.texts.clear()
+        forced = flight.arm(FORCE)
+        if forced == ACCEPTED:
+            said(flight, "HNDO: no lease, disarmed", 3)
+        flight.until(lambda: not flight.armed, 2, "disarmed")
+        assert flight.home_m < 3, flight.home_m
+        flight.sending = True
+        flight.until(lambda: flight.is_state(LIVE), 5, "lease live")
+        assert flight.set_mode(armed_in) == ACCEPTED
+        flight.until(lambda: flight.arm() == ACCEPTED, 30, "arming with a lease")
+        flight.cut()
+        said(flight, "HNDO: lease lost, disarmed", 6)
+        flight.until(lambda: not flight.armed, 2, "disarmed")
+        by_force = "disarmed at once" if forced == ACCEPTED else "refused"
+        return f"refused, forced: {by_force}; armed, lease lost: disarmed"
+
+    return fly

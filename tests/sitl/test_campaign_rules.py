@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from sitl.campaign import work
+from sitl.campaign.main import main
 from sitl.campaign.rules import modules, rules
 from sitl.campaign.work import Campaign, CampaignError, Flights, fly_all
 from tests.sitl.plant_in_strategy import PACKAGES, ROOT
@@ -62,6 +63,26 @@ def test_flights_of_other_rules_are_not_added_to_a_folder(tmp_path: Path) -> Non
     (tmp_path / "campaign.json").write_text(json.dumps({**about, "rules": "0123456789ab"}))
     with pytest.raises(CampaignError, match="rules differ"):
         Flights(tmp_path, Campaign(0, 5))
+
+
+@pytest.mark.parametrize(("text", "says"), [("{", r"campaign\.json: no JSON"), ("[]", "holds another campaign")])
+def test_a_file_that_is_none_of_a_campaign_is_named(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "campaign.json").write_text(text)
+    with pytest.raises(CampaignError, match=says):
+        Flights(tmp_path, Campaign(0, 5))
+
+
+def test_a_folder_that_cannot_be_is_named_once(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CampaignError) as caught:
+        Flights(tmp_path / "file" / "campaign", Campaign(0, 5))
+    assert str(caught.value).count("campaign") == 1
+
+
+def test_a_story_is_one_flight(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--story", "--runs", "3"]) == 2
+    assert main(["--story", "--compare"]) == 2
+    assert "--story tells of one flight" in capsys.readouterr().err
 
 
 def test_a_worker_with_other_rules_flies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,12 +22,8 @@ from tests.sitl.guard_cases import (
 from tests.sitl.guard_flight import (
     ACCEPTED,
     DENIED,
-    FAILED,
-    FORCE,
-    HURRY,
     LAND_START,
     LANDING,
-    LIVE,
     LOST,
     PLANE_PARAMETERS,
     RALLY_POINT,
@@ -56,6 +52,7 @@ from tests.sitl.guard_wings import (
     WingedCase,
     WingedFlight,
     modes_of,
+    no_lease_no_arming,
     on_the_ground,
     winged,
     winged_flights,
@@ -404,29 +401,6 @@ def with_action(action: int) -> Step:
 # ---- on the ground -------------------------------------------------------------------------------------------------
 
 
-def no_lease_no_arming(flight: WingedFlight) -> Outcome:
-    flight.pace(HURRY)
-    flight.run(60)
-    assert flight.set_mode(TAKEOFF) == ACCEPTED
-    assert flight.arm() == FAILED, f"it arms; {flight.texts}"
-    said(flight, "HNDO: no lease from companion")
-    flight.pace(4)
-    flight.texts.clear()
-    forced = flight.arm(FORCE)
-    if forced == ACCEPTED:
-        said(flight, "HNDO: no lease, disarmed", 3)
-    flight.until(lambda: not flight.armed, 2, "disarmed")
-    assert flight.home_m < 3, flight.home_m
-    flight.sending = True
-    flight.until(lambda: flight.is_state(LIVE), 5, "lease live")
-    assert flight.set_mode(MANUAL) == ACCEPTED
-    flight.until(lambda: flight.arm() == ACCEPTED, 30, "arming with a lease")
-    flight.cut()
-    said(flight, "HNDO: lease lost, disarmed", 6)
-    flight.until(lambda: not flight.armed, 2, "disarmed")
-    return f"refused, forced: {'disarmed at once' if forced == ACCEPTED else 'refused'}; armed, lease lost: disarmed"
-
-
 def landed_and_left_armed(flight: WingedFlight) -> Outcome:
     """The autopilot is told not to disarm; the guard's estimate is no proof that the aircraft is on the ground."""
     flight.hurry()
@@ -502,7 +476,9 @@ CASES = (
     WingedCase("Plane: pilot in FBWA, transmitter falters", "plane", winged(by_hand, cut, radio_falters), WITH_RADIO),
     WingedCase("Plane: pilot in FBWA, THR_FAILSAFE 0", "plane", winged(by_hand, cut, circles_at_home)),
     WingedCase("Plane: pilot takes over from the return", "plane", winged(piloted, cut, pilot_takes_over), WITH_RADIO),
-    WingedCase("Plane: arming without a lease, and lost on the ground", "plane", no_lease_no_arming),
+    WingedCase(
+        "Plane: arming without a lease, and lost on the ground", "plane", no_lease_no_arming(TAKEOFF, armed_in=MANUAL)
+    ),
     WingedCase(
         "Plane: landed and not disarmed by the autopilot",
         "plane",

@@ -22,6 +22,7 @@ from tests.sitl.guard_log import GCS, RADIO, SCRIPTING
 from tests.sitl.guard_wings import (
     ARRIVED_VTOL,
     AUTO,
+    COMMAND,
     GUIDED,
     LOITER,
     QLAND,
@@ -35,6 +36,7 @@ from tests.sitl.guard_wings import (
     WingedCase,
     WingedFlight,
     modes_of,
+    no_lease_no_arming,
     on_the_ground,
     winged,
     winged_flights,
@@ -201,6 +203,16 @@ def left(away_m: float = 0) -> Callable[[WingedFlight], Outcome]:
     return seen
 
 
+def left_from_return_to_landing(flight: WingedFlight) -> Outcome:
+    """The return that the station has ordered goes on, and over to QRTL by itself."""
+    said(flight, "HNDO: lease lost, in RTL", 6)
+    landing = on_the_ground(flight)
+    guard_did_nothing(flight)
+    modes = modes_of(flight)
+    assert modes[-2:] == [(RTL, COMMAND), (QRTL, ARRIVED_VTOL)], modes
+    return f"left to land by QRTL; {landing}"
+
+
 def undone(mode: int) -> Callable[[WingedFlight], Outcome]:
     def seen(flight: WingedFlight) -> Outcome:
         flight.until(lambda: flight.mode == QRTL, 6, "QRTL")
@@ -276,6 +288,7 @@ CASES = (
         winged(approaching, cut, comes_home(RTL, "RTL", then=((QRTL, ARRIVED_VTOL),))),
     ),
     WingedCase("QuadPlane: AUTO, VTOL landing in its descent", "quadplane", winged(descending, cut, left(900))),
+    WingedCase("QuadPlane: RTL", "quadplane", winged(ordered(RTL, on_wings), cut, left_from_return_to_landing)),
     WingedCase("QuadPlane: QRTL", "quadplane", winged(ordered(QRTL, hovering), cut, left())),
     WingedCase("QuadPlane: QLAND", "quadplane", winged(ordered(QLAND, hovering), cut, left())),
     WingedCase(
@@ -300,6 +313,11 @@ CASES = (
         "quadplane",
         winged(by_hand, cut, stands_back_until_the_radio_dies),
         WITH_RADIO,
+    ),
+    WingedCase(
+        "QuadPlane: arming without a lease, and lost on the ground",
+        "quadplane",
+        no_lease_no_arming(GUIDED, armed_in=GUIDED),
     ),
 )
 test_quadplane = winged_flights(CASES)

@@ -30,6 +30,8 @@ from tests.sitl.recorded import (
     station_log,
 )
 
+#: modes 0, 11, 21 and 99
+_PLANE, _COPTER = ["MANUAL", "RTL", "QRTL", "mode 99"], ["STABILIZE", "DRIFT", "SMART_RTL", "mode 99"]
 KML = "{http://www.opengis.net/kml/2.2}"
 
 
@@ -88,6 +90,37 @@ def test_a_dataflash_log_as_text_is_read_too(tmp_path: Path) -> None:
         "armed", "airborne", "landed", "disarmed",
     ]  # fmt: skip
     assert clocks(record) == {"1.log": "not shifted: no GPS time in it, and nothing to compare with"}
+
+
+@pytest.mark.parametrize(
+    ("tells", "modes"),
+    [
+        ("MSG, 40100000, ArduPlane V4.7.0-dev (3f9c5a5)", _PLANE),
+        ("VER, 40100000, 4, 7, 0, 3", _PLANE),
+        ("MSG, 40100000, ArduCopter V4.7.0-dev (3f9c5a5)", _COPTER),
+        ("VER, 40100000, 4, 7, 0, 2", _COPTER),
+        ("EV, 40100000, 10", _COPTER),
+    ],
+)
+def test_the_modes_of_a_dataflash_log_have_the_names_of_its_vehicle(
+    tmp_path: Path, tells: str, modes: list[str]
+) -> None:
+    """What tells the vehicle may stand behind the first mode."""
+    log = tmp_path / "1.log"
+    log.write_text(
+        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"
+        "FMT, 132, 14, MODE, QMBB, TimeUS,Mode,ModeNum,Rsn\n"
+        "FMT, 133, 12, EV, QB, TimeUS,Id\n"
+        "FMT, 134, 75, MSG, QZ, TimeUS,Message\n"
+        "FMT, 136, 15, VER, QBBBB, TimeUS,Maj,Min,Pat,BU\n"
+        "MODE, 40000000, 0, 0, 1\n"
+        f"{tells}\n"
+        "MODE, 42000000, 11, 11, 1\n"
+        "MODE, 43000000, 21, 21, 1\n"
+        "MODE, 44000000, 99, 99, 1\n",
+        encoding="utf-8",
+    )
+    assert [entry.get("mode") for entry in load([log]).evidence.of(event="mode")] == modes
 
 
 def test_thirteen_seconds_between_two_computers_are_taken_out_and_told(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from mavproxy_handover.core.model import Kind
 from sitl import fly_all, main
+from sitl.run.runner import Order, Result
 from sitl.script.places import guard_files
 from sitl.script.scenario import known_scenarios, load_scenario
 from sitl.vehicles import KINDS, LaunchError, VehicleSpec, find_arduplane, flies, launch
@@ -63,6 +64,25 @@ def test_wings_fly_no_mission_of_a_copter(capsys: pytest.CaptureFixture[str]) ->
         "handover sim: mission corridor is for a copter, and --vehicle quadplane is a quadplane: take --vehicle "
         "builtin or arducopter"
     )
+
+
+@pytest.mark.usefixtures("program")
+@pytest.mark.parametrize(
+    ("vehicle", "scenario"),
+    [("builtin", "nominal"), ("auto", "nominal"), ("quadplane", "ferry"), ("plane", "dike")],
+)
+def test_without_a_scenario_each_vehicle_flies_one_that_is_for_it(
+    vehicle: str, scenario: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flown: list[str] = []
+
+    def fly(order: Order, _stream: object) -> Result:
+        flown.append(order.scenario.name)
+        raise LaunchError("seen enough")
+
+    monkeypatch.setattr(main, "_fly", fly)
+    assert main.main(["--vehicle", vehicle]) == 2
+    assert flown == [scenario]
 
 
 @pytest.mark.usefixtures("nowhere")

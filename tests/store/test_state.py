@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as mission_package
@@ -26,7 +27,10 @@ from mavproxy_handover.store.state import Kept, StateError, StateStore
 
 MISSIONS = Path(__file__).resolve().parents[2] / "missions"
 DIGEST = bytes(range(32))
-BEFORE = Snapshot(251, 4, 7, Phase.ON_MISSION, 2, DIGEST, (251, 252, 251), True, "land")
+LOW = PackMemory(59.0, 1.0, 60.0)
+BEFORE = Snapshot(
+    251, 4, 7, Phase.ON_MISSION, 2, DIGEST, (251, 252, 251), True, "land", lasting=(Cause.ENERGY,), packs=(LOW,)
+)
 AFTER = Snapshot(252, 5, 8, Phase.ON_HANDOVER, 3, DIGEST, (251, 252, 251), False, "return")
 
 
@@ -71,7 +75,7 @@ def signed(body: Any) -> bytes:
 
 def good_body() -> dict[str, Any]:
     return {
-        "format": 7,
+        "format": 8,
         "vehicle": "drone-1",
         "boot": "b1",
         "serial": 12,
@@ -90,7 +94,13 @@ def good_body() -> dict[str, Any]:
         "held_since": None,
         "held_for": None,
         "stands": False,
+        "lasting": ["energy"],
+        "packs": [{"left_wh": 59.0, "used_wh": 1.0, "most_wh": 60.0, "ohm": None}],
     }
+
+
+GOOD_PACK = good_body()["packs"][0]
+BAD_AMOUNTS = (1, "1.0", True, [1.0], -0.1, 1.1e6, float("nan"), float("inf"))
 
 
 class TestKept:
@@ -107,6 +117,8 @@ class TestKept:
             replace(BEFORE, rehearsal=True),
             replace(BEFORE, held_since=1234.5, held_for=Cause.COVERAGE_ENDS),
             replace(BEFORE, stands=True),
+            replace(BEFORE, lasting=()),
+            replace(BEFORE, packs=(PackMemory(), PackMemory(0.0, 126.0, 1e6, 0.021))),
         ],
     )
     def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:
@@ -319,6 +331,19 @@ class TestNotTrusted:
             {"rehearsal": 1},
             {"rehearsal": None},
             {"proven": None},
+            {"lasting": None},
+            {"lasting": "energy"},
+            {"lasting": ["nothing"]},
+            {"lasting": [["energy"]]},
+            {"lasting": ["fence"]},  # it is over when its sign is gone
+            {"packs": None},
+            {"packs": {}},
+            {"packs": [None]},
+            {"packs": [[59.0, 1.0, 60.0, None]]},
+            {"packs": [{}]},
+            {"packs": [{"left_wh": 59.0, "used_wh": 1.0, "most_wh": 60.0}]},
+            {"packs": [GOOD_PACK | {"cells": 3.0}]},
+            *({"packs": [GOOD_PACK, GOOD_PACK | {name: value}]} for name in GOOD_PACK for value in BAD_AMOUNTS),
             {"stands": 1},
             {"stands": None},
         ],

@@ -13,8 +13,12 @@ Rules:
 4. In flight what is left never grows: counters that go back, or a percentage that grows, are named and not believed. On
    the ground, disarmed, they mean another pack.
 5. A fall that no motors can cause is named, and believed when it has been said `PATIENCE` times in a row.
-6. A pack that is silent draws on as it last did, and is named after `SILENT_S`. One that was never heard holds nothing.
-   Several packs feed one aircraft: the emptiest is what the others are taken for.
+6. A pack that is silent draws on as it last flew, and is named after `SILENT_S`; where nobody ever knew what it drew in
+   the air, it draws what flying takes by the settings. One that was never heard holds nothing. Several packs feed one
+   aircraft: the emptiest is what the others are taken for.
+7. What makes what is left smaller outlives a restart in flight (`PackMemory`): after one the counters alone would say
+   more. It changes seldom, since each change is written to a disk, so what is left in it is as of the last
+   `_KEPT_PART` of the pack. On the ground nothing of it holds: that is another flight.
 
 Source of the voltages: rest voltage of lithium polymer cells as chargers' makers print it; it is flat in the middle,
 which is why it is worth no more than `DOUBT`.
@@ -23,11 +27,22 @@ which is why it is worth no more than `DOUBT`.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Final
 
-__all__ = ["DOUBT", "EMPTY_CELL_V", "PATIENCE", "SILENT_S", "Batteries", "Charge", "PackReport", "rest_part"]
+__all__ = [
+    "DOUBT",
+    "EMPTY_CELL_V",
+    "PATIENCE",
+    "SILENT_S",
+    "Batteries",
+    "Charge",
+    "PackMemory",
+    "PackReport",
+    "rest_part",
+]
 
 #: how far a charge that is read off a voltage may be wrong, as a part of the pack
 DOUBT: Final = 0.1
@@ -36,12 +51,14 @@ PATIENCE: Final = 3
 SILENT_S: Final = 5.0
 #: of what `most_w` gives in the time between two reports, and a part of the pack: percentages are whole numbers
 _SLACK_PART: Final = 0.02
-#: below this current (A) a voltage is one at rest
+#: below this current (A) a voltage is one at rest, and a power none to fly with
 _REST_A: Final = 2.0
 #: current (A) from which on the voltage tells the resistance, for so long (s) after the last rest
 _LOAD_A, _LOAD_WITHIN_S = 5.0, 60.0
 #: no more resistance (ohm) for each cell than this is believed
 _MOST_OHM_A_CELL: Final = 0.03
+#: what is kept for a restart is kept anew when so much of the pack, or of its resistance (ohm for each cell), has moved
+_KEPT_PART, _KEPT_OHM_A_CELL = 0.05, 0.0005
 #: volts of a cell at rest, and the part of the charge that it holds then
 _REST: Final = (
     (3.27, 0.0),
@@ -102,6 +119,20 @@ class PackReport:
 
 
 @dataclass(frozen=True, slots=True)
+class PackMemory:
+    """What a run after this one needs to know of one battery in flight; None: not known.
+
+    `left_wh`: no more was left; `used_wh`: drawn in all; `most_wh`: no more than this can be drawn in all, by what the
+    voltage said at rest; `ohm`: the resistance that the take-off showed.
+    """
+
+    left_wh: float | None = None
+    used_wh: float | None = None
+    most_wh: float | None = None
+    ohm: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Charge:
     """What the batteries hold and give together: `left_wh` and `power_w` are None where nothing is known of them."""
 
@@ -113,28 +144,42 @@ class Charge:
 class _Pack:
     """One battery. Times are monotonic seconds, energies Wh."""
 
-    def __init__(self, number: int, full_wh: float, cells: float | None, most_w: float) -> None:
+    def __init__(self, number: int, full_wh: float, cells: float | None, most_w: float, flies_w: float) -> None:
         self._name = f"battery {number}"
         self._full_wh = full_wh
         self._cells = cells
         self._most_w = most_w
         self.heard_at: float | None = None
         self.power_w: float | None = None
+        #: for a run after this one; None on the ground
+        self.memory: PackMemory | None = None
+        #: drawn in the air, as it was last known
+        self._flies_w = flies_w
         self._left_wh: float | None = None
         self._before: PackReport | None = None
         #: drawn in all, None before anything counts
         self._used_wh: float | None = None
-        #: no more than this was in it when `_used_wh` was the second
-        self._ceiling: tuple[float, float] | None = None
+        #: no more than this can be drawn in all, by what the voltage said at rest
+        self._most_wh: float | None = None
         self._rested_at: float | None = None
         self._rest_v: float | None = None
         self._ohm: float | None = None
         self._falls = 0
         self._odd: dict[str, str] = {}
 
+    def resume(self, memory: PackMemory, now: float) -> None:
+        """A restart in flight: what was known before it holds on, as if it had just been said."""
+        if memory.left_wh is None:
+            return
+        self.memory, self.heard_at = memory, now
+        self._left_wh, self._used_wh = memory.left_wh, memory.used_wh
+        self._most_wh, self._ohm = memory.most_wh, memory.ohm
+
     def take(self, report: PackReport, now: float, on_ground: bool) -> None:
         """A report of the monitor."""
         report = report.sane()
+        if on_ground and self._before is None:  # whatever it was taken up from was another flight
+            self._left_wh = self._used_wh = self._most_wh = self._ohm = None
         since_s = 0.0 if self.heard_at is None else max(0.0, now - self.heard_at)
         self._odd.clear()
         used_before = self._used_wh
@@ -142,11 +187,12 @@ class _Pack:
         self._rest(report, now, on_ground)
         left = self._least(report, now)
         if left is not None and self._left_wh is not None:
-            if self._falls_too_fast(left, since_s):
+            if self._before is not None and self._falls_too_fast(left, since_s):
                 self._odd["jump"] = f"{self._name} says that {left:.1f} Wh are left after {self._left_wh:.1f} Wh"
                 self._used_wh = used_before
-                self._left_wh = max(left, self._left_wh - self._last_w() * since_s / 3600.0)
+                self._left_wh = max(left, self._left_wh - self._draws_w(on_ground) * since_s / 3600.0)
                 self.heard_at = now
+                self._keep(on_ground)
                 return
             if not on_ground:
                 left = min(left, self._left_wh)
@@ -154,16 +200,19 @@ class _Pack:
         if left is not None:
             self._left_wh = left
         elif self._left_wh is not None:
-            self._left_wh = max(0.0, self._left_wh - self._last_w() * since_s / 3600.0)
+            self._left_wh = max(0.0, self._left_wh - self._draws_w(on_ground) * since_s / 3600.0)
         if left is None:
             self._odd["silent"] = f"{self._name} does not say what is left"
         self.heard_at, self._before, self.power_w = now, report, report.power_w
+        if not on_ground and report.power_w is not None and (report.current_a or 0.0) >= _REST_A:
+            self._flies_w = report.power_w
+        self._keep(on_ground)
 
-    def left_wh(self, now: float) -> float | None:
+    def left_wh(self, now: float, on_ground: bool) -> float | None:
         """What is left now; silence goes on as it was before it."""
         if self._left_wh is None or self.heard_at is None:
             return None
-        return max(0.0, self._left_wh - self._last_w() * max(0.0, now - self.heard_at) / 3600.0)
+        return max(0.0, self._left_wh - self._draws_w(on_ground) * max(0.0, now - self.heard_at) / 3600.0)
 
     def trouble(self, now: float) -> list[str]:
         """What is odd about it, in words."""
@@ -173,27 +222,43 @@ class _Pack:
 
     # ---- how it is found out --------------------------------------------------------------------------------------
 
-    def _last_w(self) -> float:
-        return self.power_w or 0.0
+    def _draws_w(self, on_ground: bool) -> float:
+        """What it draws while it does not say so."""
+        return self.power_w or 0.0 if on_ground else self._flies_w
+
+    def _keep(self, on_ground: bool) -> None:
+        """What a run after this one needs, if it is news."""
+        found = PackMemory(self._left_wh, self._used_wh, self._most_wh, self._ohm)
+        if on_ground:
+            self.memory = None
+        elif self.memory is None or self._steps(found) != self._steps(self.memory):
+            self.memory = found
+
+    def _steps(self, memory: PackMemory) -> tuple[object, ...]:
+        left = None if memory.left_wh is None else int(memory.left_wh / (_KEPT_PART * self._full_wh))
+        ohm = None if memory.ohm is None else int(memory.ohm / (_KEPT_OHM_A_CELL * (self._cells or 1.0)))
+        return left, ohm
 
     def _count(self, report: PackReport, since_s: float, on_ground: bool) -> None:
         """What was drawn, by the counter that is there; one that goes back begins anew on the ground alone."""
         before = self._before
         begins = self._total(report)
         if before is None or self._used_wh is None:
-            self._used_wh = begins
+            self._used_wh = max((wh for wh in (self._used_wh, begins) if wh is not None), default=None)
             return
         drawn = _difference(before.used_wh, report.used_wh)
         if drawn is None:
             charge = _difference(before.used_mah, report.used_mah)
             if charge is not None and report.voltage_v is not None:
                 drawn = charge * report.voltage_v / 1000.0
-        if drawn is None:
-            drawn = (report.power_w or self._last_w()) * since_s / 3600.0
         grown = _difference(before.remaining, report.remaining)
+        if drawn is None and report.power_w is None and grown is not None:
+            drawn = max(0.0, -grown) * self._full_wh
+        if drawn is None:
+            drawn = (report.power_w or self._draws_w(on_ground)) * since_s / 3600.0
         if drawn < 0.0 or (grown is not None and grown > _SLACK_PART):
             if on_ground and begins is not None:
-                self._used_wh, self._ceiling, self._rested_at, self._left_wh = begins, None, None, None
+                self._used_wh, self._most_wh, self._rested_at, self._left_wh = begins, None, None, None
                 return
             self._odd["back"] = f"{self._name} counts back in flight"
         self._used_wh += max(0.0, drawn)
@@ -214,7 +279,7 @@ class _Pack:
         if on_ground and (amperes is None or amperes < _REST_A):
             self._rested_at, self._rest_v = now, volts
             most = min(1.0, rest_part(volts / self._cells) + DOUBT) * self._full_wh
-            self._ceiling = None if self._used_wh is None else (most, self._used_wh)
+            self._most_wh = None if self._used_wh is None else self._used_wh + most
             counted = None if self._used_wh is None else self._full_wh - self._used_wh
             if counted is not None and counted > most:
                 self._odd["rest"] = (
@@ -231,9 +296,8 @@ class _Pack:
         full, said = self._full_wh, []
         if self._used_wh is not None:
             said.append(full - self._used_wh)
-            if self._ceiling is not None:
-                most, used = self._ceiling
-                said.append(most - (self._used_wh - used))
+            if self._most_wh is not None:
+                said.append(self._most_wh - self._used_wh)
         if report.remaining is not None:
             said.append(full * report.remaining)
         loaded = self._under_load(report, now)
@@ -268,26 +332,38 @@ class Batteries:
     """All packs that fly the aircraft.
 
     `full_wh`: what they give together when full; `count`: how many there are, monitors 0 to count - 1, others are not
-    for flying; `cells`: of each, None: not known; `most_w`: more than all motors together can ever draw.
+    for flying; `cells`: of each, None: not known; `most_w`: more than all motors together can ever draw; `flies_w`:
+    what they draw in the air, all of them, where no monitor has said it.
     """
 
-    def __init__(self, full_wh: float, count: int, cells: float | None, most_w: float) -> None:
-        self._packs = [_Pack(number, full_wh / count, cells, most_w) for number in range(count)]
+    def __init__(self, full_wh: float, count: int, cells: float | None, most_w: float, flies_w: float) -> None:
+        self._packs = [_Pack(number, full_wh / count, cells, most_w, flies_w / count) for number in range(count)]
+
+    @property
+    def memory(self) -> tuple[PackMemory, ...]:
+        """What a run after this one needs to know of each; empty on the ground."""
+        kept = [pack.memory for pack in self._packs]
+        return tuple(memory or PackMemory() for memory in kept) if any(kept) else ()
+
+    def resume(self, memory: Sequence[PackMemory], now: float) -> None:
+        """The run before has ended in flight, and left this behind. It holds if the first report is of a flight too."""
+        for pack, kept in zip(self._packs, memory, strict=False):
+            pack.resume(kept, now)
 
     def take(self, number: int, report: PackReport, now: float, on_ground: bool) -> None:
         """What monitor `number` says. `on_ground`: disarmed, so that what is drawn is next to nothing."""
         if 0 <= number < len(self._packs):
             self._packs[number].take(report, now, on_ground)
 
-    def charge(self, now: float) -> Charge:
-        """What they hold now."""
+    def charge(self, now: float, on_ground: bool = False) -> Charge:
+        """What they hold now. `on_ground`: as far as that is known; in the air what is silent draws on."""
         heard = [pack for pack in self._packs if pack.heard_at is not None]
         trouble = [text for pack in self._packs for text in pack.trouble(now)]
         missing = len(self._packs) - len(heard)
         if missing:
             some = f"{missing} of {len(self._packs)} batteries are not heard"
             trouble.append(some if heard else "no battery is heard")
-        left = [pack.left_wh(now) for pack in heard]
+        left = [pack.left_wh(now, on_ground) for pack in heard]
         known = [wh for wh in left if wh is not None]
         watts = [pack.power_w for pack in heard if pack.power_w is not None]
         return Charge(

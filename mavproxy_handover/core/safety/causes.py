@@ -164,6 +164,10 @@ class CauseWatch:
         del self._ends_at[cause]
         return False
 
+    def resume(self, causes: Set[Cause]) -> None:
+        """The run before had these, and there is no sign that has to stay for it: they go on."""
+        self.active |= causes - self._off
+
     def landed(self) -> None:
         """The flight is over, and with it the causes that last as long as it does."""
         self.active = frozenset(cause for cause in self.active if CAUSES[cause].ends is not Ends.WITH_THE_FLIGHT)

@@ -13,13 +13,13 @@ refuse, and the guard stands behind it.
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Collection, Set
 from dataclasses import dataclass
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Reason
-from mavproxy_handover.core.safety.causes import CAUSES, Cause, CauseWatch
-from mavproxy_handover.core.safety.strategy import Decision, Situation, Strategy
+from mavproxy_handover.core.safety.causes import CAUSES, Cause, CauseWatch, Ends
+from mavproxy_handover.core.safety.strategy import Decision, Fact, Situation, Strategy
 
 __all__ = ["Emergency", "News"]
 
@@ -86,7 +86,7 @@ def _holds(told: Decision) -> bool:
 class Emergency:
     """What was told last of what is wrong. Times are monotonic seconds; not safe for threads."""
 
-    __slots__ = ("_grave", "_resumed", "_strategy", "_watch", "told")
+    __slots__ = ("_grave", "_left", "_resumed", "_strategy", "_watch", "told")
 
     def __init__(self, limits: Limits) -> None:
         off = {cause for cause, policy in limits.policies.items() if policy == "off"}
@@ -96,6 +96,8 @@ class Emergency:
         self.told: Decision | None = None
         #: the run before left an emergency behind, and its cause has not been found yet
         self._resumed = False
+        #: what the run before left behind that lasts as long as the flight, until the aircraft is known to fly
+        self._left: frozenset[Cause] = frozenset()
         #: something was commanded since something has been wrong
         self._grave = False
 
@@ -115,6 +117,13 @@ class Emergency:
         return self._watch.active
 
     @property
+    def lasting(self) -> tuple[Cause, ...]:
+        """What is wrong until the flight is over. What the commander has overruled is not of it: he knows, and in the
+        next run it is judged anew."""
+        found = (self.causes | self._left) - {cause for cause, _action in self._strategy.overruled}
+        return tuple(cause for cause in Cause if cause in found and CAUSES[cause].ends is Ends.WITH_THE_FLIGHT)
+
+    @property
     def out_of_coverage(self) -> str:
         """The policy in force outside every zone."""
         return self._strategy.policies[Cause.OUT_OF_COVERAGE]
@@ -127,6 +136,10 @@ class Emergency:
     def resume(self) -> None:
         """A restart in an emergency, or behind one: its cause is judged anew, and it is over when none is found."""
         self._resumed = self._grave = True
+
+    def resume_lasting(self, causes: Collection[Cause]) -> None:
+        """A restart with these wrong until the flight is over: they go on as soon as there is a flight."""
+        self._left = frozenset(causes)
 
     def resume_hold(self, cause: Cause) -> None:
         """A restart while the aircraft is held: if that is to go on it is commanded anew, else it is over."""
@@ -142,6 +155,7 @@ class Emergency:
 
     def landed(self) -> None:
         """The flight is over. The cause may go on: on the ground that is no news, in the next flight it is acted on."""
+        self._left = frozenset()
         self._watch.landed()
         self._strategy.landed()
         if self.told is not None:
@@ -156,13 +170,18 @@ class Emergency:
     ) -> News | None:
         """The decision if it is news. `certain` False: that nothing is wrong is not known yet. `stands`: it was held,
         and whatever was ordered since has not moved it."""
+        if self._left and Fact.FLYING in facts:
+            self._watch.resume(self._left)
+            self._left = frozenset()
         decision, told = self._strategy.judge(self._watch.look(signs, now), facts), self.told
         waits = decision is not None and decision.action is FlightAction.TRANSFER
         if waits and (stands or (told is not None and _holds(told))):
             return None
         if decision is None or waits:
+            if decision is not None and self._goes_on(decision.cause):
+                return None
             decision = None
-            if not certain or (told is None and not self._resumed):
+            if not certain or self._left or (told is None and not self._resumed):
                 return None
         elif self._known(decision) and not self._resumed:
             return None
@@ -170,6 +189,11 @@ class Emergency:
         grave = self._grave or (decision is not None and decision.action not in _NO_EMERGENCY)
         self._grave = grave and decision is not None
         return News(decision, told, grave)
+
+    def _goes_on(self, other: Cause) -> bool:
+        """What was told is of another cause than this one, and not over."""
+        told = self.told
+        return told is not None and told.cause is not other and told.cause in self._watch.active
 
     def _known(self, decision: Decision) -> bool:
         """Whether it is what was told, or milder while the cause of that goes on."""

@@ -27,7 +27,7 @@ makes it smaller. Energies are watt-hours, powers watts.
 
 Sources: Leishman, Principles of Helicopter Aerodynamics, 5.5 (parasitic power); flights on ArduCopter SITL, where the
 cube fits within 1 % at 5 and 10 m/s; ArduCopter's defaults for WPNAV_ACCEL and WPNAV_JERK, WPNAV_SPEED_UP and _DN,
-LAND_SPEED, LAND_ALT_LOW, RTL_LOIT_TIME; ArduPlane's Q_TRANSITION_MS.
+LAND_SPEED, LAND_ALT_LOW, RTL_LOIT_TIME; ArduPlane's Q_TRANSITION_MS and TECS_SINK_MIN.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ __all__ = [
     "DESCENT_MPS",
     "LANDING_BELOW_M",
     "LANDING_MPS",
+    "SINK_MPS",
     "TRANSITION_S",
     "EnergyFact",
     "EnergyModel",
@@ -62,6 +63,8 @@ ACCELERATION_MPSS: Final = 1.5
 LOITER_S: Final = 5.0
 #: and what has wings: one circle of 90 m, at 20 m/s
 CIRCLE_S: Final = 30.0
+#: how fast it sinks while it circles, at the least: TECS_SINK_MIN
+SINK_MPS: Final = 2.0
 #: from wings to rotors and back, with both at work: Q_TRANSITION_MS 5 s, and as much to get to the speed
 TRANSITION_S: Final = 10.0
 _SECONDS_AN_HOUR: Final = 3600.0
@@ -261,19 +264,29 @@ def way_home(
     place_alt_m: float,
     return_alt_m: float,
     *,
+    speed_mps: float | None = None,
     wings: bool = False,
+    down: Sequence[Piece] | None = None,
 ) -> tuple[Piece, ...]:
     """The way that RTL takes to a place: up to the height of the return, straight there, a pause, and down.
 
     Heights above home. `place_alt_m`: that of a rally point is a floor for the return, as `return_alt_m` is; where the
-    aircraft is higher, it stays there. The ground at the place is taken to be as high as home. `wings`: it climbs on
-    its way, and circles once above the place.
+    aircraft is higher, it stays there. The ground at the place is taken to be as high as home. `speed_mps`: as in
+    `Piece`. `wings`: it climbs on its way, and circles once above the place. `down`: so it comes down from there, on
+    its wings, once it has circled down to these floors; None: straight.
     """
     height = max(alt_m, place_alt_m, return_alt_m)
     if wings:
-        there = Piece(length_m=distance_m, bearing_deg=bearing_deg, climb_m=height - alt_m, hold_s=CIRCLE_S)
-        return there, landing(height)
-    there = Piece(length_m=distance_m, bearing_deg=bearing_deg, hold_s=LOITER_S)
+        sinks_s = 0.0 if down is None else (height - max(place_alt_m, return_alt_m)) / SINK_MPS
+        there = Piece(
+            length_m=distance_m,
+            bearing_deg=bearing_deg,
+            climb_m=height - alt_m,
+            hold_s=CIRCLE_S + sinks_s,
+            speed_mps=speed_mps,
+        )
+        return (there, landing(height)) if down is None else (there, *down)
+    there = Piece(length_m=distance_m, bearing_deg=bearing_deg, hold_s=LOITER_S, speed_mps=speed_mps)
     return (Piece(climb_m=height - alt_m), there, landing(height)) if height > alt_m else (there, landing(height))
 
 

@@ -15,7 +15,7 @@ What nobody is known to have chosen is
 * the guard's, if it returns or lands and was chosen while the autopilot was not heard: then the autopilot hears nothing
   of the companion either, and the guard sends it home;
 * else the pilot's while the radio lives: the autopilot hears a receiver, is not in its radio failsafe, and has one;
-* else a failsafe's, if it returns or lands;
+* else a failsafe's, if it returns or lands, or has said of late that it acts: one of the estimator's hovers by hand;
 * else a stranger's, of whom nobody knows anything: it counts for nothing, as at the guard.
 
 What cannot be told apart, and how it is read: a failsafe whose words were lost, and a pilot (either way nothing is
@@ -48,6 +48,8 @@ __all__ = ["DOUBT_S", "EVIDENCE", "GIVES_BACK", "Change", "Helm", "Trace"]
 DOUBT_S: Final = 1.0
 
 _ENDS: Final = frozenset({Flown.RETURN, Flown.LAND})
+#: what a failsafe has chosen and nobody else leaves; its stop waits for what comes behind it
+_OF_FAILSAFES: Final = _ENDS | {Flown.HANDS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +187,10 @@ class Helm:
     def _by_nobody(self) -> Hand:
         if self.radio:
             return Hand.PILOT
-        return Hand.FAILSAFE if self.flown in _ENDS else Hand.STRANGER
+        spoken_at, flown = self._asked.get(Hand.FAILSAFE, (-inf, None))
+        spoke = flown is None and spoken_at >= self._since - EVIDENCE[Hand.FAILSAFE].within_s
+        acts = self.flown in _ENDS or (spoke and self.flown is Flown.HANDS)
+        return Hand.FAILSAFE if acts else Hand.STRANGER
 
     # ---- what it comes to -----------------------------------------------------------------------------------------
 
@@ -202,7 +207,7 @@ class Helm:
         found = set()
         if self.piloted:
             found.add(Fact.PILOT)
-        if self.chosen_by is Hand.FAILSAFE and self.flown in _ENDS:
+        if self.chosen_by is Hand.FAILSAFE and self.flown in _OF_FAILSAFES:
             found.add(Fact.FAILSAFE)
         if self.landing or self.flown is Flown.LAND:
             found.add(Fact.LANDING)

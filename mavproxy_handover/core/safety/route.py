@@ -13,9 +13,9 @@ Two measures, each judged for itself; the aircraft is off its route while one of
   interest. Where there is nothing to compare (a turn, hardly any speed), the fact says so, and this measure waits.
 
 A measure is over once it was beyond its limit for `off_hold_s` in all since it was last well within it, and no more
-once it was well within for `off_clear_s` without a break. Well within is below two thirds of the limit: noise around a
-limit is neither told again and again, nor does it put off what has to be told. Where no leg is flown (take-off, a
-landing, a return, GUIDED) there is no route to be off.
+once it was well within for `off_clear_s` without a break. Behind a deviation both are counted anew. Well within is
+below two thirds of the limit: noise around a limit is neither told again and again, nor does it put off what has to be
+told. Where no leg is flown (take-off, a landing, a return, GUIDED) there is no route to be off.
 """
 
 from __future__ import annotations
@@ -149,6 +149,8 @@ class RouteCheck:
         self.deviation = fact if off else None
         if off is was_off:
             return None
+        if was_off:
+            self._begin()
         return RouteNews(off, self._words(fact, off), fact)
 
     def _words(self, fact: TrackFact | None, off: bool) -> str:

@@ -25,7 +25,8 @@ looked at, and `due_at` says when it has to be, if nothing is said until then.
 
 What does not show in time is commanded again, TRIES times; then the action is one that the autopilot does not follow
 (`unable`). The strategy learns that as a fact: it cannot hold, no place can be reached. So it is the table of
-`strategy.py` that goes on to the next graver action, and nothing here. Under LAND there is nothing: it is repeated.
+`strategy.py` that goes on to the next graver action, and nothing here. Under LAND there is nothing: it is repeated
+while another mode shows, and told once where it does not come down in the right one, which to command again is no help.
 An order that is decided anew, for another cause, is the same order: causes that take turns give it no more time.
 
 What was held is held until something else shows (`stands`): a return that was ordered behind the hold, and never flown,
@@ -177,6 +178,10 @@ class Supervision:
             if motion.left_m <= self._nearest_m - NEARER_M or motion.left_m > self._last_m + OTHER_PLACE_M:
                 self._nearest_m, self._since = motion.left_m, now
             self._last_m = motion.left_m
+
+    def unseen(self) -> None:
+        """It is not known any more how the aircraft moves: of what needs a motion nothing is concluded."""
+        self._motion = None
 
     def ordered(self, action: FlightAction, now: float) -> None:
         """The autopilot is commanded this from now on, or still: HOLD, RETURN or LAND."""

@@ -27,7 +27,8 @@ class TakeOffRule:
 
     `unless_zero`: the number of the parameter that must not be 0 for that. `values`: what parameter `which` must be, if
     there are any; the autopilot keeps the last `bits` bits of it, whatever stands above them. `mode`: it is the number
-    of a flight mode, `switch`: of an auxiliary function, so the firmware's own count too (`modes.py`).
+    of a flight mode, `switch`: of an auxiliary function, so the firmware's own count too (`modes.py`). `midway`: it
+    begins the mission elsewhere than at its take-off, which START never does: on the ground it is refused.
     """
 
     name: str
@@ -38,13 +39,16 @@ class TakeOffRule:
     bits: int = 16
     mode: bool = False
     switch: bool = False
+    midway: bool = False
 
 
 #: A flight mode has so many bits in the autopilot.
 MODE_BITS: Final = 8
 
 
-#: On the ground these need what START needs, whoever commands. Names without their MAV_CMD_.
+#: On the ground these need what START needs, whoever commands. Names without their MAV_CMD_. To choose an item of the
+#: mission (DO_SET_MISSION_CURRENT) is not among them: it moves nothing outside AUTO, for which it takes one of these,
+#: and START of a plane chooses the first item anew.
 TAKE_OFF_RULES: Final = (
     TakeOffRule("COMPONENT_ARM_DISARM", "arms, forced or not; 0 disarms", unless_zero=1),
     # ArmDisarm (41 before 4.2), with AirMode, Turtle, and ArmEmergencyStop; the low position disarms
@@ -54,6 +58,8 @@ TAKE_OFF_RULES: Final = (
     TakeOffRule("NAV_TAKEOFF_LOCAL", "takes off"),
     TakeOffRule("NAV_VTOL_TAKEOFF", "takes off"),
     TakeOffRule("SOLO_BTN_FLY_HOLD", "on the ground ArduCopter arms and takes off by it"),
+    TakeOffRule("DO_LAND_START", "AUTO, from the landing sequence on", midway=True),
+    TakeOffRule("DO_RETURN_PATH_START", "AUTO, from the nearest leg of a return path on", midway=True),
 )
 
 #: By these motors turn on the ground, or are about to, with nothing armed; compass calibration with throttle is one of
@@ -68,7 +74,9 @@ class JudgedRule:
     `which` and `values`: it is one only where that parameter has such a value, of which the autopilot keeps the last
     8 bits; a second pair likewise. `mode`: such a value is the mode by which the firmware flies the mission
     (`modes.py`). `item`: the parameter that names an item of the mission, `speed`: the one that is a speed. Of
-    `Kind.FLY_TO` parameters 5 to 7 are the place.
+    `Kind.FLY_TO` parameters 5 to 7 are the place; `radius`: the parameter that wings take for the radius of the circle
+    there; `height`: it is a height alone, which nothing but wings takes, and this its parameter: 7 is the one of the
+    place, behind any other stands its MAV_FRAME.
     """
 
     name: str
@@ -80,13 +88,16 @@ class JudgedRule:
     also: tuple[int, int] | None = None
     item: int | None = None
     speed: int | None = None
+    radius: int | None = None
+    height: int | None = None
     #: it does something in AUTO only; elsewhere it goes on to what was judged before, or the autopilot refuses it
     auto_only: bool = False
     mode: bool = False
 
 
 #: In flight these are judged by energy, fence and coverage. What leads away from danger is not among them: RTL, LAND,
-#: BRAKE, LOITER, a pause, landing sequences and return paths. Names without their MAV_CMD_.
+#: BRAKE, LOITER, a pause, landing sequences and return paths. Nor is what leads to no place that could be told: of
+#: wings a heading (GUIDED_CHANGE_HEADING), as of a copter a velocity. Names without their MAV_CMD_.
 JUDGED_RULES: Final = (
     JudgedRule("DO_SET_MODE", Kind.GO_ON, "AUTO", "AUTO flies the mission on", which=2, mode=True),
     JudgedRule("MISSION_START", Kind.GO_ON, "START", "the same"),
@@ -94,11 +105,13 @@ JUDGED_RULES: Final = (
     JudgedRule("DO_AUX_FUNCTION", Kind.GO_ON, "AUTO", "the same, by a switch", which=1, values=(16,), also=(2, 2)),
     JudgedRule("DO_PAUSE_CONTINUE", Kind.GO_ON, "CONTINUE", "the same", which=1, values=(1,), auto_only=True),
     JudgedRule("DO_SET_MISSION_CURRENT", Kind.GO_ON, "another item", "flies from another item on", item=1),
-    JudgedRule("DO_REPOSITION", Kind.FLY_TO, "target", "flies to a place"),
+    JudgedRule("DO_REPOSITION", Kind.FLY_TO, "target", "flies to a place, or to a circle around it", radius=3),
     JudgedRule("NAV_WAYPOINT", Kind.FLY_TO, "target", "flies to a place"),
     JudgedRule("NAV_SPLINE_WAYPOINT", Kind.FLY_TO, "target", "flies to a place"),
     JudgedRule("OVERRIDE_GOTO", Kind.FLY_TO, "target", "flies to a place"),
     JudgedRule("DO_ORBIT", Kind.FLY_TO, "target", "flies around a place"),
+    JudgedRule("DO_CHANGE_ALTITUDE", Kind.FLY_TO, "altitude", "flies on at another height", height=1),
+    JudgedRule("GUIDED_CHANGE_ALTITUDE", Kind.FLY_TO, "altitude", "the same", height=7),
     JudgedRule("DO_CHANGE_SPEED", Kind.SPEED, "speed", "another speed needs other energy", speed=2, auto_only=True),
 )
 

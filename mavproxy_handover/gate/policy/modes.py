@@ -37,6 +37,8 @@ class Modes:
     #: those that arm or take off on the ground, and the auxiliary functions of such
     take_off: tuple[int, ...]
     take_off_switches: tuple[int, ...] = ()
+    #: it has wings: the place of a target is the middle of a circle, and a height alone is a target
+    wings: bool = False
 
 
 def _names(enum: str) -> dict[int, str]:
@@ -54,5 +56,6 @@ PLANE: Final = Modes(
     _PLANE_AUTO,
     (_PLANE_AUTO, _PLANE_TAKEOFF),
     (_AUTO_SWITCH, _TAKEOFF_SWITCH),
+    wings=True,
 )
 UNKNOWN: Final = Modes({}, COPTER_AUTO, (TURTLE,))

@@ -10,7 +10,8 @@ Parameters without a row are the commander's at any time. Rules:
    who commands, if it can open another way into the autopilot, or if it decides where a return ends.
 2. What shapes the flight that the commander orders stays the commander's even then: WPNAV_SPEED, MIS_OPTIONS, rates
    of streams. What shapes the return does not, its height and speeds among it (RTL_ALT, LAND_SPEED): it is flown when
-   nobody commands any more, by the word of guard or failsafe, and has to be what was checked before take-off.
+   nobody commands any more, by the word of guard or failsafe, and has to be what was checked before take-off. So it is
+   with a circle of a plane's, which is the one of its return too.
 3. `*` stands for any characters. Case does not matter, because it does not to ArduPilot.
 4. A message that sets parameters without naming them cannot be judged here: see `command_rules`, `files`.
 
@@ -53,6 +54,17 @@ PARAMETER_RULES: Final = (
         Access.SAFEGUARD,
         "how a plane comes down: whether its rotors carry it, what fails over to them, and how it lands",
         names("Q_ENABLE Q_OPTIONS Q_ASSIST_* Q_TRANS_FAIL* Q_FW_LND_* AUTOLAND_* TECS_LAND_* ALT_HOLD_RTL"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "how a plane flies its return: with a climb straight on whatever RTL_CLIMB_MIN says (bit 4), at heights above "
+        "the ground, in which circle",
+        names("FLIGHT_OPTIONS TERRAIN_FOLLOW WP_LOITER_RAD"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "what an ArduPlane says that it is: by another type its modes are taken for those of another aircraft",
+        names("Q_MAV_TYPE"),
     ),
     Rule(Access.SAFEGUARD, "the checks before arming, the guard's among them", names("ARMING_*")),
     Rule(

@@ -45,6 +45,7 @@ __all__ = [
     "MESSAGE_ROWS",
     "Access",
     "Row",
+    "begins_midway",
     "classify",
     "moves",
     "TAKE_OFF_MESSAGES",
@@ -190,6 +191,12 @@ def takes_off(frame: Frame, row: Row, modes: Modes = COPTER) -> bool:
     if values and isfinite(value) and _keeps(int(value), rule.bits) not in values:
         return False
     return rule.unless_zero is None or field_float(frame, f"param{rule.unless_zero}") != 0.0
+
+
+def begins_midway(row: Row) -> bool:
+    """Whether what takes off, by a frame with this row, is the mission from somewhere in it."""
+    rule = None if row.part is None else _TAKE_OFFS.get(row.part)
+    return rule is not None and rule.midway
 
 
 def _values(rule: TakeOffRule, modes: Modes) -> tuple[int, ...]:

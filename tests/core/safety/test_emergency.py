@@ -89,6 +89,20 @@ def test_who_is_about_to_have_a_commander_is_in_no_emergency() -> None:
     assert emergency.told == RETURN
 
 
+def test_what_goes_on_is_not_over_while_another_is_waited_out() -> None:
+    """The fault: "OVER: guard lost", and it was lost still, because the commander was lost beside that and another
+    station about to take the aircraft."""
+    emergency = Emergency(Limits())
+    emergency.judge({GUARD}, ALOFT, 100.0)
+    told = Decision(FlightAction.WARN, GUARD)
+    assert emergency.judge({GUARD}, ALOFT, 103.0) == News(told, None)
+    assert emergency.judge({GUARD, LOST}, ALOFT | {Fact.SUCCESSOR}, 104.0) is None
+    assert emergency.told == told
+    assert emergency.judge({GUARD}, ALOFT, 105.0) is None
+    emergency.judge(set(), ALOFT, 106.0)
+    assert decisions([emergency.judge(set(), ALOFT, 120.0)]) == ["over"]
+
+
 def test_an_emergency_whose_cause_is_gone_is_over_while_another_is_waited_out() -> None:
     emergency = Emergency(Limits())
     emergency.judge({OUT}, ALOFT, 100.0)

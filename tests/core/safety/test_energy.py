@@ -166,6 +166,12 @@ def test_the_way_home_climbs_flies_waits_and_lands() -> None:
     )
 
 
+def test_the_way_home_is_flown_at_the_speed_that_the_autopilot_returns_with() -> None:
+    """The fault: it was counted at cruise_mps of [energy], 10 m/s, whatever the mission had the autopilot fly at."""
+    up, there, down = way_home(900.0, 77.0, 5.0, 0.0, 15.0, speed_mps=1.5)
+    assert (up.speed_mps, there.speed_mps, down.speed_mps) == (None, 1.5, None)
+
+
 @pytest.mark.parametrize(("alt", "place_alt", "height"), [(5.0, 60.0, 60.0), (80.0, 60.0, 80.0), (5.0, -5.0, 15.0)])
 def test_the_place_and_the_aircraft_may_be_higher_than_the_return(alt: float, place_alt: float, height: float) -> None:
     way = way_home(100.0, 0.0, alt, place_alt, 15.0)

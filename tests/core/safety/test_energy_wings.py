@@ -98,6 +98,25 @@ def test_it_comes_home_climbing_on_its_way_and_circles_once_above_the_place() ->
     )
 
 
+DOWN = (Piece(length_m=1000.0, bearing_deg=EAST, speed_mps=20.0), Piece(length_m=1500.0, descent_m=60.0))
+
+
+def test_without_rotors_it_comes_down_by_its_landing_sequence() -> None:
+    """The fault: its return was counted with a landing of rotors, which it has not, and without the sequence."""
+    way = way_home(3600.0, SOUTH, 40.0, 30.0, 50.0, speed_mps=20.0, wings=True, down=DOWN)
+    there = Piece(length_m=3600.0, bearing_deg=SOUTH, climb_m=10.0, hold_s=30.0, speed_mps=20.0)
+    assert way == (there, *DOWN)
+    # 180 s there and 30 s around it, 50 s and 75 s down, at 360 W; 4 s of climb take 360 W more
+    assert MODEL.need_wh(way) == pytest.approx((335.0 * 360.0 + 4.0 * 360.0) / 3600.0)
+
+
+@pytest.mark.parametrize(("alt", "climb_m", "hold_s"), [(100.0, 0.0, 55.0), (50.0, 0.0, 30.0), (20.0, 30.0, 30.0)])
+def test_from_above_it_circles_down_to_the_height_of_its_place(alt: float, climb_m: float, hold_s: float) -> None:
+    """Below that ArduPlane does not go on to the sequence (RTL_AUTOLAND 1): 50 m at 2 m/s."""
+    there, *_down = way_home(3600.0, SOUTH, alt, 30.0, 50.0, wings=True, down=DOWN)
+    assert (there.climb_m, there.hold_s) == (climb_m, hold_s)
+
+
 def test_without_its_payload_its_rotors_take_less_and_its_wings_as_much() -> None:
     light = replace(MODEL, unloaded_part=0.5).unloaded
     assert (light.hover_w, light.climb_w, light.descent_w) == (900.0, 1080.0, 900.0)

@@ -50,7 +50,8 @@ def test_who_was_heard_of_has_chosen_what_he_can(heard: tuple[Hand, Flown | None
     helm.heard(HandSeen(*heard), AT - 4.9)
     change(helm, flown, radio=radio)
     helm.settle(AT + 1.0)
-    unknown = Hand.PILOT if radio else Hand.FAILSAFE if flown in (RTL, LAND) else Hand.STRANGER
+    by_itself = flown in (RTL, LAND) or (flown is HANDS and heard == (Hand.FAILSAFE, None))
+    unknown = Hand.PILOT if radio else Hand.FAILSAFE if by_itself else Hand.STRANGER
     assert helm.chosen_by is (heard[0] if flown in EXPLAINS[heard] else unknown)
 
 
@@ -104,6 +105,7 @@ FACTS = {
     (RTL, Hand.GUARD): ({Fact.RETURNING}, {Fact.RETURNING}),
     (RTL, Hand.FAILSAFE): ({Fact.FAILSAFE, Fact.RETURNING}, {Fact.FAILSAFE, Fact.RETURNING}),
     (LAND, Hand.FAILSAFE): ({Fact.FAILSAFE, Fact.LANDING}, {Fact.FAILSAFE, Fact.LANDING}),
+    (HANDS, Hand.FAILSAFE): ({Fact.FAILSAFE}, {Fact.FAILSAFE}),
     (STOP, Hand.FAILSAFE): (set(), set()),
     (AUTO, Hand.FAILSAFE): (set(), set()),
     (RTL, Hand.MISSION): ({Fact.RETURNING}, {Fact.RETURNING}),

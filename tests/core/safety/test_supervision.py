@@ -473,6 +473,17 @@ def test_that_it_lands_is_enough_for_a_return_and_a_landing_has_to_come_down() -
         assert watched.supervision.order is LAND, "under it there is nothing"
 
 
+def test_a_motion_that_is_not_seen_any_more_is_none() -> None:
+    """The fault: positions stopped, the time ran on, and a return that got on well was given up and landed."""
+    watched = returning()
+    watched.supervision.unseen()
+    assert watched.look(100.0) is None
+    watched.moves(8.0, left_m=FAR_M)
+    assert watched.look() is None, "its time begins with the first look behind it"
+    assert watched.look(29.9) is None
+    assert watched.look(0.1) is UNABLE
+
+
 def test_without_a_motion_nothing_is_concluded_of_a_return() -> None:
     watched = Watched(Flown.RETURN, motion=False).order(RETURN)
     assert watched.look() is OBEYED

@@ -22,11 +22,15 @@ _TAG = re.compile(r"// @(\w+): (.+)")
 _SET = re.compile(r"(?P<why>(?:#.*\n)+)(?P<name>[A-Z]\w*) (?P<value>\S+)\n")
 
 
+#: columns of what is recommended
+_COLUMNS = ("parameter", "value", "why")
+
+
 def parameters() -> str:
     """The page."""
     guard = list(_guard())
-    recommended = list(_recommended())
-    assert min(len(guard), len(recommended)) > 0, "no parameters found: have the files another form?"
+    copter, wings = list(_recommended(Kind.COPTER)), list(_recommended(Kind.PLANE))
+    assert min(len(guard), len(copter), len(wings)) > 0, "no parameters found: have the files another form?"
     return page(
         "Parameters of the autopilot",
         "## The guard's own",
@@ -35,13 +39,14 @@ def parameters() -> str:
             ("parameter", "default", "allowed", "meaning"),
             ((code(name), code(default), cell(allowed), cell(says)) for name, default, allowed, says in guard),
         ),
-        "## Recommended for the others",
+        "## Recommended for the others: a copter",
         "`ardupilot_lua/handover.parm` sets them (`handover guard` copies it to the card), for ArduCopter 4.5 to 4.7. "
         "It says as well what it leaves for you to decide.",
-        table(
-            ("parameter", "value", "why"),
-            ((code(name), code(value), cell(why)) for name, value, why in recommended),
-        ),
+        table(_COLUMNS, ((code(name), code(value), cell(why)) for name, value, why in copter)),
+        "## Recommended for the others: an aircraft with wings",
+        "`ardupilot_lua/handover_plane.parm` sets them (`handover guard --vehicle plane` copies it), for ArduPlane, "
+        "with rotors or without. It says as well what it leaves for you to decide.",
+        table(_COLUMNS, ((code(name), code(value), cell(why)) for name, value, why in wings)),
         "## What the companion reads before a flight",
         "On the ground; it says what does not fit, at the companion (`handover status`), and so does `handover "
         "doctor`. Of two names of one thing a firmware has one. These are the companion's own words for "
@@ -64,8 +69,9 @@ def _guard() -> Iterator[tuple[str, str, str, str]]:
         yield name, default, allowed, tags["Description"]
 
 
-def _recommended() -> Iterator[tuple[str, str, str]]:
-    for found in _SET.finditer((_LUA / "handover.parm").read_text(encoding="utf-8")):
+def _recommended(kind: Kind) -> Iterator[tuple[str, str, str]]:
+    file = "handover_plane.parm" if kind.winged else "handover.parm"
+    for found in _SET.finditer((_LUA / file).read_text(encoding="utf-8")):
         yield found["name"], found["value"], found["why"].replace("#", " ")
 
 
@@ -77,9 +83,8 @@ _PLAN = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0)
 def _said(name: str, kind: Kind = Kind.COPTER) -> str:
     """What preflight says of it, one sentence of each kind, where all others are as recommended."""
     fits = {each: float(default) for each, default, *_rest in _guard()}
-    fits |= {each: float(value) for each, value, _why in _recommended()}
+    fits |= {each: float(value) for each, value, _why in _recommended(kind)}
     fits |= {"HNDO_ALONE_MAX": 120.0, "BATT_MONITOR": 4.0, "BATT_LOW_VOLT": 10.5, "BATT_LOW_MAH": 0.0}
-    fits |= {"FS_GCS_ENABL": 1.0}
     fits |= {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 7.0, "FENCE_RADIUS": 2000.0, "FENCE_ALT_MAX": 100.0}
     found: dict[str, str] = {}
     for guard in (GuardState.LIVE, GuardState.SILENT):
