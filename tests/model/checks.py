@@ -20,7 +20,9 @@ of a transfer what the rules make of it. Nothing is asked of an arbiter but its 
    Unless it is in a gap that the mission declares: then it is ALONE, on its way, no longer than the gap's limit.
 6. The aircraft is held only where its commander's zone is about to end, and is told to go on only when authority has
    moved since, or in a gap that the mission declares.
-7. No transfer is begun of the vehicle's own accord unless the zone was entered since authority last changed, the
+7. Once the energy has been short for its hold-off the aircraft is brought home, and until it has landed nothing else is
+   commanded: whatever becomes of authority meanwhile, over a restart of the companion too.
+8. No transfer is begun of the vehicle's own accord unless the zone was entered since authority last changed, the
    commander's zone has ended or is about to and the partner's is not, or its links are weak and the partner's are not.
 What must hold for stations is in `station_checks.py`.
 """
@@ -39,6 +41,7 @@ from mavproxy_handover.core.events import (
     LinkJudged,
     PositionSeen,
     Send,
+    SignsSeen,
     StationHeard,
     StationMessage,
     ViewChanged,
@@ -61,6 +64,9 @@ __all__ = ["Books", "Violation", "Words", "check_vehicle", "demand", "is_old"]
 Words = frozenset[tuple[int, str]]
 #: the leases while nobody commands
 NOBODYS = (LeaseState.LOST, LeaseState.RECOVERING, LeaseState.ALONE)
+#: so many ticks the energy has to be short before anything is done for it (`causes.py`), and what is done then
+SHORT_S = 2
+HOMEWARD = (FlightAction.RETURN, FlightAction.LAND)
 
 
 class Violation(AssertionError):
@@ -113,6 +119,8 @@ class Books:
     alone: int | None = None
     #: it was held since another station commanded
     held: bool = False
+    #: ticks since no more energy is left than the way back needs; None: there is more
+    short: int | None = None
     #: the state file was lost: nobody commands until the next flight
     blank: bool = False
     #: the run began without a state file
@@ -128,6 +136,7 @@ class Books:
             connected=None if self.connected is None else min(self.connected + 1, int(limits.release_timeout_s)),
             recovering=None if self.recovering is None else min(self.recovering + 1, most),
             alone=None if self.alone is None else min(self.alone + 1, int(GAP_S)),
+            short=None if self.short is None else min(self.short + 1, SHORT_S + 1),
         )
 
     def restarted(self, phase: Phase, *, blank: bool) -> Books:
@@ -137,7 +146,10 @@ class Books:
             return known
         interrupted = phase is Phase.ON_HANDOVER
         recovering = 0 if self.had else None
-        return replace(known, had=self.had, silent=self.silent, recovering=recovering, interrupted=interrupted)
+        # what was not acted on yet is found again, or not, like anything else
+        short = SHORT_S if self.short is not None and self.short >= SHORT_S else None
+        known = replace(known, had=self.had, silent=self.silent, recovering=recovering, interrupted=interrupted)
+        return replace(known, short=short)
 
     def lost(self, station: int, limits: Limits, standard: frozenset[int]) -> bool:
         """Whether that commander counts as lost: it is silent, or hears nothing."""
@@ -185,7 +197,10 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
         books = replace(books, unanswered=0)
     if isinstance(event, AutopilotState):
         flying = event.armed and event.flying
-        books = replace(books, flying=flying, grounded=not event.armed, held=books.held and flying)
+        short = books.short if flying else None
+        books = replace(books, flying=flying, grounded=not event.armed, held=books.held and flying, short=short)
+    if isinstance(event, SignsSeen):
+        books = replace(books, short=0 if books.short is None else books.short)
     if isinstance(event, LinkJudged):
         books = replace(books, weak=books.weak - {event.station} | ({event.station} if event.weak else set()))
     if isinstance(event, PositionSeen):
@@ -251,6 +266,8 @@ def check_vehicle(
 
 
 def _check_command(books: Books, gate: AuthorityView, fly: Fly) -> Books:
+    if books.short is not None and books.short >= SHORT_S:
+        demand(fly.action in HOMEWARD, f"{fly.action.name} is commanded, and the energy is for the way back only")
     if fly.reason is Reason.COMMANDER_LOST:
         demand(gate.lease is LeaseState.LOST, f"{fly.action.name} for a lost commander, but it is not lost")
     if fly.action is FlightAction.HOLD:
@@ -274,6 +291,8 @@ def _check_view(books: Books, view: AuthorityView) -> None:
     quiet = view.phase in (Phase.ON_LOAD, Phase.EMERGENCY)  # there a transfer is no phase
     leases = (LeaseState.HELD, LeaseState.TRANSFER) if view.commander else NOBODYS
     nobody = view.lease is LeaseState.LOST and books.flying and not transfer
+    late = books.short is not None and books.short > SHORT_S and books.flying
+    demand(view.phase is Phase.EMERGENCY or not late, f"the energy is for the way back only, and it flies on: {view}")
     if (view.phase is Phase.ON_HANDOVER) is not (transfer and not quiet):
         raise Violation(f"the phase does not fit: {view}")
     if transfer and view.partner == view.commander:
@@ -396,8 +415,10 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, 
         if new.partner is not None and isinstance(event, ControlRequested) and event.station == old.commander:
             agreed = True
         books = replace(books, words=frozenset(), asked=frozenset(), agreed=agreed, connected=None)
-    if new.commander is None and old.commander is not None and new.epoch > old.epoch:
-        return replace(books, had=None)
+    if new.commander is None and old.commander is not None:
+        if new.epoch > old.epoch:
+            return replace(books, had=None)
+        books = replace(books, unanswered=int(limits.deaf_lost_s))  # to be heard does not bring it back, an answer does
     if new.commander is not None and new.commander != old.commander:
         books = replace(books, recovering=None, blank=False)
         if new.commander != books.had:

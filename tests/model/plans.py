@@ -21,6 +21,7 @@ ASKED = frozenset(Request) - {Request.WISH}
 TAKES = frozenset({Request.CONTROL, Request.GIVE})
 GAPS = CRASHES | {Fault.CUT}
 LOST, WEAK, DEATHS = frozenset({Fault.LOSE}), frozenset({Fault.WEAK}), frozenset({Fault.KILL_STATION})
+SHORT = frozenset({Fault.SHORT})
 #: a zone calls while another station may ask, then the commander's ends
 PAIRS = ("AC", "ABC", "aBC")
 
@@ -30,6 +31,7 @@ QUICK = (
     Setting("transfer, crashes", path=("AB",), faults=2, kinds=CRASHES),
     Setting("liars", faults=2, kinds=frozenset({Fault.LIE})),
     Setting("weak links", faults=1, kinds=FAULTS | {Fault.WEAK}),
+    Setting("energy", path=("AB", "aB", "B"), faults=1, kinds=SHORT, depth=20),
     Setting("through the region", path=("A", "AB", "B"), faults=1, depth=16),
     Setting("zone about to end", path=("AB", "aB", "B"), faults=1, depth=16),
     Setting("held at the border", path=("A", "a", "AB", "aB"), faults=1, kinds=DEATHS, depth=24),
@@ -69,6 +71,11 @@ DEEP = (
     Setting("transfer, cuts", faults=2, kinds=frozenset({Fault.CUT, Fault.LOSE, Fault.KILL_STATION})),
     Setting("liars", faults=3, kinds=frozenset({Fault.LIE, Fault.HOLD})),
     Setting("weak links", faults=2, kinds=frozenset({Fault.WEAK, Fault.LOSE, Fault.KILL_STATION})),
+    Setting("energy", path=("AB", "aB", "B"), faults=2, kinds=SHORT | CRASHES, depth=24),
+    Setting("energy at the border", path=("A", "a", "AB", "aB"), faults=2, kinds=SHORT | DEATHS, depth=24),
+    Setting(
+        "energy in a gap that the mission declares", path=("A", "=", "B"), faults=2, kinds=SHORT | DEATHS, depth=24
+    ),
     Setting("through the region", path=("A", "AB", "B"), faults=1),
     Setting("gap between the zones", path=("A", "", "B"), faults=1),
     Setting("there and back", path=("A", "AB", "A", "AB"), faults=1),

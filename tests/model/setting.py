@@ -27,11 +27,12 @@ class Fault(Enum):
     BLANK_VEHICLE = "the companion restarts and its state file is lost"
     CUT = "a link is cut in one direction; it may heal"
     WEAK = "the links of a station are over a limit; they may become good again"
+    SHORT = "no more energy is left than the way to the best place needs"
     LIE = "a station says a word of the present transfer that may not be its to say"
 
 
 #: what is explored by default
-FAULTS = frozenset(Fault) - {Fault.BLANK_VEHICLE, Fault.WEAK, Fault.LIE}
+FAULTS = frozenset(Fault) - {Fault.BLANK_VEHICLE, Fault.WEAK, Fault.SHORT, Fault.LIE}
 
 
 class Request(Enum):

@@ -13,6 +13,7 @@ from mavproxy_handover.core.events import (
     Cancel,
     ControlRequested,
     LinkJudged,
+    SignsSeen,
     StartFinished,
     StartRequested,
     StationMessage,
@@ -169,6 +170,10 @@ class Graph(World):
         if Fault.WEAK in kinds and up:
             weak = self.vehicles[state.vehicle].books.weak
             yield from (("fault", Fault.WEAK, n) for n, sysid in enumerate(self.sysids) if sysid not in weak)
+        if Fault.SHORT in kinds and up:
+            books = self.vehicles[state.vehicle].books
+            if books.flying and books.short is None:
+                yield "fault", Fault.SHORT, -1
         if Fault.LIE in kinds and up and self.vehicles[state.vehicle].view.partner is not None:
             for index, each in enumerate(state.stations):
                 if each != DEAD:
@@ -267,6 +272,8 @@ class Graph(World):
             draft.queues[which] = ()
         elif kind is Fault.WEAK:
             self._links(draft, which, weak=True)
+        elif kind is Fault.SHORT:
+            self._to_vehicle(draft, self.events(SignsSeen(energy=True)))
         else:
             self._lie(draft, which, LIES[word], to)
 

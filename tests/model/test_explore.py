@@ -21,6 +21,8 @@ from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.messages import DisconnectHandover
 from mavproxy_handover.core.model import Consent, Outcome, Reason, ZoneFact
+from mavproxy_handover.core.safety import strategy
+from mavproxy_handover.core.safety.causes import Cause as Wrong
 from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.transfer import Cause, End, Step
@@ -40,6 +42,7 @@ OPERATOR = Setting("operator", operators="A", faults=0)
 GAP = Setting("gap", path=("A", "=", "B"), faults=1, kinds=frozenset({Fault.KILL_STATION}))
 GAP_TWICE = Setting("gap, twice", path=("A", "="), faults=2, kinds=frozenset({Fault.KILL_STATION}))
 AWAITED = Setting("awaited", path=("A", "AB?", "AB"), faults=0)
+ENERGY = Setting("energy", path=("AB", "aB"), faults=1, kinds=frozenset({Fault.SHORT}))
 STATE_LOST = Setting("state file lost", path=("A", "_A", "AB"), faults=1, kinds=BLANK)
 
 
@@ -244,6 +247,17 @@ def new_time_with_each_loss(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Lookout, "lost", generous)
 
 
+def energy_is_nothing(patch: pytest.MonkeyPatch) -> None:
+    signs = Lookout.signs
+    patch.setattr(Lookout, "signs", lambda self, now: signs(self, now) - {Wrong.ENERGY})
+
+
+def what_is_milder_comes_first(patch: pytest.MonkeyPatch) -> None:
+    """At a border another station is waited for, and not returned for the energy."""
+    decide = strategy.decide
+    patch.setattr(strategy, "decide", lambda causes, *more: decide(causes - {Wrong.ENERGY} or causes, *more))
+
+
 PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
     commit_without_the_partners_word: (TWO_MESSAGES, "committed without the word of station 252"),
     commit_without_consent: (TRANSFER, "committed without the consent of station 251"),
@@ -268,6 +282,8 @@ PLANTED: dict[Callable[[pytest.MonkeyPatch], None], tuple[Setting, str]] = {
     a_gap_that_never_ends: (GAP, "ALONE for longer than the gap's limit"),
     alone_in_no_gap: (GAP, "ALONE, and in no gap"),
     new_time_with_each_loss: (GAP_TWICE, "ALONE for longer than the gap's limit"),
+    energy_is_nothing: (ENERGY, "the energy is for the way back only, and it flies on"),
+    what_is_milder_comes_first: (ENERGY, "the energy is for the way back only, and it flies on"),
     station_consents_for_its_operator: (OPERATOR, "OkHandover without the operator's word"),
 }
 
