@@ -20,6 +20,12 @@ __all__ = ["Aircraft"]
 
 _ON_GROUND = mavlink.MAV_LANDED_STATE_ON_GROUND
 _HOVERS: Final = (mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC, mavlink.MAV_VTOL_STATE_MC)
+#: what a copter never says: it is MC all the time
+_ON_WINGS: Final = (
+    mavlink.MAV_VTOL_STATE_TRANSITION_TO_FW,
+    mavlink.MAV_VTOL_STATE_TRANSITION_TO_MC,
+    mavlink.MAV_VTOL_STATE_FW,
+)
 
 #: ArduPlane's circle, if it does not tell, or has none (m)
 _CIRCLE_M: Final = 60.0
@@ -48,7 +54,9 @@ class Aircraft:
         #: what it was stopped in, where that is done by a mode of its own
         self.stopped_in: Flown | None = None
         self._vtol_state = mavlink.MAV_VTOL_STATE_UNDEFINED
-        #: a plane that hovers too: it has said so, or has the parameter; a copter says nothing of the kind
+        #: it was an ArduPlane when it was armed, or has flown on wings since
+        self._winged = False
+        #: a plane that hovers too: it has said so, or has the parameter
         self._has_rotors = False
         self._radius_m: dict[str, float] = {}
         self.landed_state = mavlink.MAV_LANDED_STATE_UNDEFINED
@@ -92,7 +100,9 @@ class Aircraft:
         self._was_disarmed |= not self.armed
         self.custom_mode = m.custom_mode
         self.critical = m.system_status == mavlink.MAV_STATE_CRITICAL
-        known = vehicle_of(m.autopilot, m.type, has_rotors=self._has_rotors)
+        # in the air it becomes no other aircraft, whatever it calls itself by then
+        self._winged = self.armed and (self._winged or self.vehicle is PLANE)
+        known = vehicle_of(m.autopilot, m.type, winged=self._winged)
         self.vehicle = COPTER if known is None else known
         self.foreign = "" if known else f"{_words('MAV_AUTOPILOT', m.autopilot)} {_words('MAV_TYPE', m.type)}"
         self.ways_down.mode(self.vehicle, m.custom_mode, now)
@@ -119,6 +129,7 @@ class Aircraft:
     def _take_landed(self, m: Any, now: float) -> None:
         self.landed_state, self.landed_state_at = m.landed_state, now
         self._vtol_state = m.vtol_state
+        self._winged = self._winged or (self.armed and m.vtol_state in _ON_WINGS)
         self._has_rotors = self._has_rotors or m.vtol_state != mavlink.MAV_VTOL_STATE_UNDEFINED
 
     def _take_parameter(self, m: Any, _now: float) -> None:

@@ -304,8 +304,8 @@ class Autopilot:
         self.places.take(message, now)
 
     def _on_energy(self, message: Any, now: float) -> None:
-        if self.aircraft.heartbeat_at > -math.inf:  # before its first one nothing is known of arming
-            self._energy.take(message, now, on_ground=not self.aircraft.armed)
+        aircraft = self.aircraft  # before its first heartbeat nothing is known of arming
+        self._energy.take(message, now, on_ground=not aircraft.armed and aircraft.heartbeat_at > -math.inf)
 
     def _adopted(self, package: MissionPackage, way: Way, now: float) -> None:
         self._energy.adopt(package.energy, way, now, wings=package.kind.winged)

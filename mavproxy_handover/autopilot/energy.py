@@ -87,7 +87,7 @@ class EnergyWatch:
     # ---- what comes in --------------------------------------------------------------------------------------------
 
     def take(self, message: Any, now: float, on_ground: bool) -> None:
-        """ATTITUDE, BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is disarmed."""
+        """ATTITUDE, BATTERY_STATUS or WIND of the autopilot. `on_ground`: it is known to be disarmed."""
         try:
             kind = message.get_type()
             if kind == "ATTITUDE":

@@ -6,7 +6,8 @@ whether it is a plane.
 
 What an autopilot says of itself is the frame (MAV_TYPE), and numbers of flight modes mean something else in every
 firmware. ArduPlane says FIXED_WING of itself, hovering or not, unless Q_MAV_TYPE names another type, be it a copter's.
-But what hovers by Q_ENABLE says whether it does (EXTENDED_SYS_STATE), which no copter does.
+But then it says when it flies on its wings (EXTENDED_SYS_STATE), which no copter does, and Q_MAV_TYPE is read before
+START.
 
 Sources: ArduCopter's mode.h, events.cpp, ekf_check.cpp, fence.cpp, RC_Channel_Copter.cpp, GCS_MAVLink_Copter.cpp;
 ArduPlane's mode.h, events.cpp, system.cpp, ekf_check.cpp, fence.cpp, commands_logic.cpp, quadplane.cpp (`get_mav_type`)
@@ -201,11 +202,11 @@ VEHICLES: Final = (COPTER, PLANE)
 _BY_TYPE: Final = {kind: vehicle for vehicle in VEHICLES for kind in vehicle.types}
 
 
-def vehicle_of(autopilot: int, kind: int, *, has_rotors: bool = False) -> Vehicle | None:
+def vehicle_of(autopilot: int, kind: int, *, winged: bool = False) -> Vehicle | None:
     """The firmware of a HEARTBEAT with this MAV_AUTOPILOT and MAV_TYPE; None: nothing that is flown here.
 
-    `has_rotors`: it has told whether it hovers or flies on wings, which goes before the type.
+    `winged`: it has shown itself to fly on wings, which goes before the type.
     """
     if autopilot != mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA:
         return None
-    return PLANE if has_rotors else _BY_TYPE.get(kind)
+    return PLANE if winged else _BY_TYPE.get(kind)

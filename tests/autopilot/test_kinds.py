@@ -107,9 +107,18 @@ def told(kind: int, vtol_state: int = 0, **parameters: float) -> Aircraft:
 
 def twice(kind: int, vtol_state: int) -> Aircraft:
     """The same, and one heartbeat more: ArduPlane with Q_MAV_TYPE set calls itself what that says, and still tells
-    whether it hovers. The fault: a return was ordered by a copter's number, FBWB."""
+    when it flies on its wings. The fault: a return was ordered by a copter's number, FBWB."""
     aircraft = told(kind, vtol_state)
-    aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 11, 4, 3), 2.0)
+    for at in (2.0, 3.0):
+        aircraft.take(mavlink.MAVLink_heartbeat_message(kind, 3, 128, 11, 4, 3), at)
+    assert (aircraft.foreign, aircraft.flown) == ("", Flown.RETURN)
+    return aircraft
+
+
+def called_otherwise() -> Aircraft:
+    """It hovers, and Q_MAV_TYPE is set in the air."""
+    aircraft = told(mavlink.MAV_TYPE_FIXED_WING, 3)
+    aircraft.take(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_QUADROTOR, 3, 128, 11, 4, 3), 2.0)
     assert (aircraft.foreign, aircraft.flown) == ("", Flown.RETURN)
     return aircraft
 
@@ -125,7 +134,9 @@ def twice(kind: int, vtol_state: int) -> Aircraft:
         (told(mavlink.MAV_TYPE_FIXED_WING, 4), Kind.QUADPLANE),
         (told(21, 3), Kind.QUADPLANE),
         (twice(mavlink.MAV_TYPE_QUADROTOR, 4), Kind.QUADPLANE),
-        (twice(mavlink.MAV_TYPE_GROUND_ROVER, 3), Kind.QUADPLANE),
+        (twice(mavlink.MAV_TYPE_GROUND_ROVER, 1), Kind.QUADPLANE),
+        (called_otherwise(), Kind.QUADPLANE),
+        (told(mavlink.MAV_TYPE_QUADROTOR, 3), Kind.COPTER),
         (told(mavlink.MAV_TYPE_GROUND_ROVER), Kind.COPTER),
     ],
     ids=[
@@ -138,6 +149,8 @@ def twice(kind: int, vtol_state: int) -> Aircraft:
         "tiltrotor",
         "called copter",
         "called rover",
+        "called copter in the air",
+        "hovers as copters do",
         "rover",
     ],
 )

@@ -153,6 +153,8 @@ class _Pack:
         self.power_w: float | None = None
         #: for a run after this one; None on the ground
         self.memory: PackMemory | None = None
+        #: taken up from the run before this one, and in flight since
+        self._resumed = False
         #: drawn in the air, as it was last known
         self._flies_w = flies_w
         self._left_wh: float | None = None
@@ -171,15 +173,15 @@ class _Pack:
         """A restart in flight: what was known before it holds on, as if it had just been said."""
         if memory.left_wh is None:
             return
-        self.memory, self.heard_at = memory, now
+        self._resumed, self.memory, self.heard_at = True, memory, now
         self._left_wh, self._used_wh = memory.left_wh, memory.used_wh
         self._most_wh, self._ohm = memory.most_wh, memory.ohm
 
     def take(self, report: PackReport, now: float, on_ground: bool) -> None:
         """A report of the monitor."""
         report = report.sane()
-        if on_ground and self._before is None:  # whatever it was taken up from was another flight
-            self._left_wh = self._used_wh = self._most_wh = self._ohm = None
+        if on_ground and self._resumed:  # the flight that it was taken up from is over
+            self._resumed, self._left_wh, self._used_wh, self._most_wh, self._ohm = False, None, None, None, None
         since_s = 0.0 if self.heard_at is None else max(0.0, now - self.heard_at)
         self._odd.clear()
         used_before = self._used_wh
@@ -346,7 +348,7 @@ class Batteries:
         return tuple(memory or PackMemory() for memory in kept) if any(kept) else ()
 
     def resume(self, memory: Sequence[PackMemory], now: float) -> None:
-        """The run before has ended in flight, and left this behind. It holds if the first report is of a flight too."""
+        """The run before has ended in flight, and left this behind. It holds until a report is one of the ground."""
         for pack, kept in zip(self._packs, memory, strict=False):
             pack.resume(kept, now)
 

@@ -323,8 +323,10 @@ def test_until_it_is_heard_again_it_draws_what_flying_takes_and_is_named() -> No
 
 def test_found_on_the_ground_it_is_another_flight() -> None:
     packs = restarted(aloft(), 10.0)
-    packs.take(0, FULL, 11.0, True)
-    assert packs.charge(11.0).left_wh == 100.0
+    packs.take(0, FULL, 11.0, False)
+    assert packs.charge(11.0).left_wh == pytest.approx(59.0), "its first report came before it was known to be disarmed"
+    packs.take(0, FULL, 12.0, True)
+    assert packs.charge(12.0).left_wh == 100.0
     assert packs.memory == ()
     packs.take(0, replace(FULL, used_wh=1.0, voltage_v=12.4, current_a=30.0), 14.0, False)
     assert packs.charge(14.0).left_wh == pytest.approx(99.0)
