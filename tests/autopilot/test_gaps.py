@@ -104,10 +104,10 @@ def test_only_in_auto_and_in_the_air(cockpit: Cockpit) -> None:
     assert cockpit.at(100.0) is None
     cockpit.say(AUTO, armed=False)
     assert cockpit.at(100.0) is None
-    cockpit.say(AUTO, kind=mavlink.MAV_TYPE_FIXED_WING)
-    assert cockpit.at(100.0) is None
     cockpit.say(AUTO)
     assert cockpit.at(100.0) == IN_IT
+    cockpit.say(AUTO, kind=mavlink.MAV_TYPE_FIXED_WING)
+    assert cockpit.at(100.0) is None
 
 
 def test_only_on_the_way_to_the_item_that_the_plan_flies_to_there(cockpit: Cockpit) -> None:
