@@ -193,18 +193,25 @@ class Aircraft:
         return self.kind.winged and self._vtol_state in _HOVERS
 
     @property
+    def loiter_radius_m(self) -> float | None:
+        """The radius of the circle that wings fly where nothing else is asked for (m); None: it is not known. Up to 1
+        it is the firmware's own (`Plane::update_loiter`)."""
+        radius_m = self._radius_m.get(_RADIUS)
+        return radius_m if radius_m is None or radius_m > 1.0 else _CIRCLE_M
+
+    @property
     def return_circle_m(self) -> float:
         """How far from the place of a return it stays while it circles there (m); 0 where it does not."""
         if not self.kind.winged or self.hovers:
             return 0.0
-        return self._radius_m.get(_RETURN_RADIUS) or self._radius_m.get(_RADIUS) or _CIRCLE_M
+        return self._radius_m.get(_RETURN_RADIUS) or self.loiter_radius_m or _CIRCLE_M
 
     @property
     def circles_s(self) -> float:
         """So long before a border (s) it has to be told to circle, to stay inside; 0 where it can stand still."""
         if not self.kind.winged or self.hovers:
             return 0.0
-        radius_m = self._radius_m.get(_RADIUS) or _CIRCLE_M
+        radius_m = self.loiter_radius_m or _CIRCLE_M
         return _REACTION_S + _ROOM * radius_m / max(self.own_speed_mps, _SLOWEST_MPS)
 
     @property
@@ -212,7 +219,7 @@ class Aircraft:
         """Its circle crosses a border that is nearer than this (m); 0 where it can stand still."""
         if not self.kind.winged or self.hovers:
             return 0.0
-        return _ROOM * (self._radius_m.get(_RADIUS) or _CIRCLE_M)
+        return _ROOM * (self.loiter_radius_m or _CIRCLE_M)
 
     @property
     def dead_reckoning(self) -> bool:

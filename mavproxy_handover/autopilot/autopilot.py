@@ -373,17 +373,22 @@ class Autopilot:
         """Tell the arbiter what START lacks for the gaps, for a return that ends on the ground, and of the aircraft."""
         self._judged_by = self._preflight.parameters
         self._gaps.judge(self._preflight.parameters, now)
-        wanted, kind = None if self._flown is None else self._flown.kind, self.aircraft.kind
-        other = wanted not in (None, kind) and self.aircraft.heartbeat_at > -math.inf
-        none = f"the mission is for a {wanted.value}, and this is a {kind.value}" if wanted and other else ""
-        none = self._preflight.other_type or none
-        if none != self._aircraft_lacks:
-            self._aircraft_lacks = none
-            self._ties.handle(AircraftJudged(none), now)
+        unfit = self._preflight.other_type or self._other_kind
+        if unfit != self._aircraft_lacks:
+            self._aircraft_lacks = unfit
+            self._ties.handle(AircraftJudged(unfit), now)
         lacks = self._preflight.circles_for_ever(self.aircraft.kind)
         if lacks != self._return_lacks:
             self._return_lacks = lacks
             self._ties.handle(ReturnJudged(lacks), now)
+
+    @property
+    def _other_kind(self) -> str:
+        """Which kind of aircraft the mission was checked for, in words; "" if it is this one, or not known."""
+        aircraft, route = self.aircraft, self._flown
+        if route is None or aircraft.heartbeat_at == -math.inf or route.kind is aircraft.kind:
+            return ""
+        return f"the mission is for a {route.kind.value}, and this is a {aircraft.kind.value}"
 
     def _circles_for_ever(self, facts: PlanFacts) -> str:
         parameters = self._preflight.parameters

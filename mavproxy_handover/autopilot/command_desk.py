@@ -265,7 +265,7 @@ class CommandDesk:
         """The radius of the circle around a guided target, for which so much is asked; 0: nothing."""
         model, wings = self._energy.fact.model, AS_IT_COMES if self.ahead is None else self.ahead.route.wings
         wind_mps = 0.0 if model is None else model.headwind_mps if model.wind is None else model.wind.speed_mps
-        told_m = asked_m or self._kept_radius_m or self._places.circle_m or 0.0
+        told_m = asked_m or self._kept_radius_m or self._aircraft.loiter_radius_m or 0.0
         return wings.circle_radius_m(told_m, speed_mps + wind_mps)
 
     def _place_of(self, aim: Aim, here: _Place) -> _Place | None:

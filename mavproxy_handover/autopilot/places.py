@@ -76,12 +76,10 @@ _GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
 _RETURN_ALTS: Final = {"RTL_ALT_M": 1.0, "RTL_ALT": 100.0, "RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0}
 #: parameter for the speed of a return (0: that of missions) -> its units in one m/s; ArduPlane has none
 _RETURN_SPEEDS: Final = {"RTL_SPEED_MS": 1.0, "RTL_SPEED": 100.0}
-#: the circle of wings, where nothing says otherwise (m); up to 1 it is the firmware's own (`Plane::update_loiter`)
-_LOITER_RADIUS, _LOITER_M = "WP_LOITER_RAD", 60.0
 #: what is read of the autopilot, and what counts of what it tells
 _NAMES: Final = (
     *_RETURN_ALTS, *_RETURN_SPEEDS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",
-    _LOITER_RADIUS,
+    "WP_LOITER_RAD",
 )  # fmt: skip
 _CEILING, _CIRCLE = 1, 2
 _HOME: Final = "home"
@@ -347,14 +345,6 @@ class PlaceWatch:
     def ceiling_m(self) -> float | None:
         """The ceiling of the autopilot's own fence (m above home); None: it has none that is known to be on."""
         return _fence_limits(self._parameters).ceiling_m
-
-    @property
-    def circle_m(self) -> float | None:
-        """The radius of the circle that wings fly where nothing else is asked for (m); None: it is not known."""
-        radius_m = self._parameters.get(_LOITER_RADIUS)
-        if radius_m is None:
-            return None
-        return abs(radius_m) if abs(radius_m) > 1.0 else _LOITER_M
 
     @property
     def return_mps(self) -> float | None:

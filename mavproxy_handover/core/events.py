@@ -26,8 +26,8 @@ from mavproxy_handover.core.model import (
 )
 
 __all__ = [
-    "AircraftJudged",
     "Action",
+    "AircraftJudged",
     "Announce",
     "AutopilotState",
     "BeginStart",

@@ -38,8 +38,8 @@ _MAX_SYSID = 255
 #: the next run begins one above what it finds, and each change of authority takes one more of the 32 bits
 _MAX_EPOCH = 0xFFFF_0000
 _DIGEST_BYTES = 32
-#: more than any battery has of anything
-_MOST_AMOUNT = 1e6
+#: more than the most that is believed of a battery monitor comes to: no word of one costs the file
+_MOST_AMOUNT = 1e12
 
 
 class StateError(Exception):

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mavproxy_handover.core.model import Phase
-from mavproxy_handover.core.safety.battery import PackMemory
+from mavproxy_handover.core.safety.battery import Batteries, PackMemory, PackReport
 from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission import package as mission_package
@@ -100,7 +100,7 @@ def good_body() -> dict[str, Any]:
 
 
 GOOD_PACK = good_body()["packs"][0]
-BAD_AMOUNTS = (1, "1.0", True, [1.0], -0.1, 1.1e6, float("nan"), float("inf"))
+BAD_AMOUNTS = (1, "1.0", True, [1.0], -0.1, 1.1e12, float("nan"), float("inf"))
 
 
 class TestKept:
@@ -118,10 +118,22 @@ class TestKept:
             replace(BEFORE, held_since=1234.5, held_for=Cause.COVERAGE_ENDS),
             replace(BEFORE, stands=True),
             replace(BEFORE, lasting=()),
-            replace(BEFORE, packs=(PackMemory(), PackMemory(0.0, 126.0, 1e6, 0.021))),
+            replace(BEFORE, packs=(PackMemory(), PackMemory(0.0, 126.0, 1e12, 0.021))),
         ],
     )
     def test_what_was_saved_is_what_is_loaded(self, store: StateStore, snapshot: Snapshot) -> None:
+        store.save(snapshot)
+        assert held(store) == snapshot
+
+    def test_no_word_of_a_battery_monitor_costs_the_file(self, store: StateStore) -> None:
+        """The fault: a counter of millions was kept, and with it the next run read nothing of who commands either."""
+        packs = Batteries(126.0, 1, 3.0, 1e9, 385.0)
+        most = PackReport(used_mah=1e8, remaining=1.0, voltage_v=1000.0, current_a=10_000.0)
+        for second in range(10):
+            packs.take(0, replace(most, used_mah=1e8 * (second % 2)), float(second), False)
+        assert packs.memory
+        assert (packs.memory[0].used_wh or 0.0) > 1e7
+        snapshot = replace(BEFORE, packs=packs.memory)
         store.save(snapshot)
         assert held(store) == snapshot
 
