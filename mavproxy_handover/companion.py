@@ -157,6 +157,7 @@ class Companion:
         self._briefing = Briefing(self.arbiter, self.autopilot, ports, self.fault)
         self.gate.targets.judge = self.autopilot.desk.target
         self.gate.takes_over = self.autopilot.orders.takes_over
+        self.gate.of_served_file = self.autopilot.places.list.file.access
         self._overrides = Overrides(self.autopilot.desk, lambda: self.view.commander, config.sysid)
         jobs = [
             ("send_lease", self._send_lease, status.LEASE_INTERVAL_S),

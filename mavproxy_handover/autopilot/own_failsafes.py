@@ -10,8 +10,8 @@ ArduCopter's own fences, around home and above it, end a mission that leaves the
 A plane that returns circles at the place for ever unless something ends that: the mission's landing sequence
 (RTL_AUTOLAND), or its rotors (Q_RTL_MODE). Without, no START (`circles_for_ever`).
 
-Names and units differ by firmware: RTL_ALT, RTL_ALT_FINAL and RTL_SPEED are centimetres (a second), RTL_ALT_M,
-RTL_ALT_FINAL_M and RTL_SPEED_MS (from 4.7 on) metres.
+Names and units differ by firmware: RTL_ALT, RTL_ALT_FINAL, RTL_CLIMB_MIN of copters and RTL_SPEED are centimetres (a
+second), RTL_ALT_M, RTL_ALT_FINAL_M, RTL_CLIMB_MIN_M and RTL_SPEED_MS (from 4.7 on) metres.
 Sources: ArduCopter's and ArduPlane's Parameters.cpp, Plane.h (`_failsafe_priorities`), events.cpp, mode_rtl.cpp and
 fence.cpp of the latter, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of the parameters.
 """
@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from mavproxy_handover.core.model import Kind
+from mavproxy_handover.core.safety.energy import LOITER_S
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import LANDINGS
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
@@ -48,7 +49,7 @@ NAMES: Final = (
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RTL_SPEED", "RTL_SPEED_MS", "RALLY_INCL_HOME",
-    "HNDO_ACTION",
+    "RTL_CLIMB_MIN", "RTL_CLIMB_MIN_M", "RTL_LOIT_TIME", "HNDO_ACTION",
 )  # fmt: skip
 #: the same of an aircraft with wings
 PLANE_NAMES: Final = (
@@ -208,6 +209,25 @@ def _return_height(name: str, unit_m: float) -> Rule:
         return f"is {height_m:g} m, above FENCE_ALT_MAX: a return is flown at {most_m:g} m"
 
     return rule
+
+
+def _first_climb(name: str, unit_m: float) -> Rule:
+    """A copter's RTL climbs by so much first, as far as the fence lets it (`ModeRTL::build_path`)."""
+
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        climb_m = p.get(name, 0.0) * unit_m
+        if climb_m <= 0.0:
+            return None
+        return f"is {climb_m:g} m: a return climbs by so much first, and the energy of that is not counted"
+
+    return rule
+
+
+def _loiter(p: Parameters, plan: PlanFacts | None) -> str | None:
+    waits_s = p.get("RTL_LOIT_TIME", 0.0) / 1000.0
+    if waits_s <= LOITER_S:
+        return None
+    return f"is {waits_s:g} s: a return waits so long above its place, and the energy of {LOITER_S:g} s is counted"
 
 
 def _climb(p: Parameters, plan: PlanFacts | None) -> str | None:
@@ -390,5 +410,8 @@ RULES: Final[tuple[tuple[str, Rule, frozenset[Kind]], ...]] = (
     ("RTL_ALT_FINAL_M", _hover("RTL_ALT_FINAL_M", 1.0), COPTERS),
     ("RTL_SPEED", _return_speed("RTL_SPEED", 0.01), COPTERS),
     ("RTL_SPEED_MS", _return_speed("RTL_SPEED_MS", 1.0), COPTERS),
+    ("RTL_CLIMB_MIN", _first_climb("RTL_CLIMB_MIN", 0.01), COPTERS),
+    ("RTL_CLIMB_MIN_M", _first_climb("RTL_CLIMB_MIN_M", 1.0), COPTERS),
+    ("RTL_LOIT_TIME", _loiter, COPTERS),
     ("RALLY_INCL_HOME", _home, EVERY),
 )

@@ -3,12 +3,13 @@
 """The rally list that stations see: the points where a return may go, served by the companion itself.
 
 The autopilot's own list holds one point, the place that is chosen of these (`rally.py`), and no station reads or writes
-it. What a station's program takes for the autopilot's list is this one: the mission protocol for rally points, both
-ways, answered in the autopilot's name. The gate lets everybody read, and the commander write.
+it. What a station's program takes for the autopilot's list is this one: the mission protocol for rally points, and the
+file `@MISSION/rally.dat`, both ways, answered in the autopilot's name. The gate lets everybody read, and the commander
+write.
 
 An upload counts when it is whole and every point makes sense: then it replaces all of the list, until the flight is
 over. One that breaks off leaves the list as it was, and so does one whose station commands no more. How it goes is for
-`gate/mission_server.py`, as for every list that is uploaded here.
+`gate/mission_server.py`, as for every list that is uploaded here, and `gate/list_file.py`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.mission_protocol import rally_items
 from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.gate.list_file import ListFile
 from mavproxy_handover.gate.mission_items import Flaw, flaw
 from mavproxy_handover.gate.mission_server import MissionServer, Turn
 from mavproxy_handover.mission.items import FRAME_ABOVE_HOME, MissionItem, RallyPoint
@@ -50,12 +52,18 @@ class RallyList:
         self._points = points
         self._replaced = replaced
         self._server = MissionServer(_RALLY, MOST_POINTS, _flaw)
+        #: the same as a file
+        self.file = ListFile(_RALLY, MOST_POINTS, lambda: rally_items(points()), _flaw)
         #: of the upload that is open
         self._port: StationPort | None = None
 
     def take(self, port: StationPort, message: Any, now: float) -> None:
-        """A message of the mission protocol about rally points; the gate has seen whether the station may send it."""
+        """A message about rally points, of the mission protocol or of file transfer; the gate has seen whether the
+        station may send it."""
         sender = (message.get_srcSystem(), message.get_srcComponent())
+        if message.get_type() == "FILE_TRANSFER_PROTOCOL":
+            self._take_file(port, message, sender, now)
+            return
         if message.mission_type != _RALLY:  # to clear all lists at once, as ArduPilot has it
             refusal = mavlink.MAVLink_mission_ack_message(
                 *sender, mavlink.MAV_MISSION_UNSUPPORTED, message.mission_type
@@ -74,6 +82,13 @@ class RallyList:
             self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
             self._ties.answer(port, _WORDS, self._server.conclude(mavlink.MAV_MISSION_ACCEPTED, now))
 
+    def _take_file(self, port: StationPort, message: Any, sender: tuple[int, int], now: float) -> None:
+        self._give_up(now)
+        turn = self.file.take(port.sysid, message, sender)
+        if turn.whole is not None:
+            self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
+        self._ties.answer(port, _WORDS, turn)
+
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
         self._give_up(now)
@@ -81,7 +96,10 @@ class RallyList:
             self._ties.answer(self._port, _WORDS, self._server.tick(now))
 
     def _give_up(self, now: float) -> None:
-        """The upload of a station that commands no more."""
+        """The uploads of stations that command no more."""
+        for station in self.file.writers:
+            if not self._ties.commands(station):
+                self.file.forget(station)
         if self._server.sender is None:
             self._port = None
         if self._port is not None and not self._ties.commands(self._port.sysid):

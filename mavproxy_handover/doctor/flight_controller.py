@@ -23,7 +23,7 @@ from mavproxy_handover.core import model
 from mavproxy_handover.core.model import GuardState
 from mavproxy_handover.doctor.advice import advice
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
-from mavproxy_handover.doctor.guard_script import card_checksum, checksum, shipped_script
+from mavproxy_handover.doctor.guard_script import card_checksum, shipped_script
 from mavproxy_handover.doctor.journal import autopilot_by_journal
 from mavproxy_handover.doctor.line import RATES, here, line_findings, usable
 from mavproxy_handover.doctor.patient import Patient
@@ -31,6 +31,7 @@ from mavproxy_handover.doctor.talk import Talk
 from mavproxy_handover.link.devices import DeviceSpec, Kind, LinkError, open_device, parse_device
 from mavproxy_handover.store.keys import KeysError, load_key
 from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
+from mavproxy_handover.wire.file_transfer import checksum
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, GUARD_STATUS_TUNNEL
 from mavproxy_handover.wire.lease import GuardStatus, unpack_guard_status

@@ -33,7 +33,6 @@ autopilot has not acknowledged.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -43,6 +42,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.gate.judge import Fate, Verdict
 from mavproxy_handover.gate.policy.files import is_upload
 from mavproxy_handover.gate.policy.parts import MISSION_TYPES
+from mavproxy_handover.wire.file_transfer import DATA, Head, head_of
+from mavproxy_handover.wire.file_transfer import message as file_message
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import (
     AUTOPILOT_COMPID,
@@ -63,9 +64,6 @@ _MOST_OPEN: Final = 8
 _TOO_MANY_ITEMS: Final = 0xFFFF
 
 #: Sequence number, session, opcode, size of the data, opcode that is answered.
-_FTP_HEAD: Final = struct.Struct("<HBBBB")
-_FTP_DATA: Final = slice(12, 250)
-_FTP_BYTES: Final = 251
 _HEADER_BYTES: Final = 12  #: at least as long as the headers of parameter and mission files
 
 _COUNT: Final = mavlink.MAVLINK_MSG_ID_MISSION_COUNT
@@ -220,17 +218,17 @@ class FlushTracker:
 
     def _saw_file(self, frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
         request = field_bytes(frame, "payload")
-        sequence, session, opcode, _size, _request = _FTP_HEAD.unpack_from(request)
-        if opcode in (FTP_CREATE, FTP_OPEN_WRITE):
-            name = sender, session, request[_FTP_DATA].partition(b"\0")[0]
+        head = head_of(request)
+        if head.opcode in (FTP_CREATE, FTP_OPEN_WRITE):
+            name = sender, head.session, request[DATA].partition(b"\0")[0]
             known = opened.files.get(name)
             acknowledged = known is not None and known.acknowledged
             if known is None and len(opened.files) >= _MOST_OPEN:  # rather what may never have been opened
                 del opened.files[min(opened.files, key=lambda other: opened.files[other].acknowledged)]
-            _remember(opened.files, name, _File(component, sequence, sequence, acknowledged))
+            _remember(opened.files, name, _File(component, head.sequence, head.sequence, acknowledged))
         for name, file in opened.files.items():
             if name[0] == sender:
-                opened.files[name] = replace(file, sequence=sequence)
+                opened.files[name] = replace(file, sequence=head.sequence)
 
     def _saw_sticks(self, _frame: Frame, opened: _Open, sender: _Sender, component: int) -> None:
         _remember(opened.sticks, sender, component)
@@ -264,19 +262,19 @@ class FlushTracker:
                 opened.uploads.pop((_addressee(frame), field_int(frame, "mission_type")), None)
 
     def _heard_file(self, frame: Frame) -> None:
-        sequence, session, opcode, _size, request = _FTP_HEAD.unpack_from(field_bytes(frame, "payload"))
-        asked = (sequence - 1) & 0xFFFF
-        session_of = _addressee(frame), session
+        head = head_of(field_bytes(frame, "payload"))
+        asked = (head.sequence - 1) & 0xFFFF
+        session_of = _addressee(frame), head.session
         for opened in self._open.values():
             for name, file in list(opened.files.items()):
                 if name[:2] != session_of:
                     continue
-                if opcode == FTP_ACK and request in (FTP_TERMINATE, FTP_RESET):
+                if head.opcode == FTP_ACK and head.answered in (FTP_TERMINATE, FTP_RESET):
                     del opened.files[name]
-                elif request in (FTP_CREATE, FTP_OPEN_WRITE) and file.asked == asked:
-                    if opcode == FTP_ACK:
+                elif head.answered in (FTP_CREATE, FTP_OPEN_WRITE) and file.asked == asked:
+                    if head.opcode == FTP_ACK:
                         opened.files[name] = replace(file, acknowledged=True)
-                    elif opcode == FTP_NAK and not file.acknowledged:
+                    elif head.opcode == FTP_NAK and not file.acknowledged:
                         del opened.files[name]
 
     # ---- what closes ------------------------------------------------------------------------------------------------
@@ -294,9 +292,8 @@ class FlushTracker:
             requests.insert(0, (FTP_WRITE, _HEADER_BYTES))  # zeros, at offset zero
         messages = []
         for number, (opcode, size) in enumerate(requests, start=1):
-            head = _FTP_HEAD.pack((file.sequence + number) & 0xFFFF, session, opcode, size, 0)
-            payload = list(head.ljust(_FTP_BYTES, b"\0"))
-            messages.append(mavlink.MAVLink_file_transfer_protocol_message(0, self._vehicle, file.component, payload))
+            head = Head((file.sequence + number) & 0xFFFF, session, opcode, size)
+            messages.append(file_message((self._vehicle, file.component), head))
         shown = path.decode("ascii", "replace")
         thrown_away = ", contents thrown away" if is_upload(path) else ""
         return Closing(f"file {shown!r} closed{thrown_away}", _packed(sender, *messages), incomplete=not thrown_away)

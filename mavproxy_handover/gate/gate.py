@@ -31,6 +31,8 @@ Rules that live here
    this way.
 9. What the autopilot of this aircraft does not know and the companion does in its place (`takes_over`: a plane's STOP)
    is the companion's matter in flight. The verdict is the same: the commander's passes, and nobody else's.
+10. What a station asks of a file that the companion serves in the autopilot's place is the companion's matter; which
+   requests those are, whoever serves it knows (`of_served_file`).
 
 What breaks in the noting of a frame costs that frame's note and is told; whatever else raises is the caller's.
 """
@@ -48,7 +50,7 @@ from mavproxy_handover.core.model import AuthorityView, Phase
 from mavproxy_handover.gate.downlink import DownlinkPolicy
 from mavproxy_handover.gate.flush import Closing, FlushTracker
 from mavproxy_handover.gate.intent import TARGET_MESSAGES
-from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge
+from mavproxy_handover.gate.judge import Fate, GateReason, StationIdentity, Verdict, judge, outcome
 from mavproxy_handover.gate.latent import LatentStreams, News, State, arms, lines
 from mavproxy_handover.gate.naming import named
 from mavproxy_handover.gate.observers import ObserverLimits, ObserverRates
@@ -66,6 +68,7 @@ from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, LANGU
 __all__ = ["UNNOTED", "Gate", "Port"]
 
 _HEARTBEAT: Final[int] = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+_FTP: Final[int] = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
 _CONTROL_STATUS: Final[int] = mavlink.MAVLINK_MSG_ID_CONTROL_STATUS
 #: components of the vehicle that only the companion speaks as (rule 8)
 _OURS: Final = frozenset((COMPANION_COMPID, LANGUAGE_COMPID, PROBE_COMPID))
@@ -142,6 +145,9 @@ class Gate:
         self._say = say
         #: whether the companion carries this out in the autopilot's place; whoever knows the aircraft sets it
         self.takes_over: Callable[[Frame], bool] = lambda _frame: False
+        #: what a station's request of file transfer takes that belongs to a file which the companion serves, None: it
+        #: belongs to none; whoever serves one sets it
+        self.of_served_file: Callable[[int, Frame], Access | None] = lambda _station, _frame: None
         #: what the numbers of its modes mean; whoever knows the autopilot sets it
         self.modes: Modes = COPTER
         self._flusher = FlushTracker(vehicle)
@@ -188,6 +194,11 @@ class Gate:
             if frame.msgid in TARGET_MESSAGES and verdict.fate is Fate.FORWARD and self.view.phase is not Phase.ON_LOAD:
                 verdict = self.targets.limit(frame, verdict, port.sysid, now, self.modes)
         commands = port.sysid == self.view.commander
+        if frame.msgid == _FTP and verdict.fate is not Fate.DROP:
+            access = self.of_served_file(port.sysid, frame)
+            if access is not None:
+                fate, reason = outcome(access, commands, self.view.armed)
+                verdict = Verdict(fate, access, reason, verdict.what)
         if (
             verdict.access is Access.COMMAND
             and verdict.fate is Fate.FORWARD

@@ -11,8 +11,8 @@ the companion one journal, so (`BUDGETS`):
    apart: who asks too much of the autopilot can still take part in a transfer, and nobody keeps another one from it.
    What is over a limit is dropped.
 2. While the commander has a file open for writing, and for `PRIORITY_S` after whatever it asked of file transfer,
-   nobody else uses that: the autopilot closes the file of a session that has paused for 3 s as soon as another one asks
-   for anything, and closing applies what is half-written; and one that pauses less keeps the commander out.
+   nobody else uses that of the autopilot, which closes the file of a session that has paused for 3 s as soon as another
+   one asks for anything, and closing applies what is half-written; and one that pauses less keeps the commander out.
 3. Of one station only `SENDERS` senders (system, component) reach the autopilot: it remembers twenty, for ever, and a
    component of the aircraft that speaks up later would not be found any more.
 
@@ -131,7 +131,8 @@ class Questions:
             costs[Sort.SLOWNESS] = slow_until - max(self._slow_until, now)
         if not known or not self._affords(station_sysid, costs, now):
             return verdict._replace(fate=Fate.DROP, reason=GateReason.TOO_MANY)
-        if frame.msgid == _FTP and commander is not None and self._commander_needs_files(commander, now):
+        autopilots = frame.msgid == _FTP and sort is not Sort.COMPANION
+        if autopilots and commander is not None and self._commander_needs_files(commander, now):
             return verdict._replace(fate=Fate.REFUSE, reason=GateReason.FILE_BUSY)
         self._slow_until = slow_until
         return verdict

@@ -20,7 +20,6 @@ Sources: MAVLink command, mission, parameter, extended parameter and file-transf
 
 from __future__ import annotations
 
-import struct
 from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Final
@@ -30,6 +29,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.gate.judge import Fate, GateReason, Verdict
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.gate.words import by_itself
+from mavproxy_handover.wire.file_transfer import answer as file_answer
+from mavproxy_handover.wire.file_transfer import head_of
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_int, target
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, FTP_NAK, NOT_IN_CONTROL
 
@@ -38,11 +39,6 @@ __all__ = ["CAUSE_S", "SILENT", "OncePerCause", "RefusalLimiter", "has_words", "
 FTP_ERROR_NO_SESSION: Final = 5
 FTP_ERROR_UNKNOWN_COMMAND: Final = 7
 FTP_ERROR_FILE_PROTECTED: Final = 9
-
-#: Sequence number, session, opcode, (size, requested opcode, burst, padding), offset.
-_FTP_REQUEST: Final = struct.Struct("<HBB4x4s")
-#: Sequence number, session, opcode, size (of the error), the opcode that is refused, (burst, padding), offset, error.
-_FTP_ANSWER: Final = struct.Struct("<HBBBB2x4sB")
 
 #: how often (s) the same cause is told
 CAUSE_S: Final = 10.0
@@ -137,16 +133,8 @@ def _param_ext_ack(frame: Frame, _verdict: Verdict) -> mavlink.MAVLink_message:
 
 
 def _ftp_nak(frame: Frame, verdict: Verdict) -> mavlink.MAVLink_message:
-    request = field_bytes(frame, "payload")
-    sequence, session, opcode, offset = _FTP_REQUEST.unpack_from(request)
     error = _FTP_ERRORS.get(verdict.reason, FTP_ERROR_FILE_PROTECTED)
-    answer = _FTP_ANSWER.pack((sequence + 1) & 0xFFFF, session, FTP_NAK, 1, opcode, offset, error)
-    return mavlink.MAVLink_file_transfer_protocol_message(
-        target_network=0,
-        target_system=frame.sysid,
-        target_component=frame.compid,
-        payload=list(answer.ljust(len(request), b"\0")),
-    )
+    return file_answer((frame.sysid, frame.compid), head_of(field_bytes(frame, "payload")), FTP_NAK, bytes((error,)))
 
 
 def _builders() -> dict[int, _Builder]:

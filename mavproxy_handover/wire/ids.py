@@ -21,10 +21,14 @@ __all__ = [
     "DOCTOR_COMPID",
     "EVERYBODY",
     "FTP_ACK",
+    "FTP_BURST",
+    "FTP_CHECKSUM",
     "FTP_CREATE",
     "FTP_NAK",
     "FTP_OPCODES",
+    "FTP_OPEN_READ",
     "FTP_OPEN_WRITE",
+    "FTP_READ",
     "FTP_RENAME",
     "FTP_RESET",
     "FTP_TERMINATE",
@@ -103,10 +107,14 @@ LIMITS: Final[dict[int, str]] = {
 
 FTP_TERMINATE: Final = 1
 FTP_RESET: Final = 2
+FTP_OPEN_READ: Final = 4
+FTP_READ: Final = 5
 FTP_CREATE: Final = 6
 FTP_WRITE: Final = 7
 FTP_OPEN_WRITE: Final = 11
 FTP_RENAME: Final = 13
+FTP_CHECKSUM: Final = 14
+FTP_BURST: Final = 15
 FTP_ACK: Final = 128
 FTP_NAK: Final = 129
 
@@ -116,8 +124,8 @@ FTP_OPCODES: Final = {
     FTP_TERMINATE: "TerminateSession",
     FTP_RESET: "ResetSessions",
     3: "ListDirectory",
-    4: "OpenFileRO",
-    5: "ReadFile",
+    FTP_OPEN_READ: "OpenFileRO",
+    FTP_READ: "ReadFile",
     FTP_CREATE: "CreateFile",
     FTP_WRITE: "WriteFile",
     8: "RemoveFile",
@@ -126,8 +134,8 @@ FTP_OPCODES: Final = {
     FTP_OPEN_WRITE: "OpenFileWO",
     12: "TruncateFile",
     FTP_RENAME: "Rename",
-    14: "CalcFileCRC32",
-    15: "BurstReadFile",
+    FTP_CHECKSUM: "CalcFileCRC32",
+    FTP_BURST: "BurstReadFile",
     16: "ListDirectoryWithTime",
     FTP_ACK: "Ack",
     FTP_NAK: "Nak",

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.doctor.guard_script import card_checksum, checksum
+from mavproxy_handover.doctor.guard_script import card_checksum
 from mavproxy_handover.wire.conversation import Conversation
+from mavproxy_handover.wire.file_transfer import checksum
 
 ACK, NAK = 128, 129
 HARDWARE, SIMULATION = b"/APM/scripts/handover_guard.lua", b"scripts/handover_guard.lua"

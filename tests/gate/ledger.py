@@ -159,12 +159,14 @@ MAINTENANCE_FILES = [
     (4, b"/APM/CubeOrange.stg"),
     (4, b"APM/CUBEOR~1.STG"),
     (11, b"APM/mission.stg"),
-    (6, b"@MISSION/rally.dat"),
-    (11, b"/@mission/RALLY.dat"),
-    (6, b"/@mission/rally.dat"),
-    (4, b"@MISSION/rally.dat"),
-    (14, b"@MISSION\\rally.dat"),
+    (8, b"@MISSION/rally.dat"),
+    (12, b"@MISSION/rally.dat"),
     (13, b"x\0@MISSION/rally.dat"),
+    (13, b"@MISSION/rally.dat\0x"),
+    (3, b"@MISSION/rally.dat"),
+    (6, b"@MISSION/rally.dat2"),
+    (4, b"@MISSIONrally.dat"),
+    (4, b"@MISSION/x/../rally.dat"),
     (4, b"eeprom.bin"),
     (4, b"./eeprom-replay.bin"),
 ]
@@ -175,6 +177,17 @@ TOLD_FILES = [
     (16, b"/apm/logs/"),
     (14, b"logs/1.BIN"),
     (8, b"APM/LOGS/1.BIN"),
+]
+#: the list that a return chooses its place of, the companion's own
+RALLY_READ_FILES = [
+    (4, b"@MISSION/rally.dat"),
+    (4, b"/@mission/RALLY.dat"),
+    (14, b"@MISSION\\rally.dat"),
+]
+RALLY_WRITE_FILES = [
+    (6, b"@MISSION/rally.dat"),
+    (6, b"/@mission/rally.dat"),
+    (11, b"/@mission/RALLY.dat"),
 ]
 #: the commander's on the ground
 SAFEGUARD_FILES = [
@@ -526,6 +539,8 @@ def cases() -> Iterator[Case]:
     for files, kind in (
         (MAINTENANCE_FILES, MAINTENANCE),
         (TOLD_FILES, TOLD),
+        (RALLY_READ_FILES, RALLY_READ),
+        (RALLY_WRITE_FILES, RALLY_WRITE),
         (SAFEGUARD_FILES, SAFEGUARD),
         (PLAIN_FILES, None),
     ):

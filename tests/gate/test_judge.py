@@ -239,9 +239,13 @@ def test_nothing_of_a_station_reaches_the_autopilots_own_rally_list(make: Callab
                 assert both_ways(make(name, sysid=sysid, mission_type=0), station) == [ALLOWED, ALLOWED]
     for message in ("PARAM_SET", "PARAM_EXT_SET", "PARAM_MAP_RC"):
         assert both_ways(make(message, param_id=b"RALLY_TOTAL"), A) == [refused, refused]
-    for opcode in (4, 6, 8, 11, 14):
+    for opcode in (4, 6, 8, 11, 12, 14):
         file = make("FILE_TRANSFER_PROTOCOL", payload=ftp_request(opcode, b"@MISSION/rally.dat"))
-        assert both_ways(file, A) == [refused, refused]
+        kept = refused if opcode in (8, 12) else taken
+        assert both_ways(file, A) == [kept, kept]
+        theirs = make("FILE_TRANSFER_PROTOCOL", sysid=GCSB, payload=ftp_request(opcode, b"@MISSION/rally.dat"))
+        kept = NOT_IN_CONTROL if opcode in (6, 11) else kept
+        assert both_ways(theirs, B) == [kept, kept]
     for name in ("RALLY_POINT", "RALLY_FETCH_POINT"):
         assert both_ways(make(name), A) == [refused, refused]
 

@@ -243,6 +243,7 @@ PLAN, TWO = PlanFacts(True, 1, 800.0, 50.0), PlanFacts(True, 2, 800.0, 50.0)
 NO_FENCE = PlanFacts(False, 0, 800.0, 50.0)
 SMART = "SMART_RTL flies back the way it came, and not to the place that was chosen"
 AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes not to the place that was chosen"
+CLIMBS_FIRST = "a return climbs by so much first, and the energy of that is not counted"
 AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the mission's cruise speed"
 
 
@@ -306,6 +307,12 @@ AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the missi
         ),
         ({"RTL_SPEED_MS": 5.0}, f"RTL_SPEED_MS is 5: {AT_5_MPS}"),
         ({"RTL_SPEED": 500.0}, f"RTL_SPEED is 500: {AT_5_MPS}"),
+        ({"RTL_CLIMB_MIN": 1500.0}, f"RTL_CLIMB_MIN is 15 m: {CLIMBS_FIRST}"),
+        ({"RTL_CLIMB_MIN_M": 15.0}, f"RTL_CLIMB_MIN_M is 15 m: {CLIMBS_FIRST}"),
+        (
+            {"RTL_LOIT_TIME": 60000.0},
+            "RTL_LOIT_TIME is 60 s: a return waits so long above its place, and the energy of 5 s is counted",
+        ),
         ({"RTL_ALT_FINAL_M": 5.0}, "RTL_ALT_FINAL_M is 5: a return ends hovering at 5 m, not landed"),
         (
             {"RTL_ALT_FINAL_M": None, "RTL_ALT_FINAL": 500.0},
@@ -330,6 +337,8 @@ def test_each_of_the_autopilot_s_own_failsafes_that_does_not_fit_is_said_alone(
         {"BATT_LOW_VOLT": 0.0, "BATT_LOW_MAH": 600.0},
         {"BATT_FS_CRT_ACT": 0.0},
         {"RTL_SPEED": 0.0},
+        {"RTL_CLIMB_MIN": 0.0, "RTL_LOIT_TIME": 5000.0},
+        {"RTL_CLIMB_MIN_M": 0.0, "RTL_LOIT_TIME": 0.0},
         {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 3.0, "plan": PLAN},
         {"FENCE_ENABLE": 0.0, "FENCE_TYPE": 7.0, "FENCE_ACTION": 0.0, "plan": NO_FENCE},
         {"FENCE_ENABLE": None, "FENCE_AUTOENABLE": None, "FENCE_TYPE": None, "plan": PLAN},

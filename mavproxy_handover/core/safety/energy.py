@@ -43,6 +43,7 @@ __all__ = [
     "DESCENT_MPS",
     "LANDING_BELOW_M",
     "LANDING_MPS",
+    "LOITER_S",
     "SINK_MPS",
     "TRANSITION_S",
     "EnergyFact",

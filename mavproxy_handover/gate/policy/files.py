@@ -5,12 +5,13 @@
 Rules:
 
 1. A row stands for writes (create, open for writing, remove, make or remove a directory, truncate, rename); one
-   with `reads` for every opcode that names a path. The first row that fits decides; without one, the opcode does.
+   with `reads` for every opcode that names a path, one with `opcodes` for these. The first row that fits decides;
+   without one, the opcode does.
 2. A path is compared the way the most lenient of ArduPilot's file systems would read it: case does not matter,
    `\\` separates too, dots and spaces at the end of a name do not count, repeated separators neither. `..` is not
    resolved: a path that mentions a guarded folder is in it, wherever it leads.
 3. WriteFile names a session and no path. What may not be opened cannot be written; what was opened before arming
-   is closed at arming (`flush`).
+   is closed at arming (`flush`). Sessions with the one file that the companion serves are known to it (`list_file`).
 
 Source: ArduPilot's AP_Filesystem (backends chosen by prefix), AP_Bootloader (flash from SD card), AP_HAL_ChibiOS,
 AP_HAL_Linux and AP_HAL_SITL (`Storage.cpp`: where the storage is kept as a file, and its copies).
@@ -24,12 +25,12 @@ from fnmatch import fnmatchcase
 from typing import Final
 
 from mavproxy_handover.gate.policy.access import Access
-from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME
+from mavproxy_handover.wire.ids import FTP_CHECKSUM, FTP_CREATE, FTP_OPEN_READ, FTP_OPEN_WRITE, FTP_RENAME
 
 __all__ = ["FILE_RULES", "FileRule", "file_rule", "is_upload"]
 
 _WRITES: Final = frozenset({FTP_CREATE, 8, 9, 10, FTP_OPEN_WRITE, 12, FTP_RENAME})
-_READS: Final = frozenset({3, 4, 14, 16})
+_READS: Final = frozenset({3, FTP_OPEN_READ, FTP_CHECKSUM, 16})
 #: Where paths are in the payload. ArduPilot makes the last byte of the data a zero, whatever it was.
 _DATA: Final = slice(12, 250)
 
@@ -45,6 +46,7 @@ class FileRule:
     why: str
     patterns: tuple[str, ...]
     reads: bool = False  #: reading is judged by this row as well as writing
+    opcodes: frozenset[int] | None = None  #: no other is judged by it
 
 
 FILE_RULES: Final = (
@@ -95,10 +97,24 @@ FILE_RULES: Final = (
         reads=True,
     ),
     FileRule(
+        Access.RALLY_READ,
+        "rally points, read",
+        "reads the list that a return chooses its place of: the companion's",
+        ("/@mission/rally.dat/",),
+        reads=True,
+        opcodes=frozenset({FTP_OPEN_READ, FTP_CHECKSUM}),
+    ),
+    FileRule(
+        Access.RALLY_WRITE,
+        "rally points, written",
+        "writes that list",
+        ("/@mission/rally.dat/",),
+        opcodes=frozenset({FTP_CREATE, FTP_OPEN_WRITE}),
+    ),
+    FileRule(
         Access.MAINTENANCE,
         "rally points",
-        "the autopilot's own list, which holds the chosen place alone: the mission protocol reads and writes the list "
-        "that the place is chosen of",
+        "the autopilot's own list, which holds the chosen place alone",
         ("/@mission*rally*",),
         reads=True,
     ),
@@ -146,6 +162,8 @@ def file_rule(opcode: int, payload: bytes) -> FileRule | None:
         return None
     paths = _paths(opcode, payload)
     for rule in FILE_RULES:
+        if rule.opcodes is not None and opcode not in rule.opcodes:
+            continue
         if (writes or rule.reads) and any(fnmatchcase(path, pattern) for path in paths for pattern in rule.patterns):
             return rule
     return None

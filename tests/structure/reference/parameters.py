@@ -53,12 +53,19 @@ def parameters() -> str:
         "values that do not fit, tried one after another; what has none is read for the sake of the others.",
         table(("parameter", "what is said of it"), ((code(name), cell(_said(name))) for name in NAMES)),
         "## What it reads of a plane besides",
-        "Of ArduPlane, hovering or not. What the two have in common stands above.",
+        "Of ArduPlane, hovering or not. What is said of both in the same words stands above.",
         table(
             ("parameter", "what is said of it"),
-            ((code(name), cell(_said(name, Kind.QUADPLANE))) for name in PLANE_NAMES if name not in NAMES),
+            ((code(name), cell(said)) for name, said in _of_wings_alone()),
         ),
     )
+
+
+def _of_wings_alone() -> Iterator[tuple[str, str]]:
+    for name in PLANE_NAMES:
+        said = _said(name, Kind.QUADPLANE)
+        if name not in NAMES or said not in ("", _said(name)):
+            yield name, said
 
 
 def _guard() -> Iterator[tuple[str, str, str, str]]:
