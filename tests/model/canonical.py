@@ -22,7 +22,6 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from math import inf
-from operator import attrgetter
 from typing import Any
 
 from gcs_module.ahead import Beforehand
@@ -299,21 +298,30 @@ class _Objects(_Object):
 
 
 class _Class:
-    """One class of the rules: its fields and what they are."""
+    """One class of the rules: its fields and what they are.
+
+    Packing and unpacking is where the time of an exploration goes: they are compiled, one function for each class.
+    """
 
     def __init__(self, cls: type, **kinds: _Kind) -> None:
         self._cls = cls
         self._names = kinds.keys()
-        # what is packed as it is goes in and out in one sweep: most fields are, and this is where the time goes
-        self._plain = tuple(name for name, kind in kinds.items() if type(kind) is _Kind)
-        names = self._plain
-        self._get_plain: Callable[[Any], tuple[Any, ...]] = (
-            attrgetter(*names) if len(names) > 1 else lambda value: tuple(getattr(value, name) for name in names)
-        )
-        self._special = tuple((name, kind) for name, kind in kinds.items() if type(kind) is not _Kind)
         self._slots = getattr(cls, "__slots__", None)
         if self._slots is not None:
             self._agree(set(self._slots))
+        self._pack: Callable[[Any, Shift], Packed] = _compiled(
+            "def made(value, shift): return ({},)",
+            kinds,
+            lambda name: f"pack_{name}(value.{name}, shift)" if _alters(kinds[name], "pack") else f"value.{name}",
+        )
+        self._unpack: Callable[[Any, Packed], None] = _compiled(
+            "def made(value, packed): {}, = packed"
+            + "".join(
+                f"; value.{name} = unpack_{name}(value.{name})" for name in kinds if _alters(kinds[name], "unpack")
+            ),
+            kinds,
+            lambda name: f"value.{name}",
+        )
 
     def _agree(self, present: Collection[str]) -> None:
         if self._names != present:
@@ -323,19 +331,24 @@ class _Class:
     def pack(self, value: Any, shift: Shift) -> Packed:
         if self._slots is None:
             self._agree(value.__dict__.keys())
-        return (self._get_plain(value), *[kind.pack(getattr(value, name), shift) for name, kind in self._special])
+        return self._pack(value, shift)
 
     def unpack(self, packed: Packed) -> Any:
         value: Any = object.__new__(self._cls)
-        plain = zip(self._plain, packed[0], strict=True)
-        if self._slots is None:
-            value.__dict__.update(plain)
-        else:
-            for name, each in plain:
-                setattr(value, name, each)
-        for (name, kind), each in zip(self._special, packed[1:], strict=True):
-            setattr(value, name, kind.unpack(each))
+        self._unpack(value, packed)
         return value
+
+
+def _alters(kind: _Kind, way: str) -> bool:
+    return getattr(type(kind), way) is not getattr(_Kind, way)
+
+
+def _compiled(source: str, kinds: dict[str, _Kind], each: Callable[[str], str]) -> Any:
+    """The function `made` of a source, in whose braces stands what `each` says of every field."""
+    scope: dict[str, Any] = {f"pack_{name}": kind.pack for name, kind in kinds.items()}
+    scope |= {f"unpack_{name}": kind.unpack for name, kind in kinds.items()}
+    exec(source.format(", ".join(map(each, kinds))), scope)
+    return scope["made"]
 
 
 class _Echo(_Object):

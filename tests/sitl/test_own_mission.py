@@ -59,7 +59,8 @@ def test_faults_are_the_same_by_their_seed_and_there_are_all_kinds(name: str) ->
     folder = shipped("missions") / name
     package = packages.load(folder)
     texts = {seed: own_scenario(package, folder, seed) for seed in range(60)}
-    assert texts == {seed: own_scenario(package, folder, seed) for seed in range(60)}
+    again = range(0, 60, 10)
+    assert [texts[seed] for seed in again] == [own_scenario(package, folder, seed) for seed in again]
     words = set()
     for seed, text in texts.items():
         scenario = parse_scenario(text, f"{name} {seed}")
