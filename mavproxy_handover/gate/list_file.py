@@ -9,7 +9,7 @@ gate does. Rules:
    as MISSION_ITEM_INT has it in its payload. What is read is the list of the moment at which it was opened.
 2. A station has one file open, as with ArduPilot. Its session's requests are served here: read, burst, write and
    TerminateSession. Whatever the station opens next, here or at the autopilot, ends it; so does ResetSessions, which
-   the autopilot answers.
+   the autopilot answers. What is aimed at another component has nothing to do with it.
 3. A list that is written counts when its session is terminated, whole and without a flaw; anything else leaves the list
    as it was, and is answered by a refusal. A part of a list is not taken, as by ArduPilot.
 4. A copy of the last request is answered as the first was: the answer may have been lost.
@@ -33,8 +33,10 @@ from mavproxy_handover.gate.mission_server import Sender, Turn, Upload
 from mavproxy_handover.gate.policy.access import Access
 from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.wire.file_transfer import DATA, DATA_BYTES, Head, answer, checksum, head_of, message
-from mavproxy_handover.wire.frames import Frame, field_bytes
+from mavproxy_handover.wire.frames import Frame, field_bytes, target
 from mavproxy_handover.wire.ids import (
+    AUTOPILOT_COMPID,
+    EVERYBODY,
     FTP_ACK,
     FTP_BURST,
     FTP_CHECKSUM,
@@ -108,8 +110,8 @@ class ListFile:
 
         Opening it does not count: the path says what that takes (`policy/files.py`). But to open another one ends it.
         """
-        file = self._files.get(station)
-        if file is None:
+        file, aim = self._files.get(station), target(frame)
+        if file is None or aim is None or aim[1] not in (EVERYBODY, AUTOPILOT_COMPID):
             return None
         head = head_of(field_bytes(frame, "payload"))
         if head.opcode in _OPENS or head.opcode == FTP_RESET:

@@ -252,6 +252,15 @@ def test_requests_of_its_session_are_its_own(file: ListFile) -> None:
     assert [takes(file, opcode) for opcode in (WRITE, TERMINATE)] == [write, write]
 
 
+def test_what_is_asked_of_a_camera_has_nothing_to_do_with_it(file: ListFile) -> None:
+    ask(file, OPEN, NAME)
+    for opcode in (READ, TERMINATE, OPEN, RESET):
+        payload = ftp_request(opcode, b"", 3, 7)
+        assert file.access(STATION, make_frame("FILE_TRANSFER_PROTOCOL", target_component=100, payload=payload)) is None
+    everybody = make_frame("FILE_TRANSFER_PROTOCOL", target_component=0, payload=ftp_request(READ, b"", 3, 7))
+    assert file.access(STATION, everybody) is Access.RALLY_READ
+
+
 @pytest.mark.parametrize("opcode", [OPEN, CREATE, OPEN_WRITE, RESET])
 def test_whatever_is_opened_next_ends_it(file: ListFile, opcode: int) -> None:
     ask(file, CREATE, NAME)
