@@ -97,6 +97,23 @@ def test_each_cause_alone(cause: str, policy: str) -> None:
     assert [asked(cause, policy, ALOFT | bits(n)) for n in range(16)] == [LETTERS[letter] for letter in row]
 
 
+def test_what_a_hand_holds_back_is_known_beside_a_warning_that_is_none_of_its_business() -> None:
+    """It may have to be done yet, when the hand is gone."""
+    policies = {**DEFAULTS, Cause.ENERGY: "warn", Cause.FENCE: "return"}
+    piloted = ALOFT | {Fact.PLACE, Fact.PILOT}
+    found = {}
+    for causes in ({Cause.ENERGY, Cause.FENCE}, {Cause.FENCE}, {Cause.ENERGY}):
+        decision = decide(causes, piloted, policies)
+        assert decision is not None
+        assert decision.action is W
+        found[frozenset(causes)] = (decision.cause, decision.withheld, decision.held_back)
+    assert found == {
+        frozenset({Cause.ENERGY, Cause.FENCE}): (Cause.ENERGY, None, Fact.PILOT),
+        frozenset({Cause.FENCE}): (Cause.FENCE, Fact.PILOT, Fact.PILOT),
+        frozenset({Cause.ENERGY}): (Cause.ENERGY, None, None),
+    }
+
+
 @pytest.mark.parametrize(("cause", "policy"), TABLE, ids="-".join)
 def test_what_returns_is_not_stopped_and_what_lands_is_not_sent_anywhere(cause: str, policy: str) -> None:
     row = TABLE[cause, policy]
