@@ -79,6 +79,12 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     },
     "safety.helm": {
         "__init__: truth turned: False in self._flying = False": "there is no mode before the first one to differ from",
+        "settle: truth turned: False in self.chosen_by, self._since, self._unheard = (Hand.GUARD, -inf, False)": (
+            "it is looked at only while a mode is in doubt, which sets it"
+        ),
+        "settle: truth turned: False in self._since, self._unheard = (-inf, False)": (
+            "it is looked at only while a mode is in doubt, which sets it"
+        ),
     },
     "safety.supervision": {
         "__init__: number one more: 0 in self._tries = 0": "nothing is counted before an order, which sets it",
@@ -87,6 +93,9 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "__init__: truth turned: False in self._excused = False": "nothing is looked at before an order, which sets it",
         "_begin: truth turned: False in self._since, self._shown, self._excused = (now, False, False) (number 2)": (
             "the first look begins the time anew, excused before it or not"
+        ),
+        "_goes_on: number one more: 0 in self._tries = 0": (
+            "how often it was told to go on counts for nothing: that has no end, and is not given back by a pilot"
         ),
         "_moves: dropped from and/or: not self._excused: was_excused and (not self._excused)": (
             "while it is excused no time runs, so it may begin anew at every look"
