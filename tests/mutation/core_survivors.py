@@ -77,6 +77,34 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "on a piece just long enough for its speed both take as long"
         ),
     },
+    "safety.lookout": {
+        "look_around: dropped from and/or: self._flight.flying: owner is not None and self._flight.flying": (
+            "on the ground it is not looked at, and the first position in the air takes its place"
+        ),
+        "hold: dropped from and/or: not stands: news.mends or not stands": (
+            "what stands by no order any more comes home, where it is not held, or was taken by a hand whose word ends "
+            "that time itself"
+        ),
+    },
+    "safety.execution": {
+        "carry_out: dropped from and/or: news.resumes: news.resumes or (news.mends and stands)": (
+            "what was held stands by its order, or another hand has it and what is on the way is over either way"
+        ),
+        "carry_out: dropped from and/or: news.resumes: news.resumes or (news.mends and stands) (number 2)": (
+            "what was held stands by its order, unless another hand has it, and that is the case before"
+        ),
+        "place_seen: dropped from and/or: place is not None: "
+        "returns and told is not None and (place is not None) and (place.name != self._told_place)": (
+            "it is called when a place has just been judged; the type checker wants it said"
+        ),
+        "_changed: dropped from and/or: ended is not None: ended is not None or waits": (
+            "what is ended and was told as no order is to go on: there is nothing to overrule then"
+        ),
+        "_changed: dropped from and/or: told.action in OVERRULED: "
+        "told.action in OVERRULED or told.withheld in OVERRULE": (
+            "what was told as an order is commanded, and that it is not any more says so already"
+        ),
+    },
     "safety.helm": {
         "__init__: truth turned: False in self._flying = False": "there is no mode before the first one to differ from",
         "settle: truth turned: False in self.chosen_by, self._since, self._unheard = (Hand.GUARD, -inf, False)": (

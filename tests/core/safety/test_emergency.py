@@ -89,6 +89,17 @@ def test_who_is_about_to_have_a_commander_is_in_no_emergency() -> None:
     assert emergency.told == RETURN
 
 
+def test_a_gap_is_crossed_when_a_station_is_about_to_take_the_aircraft() -> None:
+    """It is of the same cause, which goes on until that station has it."""
+    emergency = Emergency(Limits())
+    crosses = Decision(FlightAction.CONTINUE, LOST)
+    assert emergency.judge({LOST}, ALOFT | {Fact.GAP}, 100.0) == News(crosses, None)
+    news = emergency.judge({LOST}, ALOFT | {Fact.SUCCESSOR}, 101.0)
+    assert news == News(None, crosses)
+    assert news.crossed
+    assert emergency.judge({LOST}, ALOFT | {Fact.SUCCESSOR}, 102.0) is None
+
+
 def test_what_goes_on_is_not_over_while_another_is_waited_out() -> None:
     """The fault: "OVER: guard lost", and it was lost still, because the commander was lost beside that and another
     station about to take the aircraft."""

@@ -327,6 +327,31 @@ class TestHold:
         bench.run(3.0)
         assert bench.flights() == [HOLD, HOLD]
 
+    def test_whatever_time_it_had_to_stand_is_over_where_a_pilot_has_flown_it(self) -> None:
+        bench = self.held(Limits(hold_s=20.0))
+        bench.motion = MotionSeen(0.0, 0.0)
+        bench.run(5.0)
+        bench.mode = with_radio(LOITER)
+        bench.run(40.0)
+        bench.mode = with_radio(AUTO)
+        bench.run(19.0)
+        assert bench.flights() == [HOLD, HOLD]
+        bench.run(5.0)
+        assert bench.flights() == [HOLD, HOLD, BACK]
+
+    def test_whoever_ends_a_return_that_held_it_back_has_not_overruled_it(self) -> None:
+        bench = aloft()
+        bench.give(HandSeen(Hand.GUARD))
+        bench.mode = RTL
+        bench.run(3.0)
+        bench.position(ends(4.0), outside(A + 1))
+        bench.run(2.0)
+        assert bench.flights() == []
+        bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+        bench.mode = AUTO
+        bench.run(2.0)
+        assert bench.flights() == [HOLD]
+
     def test_an_autopilot_that_is_not_heard_is_not_told_to_go_on(self) -> None:
         bench = self.held()
         bench.motion = MotionSeen(0.0, 0.0)
