@@ -2,24 +2,30 @@
 
 """Free ports on loopback, never fixed numbers: several simulations may run on one machine.
 
-A port is free at the moment it is handed out, and one picker never hands out the same number twice, neither for UDP
-nor for TCP. Whoever gets it binds it a moment later. The numbers are none of those that a system gives to sockets
-which name none, so nothing but another picker can take one in between, and pickers start at random places.
+A port is free at the moment it is handed out, and the pickers of one process hand out none of the last `APART` numbers
+again, neither for UDP nor for TCP. Whoever gets it binds it a moment later. The numbers are none of those that a system
+gives to sockets which name none, so nothing but a picker of another process can take one in between, and pickers start
+at random places.
 """
 
 from __future__ import annotations
 
 import socket
+from collections import deque
 from collections.abc import Iterator
 from itertools import cycle
 from random import randrange
 from typing import Final
 
-__all__ = ["PORTS", "PortPicker"]
+__all__ = ["APART", "PORTS", "PortPicker"]
 
 LOOPBACK = "127.0.0.1"
 #: What is handed out. Linux gives 32768 and above to sockets that name no port, other systems 49152 and above.
 PORTS: Final = range(20000, 32768)
+#: as many as several simulations take
+APART: Final = 4096
+#: what was handed out last in this process, and may not be bound yet
+_GIVEN: Final[deque[int]] = deque(maxlen=APART)
 
 
 class PortPicker:
@@ -28,7 +34,6 @@ class PortPicker:
     def __init__(self) -> None:
         start = randrange(len(PORTS))
         self._next: Iterator[int] = cycle((*PORTS[start:], *PORTS[:start]))
-        self._given: set[int] = set()
 
     def udp(self) -> int:
         """A free UDP port of 127.0.0.1. Raises OSError when there is none."""
@@ -41,8 +46,8 @@ class PortPicker:
     def _pick(self, kind: socket.SocketKind) -> int:
         for _ in PORTS:
             port = next(self._next)
-            if port not in self._given and _is_free(port, kind):
-                self._given.add(port)
+            if port not in _GIVEN and _is_free(port, kind):
+                _GIVEN.append(port)
                 return port
         raise OSError(f"no free port on {LOOPBACK} from {PORTS.start} to {PORTS.stop - 1}")
 

@@ -173,8 +173,8 @@ def test_what_is_no_order_is_told_and_changes_nothing(bench: Bench, line: str) -
 
 
 def test_it_serves_a_simulated_vehicle_until_its_input_ends(tmp_path: Path) -> None:
-    port = PortPicker().tcp()
     vehicle = launch("builtin", VehicleSpec(home=(*HOME, 10.0, 90.0)), tmp_path)
+    port = PortPicker().tcp()
     argv = [sys.executable, "-m", "sitl.run.data_box", "--vehicle", vehicle.address(0), "--listen", f"127.0.0.1:{port}"]
     with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:

@@ -175,6 +175,13 @@ def test_no_port_is_handed_out_twice() -> None:
     assert len(set(_eighty())) == 80
 
 
+def test_nor_by_two_pickers_that_begin_at_one_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fault: a port was picked for the box; the vehicle, launched before the box bound it, picked it as well."""
+    monkeypatch.setattr(ports, "randrange", lambda _most: 100)
+    pickers = [ports.PortPicker() for _ in range(20)]
+    assert len({picker.tcp() for picker in pickers} | {picker.udp() for picker in pickers}) == 40
+
+
 def test_a_port_is_none_that_the_system_gives_to_other_sockets() -> None:
     """A station's ground port was once taken by somebody else's socket before the station bound it."""
     assert all(1024 <= port < 32768 for port in _eighty())
