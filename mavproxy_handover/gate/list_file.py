@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -164,18 +164,12 @@ class ListFile:
     def _terminate(self, file: _File, head: Head) -> Turn:
         if file.over is not None:
             return file.over[1]
-        if not file.writes:
-            turn = _acknowledged(file.sender, head)
-            file.over = head.sequence, turn
-            return turn
-        items = self._list(bytes(file.data))
-        if isinstance(items, str):
-            turn = _refused(file.sender, head, _FAIL)
-            file.over = head.sequence, turn
-            return Turn(turn.answers, words=items)
-        turn = _acknowledged(file.sender, head)
+        items = self._list(bytes(file.data)) if file.writes else ()
+        turn = _refused(file.sender, head, _FAIL) if isinstance(items, str) else _acknowledged(file.sender, head)
         file.over = head.sequence, turn
-        return Turn(turn.answers, whole=Upload(file.sender, self._kind, items))
+        if isinstance(items, str):
+            return replace(turn, words=items)
+        return replace(turn, whole=Upload(file.sender, self._kind, items)) if file.writes else turn
 
     # ---- the file -------------------------------------------------------------------------------------------------
 
