@@ -87,6 +87,7 @@ class RallyList:
         turn = self.file.take(port.sysid, message, sender)
         if turn.whole is not None:
             self._replaced(tuple(map(_point, turn.whole.items)), port.name, now)
+            turn = self.file.conclude(port.sysid)
         self._ties.answer(port, _WORDS, turn)
 
     def tick(self, now: float) -> None:

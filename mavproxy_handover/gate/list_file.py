@@ -10,8 +10,9 @@ gate does. Rules:
 2. A station has one file open, as with ArduPilot. Its session's requests are served here: read, burst, write and
    TerminateSession. Whatever the station opens next, here or at the autopilot, ends it; so does ResetSessions, which
    the autopilot answers. What is aimed at another component has nothing to do with it.
-3. A list that is written counts when its session is terminated, whole and without a flaw; anything else leaves the list
-   as it was, and is answered by a refusal. A part of a list is not taken, as by ArduPilot.
+3. A list that is written counts when its session is terminated, whole and without a flaw, and is acknowledged when it
+   has replaced the old one (`conclude`); anything else leaves the list as it was, and is answered by a refusal. A part
+   of a list is not taken, as by ArduPilot.
 4. A copy of the last request is answered as the first was: the answer may have been lost.
 5. A burst is `BURST` answers at the most, which is all of a list for programs that read as ArduPilot's do.
 6. Nothing that arrives raises; memory is bounded by the stations and `most` items each.
@@ -75,7 +76,7 @@ class _File:
     session: int
     data: bytearray
     writes: bool
-    over: tuple[int, Turn] | None = None
+    over: tuple[Head, Turn] | None = None
 
 
 class ListFile:
@@ -120,7 +121,7 @@ class ListFile:
         if (frame.sysid, frame.compid) != file.sender or head.session != file.session:
             return None
         if head.opcode == FTP_TERMINATE:
-            if file.over is not None and file.over[0] != head.sequence:
+            if file.over is not None and file.over[0].sequence != head.sequence:
                 return None
             return Access.RALLY_WRITE if file.writes else Access.RALLY_READ
         return _ACCESS.get(head.opcode) if file.over is None else None
@@ -145,6 +146,15 @@ class ListFile:
             return self._write(file, head, data)
         return _burst(file, head) if head.opcode == FTP_BURST else _read(file, head)
 
+    def conclude(self, station: int) -> Turn:
+        """The list that `take` gave as a whole has replaced the old one: now its station hears so."""
+        file = self._files[station]
+        assert file.over is not None
+        head = file.over[0]
+        turn = _acknowledged(file.sender, head)
+        file.over = head, turn
+        return turn
+
     # ---- requests -------------------------------------------------------------------------------------------------
 
     def _open(self, station: int, sender: Sender, head: Head) -> Turn:
@@ -164,12 +174,14 @@ class ListFile:
     def _terminate(self, file: _File, head: Head) -> Turn:
         if file.over is not None:
             return file.over[1]
-        items = self._list(bytes(file.data)) if file.writes else ()
-        turn = _refused(file.sender, head, _FAIL) if isinstance(items, str) else _acknowledged(file.sender, head)
-        file.over = head.sequence, turn
+        if not file.writes:
+            file.over = head, _acknowledged(file.sender, head)
+            return file.over[1]
+        file.over = head, _refused(file.sender, head, _FAIL)  # until `conclude`
+        items = self._list(bytes(file.data))
         if isinstance(items, str):
-            return replace(turn, words=items)
-        return replace(turn, whole=Upload(file.sender, self._kind, items)) if file.writes else turn
+            return replace(file.over[1], words=items)
+        return Turn((), whole=Upload(file.sender, self._kind, items))
 
     # ---- the file -------------------------------------------------------------------------------------------------
 

@@ -153,7 +153,7 @@ def test_its_checksum_is_the_autopilots(file: ListFile) -> None:
 @pytest.mark.parametrize("opcode", [CREATE, OPEN_WRITE])
 def test_a_whole_list_counts_when_its_session_is_terminated(file: ListFile, opcode: int) -> None:
     turn = written(file, content((523000000, 25.0), (524000000, 26.5), (525000000, 27.0)), opcode)
-    assert heard(turn) == [(ACK, b"")]
+    assert heard(turn) == []
     assert turn.whole is not None
     assert (turn.whole.sender, turn.whole.kind) == (PROGRAM, RALLY)
     assert [(i.seq, i.command, i.frame, i.lat_deg, i.alt_m) for i in turn.whole.items] == [
@@ -161,6 +161,13 @@ def test_a_whole_list_counts_when_its_session_is_terminated(file: ListFile, opco
         (1, 5100, 3, 52.4, 26.5),
         (2, 5100, 3, 52.5, 27.0),
     ]
+    assert heard(file.conclude(STATION)) == [(ACK, b"")]
+
+
+def test_what_was_not_concluded_is_never_acknowledged(file: ListFile) -> None:
+    written(file, content((523000000, 25.0)))
+    again = ask(file, TERMINATE)
+    assert (heard(again), again.whole) == ([(NAK, b"\x01")], None)
 
 
 def test_pieces_may_come_in_any_order_and_twice(file: ListFile) -> None:
@@ -271,7 +278,8 @@ def test_whatever_is_opened_next_ends_it(file: ListFile, opcode: int) -> None:
 
 
 def test_the_end_is_answered_again_and_then_it_is_the_autopilots(file: ListFile) -> None:
-    turn = written(file, content((523000000, 25.0)))
+    written(file, content((523000000, 25.0)))
+    turn = file.conclude(STATION)
     assert takes(file, TERMINATE) is Access.RALLY_WRITE
     again = ask(file, TERMINATE)
     assert (heard(again), again.answers) == ([(ACK, b"")], turn.answers)

@@ -158,6 +158,22 @@ def test_a_list_with_a_flaw_is_not_taken_and_people_are_told(ready: Bench) -> No
     assert ready.companion.faults == {}
 
 
+def test_a_list_that_could_not_be_put_in_place_is_not_acknowledged(
+    ready: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ready.companion.autopilot.places.list, "_replaced", lambda *_list: 1 / 0)
+    assert request(ready.a, ready, CREATE, NAME.encode()) == ACK
+    assert request(ready.a, ready, WRITE, listed(NEW), sequence=1) == ACK
+    ready.a.received.clear()
+    again = mavlink.MAVLink_file_transfer_protocol_message(0, 1, 1, ftp_request(TERMINATE, b"", 5, 2))
+    ready.a.send(again)
+    ready.a.send(again)
+    ready.run(0.2)
+    assert [answer.payload[3] for answer in ready.a.got("FILE_TRANSFER_PROTOCOL")] == [NAK]
+    assert len(seen(ready, ready.a)) == 2
+    assert ready.companion.faults
+
+
 def test_the_upload_of_a_station_that_commands_no_more_is_given_up(ready: Bench) -> None:
     assert request(ready.a, ready, CREATE, NAME.encode()) == ACK
     assert request(ready.a, ready, WRITE, listed(NEW), sequence=1) == ACK
