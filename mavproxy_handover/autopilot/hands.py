@@ -82,13 +82,13 @@ def of_command(
         return None
     if frame.msgid == _SET_ITEM:
         return _of_item(leads_to(message.seq))
+    if frame.msgid == _SET_MODE:
+        return HandSeen(Hand.COMMANDER, vehicle.flown(message.custom_mode))
     if message.command == mavlink.MAV_CMD_DO_PAUSE_CONTINUE and message.param1 == 0.0:
         return HandSeen(Hand.COMMANDER, Flown.STOP)
     if message.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT:
         item = message.param1
         return _of_item(leads_to(int(item)) if 0.0 <= item < 65536.0 else None)
-    if frame.msgid == _SET_MODE:
-        return HandSeen(Hand.COMMANDER, vehicle.flown(message.custom_mode))
     if message.command == mavlink.MAV_CMD_DO_SET_MODE:
         mode = message.param2
         return HandSeen(Hand.COMMANDER, vehicle.flown(int(mode)) if 0.0 <= mode < 256.0 else _ANY)
