@@ -49,7 +49,7 @@ from mavproxy_handover.link.quality import LinkEvent
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.narrator import Narrator
 from mavproxy_handover.restart import Restart
-from mavproxy_handover.schedule import Schedule
+from mavproxy_handover.schedule import Schedule, attempt
 from mavproxy_handover.stations.announcer import Announcer
 from mavproxy_handover.stations.operator_control import OperatorControl
 from mavproxy_handover.stations.port import StationPort
@@ -85,6 +85,8 @@ _RALLY: Final = frozenset((Access.RALLY_READ, Access.RALLY_WRITE))
 _FAILED: Final = events.Announce(
     "RETURN: internal fault of the companion, nobody commands", FlightAction.RETURN, Reason.FAULT
 )
+#: so many findings of the checks before flight are told to whoever starts it
+_WARNINGS: Final = 6
 #: no time: the arbiter is to be asked
 _UNKNOWN: Final = -inf
 #: what changes the mission at the autopilot behind the companion's back
@@ -131,10 +133,12 @@ class Companion:
         #: when the stations heard the companion's heartbeat last
         self._beaten_at = edge.clocks.monotonic()
         self._reason = Reason.NONE
+        #: what each station was told last of what the checks before flight have found
+        self._warned: dict[int, tuple[str, ...]] = {}
         self._restart = Restart(None if config.state is None else StateKeeper(config.state, config.name), self.fault)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)
-        self._voice = Voice(config.sysid, edge.write_autopilot, ports)
+        self._voice = Voice(config.sysid, edge.write_autopilot, ports, self.fault)
         told = (self._station_told, self._say)
         self.gate = Gate(config.sysid, ports, config.observers, edge.write_autopilot, self.fault, *told)
         self.gate.distrust()
@@ -175,7 +179,12 @@ class Companion:
 
     def _snapshot(self) -> Snapshot:
         """What a run after this one needs."""
-        return replace(self.arbiter.snapshot(), packs=self.autopilot.packs)
+        snapshot = self.arbiter.snapshot()
+        try:
+            return replace(snapshot, packs=self.autopilot.packs)
+        except Exception:  # that is worth less than what else there is to keep
+            self.fault("memory of the batteries", traceback.format_exc(limit=-3))
+            return snapshot
 
     def _keep(self, package: MissionPackage) -> None:
         """The autopilot holds this mission now."""
@@ -335,6 +344,20 @@ class Companion:
         self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
         self._chosen(frame, now)
 
+    def _warn(self) -> None:
+        """Whoever starts the flight hears what does not fit on board, once."""
+        found = tuple(finding.text for finding in self.autopilot.findings or ())
+        commander = self.view.commander
+        if commander is None or found == self._warned.get(commander, ()):
+            return
+        self._warned[commander] = found
+        port = self.ports[commander]
+        more = len(found) - _WARNINGS
+        for text in found[:_WARNINGS]:
+            self._voice.say(port, f"preflight: {text}")
+        if more > 0:
+            self._voice.say(port, f"preflight: {more} more are in the companion's journal")
+
     def _in_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """A command of the commander that the situation judges, or a part of an upload."""
         if uploads(frame):
@@ -451,14 +474,15 @@ class Companion:
         self._voice.to_stations(told)
 
     def _each_second(self, now: float) -> None:
-        self._voice.to_autopilot(status.heartbeat(self.view))
-        self._beat_stations(now, _BEAT_ALONE_S)
-        self._voice.to_stations(status.control_status(self.view))
-        self._announcer.tick(now)
-        self.narrator.clock(now)
-        self.narrator.sum_up(now)
-        self._restart.each_second(self._snapshot())
-        self.autopilot.each_second(self.view, now)
+        """What breaks in one of these is that one's alone."""
+        self._attempt("heartbeat", lambda: self._voice.to_autopilot(status.heartbeat(self.view)))
+        self._attempt("heartbeat", self._beat_stations, now, _BEAT_ALONE_S)
+        self._attempt("control status", lambda: self._voice.to_stations(status.control_status(self.view)))
+        self._attempt("word of a decision", self._announcer.tick, now)
+        self._attempt("clock", self.narrator.clock, now)
+        self._attempt("journal", self.narrator.sum_up, now)
+        self._attempt("state", lambda: self._restart.each_second(self._snapshot()))
+        self._attempt("each second", self.autopilot.each_second, self.view, now)
 
     def _beat_stations(self, now: float, pause_s: float) -> None:
         """The companion's heartbeat, if the last one is so long ago. It goes out behind the autopilot's, not between.
@@ -504,16 +528,15 @@ class Companion:
 
     def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
         """Do it; if it breaks, what comes behind it is none the worse for it."""
-        try:
-            job(*arguments)
-        except Exception:
-            self.fault(where, traceback.format_exc(limit=-3))
+        attempt(self.fault, where, job, *arguments)
 
     def fault(self, where: str, text: str) -> None:
-        """Something broke that costs one frame or one tick."""
+        """Something broke that costs one frame or one tick. The stations are told of the first of a kind."""
         self.faults[where] += 1
         if self.faults[where] <= 10:
             self.narrator.fault(where, text)
+        if self.faults[where] == 1:
+            self._voice.say_to_all(f"internal fault of the companion: {where}")
 
     def _perform(self, action: events.Action, now: float) -> None:
         match action:
@@ -530,6 +553,7 @@ class Companion:
                 self._announce(action, now)
             case events.BeginStart():
                 self.autopilot.orders.start(now)
+                self._warn()
             case events.StartRefused():
                 self.autopilot.orders.refuse_start(action.needs, now)
             case events.RehearsalMoved():
@@ -548,7 +572,8 @@ class Companion:
         if self.view.rehearsal:  # the rules order nothing in one; whoever carries the aircraft has his hands on it
             self.fault("order in a rehearsal", f"{action.action.name} is not commanded")
             return
-        self._restart.save(self._snapshot())  # what stands still by this order must not be left standing
+        # what stands still by this order must not be left standing
+        self._attempt("state", lambda: self._restart.save(self._snapshot()))
         self.autopilot.orders.fly(action.action, now)
 
     def _announce(self, told: events.Announce, now: float) -> None:

@@ -12,14 +12,22 @@ import math
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
-__all__ = ["TICK_S", "Schedule"]
+__all__ = ["TICK_S", "Schedule", "attempt"]
 
 Job = Callable[[float], None]
 
 #: ticks come no faster than this, however fast MAVProxy's main loop goes round; what is more urgent comes as a frame
 TICK_S: Final = 0.05
+
+
+def attempt(fault: Callable[[str, str], None], where: str, job: Callable[..., None], *arguments: Any) -> None:
+    """Do it; if it breaks `fault` is told, and what comes behind it is none the worse for it."""
+    try:
+        job(*arguments)
+    except Exception:
+        fault(where, traceback.format_exc(limit=-3))
 
 
 @dataclass(slots=True)
@@ -54,7 +62,4 @@ class Schedule:
                 late_s = late_s if late_s < planned.interval_s else 0.0
                 planned.due_at = now + planned.interval_s - late_s + planned.later_s
                 planned.later_s = 0.0
-                try:
-                    planned.job(now)
-                except Exception:
-                    self._fault(planned.name, traceback.format_exc(limit=-3))
+                attempt(self._fault, planned.name, planned.job, now)

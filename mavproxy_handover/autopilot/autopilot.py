@@ -57,6 +57,7 @@ from mavproxy_handover.mission.energy import released_at
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, speed_at
+from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.wire.conversation import Conversation, Conversations
@@ -441,37 +442,53 @@ class Autopilot:
 
     def tick(self, now: float) -> None:
         """Time has passed; to be called often."""
-        self.conversations.tick(now)
+        self._attempt("conversations", self.conversations.tick, now)
         if self._preflight.parameters is not self._judged_by:
-            self._judge_plan(now)
-        self._missions.tick(now)
-        self.places.tick(now)
-        self.staging.tick(now)
+            self._attempt("the plan", self._judge_plan, now)
+        self._attempt("mission packages", self._missions.tick, now)
+        self._attempt("places of a return", self.places.tick, now)
+        self._attempt("uploads in flight", self.staging.tick, now)
 
     def each_second(self, view: AuthorityView, now: float) -> None:
-        """Telemetry, streams that are missing, the mission on board, the checks before flight; `view`: in force."""
-        arbiter, aircraft = self._ties.arbiter, self.aircraft
+        """Telemetry, streams that are missing, the mission on board, the checks before flight, and what the aircraft is
+        judged by; `view`: in force. What breaks in one of these is that one's alone."""
+        aircraft, arbiter = self.aircraft, self._ties.arbiter
         grounded = arbiter.grounded(now)
-        self.positions.each_second(now)
-        self._telemetry.each_second(view, now)
-        self._streams.each_second(aircraft, now)
+        for where, job, *arguments in (
+            ("positions", self.positions.each_second, now),
+            ("telemetry", self._telemetry.each_second, view, now),
+            ("streams", self._streams.each_second, aircraft, now),
+            ("the mission on board", self._load_on_board, grounded, now),
+            ("preflight", self._check, grounded, now),
+            ("energy", self._energy.each_second, aircraft, grounded, now),
+            ("the plan", self._judge_plan, now),
+            ("the way ahead", self._look_ahead, now),
+            ("places of a return", self.places.each_second, now),
+            ("motion", self._execution.each_second, now),
+            ("signs", self._look_for_signs, now),
+        ):
+            self._attempt(where, job, *arguments)
+
+    def _attempt(self, where: str, job: Callable[..., None], *arguments: Any) -> None:
+        attempt(self._ties.fault, where, job, *arguments)
+
+    def _load_on_board(self, grounded: bool, now: float) -> None:
         if self._changed_aloft and grounded:
             self._ties.handle(MissionLoaded(b"", ()), now)
             self._flies_by(None, Along(), now)
-        if self._on_board is not None and grounded and aircraft.position is not None:
+        if self._on_board is not None and grounded and self.aircraft.position is not None:
             self._missions.load_on_board(self._on_board, now)
+
+    def _check(self, grounded: bool, now: float) -> None:
         firmware = None if self.guard_status is None else self.guard_status.firmware
-        asked = grounded or aircraft.always_armed
-        self._preflight.each_second(aircraft, asked, arbiter.guard(now), firmware, now)
-        self._energy.each_second(aircraft, grounded, now)
-        self._judge_plan(now)
+        asked = grounded or self.aircraft.always_armed
+        self._preflight.each_second(self.aircraft, asked, self._ties.arbiter.guard(now), firmware, now)
+
+    def _look_ahead(self, now: float) -> None:
         if now >= self._walk_at:
             self._walk_at = math.inf
             self._walk()
         self._borders.each_second(now)
-        self.places.each_second(now)
-        self._execution.each_second(now)
-        self._look_for_signs(now)
 
     def _look_for_signs(self, now: float) -> None:
         """Tell the arbiter what looks wrong that only this side can work out, when it changes."""

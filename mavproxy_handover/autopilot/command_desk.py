@@ -86,6 +86,8 @@ class CommandDesk:
         ties: Ties,
     ) -> None:
         self.rules = CommandRules(policies)
+        #: of START: whether it is refused for its energy says the policy of the energy, not of commands in flight
+        self._start_rules = CommandRules()
         #: the plan that the autopilot holds; None: nobody knows which one
         self.ahead: Ahead | None = None
         self._aircraft = aircraft
@@ -131,12 +133,16 @@ class CommandDesk:
         return self._aircraft.waypoint if 1 <= self._aircraft.waypoint <= last else 1
 
     def start(self, port: StationPort, wish: object, repeats: bool, now: float) -> None:
-        """START, or a part of it: sent anew in time it goes on without the energy. What it lacks is told elsewhere."""
+        """START, or a part of it: sent anew in time it goes on without the energy. What it is refused for is told
+        elsewhere (`orders.py`)."""
         left = {Limit.ENERGY: self._energy.shortfall}
-        ruling = self.rules.rule(Kind.START, wish, left, port.sysid, now, repeats=repeats)
+        ruling = self._start_rules.rule(Kind.START, wish, left, port.sysid, now, repeats=repeats)
         if ruling.outcome is Outcome.LIFTED:
             self._energy.lift(now, now)
             self._ties.narrator.command_passed(port.name, "START", ruling)
+        warned = self._energy.warned
+        if warned and self._words.allow(port.sysid, ("START", (Limit.ENERGY,), Kind.START), now):
+            self._ties.voice.say(port, f"START, warning: energy: {warned}")
 
     # ---- what the operator lifts ----------------------------------------------------------------------------------
 
@@ -150,6 +156,7 @@ class CommandDesk:
     def authority_moved(self) -> None:
         """Somebody else commands, or nobody."""
         self.rules.authority_moved()
+        self._start_rules.authority_moved()
         self._energy.lift_no_more()
 
     # ---- judging --------------------------------------------------------------------------------------------------

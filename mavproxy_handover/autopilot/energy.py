@@ -5,13 +5,14 @@
 The rules are in `core/safety/`: what is left, what flying costs, what is learned. Here MAVLink's units and its ways to
 say "unknown" end. On the ground the way of the loaded mission is counted, and the arbiter is told what START lacks.
 Nothing in here raises: a message that breaks something costs that message, a second that breaks leaves the energy
-unknown, which START does not get by.
+unknown, which START does not get by. In flight it goes on from what was known last, by what was drawn then.
 """
 
 from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import inf
 from typing import Any, Final
 
@@ -34,6 +35,7 @@ _COUNT_S: Final = 5.0
 #: more than the motors can ever draw, in powers of hover
 _MOST_HOVER: Final = 10.0
 _UNKNOWN_MV: Final = 0xFFFF
+_SECONDS_AN_HOUR: Final = 3600.0
 _JOULES_A_HECTOJOULE, _JOULES_A_WH = 100.0, 3600.0
 _FAULT: Final = "internal fault"
 
@@ -154,13 +156,29 @@ class EnergyWatch:
                 self._judge(fact, now)
             self._tell(fact, aircraft.flying, now)
         except Exception:
-            self._broke(now)
+            self._broke(now, aircraft.flying)
 
-    def _broke(self, now: float) -> None:
+    def _broke(self, now: float, flying: bool = False) -> None:
         self._ties.fault("energy", traceback.format_exc(limit=-3))
+        known = self.fact
+        if flying and known.model is not None and known.left_wh is not None:
+            trouble = known.trouble if _FAULT in known.trouble else (*known.trouble, _FAULT)
+            self.fact = replace(known, at=now, left_wh=self._left_wh(known.left_wh, known, now), trouble=trouble)
+            return
         self.fact = EnergyFact(now, missing=_FAULT)
         if self._settings.start_policy_for(wings=self._wings) == "refuse":
             self._say(_FAULT, now)
+
+    def _left_wh(self, left_wh: float, known: EnergyFact, now: float) -> float:
+        """By the batteries, if these still count; else by what was drawn at the most since `left_wh` were left."""
+        try:
+            counted = None if self._batteries is None else self._batteries.charge(now).left_wh
+        except Exception:  # it has been told, or the same thing has
+            counted = None
+        if counted is not None or known.model is None:
+            return left_wh if counted is None else counted
+        drawn_w = max(known.model.hover_w, known.model.cruise_w, known.power_w or 0.0)
+        return max(0.0, left_wh - drawn_w * max(0.0, now - known.at) / _SECONDS_AN_HOUR)
 
     def _weigh(self, aircraft: Aircraft) -> None:
         """With the payload from the ground on, and without it once AUTO is past the item that drops it."""
@@ -220,6 +238,11 @@ class EnergyWatch:
         """What START is refused for, in words; "" where it is not."""
         return self._shortfall if self._settings.start_policy_for(wings=self._wings) == "refuse" else ""
 
+    @property
+    def warned(self) -> str:
+        """The same where START is warned of it and not refused."""
+        return self._shortfall if self._settings.start_policy_for(wings=self._wings) == "warn" else ""
+
     def lift(self, until: float, now: float) -> None:
         """The operator has START go on without the energy: so long, and at this moment."""
         self._lifted_until = until
@@ -256,4 +279,7 @@ class EnergyWatch:
         if changed or (flying and fact.model is not None and now - self._told_at >= _JOURNAL_S):
             news = kinds != (self._told[-1] if self._told else ())
             self._told, self._told_at = known, now
-            self._ties.narrator.energy(fact, aloud=bool(fact.trouble) and news)
+            odd = bool(fact.trouble) and news
+            self._ties.narrator.energy(fact, aloud=odd)
+            if odd and flying:
+                self._ties.voice.say_to_all(f"energy: {', '.join(fact.trouble)}")

@@ -132,7 +132,9 @@ class Orders:
     def _tell_needs(self, port: StationPort, what: str, needs: tuple[str, ...], now: float) -> None:
         """All of them in one text. What is behind a colon are figures, which change while the need does not."""
         if self._needs.allow(port.sysid, (what, *(need.partition(":")[0] for need in needs)), now):
-            self._ties.voice.say(port, refused(what, needs))
+            by_hand = len(needs) == 1 and needs[0].startswith("energy: ")
+            lifts = "; send again in 3-15 s, or handover override energy" if by_hand else ""
+            self._ties.voice.say(port, f"{refused(what, needs)}{lifts}")
 
     def give_start_up(self, why: str, now: float) -> None:
         """End a START that is under way, if one is."""

@@ -142,14 +142,26 @@ class PlaceWatch:
         #: in the list
         self._told, self._stations_told = "", _HOME
         self._bounces_to: str | None = None
+        #: the last try to write a place came to nothing
+        self._unwritten = False
         orders.before_return = self.before_return
 
     @property
     def where(self) -> tuple[str, float, float] | None:
-        """Name, latitude and longitude (degrees) of the place where a return goes now; None: none is chosen yet."""
-        name = None if self.choice is None else self.choice.place.name
-        chosen = next((place for place in self._places if place.name == name), None)
-        return None if chosen is None else (chosen.name, chosen.lat_deg, chosen.lon_deg)
+        """Name, latitude and longitude (degrees) of the place where a return goes now; None: none is chosen yet, or
+        what the autopilot's list holds is not known."""
+        if self._elsewhere:
+            held = self._keeper.held
+            place = next((p for p in self._places if held is not None and alike(self._point(p), held)), None)
+        else:
+            name = None if self.choice is None else self.choice.place.name
+            place = next((p for p in self._places if p.name == name), None)
+        return None if place is None else (place.name, place.lat_deg, place.lon_deg)
+
+    @property
+    def _elsewhere(self) -> bool:
+        """The place that is chosen could not be written: a return may go to another one."""
+        return self._unwritten and not self._keeper.settled
 
     @property
     def goes_to(self) -> tuple[float, float] | None:
@@ -387,7 +399,10 @@ class PlaceWatch:
         self._keeper.want(self._point(next(place for place in self._places if place.name == name)))
         if self._keeper.settled and name != self._told:
             self._tell()
-        judged = PlaceJudged(name, self.choice.reachable, self.choice.figures(self._ties.arbiter.name))
+        figures = self.choice.figures(self._ties.arbiter.name)
+        if self._elsewhere:
+            figures = f"{figures}, NOT IN THE AUTOPILOT'S LIST"
+        judged = PlaceJudged(name, self.choice.reachable, figures)
         if judged != self._judged:
             self._judged = judged
             self._ties.handle(judged, now)
@@ -491,6 +506,7 @@ class PlaceWatch:
 
     def _held(self, point: RallyPoint, now: float) -> None:
         """The list holds that point."""
+        self._unwritten = False
         if self.choice is None or not self._keeper.settled:
             return  # it is not the one any more: the next one is on its way
         name = self.choice.place.name
@@ -509,14 +525,19 @@ class PlaceWatch:
         self._ties.narrator.place(text, self._told, self.choice.reachable)
         if self._aircraft.armed and self._told != self._stations_told:
             self._stations_told = self._told
-            for port in self._ties.voice.ports.values():
-                self._ties.voice.say(port, f"A{text[1:]}", mavlink.MAV_SEVERITY_NOTICE)
+            self._ties.voice.say_to_all(f"A{text[1:]}", mavlink.MAV_SEVERITY_NOTICE)
 
     def _not_held(self, why: str) -> None:
         self._ties.narrator.place_failed(why)
+        if not self._unwritten and self.choice is not None and self._aircraft.armed:
+            name = self.choice.place.name
+            self._ties.voice.say_to_all(f"{name} is not in the autopilot's list: a return may go elsewhere")
+        self._unwritten = True
 
     def _overwritten(self) -> None:
         self._ties.narrator.rally_overwritten()
+        if self._aircraft.armed:
+            self._ties.voice.say_to_all("somebody on board has written the rally list: the place is written again")
 
     # ---- a return -------------------------------------------------------------------------------------------------
 

@@ -202,8 +202,7 @@ class PositionWatch:
         if before is Standing.WAITED_FOR and standing is Standing.SOUND:  # as it should be: nobody has to be told
             return
         severity = mavlink.MAV_SEVERITY_NOTICE if standing is Standing.SOUND else mavlink.MAV_SEVERITY_WARNING
-        for port in self._ties.voice.ports.values():
-            self._ties.voice.say(port, text, severity)
+        self._ties.voice.say_to_all(text, severity)
 
     def words(self, now: float) -> str:
         """How it stands with the box, for people; "" without one."""

@@ -70,20 +70,17 @@ class Announcer:
         """Tell everybody."""
         self._number = self._number % 0xFFFF + 1
         self._told, self._left = told, _ENDS
-        for port in self._voice.ports.values():
-            self._voice.say(port, told.text, SEVERITIES[told.action])
+        self._voice.say_to_all(told.text, SEVERITIES[told.action])
         self._send(now)
 
     def commander(self, name: str, handover_id: int | None) -> None:
         """Tell everybody who commands now, "" if nobody does; `handover_id`: of the transfer behind it, if one is."""
         number = "" if handover_id is None else f" (handover {handover_id})"
-        for port in self._voice.ports.values():
-            self._voice.say(port, f"{name or 'nobody'} commands now{number}", COMMANDER)
+        self._voice.say_to_all(f"{name or 'nobody'} commands now{number}", COMMANDER)
 
     def rehearsal(self, moved: RehearsalMoved) -> None:
         """Tell everybody that a rehearsal has begun, or is over."""
-        for port in self._voice.ports.values():
-            self._voice.say(port, moved.text, REHEARSAL[moved.on, moved.reason is Reason.OPERATOR])
+        self._voice.say_to_all(moved.text, REHEARSAL[moved.on, moved.reason is Reason.OPERATOR])
 
     def _send(self, now: float) -> None:
         assert self._told is not None

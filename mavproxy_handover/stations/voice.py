@@ -8,6 +8,7 @@ whom it asked, the answer comes in the autopilot's name.
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -22,13 +23,23 @@ __all__ = ["Voice"]
 
 
 class Voice:
-    """Packs and sends messages of vehicle `sysid`; `write_autopilot` takes whole frames."""
+    """Packs and sends messages of vehicle `sysid`; `write_autopilot` takes whole frames.
 
-    def __init__(self, sysid: int, write_autopilot: Callable[[bytes], None], ports: Mapping[int, StationPort]) -> None:
+    Where every station is told, `fault` hears of the one that could not be: the others are.
+    """
+
+    def __init__(
+        self,
+        sysid: int,
+        write_autopilot: Callable[[bytes], None],
+        ports: Mapping[int, StationPort],
+        fault: Callable[[str, str], None],
+    ) -> None:
         self._own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=COMPANION_COMPID)
         self._as_autopilot = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT_COMPID)
         self._rates = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=RATES_COMPID)
         self._write_autopilot = write_autopilot
+        self._fault = fault
         #: of the last text
         self._text_id = 0
         #: every station by system id
@@ -45,7 +56,7 @@ class Voice:
     def to_stations(self, message: Any) -> None:
         """Send a message to every station, on its best link."""
         for port in self.ports.values():
-            port.send(message)
+            self._try(port, message)
 
     def acknowledge(
         self, port: StationPort, asker: tuple[int, int], command: int, result: int, component: int = AUTOPILOT_COMPID
@@ -67,3 +78,15 @@ class Voice:
         self._text_id = self._text_id % 0xFFFF + 1
         for message in status_texts(text, severity, self._text_id):
             port.send(message)
+
+    def say_to_all(self, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
+        """The same for the operators of all stations."""
+        self._text_id = self._text_id % 0xFFFF + 1
+        for message in status_texts(text, severity, self._text_id):
+            self.to_stations(message)
+
+    def _try(self, port: StationPort, message: Any) -> None:
+        try:
+            port.send(message)
+        except Exception:
+            self._fault(f"sending to {port.name}", traceback.format_exc(limit=-3))

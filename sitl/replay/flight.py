@@ -154,7 +154,7 @@ class _Flight:
         clock = Clocks(lambda: self._now, lambda: self._now)
         book = cast("Journal", _Book(lambda: self._now, self.replay))
         narrator = Narrator(config.name, book, book, self._arbiter, lambda _line: None, lambda: self._view.phase)
-        voice = Voice(config.sysid, self._asked, {})
+        voice = Voice(config.sysid, self._asked, {}, self._fault)
         self._narrator = narrator
         self._autopilot = Autopilot(
             config,

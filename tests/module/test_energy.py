@@ -29,6 +29,8 @@ from tests.module.vehicle import AUTO, RTL
 START, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 TOO_LITTLE = "energy: 79.5 Wh are needed with the reserve, 75.6 Wh are left"
+#: how whoever means it has it carried out
+LIFTS = "; send again in 3-15 s, or handover override energy"
 
 
 @pytest.fixture
@@ -65,7 +67,7 @@ def refused(bench: Bench) -> str:
 
 def test_start_is_refused_when_the_budget_does_not_close(bench: Bench, delivery: MissionPackage) -> None:
     get_ready(bench, delivery, 0.6)
-    assert refused(bench) == f"START refused: {TOO_LITTLE}"
+    assert refused(bench) == f"START refused: {TOO_LITTLE}{LIFTS}"
     (entry,) = bench.journal("start_refused")
     assert entry["text"] == f"START refused: {TOO_LITTLE}"
 
@@ -79,7 +81,7 @@ def test_what_arms_by_hand_needs_the_energy_as_well(bench: Bench, delivery: Miss
     get_ready(bench, delivery, 0.6)
     bench.a.command(ARM, 1.0)
     bench.run(0.5)
-    assert bench.a.texts() == f"arm refused: {TOO_LITTLE}"
+    assert bench.a.texts() == f"arm refused: {TOO_LITTLE}{LIFTS}"
     assert ARM not in bench.autopilot.commands()
 
 
@@ -93,7 +95,8 @@ def test_the_answer_changes_with_the_battery(bench: Bench, delivery: MissionPack
 
 def test_a_battery_that_says_nothing_is_not_flown_with(bench: Bench, delivery: MissionPackage) -> None:
     get_ready(bench, delivery, None)
-    assert refused(bench) == "START refused: energy: 79.5 Wh are needed with the reserve, and what is left is not known"
+    unknown = "energy: 79.5 Wh are needed with the reserve, and what is left is not known"
+    assert refused(bench) == f"START refused: {unknown}{LIFTS}"
     bench.run(5.0)
     assert bench.mpstate.console.said("Energy: no battery is heard.")
 
@@ -152,6 +155,27 @@ def test_start_may_be_told_to_warn_only(bench: Bench, delivery: MissionPackage) 
     bench.autopilot.battery = 1.0
     bench.run(2.5)
     assert [e["closes"] for e in bench.journal("energy_budget")] == [False, True]
+
+
+def test_who_starts_with_too_little_hears_it_where_it_is_let_pass(bench: Bench, delivery: MissionPackage) -> None:
+    energy_table(bench, 'start = "warn"')
+    get_ready(bench, delivery, 0.6)
+    bench.a.command(START)
+    bench.run(0.5)
+    assert bench.a.texts().count(f"START, warning: energy: {TOO_LITTLE.removeprefix('energy: ')}") == 1
+    assert bench.b.texts().count("warning: energy") == 0
+
+
+@pytest.mark.parametrize("policy", ["refuse", "warn", "off"])
+def test_how_a_refusal_is_lifted_is_said_and_does_not_hang_on_commands_in_flight(
+    bench: Bench, delivery: MissionPackage, policy: str
+) -> None:
+    bench.config.write_text(bench.config.read_text() + f'[commands]\nenergy = "{policy}"\n')
+    get_ready(bench, delivery, 0.6)
+    assert refused(bench).endswith(LIFTS)
+    bench.run(4.0)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
 
 
 def test_start_may_be_told_not_to_look(bench: Bench, delivery: MissionPackage) -> None:
@@ -287,6 +311,7 @@ def test_a_battery_that_falls_silent_in_flight_is_told_once(flying: Bench) -> No
     assert fact.left_wh == pytest.approx(125.0 - 378.0 * 31.0 / 3600.0, abs=0.3)
     told = [line for line in flying.mpstate.console.lines if "has been silent" in line]
     assert len(told) == 1
+    assert flying.a.texts().count("has been silent") == flying.b.texts().count("has been silent") == 1
 
 
 def test_one_that_never_said_what_it_draws_draws_what_flying_takes(flying: Bench) -> None:

@@ -13,7 +13,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.battery import Batteries
+from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.gate.flush import FlushTracker
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.wire.conversation import Ask, Asking
@@ -75,6 +78,58 @@ def test_a_broken_part_does_not_stop_the_leases(flight: Bench, part: str, monkey
     assert flight.mpstate.escaped == []
     flight.run(6.0)
     assert flight.companion.view.commander == 251, "and it is over when the cause is gone"
+
+
+#: what breaks -> who is told of it
+IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = {
+    "telemetry": (HEALTHY["the telemetry"], "telemetry"),
+    "sending to the partner": (
+        lambda b, patch: patch.setattr(b.companion.ports[252], "write", broken),
+        "sending to GCSB",
+    ),
+    "the memory of the batteries": (
+        lambda b, patch: patch.setattr(EnergyWatch, "memory", property(broken)),
+        "memory of the batteries",
+    ),
+    "what was learned": (lambda b, patch: patch.setattr(Learner, "model", broken), "energy"),
+    "what is left in the batteries": (lambda b, patch: patch.setattr(Batteries, "charge", broken), "energy"),
+    "keeping the state": (lambda b, patch: patch.setattr(b.companion._restart, "each_second", broken), "state"),
+    "repeating what was decided": (
+        lambda b, patch: patch.setattr(b.companion._announcer, "tick", broken),
+        "word of a decision",
+    ),
+    "the borders ahead": (
+        lambda b, patch: patch.setattr(b.companion.autopilot._borders, "each_second", broken),
+        "the way ahead",
+    ),
+}
+
+
+@pytest.mark.parametrize("part", list(IN_FLIGHT))
+def test_a_broken_part_does_not_silence_the_strategy(
+    bench: Bench, delivery: MissionPackage, part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In flight with a battery that empties: the aircraft returns all the same, and people know what has broken."""
+    bench.autopilot.battery = 1.0
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.5)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    bench.run(2.0)
+    bench.autopilot.battery = 0.3  # 37.8 Wh, of which 34.8 have to be left at the last
+    bench.run(10.0)
+    assert bench.autopilot.mode != RTL_MODE
+    plant, where = IN_FLIGHT[part]
+    plant(bench, monkeypatch)
+    bench.autopilot.battery = 0.05
+    bench.run(60.0 if where == "energy" else 25.0)
+    assert bench.autopilot.mode == RTL_MODE
+    said = bench.a.texts()
+    assert said.count(f"internal fault of the companion: {where}") == 1
+    assert "RETURN to home: " in said
+    assert not bench.companion.failed
+    monkeypatch.undo()
 
 
 def test_a_conversation_that_breaks_is_over_and_is_told(flight: Bench) -> None:

@@ -110,6 +110,38 @@ def test_it_follows_the_aircraft_and_is_told_to_everybody(flying: Bench) -> None
         assert station.texts().count("A return goes to rally 2") == 1
 
 
+def elsewhere(item: Any) -> Any:
+    """What an autopilot makes of a rally point that it does not keep as it was sent."""
+    if item.mission_type == RALLY:
+        item.x += 3000
+    return item
+
+
+def test_a_place_that_could_not_be_written_is_not_told_as_where_a_return_goes(flying: Bench) -> None:
+    flying.autopilot.spoil = elsewhere
+    fly_to(flying, IN_B, 60.0)
+    for station in (flying.a, flying.b):
+        assert {m.place for m in station.got("AUTHORITY_STATUS")[-40:]} == {""}, (
+            "what the list holds is no place of ours"
+        )
+        assert station.texts().count("rally 2 is not in the autopilot's list: a return may go elsewhere") == 1
+    lose(flying, flying.a, flying.b)
+    flying.until(lambda: flying.journal("fly"), 20.0)
+    (first, *_more) = (e["text"] for e in flying.journal("decision") if e["text"].startswith("RETURN"))
+    assert first.endswith(", covered by GCSB, NOT IN THE AUTOPILOT'S LIST") or first.endswith(
+        ", not covered, NOT IN THE AUTOPILOT'S LIST"
+    )
+
+
+def test_and_when_it_is_written_it_is_told(flying: Bench) -> None:
+    flying.autopilot.spoil = elsewhere
+    fly_to(flying, IN_B, 40.0)
+    flying.autopilot.spoil = lambda item: item
+    flying.run(20.0)
+    assert listed(flying) == [RALLY_2]
+    assert flying.b.got("AUTHORITY_STATUS")[-1].place == "rally 2"
+
+
 def test_the_nearest_whose_station_is_dead_is_passed_over_at_once(flying: Bench) -> None:
     fly_to(flying, BETWEEN, 40.0)
     assert listed(flying) == [HOME]
@@ -188,12 +220,7 @@ def test_a_refused_upload_is_told_and_tried_again(flying: Bench) -> None:
 
 
 def test_a_point_that_comes_back_elsewhere_is_not_believed(flying: Bench) -> None:
-    def spoil(item: Any) -> Any:
-        if item.mission_type == RALLY:
-            item.x += 3000
-        return item
-
-    flying.autopilot.spoil = spoil
+    flying.autopilot.spoil = elsewhere
     fly_to(flying, IN_B, 30.0)
     assert told(flying)[-1].startswith("a return goes to home")
     assert flying.journal("place_failed")
