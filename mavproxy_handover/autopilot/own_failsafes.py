@@ -7,6 +7,9 @@ a return, the one point of the rally list (SMART_RTL flies back the way it came,
 sequence), and only where home is no choice beside it; a fence that is stored and not switched on keeps nothing in; and
 ArduCopter's own fences, around home and above it, end a mission that leaves them.
 
+Each battery monitor has failsafes of its own, which act on the whole aircraft: those of the packs that it flies by
+(`batteries` of [energy]) are read and judged alike.
+
 A plane that returns circles at the place for ever unless something ends that: the mission's landing sequence
 (RTL_AUTOLAND), or its rotors (Q_RTL_MODE). Without, no START (`circles_for_ever`).
 
@@ -39,6 +42,8 @@ __all__ = [
     "WINGED",
     "PlanFacts",
     "circles_for_ever",
+    "further_names",
+    "further_rules",
     "plan_facts",
 ]
 
@@ -49,7 +54,7 @@ NAMES: Final = (
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RTL_SPEED", "RTL_SPEED_MS", "RALLY_INCL_HOME",
-    "RTL_CLIMB_MIN", "RTL_CLIMB_MIN_M", "RTL_LOIT_TIME", "HNDO_ACTION",
+    "RTL_CLIMB_MIN", "RTL_CLIMB_MIN_M", "RTL_LOIT_TIME", "HNDO_ACTION", "FS_DR_ENABLE",
 )  # fmt: skip
 #: the same of an aircraft with wings
 PLANE_NAMES: Final = (
@@ -59,6 +64,8 @@ PLANE_NAMES: Final = (
     "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "FLIGHT_OPTIONS", "TERRAIN_FOLLOW",
     "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS",
 )  # fmt: skip
+#: of those that begin with BATT_, what each further monitor has as well
+_OF_MONITOR: Final = ("MONITOR", "FS_LOW_ACT", "FS_CRT_ACT", "LOW_VOLT", "LOW_MAH")
 
 #: for which kinds a rule is
 COPTERS: Final = frozenset({Kind.COPTER})
@@ -97,6 +104,8 @@ def plan_facts(route: Route) -> PlanFacts:
 
 Parameters = Mapping[str, float]
 Rule = Callable[[Parameters, "PlanFacts | None"], "str | None"]
+#: parameter to change, rule, kinds of aircraft that it is for
+Row = tuple[str, Rule, frozenset[Kind]]
 
 # ---- the way home -------------------------------------------------------------------------------------------------
 
@@ -105,14 +114,14 @@ _SMART, _AUTO, _MOTORS_OFF = (
     "AUTO_RTL follows the mission's landing sequence, and goes not to the place that was chosen",
     "stops the motors in the air",
 )
-_BATTERY_WAYS: Final = {3: _SMART, 4: _SMART, 5: _MOTORS_OFF, 6: _AUTO}
+#: actions that the batteries' failsafes and that of dead reckoning take alike (`Copter::do_failsafe_action`)
+_ACTIONS: Final = {3: _SMART, 4: _SMART, 5: _MOTORS_OFF, 6: _AUTO}
 #: parameter -> its values that end otherwise than at the place that was chosen or with a landing
 _WAYS: Final[Mapping[str, Mapping[int, str]]] = {
     "HNDO_ACTION": {2: _SMART},
     "FS_GCS_ENABLE": {3: _SMART, 4: _SMART, 6: _AUTO},
     "FS_THR_ENABLE": {4: _SMART, 5: _SMART, 6: _AUTO},
-    "BATT_FS_LOW_ACT": _BATTERY_WAYS,
-    "BATT_FS_CRT_ACT": _BATTERY_WAYS,
+    "FS_DR_ENABLE": _ACTIONS,
     "FENCE_ACTION": {3: _SMART, 5: _SMART},
 }
 
@@ -124,7 +133,7 @@ _SEQUENCE, _AUTOLAND, _GLIDE, _NO_FENCE, _AROUND = (
     "ArduPlane knows no such action: nothing is done",
     "circles at the fence's own return point, and goes not to the place that was chosen",
 )
-_WINGED_BATTERY: Final = {3: _MOTORS_OFF, 5: "releases the parachute in the air", 7: _AUTOLAND}
+_WINGED_ACTIONS: Final = {3: _MOTORS_OFF, 5: "releases the parachute in the air", 7: _AUTOLAND}
 #: the same of aircraft with wings
 _WINGED_WAYS: Final[Mapping[str, Mapping[int, str]]] = {
     "HNDO_ACTION": {2: "SMART_RTL is no mode of ArduPlane"},
@@ -136,20 +145,18 @@ _WINGED_WAYS: Final[Mapping[str, Mapping[int, str]]] = {
         5: _AUTOLAND,
     },
     "FS_SHORT_ACTN": {2: _GLIDE, 4: "flies on straight ahead, by hand, without a radio"},
-    "BATT_FS_LOW_ACT": _WINGED_BATTERY,
-    "BATT_FS_CRT_ACT": _WINGED_BATTERY,
     "FENCE_ACTION": {**dict.fromkeys((2, 3, 4, 5), _NO_FENCE), 6: _AROUND, 7: _AROUND, 8: _AUTOLAND},
     "RTL_AUTOLAND": {2: _SEQUENCE, 4: _SEQUENCE},
     "MIS_RESTART": {1: "CONTINUE, and AUTO behind a return, begin the mission anew"},
 }
 
 
-def _way(name: str, ways: Mapping[str, Mapping[int, str]] = _WAYS) -> Rule:
+def _way(name: str, ways: Mapping[int, str]) -> Rule:
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
         if name not in p:
             return None
         value = int(p[name])
-        way = ways[name].get(value)
+        way = ways.get(value)
         return None if way is None else f"is {value}: {way}"
 
     return rule
@@ -303,31 +310,69 @@ _WINGED_GRAVITY: Final = {3: 0, 5: 1, 4: 2, 2: 3, 1: 4, 0: 5}
 _LEAST: Final = 6
 
 
-def _monitor(p: Parameters, plan: PlanFacts | None) -> str | None:
-    return "is 0: nobody measures the battery" if p.get("BATT_MONITOR", 1) == 0 else None
-
-
-def _low(p: Parameters, plan: PlanFacts | None) -> str | None:
-    if p.get("BATT_MONITOR", 1) == 0 or p.get("BATT_FS_LOW_ACT", 2) != 0:
-        return None
-    return "is 0: nothing brings the aircraft home when the battery is low"
-
-
-def _low_when(p: Parameters, plan: PlanFacts | None) -> str | None:
-    acts = p.get("BATT_MONITOR", 0) != 0 and p.get("BATT_FS_LOW_ACT", 0) != 0
-    if not acts or p.get("BATT_LOW_VOLT", 1.0) > 0 or p.get("BATT_LOW_MAH", 1.0) > 0:
-        return None
-    return "is 0, and so is BATT_LOW_MAH: the battery's failsafe never acts"
-
-
-def _critical(gravity: Mapping[int, int]) -> Rule:
+def _monitor(battery: str) -> Rule:
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
-        low, critical = int(p.get("BATT_FS_LOW_ACT", 0)), int(p.get("BATT_FS_CRT_ACT", 0))
-        if critical == 0 or gravity.get(critical, _LEAST) <= gravity.get(low, _LEAST):
-            return None
-        return f"is {critical}: never acts after BATT_FS_LOW_ACT {low}"
+        return "is 0: nobody measures the battery" if p.get(f"{battery}_MONITOR", 1) == 0 else None
 
     return rule
+
+
+def _low(battery: str) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        if p.get(f"{battery}_MONITOR", 1) == 0 or p.get(f"{battery}_FS_LOW_ACT", 2) != 0:
+            return None
+        return "is 0: nothing brings the aircraft home when the battery is low"
+
+    return rule
+
+
+def _low_when(battery: str) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        acts = p.get(f"{battery}_MONITOR", 0) != 0 and p.get(f"{battery}_FS_LOW_ACT", 0) != 0
+        if not acts or p.get(f"{battery}_LOW_VOLT", 1.0) > 0 or p.get(f"{battery}_LOW_MAH", 1.0) > 0:
+            return None
+        return f"is 0, and so is {battery}_LOW_MAH: the battery's failsafe never acts"
+
+    return rule
+
+
+def _critical(battery: str, gravity: Mapping[int, int]) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        low, critical = int(p.get(f"{battery}_FS_LOW_ACT", 0)), int(p.get(f"{battery}_FS_CRT_ACT", 0))
+        if critical == 0 or gravity.get(critical, _LEAST) <= gravity.get(low, _LEAST):
+            return None
+        return f"is {critical}: never acts after {battery}_FS_LOW_ACT {low}"
+
+    return rule
+
+
+def _rules_of(battery: str) -> tuple[Row, ...]:
+    """The rules of one monitor. `battery`: what its parameters begin with."""
+    low, critical = f"{battery}_FS_LOW_ACT", f"{battery}_FS_CRT_ACT"
+    return (
+        (f"{battery}_MONITOR", _monitor(battery), EVERY),
+        (low, _low(battery), EVERY),
+        (f"{battery}_LOW_VOLT", _low_when(battery), EVERY),
+        *((name, _way(name, _ACTIONS), COPTERS) for name in (low, critical)),
+        *((name, _way(name, _WINGED_ACTIONS), WINGED) for name in (low, critical)),
+        (critical, _critical(battery, _GRAVITY), COPTERS),
+        (critical, _critical(battery, _WINGED_GRAVITY), WINGED),
+    )
+
+
+def _further(batteries: int) -> tuple[str, ...]:
+    """What the parameters of the further monitors begin with: those of monitor 1 with BATT2_."""
+    return tuple(f"BATT{number}" for number in range(2, batteries + 1))
+
+
+def further_names(batteries: int) -> tuple[str, ...]:
+    """What is read besides of an aircraft that flies by so many batteries."""
+    return tuple(f"{battery}_{name}" for battery in _further(batteries) for name in _OF_MONITOR)
+
+
+def further_rules(batteries: int) -> tuple[Row, ...]:
+    """And how it is judged."""
+    return tuple(row for battery in _further(batteries) for row in _rules_of(battery))
 
 
 # ---- the fence ----------------------------------------------------------------------------------------------------
@@ -381,15 +426,11 @@ def _ceiling(p: Parameters, plan: PlanFacts | None) -> str | None:
     return f"is {most_m:g} m, and the route climbs to {plan.highest_m:.0f} m"
 
 
-#: parameter to change, rule, kinds of aircraft that it is for; the gravest first
-RULES: Final[tuple[tuple[str, Rule, frozenset[Kind]], ...]] = (
-    ("BATT_MONITOR", _monitor, EVERY),
-    ("BATT_FS_LOW_ACT", _low, EVERY),
-    ("BATT_LOW_VOLT", _low_when, EVERY),
-    *((name, _way(name), COPTERS) for name in _WAYS),
-    *((name, _way(name, _WINGED_WAYS), WINGED) for name in _WINGED_WAYS),
-    ("BATT_FS_CRT_ACT", _critical(_GRAVITY), COPTERS),
-    ("BATT_FS_CRT_ACT", _critical(_WINGED_GRAVITY), WINGED),
+#: the gravest first
+RULES: Final[tuple[Row, ...]] = (
+    *_rules_of("BATT"),
+    *((name, _way(name, ways), COPTERS) for name, ways in _WAYS.items()),
+    *((name, _way(name, ways), WINGED) for name, ways in _WINGED_WAYS.items()),
     ("FENCE_ENABLE", _enabled, EVERY),
     ("FENCE_TYPE", _kinds, EVERY),
     ("FENCE_ACTION", _reported, EVERY),

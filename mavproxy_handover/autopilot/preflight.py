@@ -31,6 +31,7 @@ from mavproxy_handover.autopilot.kinds import COPTER, PLANE, Vehicle
 from mavproxy_handover.autopilot.own_failsafes import COPTERS, EVERY, WINGED, PlanFacts, circles_for_ever
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
+from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
@@ -54,7 +55,8 @@ PLANE_NAMES = (
     "ARMING_CHECK", "ARMING_SKIPCHK", "ARMING_REQUIRE", "WP_LOITER_RAD", "RTL_RADIUS", *own_failsafes.PLANE_NAMES,
 )  # fmt: skip
 _NAMES_OF: Final = {COPTER: NAMES, PLANE: PLANE_NAMES}
-_KNOWN: Final = frozenset((*NAMES, *PLANE_NAMES))
+_MOST_BATTERIES: Final = int(ENERGY_RANGES["batteries"][1])
+_KNOWN: Final = frozenset((*NAMES, *PLANE_NAMES, *own_failsafes.further_names(_MOST_BATTERIES)))
 OLDEST, NEWEST = (4, 5), (4, 7)
 
 #: ArduPilot keeps 20 requests and drops the rest
@@ -101,6 +103,8 @@ class Found:
     gap_s: float = 0.0
     #: what kind of aircraft it is
     kind: Kind = Kind.COPTER
+    #: how many it flies by: monitors 0 and up
+    batteries: int = 1
 
     @property
     def vehicle(self) -> Vehicle:
@@ -108,9 +112,9 @@ class Found:
         return PLANE if self.kind.winged else COPTER
 
 
-def names_of(vehicle: Vehicle) -> tuple[str, ...]:
-    """The parameters that are read of an autopilot with this firmware."""
-    return _NAMES_OF[vehicle]
+def names_of(vehicle: Vehicle, batteries: int = 1) -> tuple[str, ...]:
+    """The parameters that are read of an autopilot with this firmware, which flies by so many batteries."""
+    return (*_NAMES_OF[vehicle], *own_failsafes.further_names(batteries))
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------
@@ -370,7 +374,7 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
         text = rule(found.parameters, found, limits)
         if text is not None:
             findings.append(_finding(parameter, text))
-    for parameter, own, kinds in own_failsafes.RULES:
+    for parameter, own, kinds in (*own_failsafes.RULES, *own_failsafes.further_rules(found.batteries)):
         text = own(found.parameters, found.plan) if found.kind in kinds else None
         if text is not None:
             findings.append(_finding(parameter, text))
@@ -384,6 +388,13 @@ def _finding(parameter: str, text: str) -> Finding:
 # ---- when ---------------------------------------------------------------------------------------------------------
 
 
+_UNSAID: Final = EnergySettings()
+
+
+def _batteries(energy: EnergySettings) -> int:
+    return int(energy.batteries or 1)
+
+
 class Preflight:
     """Reads once the autopilot is up and on the ground; a START meanwhile does not stop it. Again every half minute
     while something does not fit, and after a reboot.
@@ -391,8 +402,14 @@ class Preflight:
     `report` is told each finding that is new (text, parameter to change, False), and once that all is well (True)."""
 
     def __init__(
-        self, sysid: int, limits: Limits, conversations: Conversations, report: Callable[[str, str, bool], None]
+        self,
+        sysid: int,
+        limits: Limits,
+        conversations: Conversations,
+        report: Callable[[str, str, bool], None],
+        energy: EnergySettings = _UNSAID,
     ) -> None:
+        """`energy`: the vehicle's own, which says how many batteries it flies by where the mission does not."""
         self._sysid = sysid
         self._limits = limits
         self._conversations = conversations
@@ -411,14 +428,19 @@ class Preflight:
         self._heard_on: int | None = None
         self._plan: PlanFacts | None = None
         self._gap_s = 0.0
+        self._own_energy = energy
+        self._batteries = _batteries(energy)
         self._replanned = False
 
-    def planned(self, plan: PlanFacts | None, gap_s: float = 0.0) -> None:
+    def planned(self, plan: PlanFacts | None, gap_s: float = 0.0, energy: EnergySettings | None = None) -> None:
         """The autopilot holds another mission, or none: once it has been read, it is read again for one.
 
-        `gap_s`: the longest limit of its gaps."""
+        `gap_s`: the longest limit of its gaps. `energy`: the mission's, which goes before the vehicle's; None: that
+        stays as it was."""
         self._plan, self._replanned = plan, plan is not None
         self._gap_s = gap_s
+        if energy is not None:
+            self._batteries = _batteries(energy.over(self._own_energy))
 
     def told(self, name: str, value: float) -> None:
         """A PARAM_VALUE of the autopilot: it tells everybody of each that is set."""
@@ -460,16 +482,16 @@ class Preflight:
             return
         self._due_at, self._unread = math.inf, False
         self._told.clear()
-        vehicle = aircraft.vehicle
+        vehicle, batteries = aircraft.vehicle, self._batteries
 
         def done(talk: Conversation, now: float) -> None:
             self.parameters = {**(talk.result or {}), **self._told}  # what was set meanwhile may have been read before
             self.radio_watched = self.parameters.get(vehicle.radio_failsafe, 1) != 0
-            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind
+            told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind, batteries
             found = Found(self.parameters, guard, firmware, *told)
             self._conclude(judge(found, self._limits), now)
 
-        self._conversations.begin("preflight", reading(self._sysid, names_of(vehicle)), done, now)
+        self._conversations.begin("preflight", reading(self._sysid, names_of(vehicle, batteries)), done, now)
 
     def _conclude(self, findings: tuple[Finding, ...], now: float) -> None:
         before, self.findings = self.findings, findings

@@ -7,6 +7,7 @@ The values are those of `ardupilot_lua/handover.parm`, which is read, and the gu
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Final
 
@@ -50,10 +51,13 @@ _OWN: Final = {
     "MAV_OPTIONS": "Take bit 0 out of MAV_OPTIONS.",
     "BATT_MONITOR": "Set BATT_MONITOR to the kind of power module that is fitted.",
     "BATT_LOW_VOLT": "Set BATT_LOW_VOLT to the voltage at which this battery has to be on its way home.",
+    "FS_DR_ENABLE": "Set FS_DR_ENABLE to 2 (RTL), or 1 (land).",
     "FENCE_ENABLE": "Set FENCE_ENABLE to 1.",
     "FENCE_TYPE": "Set FENCE_TYPE to 4, or 5 with a ceiling.",
     "FENCE_ACTION": "Set FENCE_ACTION to 1.",
 }
+#: a parameter of a further battery, which is set as that of the first
+_FURTHER: Final = re.compile(r"BATT[2-9]_")
 #: words of a finding that is about no parameter -> what to do
 _WORDS: Final = (
     (
@@ -70,6 +74,9 @@ _WORDS: Final = (
 
 def advice(parameter: str, text: str) -> str:
     """One sentence. `parameter`: the one to change, "" for none; `text`: what was found."""
+    further = _FURTHER.match(parameter)
+    if further is not None:
+        return advice(parameter.replace(further[0], "BATT_"), text).replace("BATT_", further[0])
     if parameter in _OWN:
         return _OWN[parameter]
     value = _GUARD.get(parameter) or _recommended().get(parameter)

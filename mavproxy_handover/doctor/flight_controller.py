@@ -219,7 +219,7 @@ class _Visit:
         if self._vehicle.position.box and self._aircraft.own_position is None:
             self.talk.ask(_message(sysid, "GLOBAL_POSITION_INT"))
         yield self._time()
-        names = preflight.names_of(self._aircraft.vehicle)
+        names = preflight.names_of(self._aircraft.vehicle, self._batteries)
         self._patient.tell(f"reading {len(names)} parameters")
         parameters = self.talk.ask(preflight.reading(sysid, names)).result or {}
         self.talk.listen(_GUARD_S, lambda: self._guard is not None or not self._grounded())
@@ -251,6 +251,7 @@ class _Visit:
             plan=None if package is None else plan_facts(package.route),
             gap_s=0.0 if package is None else max((gap.limit_s for gap in package.gaps), default=0.0),
             kind=self._aircraft.kind,
+            batteries=self._batteries,
         )
         wrong = preflight.judge(found, self._vehicle.limits)
         for each in wrong:
@@ -261,6 +262,13 @@ class _Visit:
         if self._vehicle.limits.guard_required and "HNDO_ENABLE" in parameters:
             yield self._of_guard()
             yield self._script()
+
+    @property
+    def _batteries(self) -> int:
+        """How many it flies by: the mission's word goes before the vehicle's."""
+        package, own = self._patient.package, self._vehicle.energy
+        energy = own if package is None else package.energy.over(own)
+        return int(energy.batteries or 1)
 
     def _of_guard(self) -> Finding:
         status = self._guard

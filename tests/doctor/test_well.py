@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from mavproxy_handover.autopilot import preflight
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.doctor.talk import Talk
@@ -21,6 +22,7 @@ from mavproxy_handover.link.devices import open_device
 from mavproxy_handover.link.timesync import TIMESYNC
 from mavproxy_handover.mission.package import load
 from mavproxy_handover.resources import shipped
+from mavproxy_handover.wire.conversation import Asking
 from mavproxy_handover.wire.ids import PROBE_COMPID
 from sitl.vehicles import RunningVehicle, VehicleSpec, launch
 from tests.doctor.machine import KEYS, Station, companion, free_port
@@ -124,6 +126,27 @@ def test_what_does_not_fit_in_the_autopilot(
     assert said.startswith(f"autopilot: {words}")
     assert do in said
     assert found.code == 1
+
+
+def test_of_two_batteries_that_fly_it_both_are_looked_at(
+    vehicle: RunningVehicle, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The embedded vehicle has one, so what its second monitor would answer is put to what it answers."""
+    second = {"BATT2_MONITOR": 4.0, "BATT2_FS_LOW_ACT": 3.0, "BATT2_LOW_VOLT": 10.5}
+    reading = preflight.reading
+
+    def with_second(sysid: int, names: tuple[str, ...]) -> Asking:
+        values = yield from reading(sysid, names)
+        return values | {name: value for name, value in second.items() if name in names}
+
+    monkeypatch.setattr(preflight, "reading", with_second)
+    machine = companion(tmp_path, vehicle.companion_master, {"GCSA": 9, "GCSB": 10})
+    assert machine.doctor(capsys, "--no-links").lines("error") == []
+    machine.config.write_text(machine.config.read_text() + "\n[energy]\nbatteries = 2\n")
+    (said,) = machine.doctor(capsys, "--no-links").lines("error")
+    smart = "is 3: SMART_RTL flies back the way it came, and not to the place that was chosen"
+    do = "Set BATT2_FS_LOW_ACT to 2; handover.parm and handover_guard.md say why."
+    assert said == f"autopilot: BATT2_FS_LOW_ACT: {smart} -> {do}"
 
 
 def test_a_position_box_is_where_the_autopilot_is(

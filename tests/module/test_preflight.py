@@ -12,12 +12,26 @@ from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as stock
+from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.autopilot.own_failsafes import PlanFacts, circles_for_ever, plan_facts
-from mavproxy_handover.autopilot.preflight import NAMES, PLANE_NAMES, Finding, Found, judge, reading
+from mavproxy_handover.autopilot.preflight import (
+    NAMES,
+    PLANE_NAMES,
+    Finding,
+    Found,
+    Preflight,
+    judge,
+    names_of,
+    reading,
+)
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
+from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.package import MissionPackage, load
+from mavproxy_handover.wire.conversation import Conversations
 from tests.autopilot.test_copter import talk
 from tests.autopilot.test_down import route
 from tests.module.conftest import MISSIONS, Bench, Clock
@@ -272,6 +286,10 @@ AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the missi
         ({"FS_THR_ENABLE": 4.0}, f"FS_THR_ENABLE is 4: {SMART}"),
         ({"FS_THR_ENABLE": 5.0}, f"FS_THR_ENABLE is 5: {SMART}"),
         ({"FS_THR_ENABLE": 6.0}, f"FS_THR_ENABLE is 6: {AUTO_RTL}"),
+        ({"FS_DR_ENABLE": 3.0}, f"FS_DR_ENABLE is 3: {SMART}"),
+        ({"FS_DR_ENABLE": 4.0}, f"FS_DR_ENABLE is 4: {SMART}"),
+        ({"FS_DR_ENABLE": 5.0}, "FS_DR_ENABLE is 5: stops the motors in the air"),
+        ({"FS_DR_ENABLE": 6.0}, f"FS_DR_ENABLE is 6: {AUTO_RTL}"),
         ({"HNDO_ACTION": 2.0}, f"HNDO_ACTION is 2: {SMART}"),
         ({"FENCE_ACTION": 3.0}, f"FENCE_ACTION is 3: {SMART}"),
         ({"FENCE_ACTION": 5.0}, f"FENCE_ACTION is 5: {SMART}"),
@@ -336,6 +354,8 @@ def test_each_of_the_autopilot_s_own_failsafes_that_does_not_fit_is_said_alone(
         {"BATT_MONITOR": 4.0, "BATT_FS_LOW_ACT": 7.0, "BATT_FS_CRT_ACT": 7.0},
         {"BATT_LOW_VOLT": 0.0, "BATT_LOW_MAH": 600.0},
         {"BATT_FS_CRT_ACT": 0.0},
+        {"FS_DR_ENABLE": 0.0},
+        {"FS_DR_ENABLE": 2.0},
         {"RTL_SPEED": 0.0},
         {"RTL_CLIMB_MIN": 0.0, "RTL_LOIT_TIME": 5000.0},
         {"RTL_CLIMB_MIN_M": 0.0, "RTL_LOIT_TIME": 0.0},
@@ -351,6 +371,112 @@ def test_each_of_the_autopilot_s_own_failsafes_that_does_not_fit_is_said_alone(
 def test_what_is_no_trouble_is_not_said(changes: dict[str, Any]) -> None:
     """A critical action as grave as the low one acts; a fence that is off limits nothing; and so on."""
     assert judge(found(**changes), Limits()) == ()
+
+
+# ---- further batteries --------------------------------------------------------------------------------------------
+
+#: a second battery as well set up as the first
+SECOND = {
+    "BATT2_MONITOR": 4.0,
+    "BATT2_FS_LOW_ACT": 2.0,
+    "BATT2_FS_CRT_ACT": 1.0,
+    "BATT2_LOW_VOLT": 10.5,
+    "BATT2_LOW_MAH": 0.0,
+}
+FITS, SECOND_IS_SMART = "guard, parameters and firmware fit", f"BATT2_FS_LOW_ACT is 3: {SMART}"
+
+
+def with_batteries(batteries: int, kind: Kind = Kind.COPTER, **changes: float) -> list[str]:
+    good = GOOD if kind is Kind.COPTER else GOOD_PLANE
+    state = Found({**good, **changes}, GuardState.LIVE, (4, 7), plan=FLAT, kind=kind, batteries=batteries)
+    return [finding.text for finding in judge(state, Limits())]
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"BATT2_MONITOR": 0.0}, "BATT2_MONITOR is 0: nobody measures the battery"),
+        (
+            {"BATT2_FS_LOW_ACT": 0.0},
+            "BATT2_FS_LOW_ACT is 0: nothing brings the aircraft home when the battery is low",
+        ),
+        (
+            {"BATT2_LOW_VOLT": 0.0},
+            "BATT2_LOW_VOLT is 0, and so is BATT2_LOW_MAH: the battery's failsafe never acts",
+        ),
+        ({"BATT2_FS_LOW_ACT": 3.0}, f"BATT2_FS_LOW_ACT is 3: {SMART}"),
+        ({"BATT2_FS_LOW_ACT": 6.0}, f"BATT2_FS_LOW_ACT is 6: {AUTO_RTL}"),
+        ({"BATT2_FS_CRT_ACT": 5.0}, "BATT2_FS_CRT_ACT is 5: stops the motors in the air"),
+        ({"BATT2_FS_CRT_ACT": 7.0}, "BATT2_FS_CRT_ACT is 7: never acts after BATT2_FS_LOW_ACT 2"),
+    ],
+)
+def test_a_second_battery_that_flies_it_is_judged_as_the_first(changes: dict[str, float], text: str) -> None:
+    """The fault: with batteries = 2 only BATT_FS_* was read, and the second could choose SMART_RTL."""
+    assert with_batteries(2, **{**SECOND, **changes}) == [text]
+    assert with_batteries(1, **{**SECOND, **changes}) == []
+
+
+def test_the_eighth_battery_is_judged_and_an_autopilot_without_it_hears_nothing_of_it() -> None:
+    assert with_batteries(8, **SECOND) == []
+    assert with_batteries(8, BATT8_FS_CRT_ACT=4.0) == [f"BATT8_FS_CRT_ACT is 4: {SMART}"]
+
+
+def test_a_second_battery_of_a_plane_is_judged_by_what_a_plane_does() -> None:
+    plane = {**SECOND, "BATT2_FS_LOW_ACT": 1.0, "BATT2_FS_CRT_ACT": 4.0}
+    assert with_batteries(2, Kind.QUADPLANE, **plane) == []
+    assert with_batteries(2, Kind.QUADPLANE, **{**plane, "BATT2_FS_CRT_ACT": 7.0}) == [
+        "BATT2_FS_CRT_ACT is 7: AUTOLAND lands at home, and not at the place that was chosen",
+        "BATT2_FS_CRT_ACT is 7: never acts after BATT2_FS_LOW_ACT 1",
+    ]
+
+
+def test_what_is_read_of_further_batteries() -> None:
+    assert names_of(COPTER) == NAMES
+    assert names_of(PLANE, 3)[len(PLANE_NAMES) :] == (
+        "BATT2_MONITOR",
+        "BATT2_FS_LOW_ACT",
+        "BATT2_FS_CRT_ACT",
+        "BATT2_LOW_VOLT",
+        "BATT2_LOW_MAH",
+        "BATT3_MONITOR",
+        "BATT3_FS_LOW_ACT",
+        "BATT3_FS_CRT_ACT",
+        "BATT3_LOW_VOLT",
+        "BATT3_LOW_MAH",
+    )
+
+
+@pytest.mark.parametrize(
+    ("own", "missions", "text"),
+    [
+        (EnergySettings(), None, FITS),
+        (EnergySettings(batteries=2.0), None, SECOND_IS_SMART),
+        (EnergySettings(batteries=2.0), EnergySettings(), SECOND_IS_SMART),
+        (EnergySettings(), EnergySettings(batteries=2.0), SECOND_IS_SMART),
+        (EnergySettings(batteries=2.0), EnergySettings(batteries=1.0), FITS),
+    ],
+)
+def test_how_many_batteries_fly_it_is_the_missions_to_say_and_else_the_vehicles(
+    own: EnergySettings, missions: EnergySettings | None, text: str
+) -> None:
+    autopilot = ParameterAutopilot({**GOOD, **SECOND, "BATT2_FS_LOW_ACT": 3.0})
+    coder, written = mavlink.MAVLink(None, srcSystem=1, srcComponent=191), list[bytes]()
+    talks = Conversations(lambda message: written.append(bytes(message.pack(coder))), lambda where, text: None)
+    said: list[str] = []
+    preflight = Preflight(1, Limits(), talks, lambda text, parameter, fits: said.append(text), own)
+    if missions is not None:
+        preflight.planned(FLAT, energy=missions)
+        preflight.planned(FLAT)  # a mission sent in flight says nothing of batteries
+    aircraft = Aircraft()
+    for tick in range(300):
+        now = 0.05 * tick
+        aircraft.heartbeat_at = now
+        preflight.each_second(aircraft, True, GuardState.LIVE, (4, 7), now)
+        waiting, written[:] = list(written), []
+        for message in autopilot.step(waiting, now):
+            talks.on_message(message, now)
+        talks.tick(now)
+    assert said == [text]
 
 
 @pytest.mark.parametrize(("most_s", "gap_s", "told"), [(0, 0, 0), (60, 60, 0), (60, 0, 0), (59, 60, 1), (None, 60, 1)])

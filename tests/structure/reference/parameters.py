@@ -50,7 +50,9 @@ def parameters() -> str:
         "## What the companion reads before a flight",
         "On the ground; it says what does not fit, at the companion (`handover status`), and so does `handover "
         "doctor`. Of two names of one thing a firmware has one. These are the companion's own words for "
-        "values that do not fit, tried one after another; what has none is read for the sake of the others.",
+        "values that do not fit, tried one after another; what has none is read for the sake of the others. "
+        "Of an aircraft that flies by several `batteries` ([energy]) what is read of `BATT_` is read of `BATT2_` and "
+        "so on as well, and the same is said of it.",
         table(("parameter", "what is said of it"), ((code(name), cell(_said(name))) for name in NAMES)),
         "## What it reads of a plane besides",
         "Of ArduPlane, hovering or not. What is said of both in the same words stands above.",
