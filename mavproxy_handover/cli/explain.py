@@ -15,15 +15,13 @@ from mavproxy_handover.config.toml import ConfigError
 from mavproxy_handover.config.vehicle import load_vehicle
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
-from mavproxy_handover.core.safety.explain import HEAD, facts_table, kinds_table, story, table
+from mavproxy_handover.core.safety.explain import HEAD, assumed, facts_table, kinds_table, story, table
 from mavproxy_handover.core.safety.strategy import Fact
 from mavproxy_handover.gate.explain import columns, markdown_table
 
 __all__ = ["main", "markdown"]
 
 _YES, _NO = ("yes", "true", "1", "on"), ("no", "false", "0", "off")
-#: what holds in the air when nothing is said of it
-_ALOFT: Final = frozenset({Fact.FLYING, Fact.AUTOPILOT, Fact.MAY_HOLD, Fact.PLACE})
 _CAUSES: Final[Mapping[str, Cause]] = {cause.value: cause for cause in Cause}
 _FACTS: Final[Mapping[str, Fact]] = {fact.name.lower(): fact for fact in Fact}
 
@@ -40,7 +38,8 @@ class _State:
 
 def _state(words: Sequence[str], limits: Limits) -> tuple[_State, Limits]:
     """Raises _BadState."""
-    state = _State(frozenset(), _ALOFT)
+    causes: set[Cause] = set()
+    said: dict[Fact, bool] = {}
     for word in words:
         key, equals, value = word.partition("=")
         if key.startswith("policy."):
@@ -51,13 +50,14 @@ def _state(words: Sequence[str], limits: Limits) -> tuple[_State, Limits]:
         if value not in (*_YES, *_NO) and equals:
             raise _BadState(f"{word}: {value!r} must be yes or no")
         on = value in _YES or not equals
-        if key in _CAUSES:
-            cause = {_CAUSES[key]}
-            state = replace(state, causes=state.causes | cause if on else state.causes - cause)
+        if key in _FACTS:
+            said[_FACTS[key]] = on
+        elif on:
+            causes.add(_CAUSES[key])
         else:
-            fact = {_FACTS[key]}
-            state = replace(state, facts=state.facts | fact if on else state.facts - fact)
-    return state, limits
+            causes.discard(_CAUSES[key])
+    facts = {fact for fact in Fact if said.get(fact, fact in assumed(causes))}
+    return _State(frozenset(causes), frozenset(facts)), limits
 
 
 def _with_policy(limits: Limits, key: str, value: str) -> Limits:
@@ -84,8 +84,10 @@ def main(argv: Sequence[str]) -> int:
         description="What the aircraft does about what is wrong: each cause, how long its sign has to stay, and what "
         "is done, by the configuration. With --state: what would be decided then, and why.",
         epilog="A state names causes and facts: --state commander_lost --state place=no --state policy.fence=return. "
-        "In the air, the autopilot heard, a place in reach and room to hold are taken for granted. A mission's own "
-        "policy (on_out_of_coverage) goes before: --state policy.out_of_coverage=land.",
+        "In the air, the autopilot heard, a place in reach and room to hold are taken for granted; the autopilot not "
+        "beside autopilot_lost, room to hold not beside commander_lost, out_of_coverage, no_station and "
+        "position_stale. A mission's own policy (on_out_of_coverage) goes before: --state "
+        "policy.out_of_coverage=land.",
     )
     parser.add_argument("--config", type=Path, help="the vehicle's configuration; without it the defaults")
     parser.add_argument(

@@ -45,11 +45,13 @@ _ENERGY: Final[Meanings] = {
     "drag_per_m": "see drag_per_s",
     "start": "what a budget that does not close does to START",
 }
+_NO_STATION: Final = "inside zones, but no station of theirs could take the aircraft"
+_HELD_NOWHERE: Final = '; "hold" comes to "return": it is outside its commander\'s zone then, and held only inside'
 _CAUSES: Final[Meanings] = {
     "energy": "no more is left than the way to the best place needs, with the reserve",
     "commander_lost": "no commander is heard, and no other station takes the aircraft",
     "out_of_coverage": "outside every zone; a mission's own on_out_of_coverage goes before",
-    "no_station": "inside zones, but no station of theirs could take the aircraft",
+    "no_station": _NO_STATION,
     "coverage_ends": "the border of the last zone that counts is ahead",
     "authentication": "somebody tries to speak as the commander",
     "links_weak": "the commander's links are bad, and no station's are better",
@@ -137,7 +139,7 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "autopilot_lost_s": "an older heartbeat of the autopilot counts as lost",
         "guard_lost_s": "an older status of the guard counts as lost",
     },
-    "policy": _CAUSES,
+    "policy": {**_CAUSES, "no_station": _NO_STATION + _HELD_NOWHERE},
     "hold_off": _CAUSES,
     "clear": _CAUSES,
     "links": {

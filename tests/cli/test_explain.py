@@ -116,11 +116,55 @@ def test_a_configuration_is_heeded(capsys: pytest.CaptureFixture[str], tmp_path:
                 "decision: LAND, for fence",
             ],
         ),
+        (
+            "no_station policy.no_station=hold",
+            [
+                "no_station (no station here could take the aircraft), policy hold:",
+                "  no transfer: not so that a station is about to take the aircraft",
+                "  no continue: not so that the mission declares this gap",
+                "  no hold: not so that it can stand still here",
+                "  asks for return: a place can be reached",
+                "decision: RETURN, for no_station",
+            ],
+        ),
+        (
+            "no_station policy.no_station=hold may_hold",
+            [
+                "no_station (no station here could take the aircraft), policy hold:",
+                "  no transfer: not so that a station is about to take the aircraft",
+                "  no continue: not so that the mission declares this gap",
+                "  asks for hold: it can stand still here",
+                "decision: HOLD, for no_station",
+            ],
+        ),
         ("landing", ["decision: none, nothing is wrong"]),
     ],
 )
 def test_a_state_is_decided_and_explained(capsys: pytest.CaptureFixture[str], state: str, expected: list[str]) -> None:
     assert printed(capsys, "--state", *state.split()).splitlines() == expected
+
+
+@pytest.mark.parametrize("wrong", ["commander_lost", "out_of_coverage", "position_stale"])
+def test_where_nothing_is_held_no_room_for_it_is_taken_for_granted(
+    capsys: pytest.CaptureFixture[str], wrong: str
+) -> None:
+    """The fault: it said HOLD of an aircraft that had left its commander's zone, and the companion returned."""
+    state = f"off_route policy.off_route=hold {wrong} policy.{wrong}=warn"
+    for words in (state, f"may_hold=no {state}", f"may_hold {state} may_hold=no"):
+        assert printed(capsys, "--state", *words.split()).splitlines()[-1] == "decision: RETURN, for off_route"
+    for words in (f"{state} may_hold", f"{state} {wrong}=no"):
+        assert printed(capsys, "--state", *words.split()).splitlines()[-1] == "decision: HOLD, for off_route"
+
+
+def test_an_autopilot_that_is_not_heard_is_not_taken_for_heard(capsys: pytest.CaptureFixture[str]) -> None:
+    assert printed(capsys, "--state", "energy", "autopilot_lost").splitlines() == [
+        "energy (energy for the way back only), policy return:",
+        "  asks for return: a place can be reached",
+        "  not commanded, a warning: the autopilot is not heard",
+        "autopilot_lost (autopilot not heard), policy warn:",
+        "  asks for warn",
+        "decision: WARN, for energy",
+    ]
 
 
 def test_what_it_says_is_what_is_decided() -> None:

@@ -29,9 +29,20 @@ from mavproxy_handover.core.safety.strategy import (
     withheld,
 )
 
-__all__ = ["HEAD", "Considered", "consider", "facts_table", "kinds_table", "story", "table"]
+__all__ = ["HEAD", "Considered", "assumed", "consider", "facts_table", "kinds_table", "story", "table"]
 
 Row = tuple[str, ...]
+#: what holds in the air when nothing is said of it,
+_ALOFT: Final = frozenset({Fact.FLYING, Fact.AUTOPILOT, Fact.MAY_HOLD, Fact.PLACE})
+#: and what of that does not while this is wrong: it is held only inside its commander's zone, and by a position. A hold
+#: that goes on behind a restart is another matter, and so is a cause whose sign is away and which is not over yet
+_NOT_WHILE: Final[Mapping[Cause, Fact]] = {
+    Cause.COMMANDER_LOST: Fact.MAY_HOLD,
+    Cause.OUT_OF_COVERAGE: Fact.MAY_HOLD,
+    Cause.NO_STATION: Fact.MAY_HOLD,
+    Cause.POSITION_STALE: Fact.MAY_HOLD,
+    Cause.AUTOPILOT_LOST: Fact.AUTOPILOT,
+}
 #: what the columns of `table` are
 HEAD: Final[Row] = ("cause", "what is wrong", "counts after", "ends", "policy", "what is done: the first that can be")
 
@@ -86,6 +97,11 @@ def kinds_table() -> list[Row]:
 
 
 _ALL: Final = [*(ladder(cause, "warn") for cause in Cause), *POLICY_LADDERS.values()]
+
+
+def assumed(causes: Set[Cause]) -> frozenset[Fact]:
+    """What holds in the air beside these causes when nothing else is said."""
+    return _ALOFT - {_NOT_WHILE[cause] for cause in causes & _NOT_WHILE.keys()}
 
 
 @dataclass(frozen=True, slots=True)

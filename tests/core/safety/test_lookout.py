@@ -324,6 +324,12 @@ class TestNoStation:
             (entered_at + 2.0, Fly(FlightAction.RETURN, Reason.NO_STATION))
         ]
 
+    def test_to_hold_there_is_to_come_home_it_is_held_only_where_its_commander_covers(self) -> None:
+        bench = mission(Limits(policies={Cause.NO_STATION: "hold"}))
+        bench.position(outside(A), inside(B))
+        bench.run(10.0)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.NO_STATION)]
+
     def test_with_a_station_that_could_take_it_that_is_asked(self) -> None:
         bench = mission(None, B)
         bench.run(2.0)
