@@ -126,7 +126,7 @@ class Aircraft:
         self.desk = PackageDesk(means.held)
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)
-        self.decisions = Decisions()
+        self.decisions = Decisions(self.said)
         self.briefing = BriefingBook()
         self.texts = Texts(self._shown)
         #: the autopilot's own, while MAVProxy shows another vehicle's

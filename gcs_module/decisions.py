@@ -3,14 +3,16 @@
 """What the vehicle has decided about what is wrong: told the operator once, with what he may do, and shown while it is
 in force.
 
-HANDOVER_DECISION is repeated with the same number while the decision lasts. After a restart of the companion the
-numbers begin anew, so a number counts as known together with its words.
+The sentence is the vehicle's, one for every operator: action, place, figures, why something is withheld. How it is
+done differs with the kind of aircraft, of which nothing is said here. HANDOVER_DECISION is repeated with the same
+number while the decision lasts. After a restart of the companion the numbers begin anew, so a number counts as known
+together with its words.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any, Final
 
@@ -27,6 +29,8 @@ _REHEARSED: Final = "REHEARSAL: "
 _OVER: Final[int] = mavlink.HANDOVER_ACTION_NONE
 #: words that were told of late, as STATUSTEXT brings them too
 _TOLD: Final = 8
+#: so many bytes of a sentence may be all that its message could hold: 160, less what a cut character leaves free
+_CUT: Final = 157
 
 
 class Who(Enum):
@@ -37,15 +41,6 @@ class Who(Enum):
     OTHER = "another station"
 
 
-#: what is done, for people; {place} is where a return goes
-_DONE: Final[Mapping[FlightAction, str]] = {
-    FlightAction.WARN: "",
-    FlightAction.TRANSFER: "Authority is on its way to another station.",
-    FlightAction.HOLD: "It holds inside coverage.",
-    FlightAction.CONTINUE: "It flies on through the gap that its mission declares.",
-    FlightAction.RETURN: "RTL{place}.",
-    FlightAction.LAND: "It lands where it is.",
-}
 _TAKE: Final = "'handover request' takes over when it is in your zone."
 #: what an operator may do about it, by who commands
 _MAY: Final[Mapping[tuple[FlightAction, Who], str]] = {
@@ -55,14 +50,14 @@ _MAY: Final[Mapping[tuple[FlightAction, Who], str]] = {
     (FlightAction.RETURN, Who.THIS): "'handover resume' goes on once that is over.",
     (FlightAction.RETURN, Who.OTHER): "",
     (FlightAction.LAND, Who.NOBODY): _TAKE,
-    (FlightAction.LAND, Who.THIS): "You command: choose another mode if it must not land there.",
+    (FlightAction.LAND, Who.THIS): "You command: choose another mode if it must not land.",
 }
 
 
-def told(action: FlightAction, wrong: str, place: str, who: Who) -> str:
-    """What is wrong, what is done, and what the operator may do."""
-    done = _DONE[action].format(place=f" to {place}" if place else "")
-    return " ".join(words for words in (f"{wrong}.", done, _MAY.get((action, who), "")) if words)
+def told(action: FlightAction, text: str, who: Who) -> str:
+    """The vehicle's sentence, and what the operator may do."""
+    end = "" if text.endswith(".") else "."
+    return f"{text}{end} {_MAY.get((action, who), '')}".rstrip()
 
 
 def _text(raw: bytes | str) -> str:
@@ -70,9 +65,11 @@ def _text(raw: bytes | str) -> str:
 
 
 class Decisions:
-    """The last one of one vehicle."""
+    """The last one of one vehicle. `said`: its words in STATUSTEXT that begin so and are not told yet, "" if there are
+    none."""
 
-    def __init__(self) -> None:
+    def __init__(self, said: Callable[[str], str]) -> None:
+        self._said = said
         self._known: tuple[int, str] | None = None
         self._told: deque[str] = deque(maxlen=_TOLD)
         #: the vehicle's sentence of what is in force; "": nothing is wrong
@@ -81,8 +78,12 @@ class Decisions:
         self.action: FlightAction | None = None
 
     def told(self, text: str) -> bool:
-        """Whether these are the words of a decision that was told of late: they may be longer than what it can hold."""
-        return any(text.startswith(known) for known in self._told)
+        """Whether these are the words of a decision that was told of late."""
+        return text in self._told
+
+    def _whole(self, text: str) -> str:
+        """All of a sentence. What is longer than its message is whole in STATUSTEXT, which is said first."""
+        return text if len(text.encode()) < _CUT else self._said(text) or f"{text}..."
 
     def on_message(self, m: Any, who: Who) -> Notice | None:
         """A HANDOVER_DECISION; returns what to tell the operator, None if it is told already."""
@@ -91,8 +92,8 @@ class Decisions:
         if known == self._known:
             return None
         self._known = known
-        if text:
-            self._told.append(text)
+        text = self._whole(text)
+        self._told.append(text)
         if m.action == _OVER:
             self.text, self.action = "", None
             return Notice("decision_over", text)
@@ -102,4 +103,4 @@ class Decisions:
             return Notice("decision", text, DECISIONS[FlightAction.RETURN])
         if text.startswith(_REHEARSED):  # of what is not done, they say it best
             return Notice("decision", text, DECISIONS[action])
-        return Notice("decision", told(action, _text(m.figures) or text, _text(m.place), who), DECISIONS[action])
+        return Notice("decision", told(action, text, who), DECISIONS[action])

@@ -23,6 +23,7 @@ from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire.package_transfer import PackageReceiver, PackageSender
+from mavproxy_handover.wire.texts import status_texts
 from sitl.vehicles.ports import PortPicker
 from tests.module.conftest import MISSIONS, Clock
 from tests.module.proxy import MPState
@@ -750,7 +751,7 @@ def statustext(text: str, severity: int = 4, text_id: int = 0, number: int = 0) 
 
 
 RETURNS = "RETURN to home: GCSA silent 5 s; 0.4 km"
-TOLD = "GCSA silent 5 s. RTL to home. 'handover request' takes over when it is in your zone."
+TOLD = f"{RETURNS}. 'handover request' takes over when it is in your zone."
 
 
 def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(station: StationBench) -> None:
@@ -760,7 +761,7 @@ def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(
         station.hear(statustext(RETURNS, 2))
         station.run(0.6)
     assert sum(f"EMERGENCY: {TOLD}" in line for line in station.mpstate.console.lines) == 1
-    assert not station.mpstate.console.said(RETURNS), "it is told already"
+    assert sum(RETURNS in line for line in station.mpstate.console.lines) == 1, "it is told already"
     (entry,) = station.journal("decision")
     assert entry["text"] == TOLD
     shown = station.mpstate.type("handover status")
@@ -773,25 +774,43 @@ def test_a_decision_is_told_once_with_what_may_be_done_and_shown_while_it_lasts(
     assert not any(line.startswith("alarm") for line in station.mpstate.type("handover status"))
 
 
+def test_a_decision_longer_than_its_message_is_one_line_with_all_of_it(station: StationBench) -> None:
+    station.load()
+    text = (
+        "RETURN to rally 2: energy: 99.4 Wh left, the way back needs 101.2 Wh with the reserve; 1.9 km, "
+        "needs 21 % of 38 %, OUT OF REACH, the way is too near to the ground, covered by GCSA"
+    )
+    for _ in range(2):  # by each of two links
+        for piece in status_texts(text, mavlink.MAV_SEVERITY_CRITICAL, 9):
+            station.hear(piece)
+        station.hear(
+            decision(1, 4, text[:160], "rally 2", "energy: 99.4 Wh left, the way back needs 101.2 Wh with the r")
+        )
+        station.run(1.0)
+    (line,) = (line for line in station.mpstate.console.lines if "RETURN" in line)
+    assert line.endswith(f"EMERGENCY: {text}. 'handover request' takes over when it is in your zone.")
+    assert f"decision  {text}" in station.mpstate.type("handover status")
+
+
 def test_after_a_restart_of_the_companion_a_number_that_was_there_is_another_word(station: StationBench) -> None:
     station.load()
     station.hear(decision(1, 0, "WARN: guard silent 5 s", figures="guard silent 5 s"))
     station.hear(decision(1, 4, "RETURN: GCSA silent 5 s", figures="GCSA silent 5 s", place=""))
     assert [entry["text"].partition(".")[0] for entry in station.journal("decision")] == [
-        "guard silent 5 s",
-        "GCSA silent 5 s",
+        "WARN: guard silent 5 s",
+        "RETURN: GCSA silent 5 s",
     ]
 
 
 @pytest.mark.parametrize(
     ("commander", "words"),
-    [(251, "RTL to home. 'handover resume' goes on once that is over."), (252, "RTL to home.")],
+    [(251, " 'handover resume' goes on once that is over."), (252, "")],
 )
 def test_what_an_operator_may_do_depends_on_who_commands(station: StationBench, commander: int, words: str) -> None:
     station.load()
     station.hear(authority(commander=commander))
-    station.hear(decision(1, 4, RETURNS, figures="links weak"))
-    assert station.mpstate.console.lines[-1].endswith(f"EMERGENCY: links weak. {words}")
+    station.hear(decision(1, 4, RETURNS, figures="GCSA silent 5 s"))
+    assert station.mpstate.console.lines[-1].endswith(f"EMERGENCY: {RETURNS}.{words}")
 
 
 def test_a_decision_of_a_kind_that_is_not_known_here_is_an_emergency_in_its_own_words(station: StationBench) -> None:
@@ -812,11 +831,11 @@ def test_an_alarm_is_said_again_until_it_is_acknowledged(
         station.run(1.0)
     assert sum("GCSA silent 5 s" in line for line in station.mpstate.console.lines) == 3, "after 10 and 20 s again"
     assert capsys.readouterr().out == "\a\a"
-    assert "acknowledged: GCSA silent 5 s." in station.mpstate.type("handover ack")[0]
+    assert f"acknowledged: {RETURNS}." in station.mpstate.type("handover ack")[0]
     for _ in range(25):
         station.hear(authority())
         station.run(1.0)
-    assert sum("]: EMERGENCY: GCSA silent 5 s" in line for line in station.mpstate.console.lines) == 3
+    assert sum(f"]: EMERGENCY: {RETURNS}" in line for line in station.mpstate.console.lines) == 3
     assert any("(acknowledged)" in line for line in station.mpstate.type("handover status"))
     assert station.mpstate.type("handover ack") == ["no alarm to acknowledge"]
     assert [entry["level"] for entry in station.journal("acknowledged")] == ["emergency"]
