@@ -352,31 +352,20 @@ class Arbiter:
 
     def next_deadline(self) -> float | None:
         """When `Tick` is due at the latest (monotonic s); None if nothing is pending."""
-        due_at = min(self.speaks_at(), self.runs_out_at())
-        return due_at if due_at < inf else None
-
-    def speaks_at(self) -> float:
-        """When a station is asked again whether it is there, or a transfer's word is said again (monotonic s; inf:
-        never). Nothing is decided by that."""
-        transfer = self._authority.transfer
-        asks_at = min((presence.ask_at for presence in self._presence.values()), default=inf)
-        return asks_at if transfer is None else min(asks_at, transfer.retry_at)
-
-    def runs_out_at(self) -> float:
-        """When something runs out, or begins to look wrong, if nothing more is heard (monotonic s; inf: never)."""
         authority = self._authority
-        times = self._conductor.deadlines()
+        times = [presence.ask_at for presence in self._presence.values()]
+        times += self._conductor.deadlines()
         if authority.owner is not None and not authority.lost:
             times.append(self._owner_lost_at(authority.owner))
         others = (
-            authority.recover_until,
+            None if authority.recover_until == inf else authority.recover_until,
             self._flight.stale_at(),
             self._emergency.due_at(),
             self._execution.tells_at(),
             self._lookout.due_at(),
             self._rehearsal.due_at(),
         )
-        return min([*times, *(time for time in others if time is not None)], default=inf)
+        return min([*times, *(time for time in others if time is not None)], default=None)
 
     # ---- stations -------------------------------------------------------------------------------------------------
 

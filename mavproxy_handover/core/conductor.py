@@ -335,10 +335,10 @@ class Conductor:
         return self._presence[station].station.standard
 
     def deadlines(self) -> list[float]:
-        """When there is something to do, but to say a transfer's words again."""
+        """When there is something to do."""
         times = [*self.results.deadlines(), *self.foresight.deadlines()]
         transfer = self._authority.transfer
         if transfer is not None:
-            times.append(transfer.timeout_at)
+            times += [transfer.retry_at, transfer.timeout_at]
             times += [self._presence[station].lost_at() for station in transfer.partners]
         return times

@@ -106,6 +106,8 @@ class Companion:
         self.pairs: set[tuple[Phase, frozenset[str]]] = set()
         self._seen: tuple[Phase, frozenset[object]] | None = None
         self.handled = 0
+        #: when each station is asked again whether it is there (s, as the rules count)
+        self._asks: dict[int, float] = {}
         #: when each was heard last, and answered last whether it is (ticks, as the rules count)
         self._heard: dict[int, int] = {}
         self._answered: dict[int, int] = {}
@@ -157,13 +159,10 @@ class Companion:
             self._log.note(now, "the companion is up again")
             self._start(now)
 
-    def speaks_at(self) -> float:
-        """`Arbiter.speaks_at`."""
-        return math.inf if self.arbiter is None else self.arbiter.speaks_at()
-
-    def runs_out_at(self) -> float:
-        """`Arbiter.runs_out_at`."""
-        return math.inf if self.arbiter is None else self.arbiter.runs_out_at()
+    def due(self) -> float:
+        """When the rules want to be called at the latest (s, as they count); inf without any."""
+        deadline = None if self.arbiter is None else self.arbiter.next_deadline()
+        return math.inf if deadline is None else deadline
 
     @property
     def passed_at_m(self) -> float | None:
@@ -186,6 +185,10 @@ class Companion:
         commander = self.view.commander
         answered = self._answered.get(commander) if commander is not None else NEVER
         return answered is not None and in_ticks(self._core_s(now)) < answered + _LATELY
+
+    def only_asks(self, due: float) -> bool:
+        """Whether what is due then is a question to a station, with no transfer under way that could run out."""
+        return self.view.partner is None and due in self._asks.values()
 
     # ---- what happens -----------------------------------------------------------------------------------------------
 
@@ -231,7 +234,9 @@ class Companion:
         ties = self._ties
         match action:
             case events.Send():
-                if not isinstance(action.message, Connect | ConnectAck):
+                if isinstance(action.message, Connect):
+                    self._asks[action.station] = self._core_s(now) + self._limits.connect_interval_s
+                elif not isinstance(action.message, ConnectAck):
                     ties.settle(now, 2.5)
                 ties.to_station(action.station, action.message, now)
             case events.ViewChanged():

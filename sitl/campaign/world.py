@@ -81,12 +81,12 @@ class World:
         self.failsafes = Failsafes(plan, self.aircraft, log, self._failsafe)
         self._round = -SECOND
         self._beaten = False
-        #: when the rules have something to say again, and when something runs out, as they count, and after how many
-        #: events that was
-        self._says_at, self._ends_at, self._due_of = NEVER, NEVER, -1
+        #: when the rules have something due, as they count, and after how many events that was
+        self._due, self._due_of = NEVER, -1
         #: when the next round is, and of what that was concluded
         self._next = 0
-        #: when a position is looked at next
+        #: what is due is a question to a station, and nothing else; and when a position is looked at next
+        self._only_asks = False
         self._looks_at = 0
         self._next_of: tuple[int, ...] = ()
         #: from when on every round is made, and of what that was concluded
@@ -212,15 +212,15 @@ class World:
             self._looks_at = following
             return following
         if companion.handled != self._due_of:
-            self._due_of = companion.handled
-            self._says_at, self._ends_at = map(_ticks_of, (companion.speaks_at(), companion.runs_out_at()))
-        # the next whole second, too: a position each second keeps it fresh; and what runs out may let the rules look
-        # around
-        looks = min(
-            on_round(restless), on_round((self._round // SECOND + 1) * SECOND), on_round(self._ends_at + self.stood)
-        )
-        self._looks_at = max(following, looks)
-        return max(following, min(on_round(self._says_at + self.stood), self._looks_at))
+            self._due_of, due = companion.handled, companion.due()
+            self._due = NEVER if due == inf else in_ticks(due)
+            self._only_asks = companion.only_asks(due)
+        due_at = NEVER if self._due == NEVER else on_round(self._due + self.stood)
+        # the next whole second, too: a position each second keeps it fresh
+        self._looks_at = max(following, min(on_round(restless), on_round((self._round // SECOND + 1) * SECOND)))
+        if not self._only_asks:  # what runs out may let the rules look around
+            self._looks_at = min(self._looks_at, max(following, due_at))
+        return max(following, min(due_at, self._looks_at))
 
     def _go_round(self, now: int) -> None:
         self._round = now
@@ -230,7 +230,7 @@ class World:
             return
         if self.cable and (self.plain or now >= self._looks_at) and companion.position(now):
             return  # whatever was due is done
-        if companion.runs and min(companion.speaks_at(), companion.runs_out_at()) <= self.core_s(now):
+        if companion.runs and companion.due() <= self.core_s(now):
             companion.give(events.Tick(), now)
 
     # ---- each second -----------------------------------------------------------------------------------------------
@@ -537,8 +537,3 @@ class World:
         """Whether the gate lets a command of this station through."""
         companion = self.companion
         return companion is not None and companion.runs and self.cable and companion.view.commander == sysid
-
-
-def _ticks_of(at_s: float) -> int:
-    """A moment of the rules' time; inf: never."""
-    return NEVER if at_s == inf else in_ticks(at_s)
