@@ -108,7 +108,7 @@ class Autopilot:
             COPTER: Copter(*to_whom, lambda: self.aircraft.foreign),
             PLANE: Plane(*to_whom, self.aircraft),
         }
-        self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight)
+        self._preflight = Preflight(config.sysid, config.limits, talks, ties.narrator.preflight, config.energy)
         self._streams = Streams(self.procedures, ties.voice.ask_rates)
         self.orders = Orders(self.procedures, talks, ties)
         self._telemetry = Telemetry(self.aircraft, ties, config.limits.position_stale_s)
@@ -366,7 +366,8 @@ class Autopilot:
         )
         self._lies_along(along)
         self._waypoints.adopt(None if package is None else package.belonging, now)
-        self._preflight.planned(None if route is None else plan_facts(route), self._gaps.longest_s)
+        facts, energy = None if route is None else plan_facts(route), None if package is None else package.energy
+        self._preflight.planned(facts, self._gaps.longest_s, energy)
         self._judge_plan(now)
         self.places.adopt(package, now)
 

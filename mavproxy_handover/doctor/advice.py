@@ -2,7 +2,8 @@
 
 """What to do about what the rules of `autopilot/preflight.py` find: they say what is wrong and what comes of it.
 
-The values are those of `ardupilot_lua/handover.parm`, which is read, and the guard's defaults.
+The values are those of `ardupilot_lua/handover.parm`, of wings `handover_plane.parm`, which are read, and the guard's
+defaults.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from mavproxy_handover.wire.ids import COMPANION_COMPID
 
 __all__ = ["advice"]
 
+#: parameters of a vehicle that hovers, and of one with wings
+_ROTORS, _WINGS = "handover.parm", "handover_plane.parm"
 #: the guard's own defaults, which are the recommended values; which port it listens at nobody else can know
 _GUARD: Final = {
     "HNDO_ENABLE": "1",
@@ -72,26 +75,32 @@ _WORDS: Final = (
 )
 
 
-def advice(parameter: str, text: str) -> str:
-    """One sentence. `parameter`: the one to change, "" for none; `text`: what was found."""
+def advice(parameter: str, text: str, *, winged: bool | None = None) -> str:
+    """One sentence. `parameter`: the one to change, "" for none; `text`: what was found; `winged`: whether the aircraft
+    has wings, None: not known."""
     further = _FURTHER.match(parameter)
     if further is not None:
-        return advice(parameter.replace(further[0], "BATT_"), text).replace("BATT_", further[0])
+        return advice(parameter.replace(further[0], "BATT_"), text, winged=winged).replace("BATT_", further[0])
     if parameter in _OWN:
         return _OWN[parameter]
-    value = _GUARD.get(parameter) or _recommended().get(parameter)
+    if parameter in _GUARD:
+        return f"Set {parameter} to {_GUARD[parameter]}; handover_guard.md says why."
+    rotors, wings = _recommended(_ROTORS).get(parameter), _recommended(_WINGS).get(parameter)
+    if winged is None and None not in (rotors, wings) and rotors != wings:
+        return f"Set {parameter} to {rotors}, with wings to {wings}; {_ROTORS} and {_WINGS} say why."
+    value, file = (wings, _WINGS) if winged or rotors is None else (rotors, _ROTORS)
     if value is not None:
-        return f"Set {parameter} to {value}; handover.parm and handover_guard.md say why."
+        return f"Set {parameter} to {value}; {file} and handover_guard.md say why."
     if parameter:
         return f"Change {parameter}; the autopilot's documentation has its values."
     return next((do for words, do in _WORDS if words in text), "Read ardupilot_lua/handover_guard.md.")
 
 
 @cache
-def _recommended() -> dict[str, str]:
-    """`handover.parm`: name -> value; none of it where it does not ship."""
+def _recommended(file: str) -> dict[str, str]:
+    """Parameters of a file: name -> value; none of it where it does not ship."""
     try:
-        text = (shipped("ardupilot_lua") / "handover.parm").read_text(encoding="utf-8")
+        text = (shipped("ardupilot_lua") / file).read_text(encoding="utf-8")
     except OSError:
         return {}
     pairs = (line.split() for line in text.splitlines() if not line.startswith("#"))

@@ -256,7 +256,11 @@ class _Visit:
         wrong = preflight.judge(found, self._vehicle.limits)
         for each in wrong:
             found_text = each.text.removeprefix(f"{each.parameter} ")
-            yield error(each.parameter or "guard and firmware", found_text, advice(each.parameter, each.text))
+            yield error(
+                each.parameter or "guard and firmware",
+                found_text,
+                advice(each.parameter, each.text, winged=self._aircraft.kind.winged),
+            )
         if not wrong:
             yield ok("parameters", f"{len(parameters)} read, all of them fit")
         if self._vehicle.limits.guard_required and "HNDO_ENABLE" in parameters:

@@ -44,6 +44,10 @@ class Clock:
         return self.now + self.utc_offset_s
 
 
+#: what a mistake of ours raises; a fault that a test plants raises something else
+MISTAKES = ("AssertionError", "AttributeError", "IndexError", "KeyError", "NameError", "TypeError", "ValueError")
+
+
 class Bench:
     """The vehicle's module and everything around it."""
 
@@ -56,6 +60,8 @@ class Bench:
         self.config = folder / "handover.toml"
         self.configure()
         self.module: Any = None
+        #: the test gives it what nobody can make sense of, and an internal fault is what comes of it
+        self.breaks = False
         #: done once in every round, besides
         self.each_round: Callable[[], None] = lambda: None
 
@@ -154,6 +160,12 @@ class Bench:
         entries = sorted((json.loads(line) for line in lines), key=lambda entry: entry["t"])
         return [entry for entry in entries if event in (None, entry["event"])]
 
+    def faults(self) -> list[str]:
+        """What broke inside, each by the last line of its traceback."""
+        path = self.folder / "companion.jsonl"
+        entries = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        return [e["text"].strip().splitlines()[-1] for e in entries if e["event"] in ("fault", "failed_closed")]
+
     def close(self) -> None:
         if any(module.name == "handover" for module, _package in self.mpstate.modules):
             self.mpstate.unload("handover")
@@ -186,11 +198,12 @@ def first_load(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @pytest.fixture
 def bench(clock: Clock, tmp_path: Path) -> Iterator[Bench]:
-    """Not loaded yet. At the end nothing may have escaped from a callback."""
+    """Not loaded yet. At the end nothing may have escaped from a callback, and nothing broken that was not planted."""
     bench = Bench(tmp_path, clock)
     yield bench
     bench.close()
     assert bench.mpstate.escaped == []
+    assert bench.breaks or [text for text in bench.faults() if text.startswith(MISTAKES)] == []
 
 
 @pytest.fixture(scope="session")

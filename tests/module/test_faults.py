@@ -367,6 +367,7 @@ class OddMessage:
     ],
 )
 def test_no_message_of_the_vehicles_side_makes_anything_escape(flight: Bench, message: Any) -> None:
+    flight.breaks = True
     flight.mpstate.deliver(message)
     assert flight.mpstate.escaped == []
     assert leases_in(flight, 1.0) >= 4
