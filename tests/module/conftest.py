@@ -163,7 +163,7 @@ class Bench:
     def faults(self) -> list[str]:
         """What broke inside, each by the last line of its traceback."""
         path = self.folder / "companion.jsonl"
-        entries = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+        entries = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
         return [e["text"].strip().splitlines()[-1] for e in entries if e["event"] in ("fault", "failed_closed")]
 
     def close(self) -> None:
