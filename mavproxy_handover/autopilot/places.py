@@ -83,6 +83,7 @@ _NAMES: Final = (
 )  # fmt: skip
 _CEILING, _CIRCLE = 1, 2
 _HOME: Final = "home"
+_NOT_LISTED: Final = ", NOT IN THE AUTOPILOT'S LIST"
 _FOUND: Final = "place found in the list"
 #: names of conversations
 _WHERE_HOME_IS, _PARAMETERS, _OWN_FENCE = "where home is", "parameters of a return", "fence of a return"
@@ -399,9 +400,7 @@ class PlaceWatch:
         self._keeper.want(self._point(next(place for place in self._places if place.name == name)))
         if self._keeper.settled and name != self._told:
             self._tell()
-        figures = self.choice.figures(self._ties.arbiter.name)
-        if self._elsewhere:
-            figures = f"{figures}, NOT IN THE AUTOPILOT'S LIST"
+        figures = f"{self.choice.figures(self._ties.arbiter.name)}{_NOT_LISTED if self._elsewhere else ''}"
         judged = PlaceJudged(name, self.choice.reachable, figures)
         if judged != self._judged:
             self._judged = judged
@@ -466,7 +465,9 @@ class PlaceWatch:
 
     def words(self) -> str:
         """Where a return goes, for people; "" while there is no place."""
-        return "" if self.choice is None else self.choice.words(self._ties.arbiter.name)
+        if self.choice is None:
+            return ""
+        return f"{self.choice.words(self._ties.arbiter.name)}{_NOT_LISTED if self._elsewhere else ''}"
 
     # ---- what the autopilot is asked ------------------------------------------------------------------------------
 

@@ -125,6 +125,8 @@ def test_a_place_that_could_not_be_written_is_not_told_as_where_a_return_goes(fl
             "what the list holds is no place of ours"
         )
         assert station.texts().count("rally 2 is not in the autopilot's list: a return may go elsewhere") == 1
+    (line,) = [each for each in flying.mpstate.type("handover status") if each.startswith("place ")]
+    assert line.endswith(", covered by GCSB, NOT IN THE AUTOPILOT'S LIST")
     lose(flying, flying.a, flying.b)
     flying.until(lambda: flying.journal("fly"), 20.0)
     (first, *_more) = (e["text"] for e in flying.journal("decision") if e["text"].startswith("RETURN"))
