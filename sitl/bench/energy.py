@@ -53,8 +53,9 @@ class Pilot:
 
     def __init__(self) -> None:
         self.faults: list[str] = []
-        quiet = SimpleNamespace(energy=_nobody, energy_warning=_nobody)
-        ties = SimpleNamespace(narrator=quiet, handle=_nobody, fault=lambda _where, text: self.faults.append(text))
+        quiet = SimpleNamespace(energy=_nobody, energy_warning=_nobody, say_to_all=_nobody)
+        talks = {"narrator": quiet, "voice": quiet, "handle": _nobody}
+        ties = SimpleNamespace(**talks, fault=lambda _where, text: self.faults.append(text))
         self.watch = EnergyWatch(_SETTINGS, cast("Ties", ties))
         self._aircraft = Aircraft()
         self._now = 1000.0

@@ -123,8 +123,8 @@ def test_a_broken_part_does_not_silence_the_strategy(
     plant, where = IN_FLIGHT[part]
     plant(bench, monkeypatch)
     bench.autopilot.battery = 0.05
-    bench.run(60.0 if where == "energy" else 25.0)
-    assert bench.autopilot.mode == RTL_MODE
+    bench.until(lambda: bench.autopilot.mode == RTL_MODE, 90.0)
+    bench.run(0.2)
     said = bench.a.texts()
     assert said.count(f"internal fault of the companion: {where}") == 1
     assert "RETURN to home: " in said
