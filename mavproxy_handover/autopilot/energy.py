@@ -79,6 +79,7 @@ class EnergyWatch:
         self._shortfall = ""
         self._began_at: float | None = None
         self._told: tuple[object, ...] = ()
+        self._told_kinds: tuple[str, ...] = ()
         self._told_at = -inf
         #: the operator has lifted what START lacks until then
         self._lifted_until = -inf
@@ -277,9 +278,9 @@ class EnergyWatch:
         known = (fact.missing, fact.left_wh is None, fact.learned, fact.wind_source, kinds)
         changed = known != self._told
         if changed or (flying and fact.model is not None and now - self._told_at >= _JOURNAL_S):
-            news = kinds != (self._told[-1] if self._told else ())
-            self._told, self._told_at = known, now
-            odd = bool(fact.trouble) and news
+            before = self._told_kinds
+            self._told, self._told_kinds, self._told_at = known, kinds, now
+            odd = any(kind not in before for kind in kinds)  # what is left of it when a part is over is no news
             self._ties.narrator.energy(fact, aloud=odd)
             if odd and flying:
                 self._ties.voice.say_to_all(f"energy: {', '.join(fact.trouble)}")

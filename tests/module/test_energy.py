@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -312,6 +313,15 @@ def test_a_battery_that_falls_silent_in_flight_is_told_once(flying: Bench) -> No
     told = [line for line in flying.mpstate.console.lines if "has been silent" in line]
     assert len(told) == 1
     assert flying.a.texts().count("has been silent") == flying.b.texts().count("has been silent") == 1
+
+
+def test_what_is_left_of_what_is_odd_is_no_news(flying: Bench) -> None:
+    hover(flying, 3)
+    take = flying.companion.autopilot._energy._tell
+    for trouble in (("one",), ("one", "two"), ("two",), (), ("two",)):
+        take(replace(flying.companion.autopilot.energy, trouble=trouble), True, flying.clock.now)
+    flying.run(0.1)
+    assert flying.a.texts().endswith("checkedenergy: oneenergy: one, twoenergy: two")
 
 
 def test_one_that_never_said_what_it_draws_draws_what_flying_takes(flying: Bench) -> None:
