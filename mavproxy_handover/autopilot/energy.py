@@ -35,7 +35,6 @@ _COUNT_S: Final = 5.0
 #: more than the motors can ever draw, in powers of hover
 _MOST_HOVER: Final = 10.0
 _UNKNOWN_MV: Final = 0xFFFF
-_SECONDS_AN_HOUR: Final = 3600.0
 _JOULES_A_HECTOJOULE, _JOULES_A_WH = 100.0, 3600.0
 _FAULT: Final = "internal fault"
 
@@ -179,7 +178,7 @@ class EnergyWatch:
         if counted is not None or known.model is None:
             return left_wh if counted is None else counted
         drawn_w = max(known.model.hover_w, known.model.cruise_w, known.power_w or 0.0)
-        return max(0.0, left_wh - drawn_w * max(0.0, now - known.at) / _SECONDS_AN_HOUR)
+        return max(0.0, left_wh - drawn_w * max(0.0, now - known.at) / _JOULES_A_WH)
 
     def _weigh(self, aircraft: Aircraft) -> None:
         """With the payload from the ground on, and without it once AUTO is past the item that drops it."""

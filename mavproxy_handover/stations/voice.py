@@ -8,12 +8,12 @@ whom it asked, the answer comes in the autopilot's name.
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID, RATES_COMPID
@@ -56,7 +56,7 @@ class Voice:
     def to_stations(self, message: Any) -> None:
         """Send a message to every station, on its best link."""
         for port in self.ports.values():
-            self._try(port, message)
+            attempt(self._fault, f"sending to {port.name}", port.send, message)
 
     def acknowledge(
         self, port: StationPort, asker: tuple[int, int], command: int, result: int, component: int = AUTOPILOT_COMPID
@@ -84,9 +84,3 @@ class Voice:
         self._text_id = self._text_id % 0xFFFF + 1
         for message in status_texts(text, severity, self._text_id):
             self.to_stations(message)
-
-    def _try(self, port: StationPort, message: Any) -> None:
-        try:
-            port.send(message)
-        except Exception:
-            self._fault(f"sending to {port.name}", traceback.format_exc(limit=-3))
