@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -64,6 +64,8 @@ from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, MISSION_START
 
 __all__ = ["Companion", "Edge"]
 
+T = TypeVar("T")
+
 #: accepted commands are in the journal this much later at most, as long as the main loop goes round
 _JOURNAL_S: Final = 0.2
 #: between two heartbeats of the companion at least, and without the autopilot's
@@ -87,6 +89,10 @@ _FAILED: Final = events.Announce(
 )
 #: so many findings of the checks before flight are told to whoever starts it
 _WARNINGS: Final = 6
+#: a station whose heartbeat is no older than that hears what it is told
+_HEARS_S: Final = 2.5
+#: in flight, where the aircraft is cannot be compared to the zones for so long: nobody knows whether it is in one
+_UNJUDGED_S: Final = 5.0
 #: no time: the arbiter is to be asked
 _UNKNOWN: Final = -inf
 #: what changes the mission at the autopilot behind the companion's back
@@ -127,6 +133,10 @@ class Companion:
         self.journal = Journal(config.journal, config.name)
         self._strangers = Journal(strangers_path(config.journal), config.name, _STRANGERS_BYTES)
         self.faults: Counter[str] = Counter()
+        #: of each station, how many of a kind there were when it was told of that kind
+        self._faults_told: dict[int, Counter[str]] = {station: Counter() for station in ports}
+        #: since when no position could be compared to the zones, because that breaks
+        self._unjudged_at = inf
         self.failed = False
         #: the arbiter's next deadline, inf if it has none; it moves with events only
         self._due_at = _UNKNOWN
@@ -135,7 +145,8 @@ class Companion:
         self._reason = Reason.NONE
         #: what each station was told last of what the checks before flight have found
         self._warned: dict[int, tuple[str, ...]] = {}
-        self._restart = Restart(None if config.state is None else StateKeeper(config.state, config.name), self.fault)
+        keeper = None if config.state is None else StateKeeper(config.state, config.name)
+        self._restart = Restart(keeper, self.fault, self._not_kept)
         identity = Identity(config.name, tuple(entry.station for entry in config.stations), config.parent, edge.nonce)
         self.arbiter = Arbiter(identity, config.limits, self._restart.restored)
         self._voice = Voice(config.sysid, edge.write_autopilot, ports, self.fault)
@@ -185,6 +196,11 @@ class Companion:
         except Exception:  # that is worth less than what else there is to keep
             self.fault("memory of the batteries", traceback.format_exc(limit=-3))
             return snapshot
+
+    def _not_kept(self, text: str) -> None:
+        """Memory or disk does not take the state: that is no fault of ours, and no flight ends by it."""
+        self.narrator.kept_elsewhere(text)
+        self._voice.say_to_all(text)
 
     def _keep(self, package: MissionPackage) -> None:
         """The autopilot holds this mission now."""
@@ -341,6 +357,7 @@ class Companion:
             self.narrator.refused(port.name, kind, verdict.what, "; ".join(needs), True, proven, now)
             return
         self.handle(events.TakeOffPassed(port.sysid), now)
+        self._warn()
         self._accepted(port, self.gate.release(port, frame, verdict, now).what, now)
         self._chosen(frame, now)
 
@@ -427,7 +444,19 @@ class Companion:
 
         Not at once: this is the longest job there is, and stations' frames that came meanwhile go before it.
         """
-        self._attempt("zone check", self.autopilot.check_zones, now)
+        try:
+            self.autopilot.check_zones(now)
+        except Exception:
+            self._not_checked(traceback.format_exc(limit=-3), now)
+        else:
+            self._unjudged_at = inf
+
+    def _not_checked(self, text: str, now: float) -> None:
+        """Once or twice costs a position; where it goes on in flight nothing would say that coverage has ended."""
+        self.fault("zone check", text)
+        self._unjudged_at = min(self._unjudged_at, now)
+        if now - self._unjudged_at >= _UNJUDGED_S and self.autopilot.aircraft.flying and not self.failed:
+            self.fail_closed(f"positions cannot be compared to the zones: {text}", now)
 
     # ---- time -----------------------------------------------------------------------------------------------------
 
@@ -446,17 +475,24 @@ class Companion:
         if self.failed:
             return False
         if self._due_at == _UNKNOWN:
-            try:
-                deadline = self.arbiter.next_deadline()
-            except Exception:
-                self.fail_closed(f"arbiter failed on its deadline: {traceback.format_exc(limit=-3)}", now)
-                return False
+            deadline = self._asked("its deadline", self.arbiter.next_deadline, None, now)
             self._due_at = inf if deadline is None else deadline
         return now >= self._due_at
 
+    def _asked(self, what: str, ask: Callable[[], T], otherwise: T, now: float) -> T:
+        """What the arbiter says of itself; `otherwise` where it cannot: then it is no judge any more."""
+        if self.failed:
+            return otherwise
+        try:
+            return ask()
+        except Exception:
+            self.fail_closed(f"arbiter failed on {what}: {traceback.format_exc(limit=-3)}", now)
+            return otherwise
+
     def _send_lease(self, now: float) -> None:
+        alone_s = self._asked("the way alone", lambda: self.arbiter.alone_s(now), 0.0, now)
         if not self.failed:
-            self.autopilot.send_lease(self.view, self.arbiter.alone_s(now))
+            self.autopilot.send_lease(self.view, alone_s)
 
     def _send_authority_status(self, now: float) -> None:
         guard = self.arbiter.guard(now)
@@ -482,7 +518,9 @@ class Companion:
         self._attempt("clock", self.narrator.clock, now)
         self._attempt("journal", self.narrator.sum_up, now)
         self._attempt("state", lambda: self._restart.each_second(self._snapshot()))
-        self._attempt("each second", self.autopilot.each_second, self.view, now)
+        grounded = self._asked("whether it is on the ground", lambda: self.arbiter.grounded(now), False, now)
+        self._attempt("each second", self.autopilot.each_second, self.view, grounded, now)
+        self._attempt("word of a fault", self._tell_faults, now)
 
     def _beat_stations(self, now: float, pause_s: float) -> None:
         """The companion's heartbeat, if the last one is so long ago. It goes out behind the autopilot's, not between.
@@ -531,12 +569,26 @@ class Companion:
         attempt(self.fault, where, job, *arguments)
 
     def fault(self, where: str, text: str) -> None:
-        """Something broke that costs one frame or one tick. The stations are told of the first of a kind."""
+        """Something broke that costs one frame or one tick. The stations are told of the first of a kind, each when it
+        hears, and again at the next take-off if more of it came."""
         self.faults[where] += 1
         if self.faults[where] <= 10:
             self.narrator.fault(where, text)
-        if self.faults[where] == 1:
-            self._voice.say_to_all(f"internal fault of the companion: {where}")
+
+    def _tell_faults(self, now: float) -> None:
+        for station, told in self._faults_told.items():
+            if now - self.ports[station].heartbeat_at > _HEARS_S:
+                continue
+            for where, count in self.faults.items():
+                if not told[where]:
+                    told[where] = count
+                    self._voice.say(self.ports[station], f"internal fault of the companion: {where}")
+
+    def _flight_begins(self) -> None:
+        """People hear once more what has broken since they were told."""
+        for told in self._faults_told.values():
+            for where in [where for where, count in told.items() if self.faults[where] > count]:
+                del told[where]
 
     def _perform(self, action: events.Action, now: float) -> None:
         match action:
@@ -594,6 +646,8 @@ class Companion:
         before, view = self.view, action.view
         former = before.commander
         self._reason = action.reason
+        if view.armed and not before.armed:
+            self._flight_begins()
         try:
             self._restart.save(self._snapshot())
             self._put_in_force(view, now)

@@ -28,12 +28,17 @@ __all__ = ["Restart"]
 class Restart:
     """Reads what the run before left in `store`, and keeps there what the next one needs.
 
-    `store` None: nothing is kept. `fault` is told what could not be kept.
+    `store` None: nothing is kept. `fault` is told what broke in that, `not_kept`, once in the same words, what memory
+    or disk does not take.
     """
 
-    def __init__(self, store: StateKeeper | None, fault: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, store: StateKeeper | None, fault: Callable[[str, str], None], not_kept: Callable[[str], None]
+    ) -> None:
         self._store = store
         self._fault = fault
+        self._not_kept = not_kept
+        self._told: set[str] = set()
         #: what the run before left behind, if it did
         self.restored: Snapshot | None = None
         self._trouble = ""
@@ -49,6 +54,9 @@ class Restart:
         try:
             self._store.save(snapshot)
             self._saved = snapshot
+        except OSError as error:
+            self._saved = None
+            self._tell(error.strerror or str(error))
         except Exception as error:  # the new view comes into force behind this, whatever broke
             self._saved = None
             self._fault("state file", str(error))
@@ -58,7 +66,12 @@ class Restart:
         self.save(snapshot)
         if self._store is not None:
             for trouble in self._store.tick():
-                self._fault("state file", trouble)
+                self._tell(trouble)
+
+    def _tell(self, trouble: str) -> None:
+        if trouble not in self._told:
+            self._told.add(trouble)
+            self._not_kept(f"the state is not kept as it should be: {trouble}")
 
     def keep(self, package: MissionPackage) -> None:
         """Keep the mission package that the autopilot holds now."""

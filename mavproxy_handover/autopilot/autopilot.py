@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -160,8 +161,8 @@ class Autopilot:
         self._changed_aloft = False
         #: the handovers that the check of the package has
         self.foreseen: tuple[Handover, ...] = ()
-        #: what the arbiter was told last of what looks wrong
-        self._signs = SignsSeen()
+        #: what looks wrong, and what the arbiter was told last of it
+        self._seen = self._signs = SignsSeen()
         self._second_manager_told = False
         #: after a restart: walks the route once more, beside the main loop, and when
         self._walk: Callable[[], None] = lambda: None
@@ -245,7 +246,7 @@ class Autopilot:
         if self.aircraft.dead_reckoning and not self.positions.by_box:
             return
         self._ties.handle(PositionSeen(self.zone_facts(), self._gaps.fact()), now)
-        self.route.look(now)
+        self._attempt("route", self.route.look, now)
 
     def _mission_flown(self, now: float) -> None:
         """It flies its mission, or does so no more.
@@ -259,10 +260,10 @@ class Autopilot:
 
     def _on_state(self, message: Any, now: float) -> None:
         aircraft = self.aircraft
-        self.places.take(message, now)
+        self._attempt("places of a return", self.places.take, message, now)
         # without a heartbeat of late nothing is known of arming and of the mode: what was before need not be so
         if now - aircraft.heartbeat_at < _HEARTBEAT_S:
-            self._execution.state(now)  # first: what is flown by now need not be commanded
+            self._attempt("motion", self._execution.state, now)  # first: what is flown by now need not be commanded
             self._ties.handle(self._autopilot_state(), now)
 
     def _autopilot_state(self) -> AutopilotState:
@@ -450,11 +451,11 @@ class Autopilot:
         self._attempt("places of a return", self.places.tick, now)
         self._attempt("uploads in flight", self.staging.tick, now)
 
-    def each_second(self, view: AuthorityView, now: float) -> None:
+    def each_second(self, view: AuthorityView, grounded: bool, now: float) -> None:
         """Telemetry, streams that are missing, the mission on board, the checks before flight, and what the aircraft is
-        judged by; `view`: in force. What breaks in one of these is that one's alone."""
-        aircraft, arbiter = self.aircraft, self._ties.arbiter
-        grounded = arbiter.grounded(now)
+        judged by; `view`: in force, `grounded`: neither armed nor about to be. What breaks in one of these is that
+        one's alone."""
+        aircraft = self.aircraft
         for where, job, *arguments in (
             ("positions", self.positions.each_second, now),
             ("telemetry", self._telemetry.each_second, view, now),
@@ -492,22 +493,27 @@ class Autopilot:
         self._borders.each_second(now)
 
     def _look_for_signs(self, now: float) -> None:
-        """Tell the arbiter what looks wrong that only this side can work out, when it changes."""
-        flying = self.aircraft.flying
-        energy = flying and self.places.short
-        track = self.route.deviation if flying else None
-        breach = self._execution.breach(now) if flying else ""
-        signs = SignsSeen(
-            energy,
-            track is not None,
-            bool(breach),
-            energy_words=self.places.energy_words if energy else "",
-            off_route_words="" if track is None else f"off route: {track.text}",
-            fence_words=breach,
-        )
-        if signs != self._signs:
-            self._signs = signs
-            self._ties.handle(signs, now)
+        """Tell the arbiter what looks wrong that only this side can work out, when it changes. A sign that cannot be
+        worked out stays as it was."""
+        self._attempt("sign of energy", self._look_at_energy)
+        self._attempt("sign of the route", self._look_at_route)
+        self._attempt("sign of the fence", self._look_at_fence, now)
+        if self._seen != self._signs:
+            self._signs = self._seen
+            self._ties.handle(self._seen, now)
+
+    def _look_at_energy(self) -> None:
+        short = self.aircraft.flying and self.places.short
+        self._seen = replace(self._seen, energy=short, energy_words=self.places.energy_words if short else "")
+
+    def _look_at_route(self) -> None:
+        track = self.route.deviation if self.aircraft.flying else None
+        words = "" if track is None else f"off route: {track.text}"
+        self._seen = replace(self._seen, off_route=track is not None, off_route_words=words)
+
+    def _look_at_fence(self, now: float) -> None:
+        breach = self._execution.breach(now) if self.aircraft.flying else ""
+        self._seen = replace(self._seen, fence=bool(breach), fence_words=breach)
 
 
 def _for_companion(message: Any, sysid: int) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.model import AuthorityView
+from mavproxy_handover.schedule import attempt
 
 __all__ = ["Telemetry"]
 
@@ -33,4 +34,5 @@ class Telemetry:
         for station in (view.commander, view.partner):
             port = ties.voice.ports.get(station or 0)
             if port is not None:
-                port.send(aircraft.telemetry(port.target, int(ties.clocks.utc() * 1e6), zone))
+                told = aircraft.telemetry(port.target, int(ties.clocks.utc() * 1e6), zone)
+                attempt(ties.fault, f"sending to {port.name}", port.send, told)

@@ -34,7 +34,8 @@ Rules that live here
 10. What a station asks of a file that the companion serves in the autopilot's place is the companion's matter; which
    requests those are, whoever serves it knows (`of_served_file`).
 
-What breaks in the noting of a frame costs that frame's note and is told; whatever else raises is the caller's.
+What breaks in the noting of a frame costs that frame's note, and a station that cannot be written to what was for it;
+both are told. Whatever else raises is the caller's.
 """
 
 from __future__ import annotations
@@ -253,7 +254,7 @@ class Gate:
         self.counts[port.sysid][refused.reason] += 1
         if self._refusals.allow(port.sysid, frame.msgid, now):
             for answer in refusal(frame, refused, self._own, knows=False):
-                port.write(answer)
+                self._to_station(port, answer)
         return refused
 
     def tick(self, now: float) -> None:
@@ -291,7 +292,7 @@ class Gate:
         for news in untold:
             severity = mavlink.MAV_SEVERITY_WARNING if news.state in _WARNINGS else mavlink.MAV_SEVERITY_NOTICE
             for line in lines(news):
-                self._ports[news.station].write(line_of_text(line, severity, self._own))
+                self._to_station(self._ports[news.station], line_of_text(line, severity, self._own))
             self._told(news, now)
 
     def _refuse(self, port: Port, frame: Frame, verdict: Verdict, now: float) -> None:
@@ -299,7 +300,7 @@ class Gate:
             return
         tongues, sender = port.tongues, (frame.sysid, frame.compid)
         for answer in refusal(frame, verdict, self._own, tongues.knows_not_in_control(sender)):
-            port.write(answer)
+            self._to_station(port, answer)
         if not has_words(frame, verdict):
             return
         subject, commander = subject_of(frame), self.view.commander
@@ -312,7 +313,14 @@ class Gate:
         answers = self._rates.asked(frame, port.sysid, now)
         if answers and self._rate_answers.allow(port.sysid, "rates", now):
             for answer in answers:
-                port.write(codec.pack(answer, self._as_autopilot))
+                self._to_station(port, codec.pack(answer, self._as_autopilot))
+
+    def _to_station(self, port: Port, raw: bytes) -> None:
+        """A station that cannot be written to costs nobody else anything."""
+        try:
+            port.write(raw)
+        except Exception:
+            self._fault(f"sending to {port.name}", traceback.format_exc(limit=-3))
 
     # ---- down -----------------------------------------------------------------------------------------------------
 
@@ -331,7 +339,7 @@ class Gate:
                 self._flusher.heard(frame)
         raw = named(frame, self._names)
         for station in self._downlink.receivers(frame, self._ports, self.view, now):
-            self._ports[station].write(raw)
+            self._to_station(self._ports[station], raw)
         return True
 
     # ---- authority ------------------------------------------------------------------------------------------------

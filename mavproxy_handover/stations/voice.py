@@ -25,7 +25,8 @@ __all__ = ["Voice"]
 class Voice:
     """Packs and sends messages of vehicle `sysid`; `write_autopilot` takes whole frames.
 
-    Where every station is told, `fault` hears of the one that could not be: the others are.
+    `fault` hears of a station that could not be told. It costs that station's operators the words, and nothing else:
+    what is done behind them is done.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class Voice:
     def to_stations(self, message: Any) -> None:
         """Send a message to every station, on its best link."""
         for port in self.ports.values():
-            attempt(self._fault, f"sending to {port.name}", port.send, message)
+            self._try(port, port.send, message)
 
     def acknowledge(
         self, port: StationPort, asker: tuple[int, int], command: int, result: int, component: int = AUTOPILOT_COMPID
@@ -66,21 +67,24 @@ class Voice:
         if component == AUTOPILOT_COMPID:
             self.as_autopilot(port, ack)
         else:
-            port.write(codec.pack(ack, self._own))
+            self._try(port, lambda: port.write(codec.pack(ack, self._own)))
 
     def as_autopilot(self, port: StationPort, message: Any) -> None:
         """Send a station a message in the autopilot's name: where it waits for the autopilot's answer."""
-        port.write(codec.pack(message, self._as_autopilot))
+        self._try(port, lambda: port.write(codec.pack(message, self._as_autopilot)))
 
     def say(self, port: StationPort, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
         """A text for the station's operator, a warning unless `severity` says otherwise; what is longer than STATUSTEXT
         comes in pieces that belong together (`wire/texts.py`)."""
         self._text_id = self._text_id % 0xFFFF + 1
         for message in status_texts(text, severity, self._text_id):
-            port.send(message)
+            self._try(port, port.send, message)
 
     def say_to_all(self, text: str, severity: int = mavlink.MAV_SEVERITY_WARNING) -> None:
         """The same for the operators of all stations."""
         self._text_id = self._text_id % 0xFFFF + 1
         for message in status_texts(text, severity, self._text_id):
             self.to_stations(message)
+
+    def _try(self, port: StationPort, send: Callable[..., None], *arguments: Any) -> None:
+        attempt(self._fault, f"sending to {port.name}", send, *arguments)

@@ -14,7 +14,9 @@ import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.energy import EnergyWatch
-from mavproxy_handover.core.model import Phase
+from mavproxy_handover.autopilot.route_watch import RouteWatch
+from mavproxy_handover.core.events import Fly
+from mavproxy_handover.core.model import FlightAction, Phase, Reason
 from mavproxy_handover.core.safety.battery import Batteries
 from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.gate.flush import FlushTracker
@@ -101,6 +103,15 @@ IN_FLIGHT: dict[str, tuple[Callable[[Bench, pytest.MonkeyPatch], None], str]] = 
     "the borders ahead": (
         lambda b, patch: patch.setattr(b.companion.autopilot._borders, "each_second", broken),
         "the way ahead",
+    ),
+    "the route": (lambda b, patch: patch.setattr(RouteWatch, "deviation", property(broken)), "sign of the route"),
+    "the fence": (
+        lambda b, patch: patch.setattr(b.companion.autopilot._execution, "breach", broken),
+        "sign of the fence",
+    ),
+    "what the autopilot says to the places": (
+        lambda b, patch: patch.setattr(b.companion.autopilot.places, "take", broken),
+        "places of a return",
     ),
 }
 
@@ -190,7 +201,7 @@ def test_the_way_home_is_commanded_although_the_console_is_gone(
 # ---- the arbiter itself -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("entry_point", ["handle", "next_deadline"])
+@pytest.mark.parametrize("entry_point", ["handle", "next_deadline", "grounded", "alone_s"])
 def test_a_broken_arbiter_fails_closed(flight: Bench, entry_point: str, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(flight.companion.arbiter, entry_point, broken)
@@ -287,6 +298,86 @@ def airborne(bench: Bench, delivery: MissionPackage) -> Bench:
     bench.run(0.1)
     bench.autopilot.received.clear()
     return bench
+
+
+@pytest.mark.parametrize("entry_point", ["grounded", "alone_s"])
+def test_an_arbiter_that_cannot_say_how_things_are_brings_the_aircraft_home(
+    airborne: Bench, entry_point: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What energy, places and the lease rest on is asked of it each second."""
+    with monkeypatch.context() as patch:
+        patch.setattr(airborne.companion.arbiter, entry_point, broken)
+        airborne.run(2.0)
+    assert airborne.companion.failed
+    assert airborne.autopilot.mode == RTL_MODE
+    assert len(airborne.journal("failed_closed")) == 1
+
+
+def test_positions_that_are_compared_to_no_zone_bring_the_aircraft_home(
+    airborne: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing else would say that it has left them all."""
+    monkeypatch.setattr(airborne.companion.autopilot, "zone_facts", broken)
+    airborne.run(4.0)
+    assert not airborne.companion.failed
+    airborne.until(lambda: airborne.autopilot.mode == RTL_MODE, 3.0)
+    assert airborne.companion.failed
+    (entry,) = airborne.journal("failed_closed")
+    assert entry["text"].startswith("positions cannot be compared to the zones: ")
+
+
+def test_what_breaks_behind_the_comparison_costs_no_more_than_itself(
+    airborne: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RouteWatch, "look", broken)
+    airborne.run(10.0)
+    assert not airborne.companion.failed
+    assert airborne.companion.faults.keys() == {"route"}
+
+
+def test_a_return_is_ordered_although_who_asked_for_start_cannot_be_told(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.connect()
+    bench.share(delivery)
+    bench.run(1.0)
+    bench.autopilot.script[mavlink.MAV_CMD_COMPONENT_ARM_DISARM] = None
+    bench.a.command(START)
+    bench.run(0.3)
+    assert bench.companion.autopilot.orders.starting
+    monkeypatch.setattr(bench.companion.ports[251], "write", broken)
+    bench.companion._perform(Fly(FlightAction.RETURN, Reason.ENERGY), bench.clock.now)
+    bench.run(1.0)
+    assert bench.autopilot.mode == RTL_MODE
+
+
+def test_a_station_that_cannot_be_written_to_costs_the_others_nothing(
+    flight: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither what the autopilot says nor what the gate answers."""
+    monkeypatch.setattr(flight.companion.ports[251], "write", broken)
+    flight.b.received.clear()
+    flight.run(5.0)
+    assert len(flight.b.got("GLOBAL_POSITION_INT")) >= 20
+    assert len([m for m in flight.b.got("HEARTBEAT") if m.get_srcComponent() == 1]) >= 4
+    assert flight.companion.faults.keys() == {"sending to GCSA"}
+
+
+def test_a_fault_is_told_to_whoever_hears_it_later(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And again at the next take-off, if more of it came since."""
+    bench.load()
+    monkeypatch.setattr(bench.companion.narrator, "clock", broken)
+    words = "internal fault of the companion: clock"
+    bench.a.alive = bench.b.alive = False
+    bench.run(5.0)
+    assert bench.companion.faults["clock"] >= 4
+    assert words not in bench.a.texts() + bench.b.texts()
+    bench.a.alive = bench.b.alive = True
+    bench.run(5.0)
+    assert [each.texts().count(words) for each in (bench.a, bench.b)] == [1, 1]
+    bench.autopilot.armed = True
+    bench.run(5.0)
+    assert [each.texts().count(words) for each in (bench.a, bench.b)] == [2, 2]
 
 
 def test_what_the_commander_had_open_is_closed_when_the_arbiter_breaks(

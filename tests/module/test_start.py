@@ -7,6 +7,7 @@ from __future__ import annotations
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.preflight import Finding
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage, load
 from tests.module.conftest import MISSIONS, Bench
@@ -335,6 +336,13 @@ class TestByHand:
             e for e in ready.journal() if e["event"] == "accepted" and str(e["what"]).startswith("COMMAND_LONG")
         ]
         assert entry["station"] == "GCSA"
+
+    @pytest.mark.parametrize("command", [ARM, START])
+    def test_whoever_begins_a_flight_hears_what_does_not_fit(self, ready: Bench, command: int) -> None:
+        ready.companion.autopilot._preflight.findings = (Finding("", "the guard is old"),)
+        ready.a.command(command, 1.0)
+        ready.run(0.5)
+        assert ready.a.texts().count("preflight: the guard is old") == 1
 
     @pytest.mark.parametrize(("command", "word"), [(LAND_START, "land start"), (RETURN_PATH, "return path start")])
     def test_nothing_begins_in_the_middle_of_the_mission(self, ready: Bench, command: int, word: str) -> None:
