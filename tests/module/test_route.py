@@ -162,7 +162,7 @@ def test_a_check_that_breaks_leaves_the_zones_alone(flown: Bench, monkeypatch: p
     monkeypatch.setattr(route, "look", lambda _now: 1 / 0)
     flown.autopilot.position = (52.678146, 5.95)  # east of every zone
     flown.run(5.0)
-    assert flown.companion.faults["zone check"] > 0
+    assert flown.companion.faults["route"] > 0
     assert [entry["reason"] for entry in flown.journal("emergency")] == ["out_of_coverage"]
 
 
