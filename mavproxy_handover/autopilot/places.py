@@ -12,6 +12,8 @@ parameters. Rules that live here:
 * Where no position comes any more, the battery goes on emptying: until it returns, the way back is the one from where
   it was seen last, and from as far beyond as it may have flown since. On its way back it gets nearer, and what was
   known stays.
+* Where looking breaks, the battery goes on emptying as well: what was drawn since a place was seen does not take it
+  there. It turns back as if it had flown away all that time, and lands for what was drawn alone.
 * The candidates are home, the rally points and the place where the mission lands. The commander may replace the rally
   points (`rally_list.py`), for this flight.
 * On its way to a place the aircraft reads no list: RTL has read it when it began. So a choice that changes then needs a
@@ -20,15 +22,14 @@ parameters. Rules that live here:
   changes: the list goes on holding the place that is flown to.
 * A place that was found in the list after a restart is kept as a candidate, whoever put it there.
 
-Nothing in here raises: what breaks costs that second, and what was told last stays.
+Nothing in here raises: what breaks costs a place, the questions or the choice that second. What was told last stays.
 """
 
 from __future__ import annotations
 
 import math
-import traceback
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -54,6 +55,7 @@ from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.places import FenceLimits, PlaceFinder, flown_s
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.returns import before_return
+from mavproxy_handover.schedule import attempt
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 
 __all__ = ["PlaceWatch"]
@@ -62,6 +64,10 @@ __all__ = ["PlaceWatch"]
 _AT_ONCE: Final = 4
 #: an older position tells nothing
 _FRESH_S: Final = 2.0
+#: what was seen of a place longer ago says that looking is broken: up to forty of them come round in less
+_OLD_S: Final = 10.0
+#: what a metre more of the way back costs is taken from so many
+_FARTHER_M: Final = 1000.0
 #: after this run began, so long the stations may take to be heard: what was found in the list stays meanwhile
 _SETTLE_S: Final = 5.0
 _AGAIN_S: Final = 10.0
@@ -88,6 +94,22 @@ _FOUND: Final = "place found in the list"
 #: names of conversations
 _WHERE_HOME_IS, _PARAMETERS, _OWN_FENCE = "where home is", "parameters of a return", "fence of a return"
 _COMMANDED: Final = (LeaseState.HELD, LeaseState.TRANSFER)
+#: what people are told has broken
+_LOOKING, _ASKING = "places of a return", "home and limits of a return"
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What was seen of a place, and what that rests on.
+
+    `at`: monotonic seconds, of the energy by which it was judged; `left_wh`: what was left then, None: not known;
+    `metre_wh`: what each metre that the way back is longer by takes from its margin.
+    """
+
+    fact: PlaceFact
+    at: float
+    left_wh: float | None
+    metre_wh: float
 
 
 class PlaceWatch:
@@ -126,7 +148,10 @@ class PlaceWatch:
         self._parameters: dict[str, float] = {}
         self._replaced_at: float | None = None  # and not gathered yet
         self._places: tuple[Place, ...] = ()
-        self._facts: dict[str, PlaceFact] = {}
+        #: by the name of the place
+        self._seen: dict[str, _Seen] = {}
+        #: what was known of energy when the return that is flown began; None: none is
+        self._turned: EnergyFact | None = None
         #: the item behind which the mission returns, and where that is; None: it does not
         self._last: tuple[int, tuple[float, float]] | None = None
         self._turn = 0
@@ -224,7 +249,7 @@ class PlaceWatch:
         if self._found is not None and not any(alike(self._point(self._found), self._point(place)) for place in places):
             places.append(self._found)
         self._places = with_ways_down(places, self._flown, self._package.cruise_speed_mps)
-        self._facts = {name: fact for name, fact in self._facts.items() if any(p.name == name for p in places)}
+        self._seen = {name: seen for name, seen in self._seen.items() if any(p.name == name for p in places)}
 
     # ---- what comes in --------------------------------------------------------------------------------------------
 
@@ -241,6 +266,10 @@ class PlaceWatch:
                 elif self._armed and not self._aircraft.armed:
                     self._landed()
                 self._armed = self._aircraft.armed
+                if not (self._aircraft.flying and self._aircraft.to_place):
+                    self._turned = None
+                elif self._turned is None:
+                    self._turned = self._energy()
             case "PARAM_VALUE":
                 if message.param_id in _NAMES and math.isfinite(message.param_value):
                     self._parameters[message.param_id] = float(message.param_value)
@@ -279,22 +308,19 @@ class PlaceWatch:
         """Judge the places, and keep the best one in the list."""
         if self._package is None or self._aircraft.foreign:
             return
-        self._ask(now)
-        self._look(now)
+        attempt(self._ties.fault, _ASKING, self._ask, now)
+        attempt(self._ties.fault, _LOOKING, self._look, now)
 
     def _look(self, now: float) -> None:
-        try:
-            if self._replaced_at is not None:
-                self._replaced_at = None
-                self._gather()
-            here, unseen_s = self._aircraft.where, now - self._aircraft.position_at
-            if here is not None and unseen_s <= _FRESH_S:
-                self._measure(here)
-            elif here is not None and self._aircraft.flying and not self._aircraft.to_place:
-                self._measure(here, unseen_s * max(self._aircraft.track[1], self.return_mps or 0.0))
-            self._choose(now)
-        except Exception:
-            self._ties.fault("places of a return", traceback.format_exc(limit=-3))
+        if self._replaced_at is not None:
+            self._replaced_at = None
+            self._gather()
+        here, unseen_s = self._aircraft.where, now - self._aircraft.position_at
+        if here is not None and unseen_s <= _FRESH_S:
+            self._measure(here)
+        elif here is not None and self._aircraft.flying and not self._aircraft.to_place:
+            self._measure(here, unseen_s * max(self._aircraft.track[1], self.return_mps or 0.0))
+        self._choose(now)
 
     def _measure(self, here: tuple[float, float, float], beyond_m: float = 0.0) -> None:
         """Look at the place that is chosen, at home, and at some of the others in turn. `beyond_m`: so much farther it
@@ -305,11 +331,12 @@ class PlaceWatch:
         for _ in range(min(_AT_ONCE, len(others))):
             self._turn = (self._turn + 1) % len(others)
             now.append(others[self._turn])
-        now += [place for place in others if place.name not in self._facts and place not in now]
+        now += [place for place in others if place.name not in self._seen and place not in now]
         for place in now:
-            self._facts[place.name] = self._fact(place, here, beyond_m)
+            attempt(self._ties.fault, _LOOKING, self._see, place, here, beyond_m)
 
-    def _fact(self, place: Place, here: tuple[float, float, float], beyond_m: float = 0.0) -> PlaceFact:
+    def _see(self, place: Place, here: tuple[float, float, float], beyond_m: float = 0.0) -> None:
+        """Look at one place."""
         assert self._package is not None
         spot, energy = (place.lat_deg, place.lon_deg), self._energy()
         model, limits = energy.model, _fence_limits(self._parameters)
@@ -326,12 +353,17 @@ class PlaceWatch:
         inside = view.inside and self._within(limits, place)
         need = None if model is None else model.need_wh(way)
         margin = spare = needs = left = None
+        metre_wh = 0.0
         if model is not None and need is not None and energy.left_wh is not None:
             margin = energy.left_wh - model.budget_wh(need)
             spare = energy.left_wh - model.reserve_factor * need
             left = energy.left_wh / model.battery_wh
-            needs = model.reserve_factor * need / model.battery_wh if math.isfinite(need) else None
-        return PlaceFact(
+            if math.isfinite(need):
+                needs = model.reserve_factor * need / model.battery_wh
+                farther_m = beyond_m + _FARTHER_M
+                farther = way_back(here, place, return_alt, return_mps, wings=winged, beyond_m=farther_m)
+                metre_wh = model.reserve_factor * (model.need_wh(farther) - need) / _FARTHER_M
+        fact = PlaceFact(
             place.name,
             distance_m(*here[:2], *spot),
             flown_s(way, model, return_mps),
@@ -345,6 +377,7 @@ class PlaceWatch:
             view.way,
             view.way_clear,
         )
+        self._seen[place.name] = _Seen(fact, energy.at, energy.left_wh, metre_wh)
 
     def _within(self, limits: FenceLimits, place: Place) -> bool:
         """Whether the autopilot's own fences around home and above it hold the place."""
@@ -376,7 +409,7 @@ class PlaceWatch:
         return alt_m if alt_m > 0.0 else WINGED_RETURN_ALT_M  # it stays as high as it is
 
     def _choose(self, now: float) -> None:
-        if not self._facts or (not self._keeper.known and now < self._unread_until):
+        if not self._seen or (not self._keeper.known and now < self._unread_until):
             return  # what holds is about to be read
         if self._heard_at == -math.inf:
             return  # whether it flies is not known
@@ -388,7 +421,7 @@ class PlaceWatch:
         unsettled = now < self._settled_at or view.lease is LeaseState.RECOVERING
         fixed = unsettled or (returning and not self._may_bounce(now))
         before = self.choice
-        facts = [self._facts[place.name] for place in self._places if place.name in self._facts]
+        facts = [self._by_now(self._seen[place.name]) for place in self._places if place.name in self._seen]
         usable = self._ties.arbiter.usable(now)
         ends = not returning and self._mission_returns()
         self.choice = self._chooser.choose(facts, usable, now, returning=returning, fixed=fixed, ends=ends)
@@ -425,7 +458,7 @@ class PlaceWatch:
             self._gather()
             place = self._places[-1]
             if self._aircraft.where is not None:
-                self._facts[_FOUND] = self._fact(place, self._aircraft.where)
+                attempt(self._ties.fault, _LOOKING, self._see, place, self._aircraft.where)
         self._chooser.adopt(place.name)
 
     @property
@@ -440,9 +473,41 @@ class PlaceWatch:
     @property
     def _margin_wh(self) -> float | None:
         """What the best place leaves beyond need and reserve; None where that is not known. Where none is inside the
-        fence it is the best of all: energy comes to its end there as well, and nobody else would say so."""
-        facts = [fact for fact in self._facts.values() if fact.inside] or self._facts.values()
-        return max((fact.margin_wh for fact in facts if fact.margin_wh is not None), default=None)
+        fence it is the best of all: energy comes to its end there as well, and nobody else would say so. Where none
+        was seen yet it is what is left beyond the reserve."""
+        seen = [each for each in self._seen.values() if each.fact.inside] or self._seen.values()
+        margins = [margin for margin in map(self._margin_of, seen) if margin is not None]
+        energy = self._energy()
+        if margins or self._package is None or energy.model is None or energy.left_wh is None:
+            return max(margins, default=None)
+        return energy.left_wh - energy.model.reserve_wh
+
+    def _margin_of(self, seen: _Seen) -> float | None:
+        """Of one place; where looking is broken it may have flown away from there all the time."""
+        margin_wh, old_s = self._by_now(seen).margin_wh, self._known.at - seen.at
+        if margin_wh is None or old_s <= _OLD_S or not self._aircraft.flying:
+            return margin_wh
+        return margin_wh - seen.metre_wh * old_s * max(self._aircraft.track[1], self.return_mps or 0.0)
+
+    def _by_now(self, seen: _Seen) -> PlaceFact:
+        """The fact without what was drawn since: nothing, where it was looked at this second."""
+        fact, left_wh = seen.fact, self._known.left_wh
+        if fact.margin_wh is None or fact.spare_wh is None or fact.left is None:
+            return fact
+        if left_wh is None or seen.left_wh is None or left_wh >= seen.left_wh:
+            return fact
+        drawn_wh = seen.left_wh - left_wh
+        return replace(
+            fact,
+            margin_wh=fact.margin_wh - drawn_wh,
+            spare_wh=fact.spare_wh - drawn_wh,
+            left=fact.left * left_wh / seen.left_wh,
+        )
+
+    @property
+    def _known(self) -> EnergyFact:
+        """What is known of energy; on its way back what was when it turned, for it gets nearer by what it draws."""
+        return self._turned or self._energy()
 
     @property
     def energy_words(self) -> str:
@@ -546,7 +611,7 @@ class PlaceWatch:
         """A return is about to be ordered: judge once more, and write what is not written. Returns what tells whether
         it is, which is not to be waited for long."""
         self._unread_until = now
-        self._look(now)
+        attempt(self._ties.fault, _LOOKING, self._look, now)
         if not self._keeper.settled:
             self._keeper.hurry(now)
         return lambda: self._keeper.settled

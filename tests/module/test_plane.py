@@ -219,7 +219,7 @@ def test_a_plane_is_judged_by_the_landing_sequence_of_the_mission_that_is_flown(
         return sum(piece.length_m for piece in place.down)
 
     def home_s() -> float:
-        return float(watch._facts["home"].time_s)
+        return float(watch._seen["home"].fact.time_s)
 
     assert home_m() == pytest.approx(4630.0, abs=60.0)
     long_s = home_s()
