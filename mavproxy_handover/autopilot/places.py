@@ -168,8 +168,8 @@ class PlaceWatch:
         #: in the list
         self._told, self._stations_told = "", _HOME
         self._bounces_to: str | None = None
-        #: the last try to write a place came to nothing
-        self._unwritten = False
+        #: the last try to write a place came to nothing, and the stations know
+        self._unwritten = self._unwritten_told = False
         orders.before_return = self.before_return
 
     @property
@@ -263,6 +263,8 @@ class PlaceWatch:
                 self._failsafe = message.system_status >= mavlink.MAV_STATE_CRITICAL
                 if self._aircraft.armed and not self._armed:
                     self._home_at = now  # it moves home to where it arms
+                    self._unwritten_told = False
+                    self._tell_unwritten()
                 elif self._armed and not self._aircraft.armed:
                     self._landed()
                 self._armed = self._aircraft.armed
@@ -431,8 +433,10 @@ class PlaceWatch:
         if returning and before is not None and before.place.name != name:
             self._bounces_to = name
         self._keeper.want(self._point(next(place for place in self._places if place.name == name)))
-        if self._keeper.settled and name != self._told:
-            self._tell()
+        if self._keeper.settled:
+            self._unwritten = self._unwritten_told = False
+            if name != self._told:
+                self._tell()
         figures = f"{self.choice.figures(self._ties.arbiter.name)}{_NOT_LISTED if self._elsewhere else ''}"
         judged = PlaceJudged(name, self.choice.reachable, figures)
         if judged != self._judged:
@@ -572,7 +576,7 @@ class PlaceWatch:
 
     def _held(self, point: RallyPoint, now: float) -> None:
         """The list holds that point."""
-        self._unwritten = False
+        self._unwritten = self._unwritten_told = False
         if self.choice is None or not self._keeper.settled:
             return  # it is not the one any more: the next one is on its way
         name = self.choice.place.name
@@ -595,10 +599,15 @@ class PlaceWatch:
 
     def _not_held(self, why: str) -> None:
         self._ties.narrator.place_failed(why)
-        if not self._unwritten and self.choice is not None and self._aircraft.armed:
+        self._unwritten = True
+        self._tell_unwritten()
+
+    def _tell_unwritten(self) -> None:
+        """Stations read in flight, once, that the place could not be written."""
+        if self._elsewhere and not self._unwritten_told and self.choice is not None and self._aircraft.armed:
+            self._unwritten_told = True
             name = self.choice.place.name
             self._ties.voice.say_to_all(f"{name} is not in the autopilot's list: a return may go elsewhere")
-        self._unwritten = True
 
     def _overwritten(self) -> None:
         self._ties.narrator.rally_overwritten()

@@ -144,6 +144,37 @@ def test_and_when_it_is_written_it_is_told(flying: Bench) -> None:
     assert flying.b.got("AUTHORITY_STATUS")[-1].place == "rally 2"
 
 
+NOT_LISTED = "home is not in the autopilot's list: a return may go elsewhere"
+
+
+def test_a_place_that_could_not_be_written_on_the_ground_is_told_when_it_arms(ready: Bench) -> None:
+    """The fault: what was known on the ground, where nobody is told, counted as told in flight."""
+    ready.autopilot.spoil = elsewhere
+    ready.mpstate.deliver(
+        said(stock.MAVLink_home_position_message(526790500, 59240500, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+    )
+    ready.until(lambda: len(ready.journal("place_failed")) >= 3, 40.0)
+    assert "autopilot's list" not in ready.a.texts()
+    ready.a.command(START)
+    ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+    ready.run(60.0)
+    for station in (ready.a, ready.b):
+        assert station.texts().count(NOT_LISTED) == 1
+
+
+def test_and_again_in_the_next_flight(ready: Bench) -> None:
+    ready.autopilot.spoil = elsewhere
+    for flights in (1, 2):
+        ready.autopilot.items[0][0].x += 500  # where it arms
+        ready.a.command(START)
+        ready.until(lambda: ready.companion.view.phase is Phase.ON_MISSION)
+        ready.run(25.0)
+        assert ready.a.texts().count(NOT_LISTED) == flights
+        ready.autopilot.armed = ready.autopilot.airborne = False
+        ready.autopilot.mode = 0
+        ready.run(20.0)
+
+
 def test_the_nearest_whose_station_is_dead_is_passed_over_at_once(flying: Bench) -> None:
     fly_to(flying, BETWEEN, 40.0)
     assert listed(flying) == [HOME]
