@@ -71,6 +71,8 @@ _FARTHER_M: Final = 1000.0
 #: after this run began, so long the stations may take to be heard: what was found in the list stays meanwhile
 _SETTLE_S: Final = 5.0
 _AGAIN_S: Final = 10.0
+#: that somebody else writes the list is told this often at most
+_OVERWRITTEN_S: Final = 60.0
 #: an autopilot that was silent for so long may have begun anew
 _REBOOT_S: Final = 3.0
 #: so long (s) before the mission ends with a return its place is the best one of that moment: it is in the list by then
@@ -170,6 +172,7 @@ class PlaceWatch:
         self._bounces_to: str | None = None
         #: the last try to write a place came to nothing, and the stations know
         self._unwritten = self._unwritten_told = False
+        self._overwritten_told_at = -math.inf
         orders.before_return = self.before_return
 
     @property
@@ -609,9 +612,10 @@ class PlaceWatch:
             name = self.choice.place.name
             self._ties.voice.say_to_all(f"{name} is not in the autopilot's list: a return may go elsewhere")
 
-    def _overwritten(self) -> None:
+    def _overwritten(self, now: float) -> None:
         self._ties.narrator.rally_overwritten()
-        if self._aircraft.armed:
+        if self._aircraft.armed and now - self._overwritten_told_at >= _OVERWRITTEN_S:
+            self._overwritten_told_at = now
             self._ties.voice.say_to_all("somebody on board has written the rally list: the place is written again")
 
     # ---- a return -------------------------------------------------------------------------------------------------

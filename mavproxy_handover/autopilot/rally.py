@@ -58,7 +58,7 @@ class RallyKeeper:
         conversations: Conversations,
         holds: Callable[[RallyPoint, float], None],
         failed: Callable[[str], None],
-        changed: Callable[[], None],
+        changed: Callable[[float], None],
     ) -> None:
         self._lists = MissionProtocol(sysid)
         self._conversations = conversations
@@ -133,7 +133,7 @@ class RallyKeeper:
                 and (self.held is None or not alike(self.held, before))
             ):
                 self._write_at = now
-                self._changed()
+                self._changed(now)
 
         self._conversations.begin(_NAME, self._lists.held_rally(), done, now)
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -237,6 +238,22 @@ def test_and_at_once_when_the_autopilot_tells_of_another_number_of_points(flying
     flying.run(2.0)
     assert listed(flying) == [HOME]
     assert flying.mpstate.console.said("somebody else has written the autopilot's rally list")
+
+
+def test_who_writes_there_for_ever_is_told_once_a_minute(flying: Bench) -> None:
+    """The fault: 27 texts in five minutes. The journal has each time."""
+
+    rounds = itertools.count(1)
+
+    def writes() -> None:
+        if next(rounds) % 20 == 0 and flying.autopilot.items[RALLY]:
+            flying.autopilot.items[RALLY][0].x = HOME[0] + 5000
+
+    flying.each_round = writes
+    flying.run(300.0)
+    for station in (flying.a, flying.b):
+        assert 4 <= station.texts().count("somebody on board has written the rally list") <= 5
+    assert len(flying.journal("rally_overwritten")) >= 20
 
 
 def test_a_refused_upload_is_told_and_tried_again(flying: Bench) -> None:
