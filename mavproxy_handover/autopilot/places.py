@@ -44,7 +44,7 @@ from mavproxy_handover.autopilot.rally_list import RallyList
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import PlaceJudged
 from mavproxy_handover.core.model import Kind, LeaseState
-from mavproxy_handover.core.safety.energy import EnergyFact
+from mavproxy_handover.core.safety.energy import EnergyFact, Piece
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
 from mavproxy_handover.core.safety.places import Choice, PlaceChooser, PlaceFact
 from mavproxy_handover.mission.energy import Place, places_of, way_back, with_ways_down
@@ -365,9 +365,9 @@ class PlaceWatch:
             left = energy.left_wh / model.battery_wh
             if math.isfinite(need):
                 needs = model.reserve_factor * need / model.battery_wh
-                farther_m = beyond_m + _FARTHER_M
-                farther = way_back(here, place, return_alt, return_mps, wings=winged, beyond_m=farther_m)
-                metre_wh = model.reserve_factor * (model.need_wh(farther) - need) / _FARTHER_M
+                level = max(way, key=lambda piece: piece.length_m)
+                farther = Piece(_FARTHER_M, level.bearing_deg, speed_mps=level.speed_mps)
+                metre_wh = model.reserve_factor * model.piece_wh(farther) / _FARTHER_M
         fact = PlaceFact(
             place.name,
             distance_m(*here[:2], *spot),
