@@ -10,6 +10,7 @@ unknown, which START does not get by. In flight it goes on from what was known l
 
 from __future__ import annotations
 
+import re
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -37,6 +38,13 @@ _MOST_HOVER: Final = 10.0
 _UNKNOWN_MV: Final = 0xFFFF
 _JOULES_A_HECTOJOULE, _JOULES_A_WH = 100.0, 3600.0
 _FAULT: Final = "internal fault"
+#: figures of a text, which change while its kind does not; the number behind the word is the battery's name
+_FIGURES: Final = re.compile(r"(battery \d+)|[\d.]+")
+
+
+def _kind(trouble: str) -> str:
+    """What is odd, and of which battery, without its figures."""
+    return _FIGURES.sub(r"\1", trouble)
 
 
 def pack_report(m: Any) -> PackReport:
@@ -79,6 +87,8 @@ class EnergyWatch:
         self._began_at: float | None = None
         self._told: tuple[object, ...] = ()
         self._told_kinds: tuple[str, ...] = ()
+        #: kinds told in this flight: each once, since what comes and goes would drown what is new; the journal has all
+        self._said: set[str] = set()
         self._told_at = -inf
         #: the operator has lifted what START lacks until then
         self._lifted_until = -inf
@@ -148,6 +158,8 @@ class EnergyWatch:
 
     def each_second(self, aircraft: Aircraft, grounded: bool, now: float) -> None:
         """Learn, and say what is known now. `grounded`: neither armed nor about to be."""
+        if grounded:
+            self._said.clear()
         try:
             self._weigh(aircraft)
             self._learn(aircraft, now)
@@ -269,17 +281,18 @@ class EnergyWatch:
     # ---- what people read -----------------------------------------------------------------------------------------
 
     def _tell(self, fact: EnergyFact, flying: bool, now: float) -> None:
-        """At each change of what kind of thing is known, and every few seconds in flight."""
+        """At each change of what kind of thing is known, and every few seconds in flight. What is odd is told once a
+        flight; on the ground, where no station hears of it, each time that it comes."""
         self._began_at = now if self._began_at is None else self._began_at
         if fact.model is not None and fact.left_wh is None and now - self._began_at < SILENT_S:
             return  # the streams have only just been asked for
-        kinds = tuple("".join(c for c in text if not c.isdigit() and c != ".") for text in fact.trouble)
+        kinds = tuple(_kind(text) for text in fact.trouble)
         known = (fact.missing, fact.left_wh is None, fact.learned, fact.wind_source, kinds)
-        changed = known != self._told
-        if changed or (flying and fact.model is not None and now - self._told_at >= _JOURNAL_S):
-            before = self._told_kinds
+        heard = self._said if flying else self._told_kinds
+        odd = any(kind not in heard for kind in kinds)  # what is left of it when a part is over is no news
+        if odd or known != self._told or (flying and fact.model is not None and now - self._told_at >= _JOURNAL_S):
             self._told, self._told_kinds, self._told_at = known, kinds, now
-            odd = any(kind not in before for kind in kinds)  # what is left of it when a part is over is no news
             self._ties.narrator.energy(fact, aloud=odd)
             if odd and flying:
+                self._said.update(kinds)
                 self._ties.voice.say_to_all(f"energy: {', '.join(fact.trouble)}")

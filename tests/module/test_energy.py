@@ -321,7 +321,72 @@ def test_what_is_left_of_what_is_odd_is_no_news(flying: Bench) -> None:
     for trouble in (("one",), ("one", "two"), ("two",), (), ("two",)):
         take(replace(flying.companion.autopilot.energy, trouble=trouble), True, flying.clock.now)
     flying.run(0.1)
-    assert flying.a.texts().endswith("checkedenergy: oneenergy: one, twoenergy: two")
+    assert flying.a.texts().endswith("checkedenergy: oneenergy: one, two")
+
+
+def told_of_energy(bench: Bench) -> list[str]:
+    """What all stations were told of it, as the second one has it."""
+    return [text for _severity, text in bench.b.told() if text.startswith("energy: ")]
+
+
+def test_each_battery_that_falls_silent_is_told(bench: Bench, delivery: MissionPackage) -> None:
+    """The fault: the texts were of one kind without their digits, and the second battery's silence was no news."""
+    energy_table(bench, 'batteries = 2\nstart = "warn"')
+    get_ready(bench, delivery, None)
+    silent_from = {0: 10.0, 1: 30.0}
+
+    def fly(seconds: int, since: float = 0.0) -> None:
+        for second in range(seconds):
+            for number, silent in silent_from.items():
+                if since + second < silent:
+                    bench.mpstate.deliver(said(mavlink_battery(id=number, current_battery=1500)))
+            bench.run(1.0)
+
+    fly(3)
+    bench.a.command(START)
+    bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+    fly(20)
+    (first,) = told_of_energy(bench)
+    assert first.startswith("energy: battery 0 has been silent for ")
+    fly(40, 20.0)
+    first, second = told_of_energy(bench)
+    assert "battery 1 has been silent for " in second
+
+
+def test_a_battery_that_speaks_seldom_is_told_once_a_flight(flying: Bench) -> None:
+    """The fault: one that speaks every 8 s was told 75 times in 10 min."""
+    hover(flying, 3)
+    for _ in range(75):
+        hover(flying, 1)
+        flying.run(7.0)
+    assert len(told_of_energy(flying)) == 1
+    assert len([line for line in flying.mpstate.console.lines if "Energy: battery 0 " in line]) == 1
+    odd = [entry for entry in flying.journal("energy") if entry.get("trouble")]
+    assert len(odd) >= 75, "the journal has all of it"
+
+
+def test_one_that_counts_back_again_and_again_is_told_once_a_flight(flying: Bench) -> None:
+    """The fault: 149 times in 10 min."""
+    for second in range(60):
+        used = 60 if second % 4 == 0 else 80
+        flying.mpstate.deliver(said(mavlink_battery(current_consumed=used, energy_consumed=-1, battery_remaining=-1)))
+        flying.run(1.0)
+    assert told_of_energy(flying) == ["energy: battery 0 counts back in flight"]
+
+
+def test_the_next_flight_is_told_anew(flying: Bench) -> None:
+    hover(flying, 3)
+    flying.run(8.0)
+    assert len(told_of_energy(flying)) == 1
+    flying.autopilot.airborne = flying.autopilot.armed = False
+    flying.autopilot.battery = 1.0
+    flying.until(lambda: flying.companion.view.phase is Phase.ON_LOAD)
+    flying.run(5.0)
+    flying.a.command(START)
+    flying.until(lambda: flying.companion.view.phase is Phase.ON_MISSION)
+    flying.autopilot.battery = None
+    flying.run(10.0)
+    assert len(told_of_energy(flying)) == 2
 
 
 def test_one_that_never_said_what_it_draws_draws_what_flying_takes(flying: Bench) -> None:
