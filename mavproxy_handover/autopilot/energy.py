@@ -84,6 +84,8 @@ class EnergyWatch:
         #: number of the item that drops the payload in the mission that the autopilot holds
         self.released_at: int | None = None
         self._shortfall = ""
+        #: what the arbiter knows of it
+        self._judged = ""
         self._began_at: float | None = None
         self._told: tuple[object, ...] = ()
         self._told_kinds: tuple[str, ...] = ()
@@ -178,8 +180,8 @@ class EnergyWatch:
             self.fact = replace(known, at=now, left_wh=self._left_wh(known.left_wh, known, now), trouble=trouble)
             return
         self.fact = EnergyFact(now, missing=_FAULT)
-        if self._settings.start_policy_for(wings=self._wings) == "refuse":
-            self._say(_FAULT, now)
+        if self._policy == "refuse":
+            self._lacks(_FAULT, now)
 
     def _left_wh(self, left_wh: float, known: EnergyFact, now: float) -> float:
         """By the batteries, if these still count; else by what was drawn at the most since `left_wh` were left."""
@@ -234,31 +236,40 @@ class EnergyWatch:
 
     def _judge(self, fact: EnergyFact, now: float) -> None:
         """What START lacks, on the ground."""
-        policy = self._settings.start_policy_for(wings=self._wings)
-        if policy == "off" or self._way is None or fact.model is None or now < self._lifted_until:
-            self._say("", now)
-            return
-        shortfall = fact.shortfall(self._need_wh(fact.model, self._way, now))
-        if policy == "refuse":
-            self._say(shortfall, now)
-        elif bool(shortfall) != bool(self._shortfall):
+        if self._policy == "off" or self._way is None or fact.model is None:
+            self._lacks("", now)
+        else:
+            self._lacks(fact.shortfall(self._need_wh(fact.model, self._way, now)), now)
+
+    def _lacks(self, shortfall: str, now: float) -> None:
+        """START lacks that, if nobody has lifted it: the arbiter is told what it refuses, people what it warns of when
+        that turns."""
+        lifted = self._policy == "off" or now < self._lifted_until
+        before, self._shortfall = self._shortfall, "" if lifted else shortfall
+        if self._judged != self.shortfall:
+            self._judged = self.shortfall
+            self._ties.handle(EnergyJudged(self._judged), now)
+        if self._policy == "warn" and not lifted and bool(before) != bool(shortfall):
             self._ties.narrator.energy_warning(shortfall)
-            self._shortfall = shortfall
+
+    @property
+    def _policy(self) -> str:
+        return self._settings.start_policy_for(wings=self._wings)
 
     @property
     def shortfall(self) -> str:
         """What START is refused for, in words; "" where it is not."""
-        return self._shortfall if self._settings.start_policy_for(wings=self._wings) == "refuse" else ""
+        return self._shortfall if self._policy == "refuse" else ""
 
     @property
     def warned(self) -> str:
         """The same where START is warned of it and not refused."""
-        return self._shortfall if self._settings.start_policy_for(wings=self._wings) == "warn" else ""
+        return self._shortfall if self._policy == "warn" else ""
 
     def lift(self, until: float, now: float) -> None:
         """The operator has START go on without the energy: so long, and at this moment."""
         self._lifted_until = until
-        self._say("", now)
+        self._lacks("", now)
 
     def lift_no_more(self) -> None:
         """Whoever has lifted it commands no more."""
@@ -272,11 +283,6 @@ class EnergyWatch:
         need = model.need_wh(way(model.return_alt_m))
         self._counted, self._counted_at = (model, need), now
         return need
-
-    def _say(self, shortfall: str, now: float) -> None:
-        if shortfall != self._shortfall:
-            self._shortfall = shortfall
-            self._ties.handle(EnergyJudged(shortfall), now)
 
     # ---- what people read -----------------------------------------------------------------------------------------
 

@@ -167,6 +167,37 @@ def test_who_starts_with_too_little_hears_it_where_it_is_let_pass(bench: Bench, 
     assert bench.b.texts().count("warning: energy") == 0
 
 
+@pytest.mark.parametrize(("before", "after"), [(None, 0.6), (0.62, 0.3)])
+def test_who_starts_with_too_little_hears_what_is_left_now(
+    bench: Bench, delivery: MissionPackage, before: float | None, after: float
+) -> None:
+    """The fault: what was said was what was known when the budget ceased to close."""
+    energy_table(bench, 'start = "warn"')
+    get_ready(bench, delivery, before)
+    bench.autopilot.battery = after
+    bench.run(12.0)
+    bench.a.command(START)
+    bench.run(0.5)
+    left = f"79.5 Wh are needed with the reserve, {126.0 * after:.1f} Wh are left"
+    assert bench.a.texts().count("START, warning: ") == 1
+    assert f"START, warning: energy: {left}" in bench.a.texts()
+    assert [entry["closes"] for entry in bench.journal("energy_budget")] == [False], "told once"
+
+
+def test_what_a_mission_is_refused_for_is_over_with_one_that_only_warns(
+    bench: Bench, delivery: MissionPackage, tmp_path: Path
+) -> None:
+    get_ready(bench, delivery, 0.6)
+    assert needs(bench) == (TOO_LITTLE,)
+    folder = tmp_path / "warns"
+    shutil.copytree(MISSIONS / "delivery", folder)
+    text = (folder / "mission.toml").read_text(encoding="utf-8").replace("[energy]", '[energy]\nstart = "warn"')
+    (folder / "mission.toml").write_text(text, encoding="utf-8")
+    bench.share(mission_package.load(folder))
+    bench.run(1.5)
+    assert needs(bench) == ()
+
+
 @pytest.mark.parametrize("policy", ["refuse", "warn", "off"])
 def test_how_a_refusal_is_lifted_is_said_and_does_not_hang_on_commands_in_flight(
     bench: Bench, delivery: MissionPackage, policy: str
