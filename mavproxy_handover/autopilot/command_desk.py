@@ -133,9 +133,9 @@ class CommandDesk:
         return self._aircraft.waypoint if 1 <= self._aircraft.waypoint <= last else 1
 
     def start(self, port: StationPort, wish: object, repeats: bool, now: float) -> None:
-        """START, or a part of it: sent anew in time it goes on without the energy. What it is refused for is told
-        elsewhere (`orders.py`)."""
-        left = {Limit.ENERGY: self._energy.shortfall}
+        """START, or a part of it: sent anew in time it goes on without the energy, but for an internal fault there,
+        which `lift` alone lifts. What it is refused for is told elsewhere (`orders.py`)."""
+        left = {} if self._energy.broken else {Limit.ENERGY: self._energy.shortfall}
         ruling = self._start_rules.rule(Kind.START, wish, left, port.sysid, now, repeats=repeats)
         if ruling.outcome is Outcome.LIFTED:
             self._energy.lift(now, now)

@@ -4,8 +4,9 @@
 
 The rules are in `core/safety/`: what is left, what flying costs, what is learned. Here MAVLink's units and its ways to
 say "unknown" end. On the ground the way of the loaded mission is counted, and the arbiter is told what START lacks.
-Nothing in here raises: a message that breaks something costs that message, a second that breaks leaves the energy
-unknown, which START does not get by. In flight it goes on from what was known last, by what was drawn then.
+Nothing in here raises: a message that breaks something costs that message, and a second that breaks goes on from what
+was known last, on the ground and in flight: by what the batteries say, else by what is drawn at the most once it is
+armed. Before anything was known the energy is unknown then. START is refused for a fault, or warned of it.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from mavproxy_handover.core.safety.battery import SILENT_S, Batteries, Charge, P
 from mavproxy_handover.core.safety.energy import EnergyFact, EnergyModel, Piece
 from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
+from mavproxy_handover.schedule import attempt
 
 __all__ = ["EnergyWatch", "pack_report"]
 
@@ -38,6 +40,7 @@ _MOST_HOVER: Final = 10.0
 _UNKNOWN_MV: Final = 0xFFFF
 _JOULES_A_HECTOJOULE, _JOULES_A_WH = 100.0, 3600.0
 _FAULT: Final = "internal fault"
+_NOT_YET: Final = "not looked at yet"
 #: figures of a text, which change while its kind does not; the number behind the word is the battery's name
 _FIGURES: Final = re.compile(r"(battery \d+)|[\d.]+")
 
@@ -95,7 +98,7 @@ class EnergyWatch:
         #: the operator has lifted what START lacks until then
         self._lifted_until = -inf
         #: what is known of energy now
-        self.fact = EnergyFact(-inf, missing=settings.missing or "not looked at yet")
+        self.fact = EnergyFact(-inf, missing=settings.missing or _NOT_YET)
         self._adopt(settings)
 
     # ---- what comes in --------------------------------------------------------------------------------------------
@@ -131,7 +134,7 @@ class EnergyWatch:
                     self._batteries.take(number, report, at, True)
             self._judge(self._observe(now, grounded=True), now)
         except Exception:
-            self._broke(now)
+            self._broke(now, grounded=True)
 
     @property
     def memory(self) -> tuple[PackMemory, ...]:
@@ -147,6 +150,8 @@ class EnergyWatch:
         if (settings, wings) == (self._settings, self._wings):
             return
         self._settings, self._wings = settings, wings
+        # what was known was by other numbers
+        self.fact = EnergyFact(-inf, missing=settings.missing_for(wings=wings) or _NOT_YET)
         prior = settings.model(wings=wings)
         if prior is None:
             self._learner = self._batteries = None
@@ -170,29 +175,31 @@ class EnergyWatch:
                 self._judge(fact, now)
             self._tell(fact, aircraft.flying, now)
         except Exception:
-            self._broke(now, aircraft.flying)
+            self._broke(now, grounded=grounded)
 
-    def _broke(self, now: float, flying: bool = False) -> None:
+    def _broke(self, now: float, *, grounded: bool) -> None:
+        """It goes on from what was known; START is told of the fault."""
         self._ties.fault("energy", traceback.format_exc(limit=-3))
         known = self.fact
-        if flying and known.model is not None and known.left_wh is not None:
+        if known.model is None:
+            self.fact = EnergyFact(now, missing=_FAULT)
+        else:
             trouble = known.trouble if _FAULT in known.trouble else (*known.trouble, _FAULT)
-            self.fact = replace(known, at=now, left_wh=self._left_wh(known.left_wh, known, now), trouble=trouble)
-            return
-        self.fact = EnergyFact(now, missing=_FAULT)
-        if self._policy == "refuse":
-            self._lacks(_FAULT, now)
+            left_wh = self._left_wh(known, known.model, now, grounded=grounded)
+            self.fact = replace(known, at=now, left_wh=left_wh, trouble=trouble)
+        if grounded:
+            attempt(self._ties.fault, "energy", self._lacks, _FAULT, now)
 
-    def _left_wh(self, left_wh: float, known: EnergyFact, now: float) -> float:
-        """By the batteries, if these still count; else by what was drawn at the most since `left_wh` were left."""
+    def _left_wh(self, known: EnergyFact, model: EnergyModel, now: float, *, grounded: bool) -> float | None:
+        """By the batteries, if these still count; else by what was drawn since, at the most; on the ground nothing."""
         try:
-            counted = None if self._batteries is None else self._batteries.charge(now).left_wh
+            counted = None if self._batteries is None else self._batteries.charge(now, on_ground=grounded).left_wh
         except Exception:  # it has been told, or the same thing has
             counted = None
-        if counted is not None or known.model is None:
-            return left_wh if counted is None else counted
-        drawn_w = max(known.model.hover_w, known.model.cruise_w, known.power_w or 0.0)
-        return max(0.0, left_wh - drawn_w * max(0.0, now - known.at) / _JOULES_A_WH)
+        if counted is not None or known.left_wh is None or grounded:
+            return known.left_wh if counted is None else counted
+        drawn_w = max(model.hover_w, model.cruise_w, known.power_w or 0.0)
+        return max(0.0, known.left_wh - drawn_w * max(0.0, now - known.at) / _JOULES_A_WH)
 
     def _weigh(self, aircraft: Aircraft) -> None:
         """With the payload from the ground on, and without it once AUTO is past the item that drops it."""
@@ -265,6 +272,11 @@ class EnergyWatch:
     def warned(self) -> str:
         """The same where START is warned of it and not refused."""
         return self._shortfall if self._policy == "warn" else ""
+
+    @property
+    def broken(self) -> bool:
+        """What START lacks is an internal fault: sending it again mends nothing."""
+        return self._shortfall == _FAULT
 
     def lift(self, until: float, now: float) -> None:
         """The operator has START go on without the energy: so long, and at this moment."""

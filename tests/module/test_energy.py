@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.core.model import Phase
+from mavproxy_handover.core.safety.battery import Batteries
 from mavproxy_handover.core.safety.learning import Learner
 from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.package import MissionPackage
@@ -536,32 +537,103 @@ def test_it_is_written_when_a_twentieth_is_drawn_and_not_with_every_report(
 # ---- faults -------------------------------------------------------------------------------------------------------
 
 
+def broken(*_arguments: Any, **_values: Any) -> Any:
+    raise RuntimeError("planted")
+
+
 def test_what_breaks_in_here_keeps_start_and_is_over_with_the_fault(
     bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     get_ready(bench, delivery)
 
-    def broken(*_arguments: Any) -> Any:
-        raise RuntimeError("planted")
-
     with monkeypatch.context() as patch:
         patch.setattr(Learner, "model", broken)
         bench.run(1.5)
         assert needs(bench) == ("energy: internal fault",)
-        assert "energy    unknown: internal fault" in bench.mpstate.type("handover status")
+        (line,) = [line for line in bench.mpstate.type("handover status") if line.startswith("energy")]
+        assert line.startswith("energy    126.0 Wh of 126.0 Wh left")
+        assert line.endswith(", internal fault"), "what was known goes on"
         assert bench.companion.faults["energy"] >= 1
         assert not bench.companion.failed, "it costs no authority"
     bench.run(1.5)
     assert needs(bench) == ()
 
 
+@pytest.mark.parametrize("policy", ["warn", "refuse"])
+def test_a_fault_of_before_take_off_silences_no_decision_in_flight(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch, policy: str
+) -> None:
+    """The fault: what was known was thrown away on the ground, and with 5 % left the aircraft stayed in AUTO."""
+    energy_table(bench, f'start = "{policy}"')
+    get_ready(bench, delivery)
+    with monkeypatch.context() as patch:
+        patch.setattr(Learner, "model", broken)
+        bench.run(3.0)
+        if policy == "refuse":
+            assert "START refused: energy: internal fault" in refused(bench)
+            for _ in range(2):
+                bench.run(4.0)
+                bench.a.command(START)
+            bench.run(0.5)
+            assert bench.a.acks(START) == [REJECTED] * 3, "sent again it mends nothing"
+            bench.mpstate.type("handover override energy")
+            bench.run(2.0)
+        bench.a.command(START)
+        bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+        assert bench.a.texts().count("START, warning: energy: internal fault") == (policy == "warn")
+        bench.run(5.0)
+        assert bench.autopilot.mode == AUTO
+        bench.autopilot.battery = 0.05
+        bench.until(lambda: bool(bench.autopilot.mode == RTL), 20.0)
+    assert bench.companion.autopilot.energy.left_wh == pytest.approx(6.3, abs=0.5)
+
+
+def test_what_was_known_on_the_ground_is_drawn_down_once_it_is_armed(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    energy_table(bench, 'start = "warn"')
+    get_ready(bench, delivery)
+    with monkeypatch.context() as patch:
+        patch.setattr(Batteries, "charge", broken)
+        bench.run(10.0)
+        assert bench.companion.autopilot.energy.left_wh == 126.0
+        bench.a.command(START)
+        bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
+        bench.run(60.0)
+        # 385 W in cruise, more than in hover
+        assert bench.companion.autopilot.energy.left_wh == pytest.approx(126.0 - 385.0 * 60.0 / 3600.0, abs=1.0)
+
+
+def test_a_battery_that_speaks_while_something_is_broken_counts(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    get_ready(bench, delivery, None)
+    with monkeypatch.context() as patch:
+        patch.setattr(Learner, "model", broken)
+        bench.run(1.5)
+        assert bench.companion.autopilot.energy.left_wh is None
+        bench.autopilot.battery = 0.6
+        bench.run(2.5)
+        assert bench.companion.autopilot.energy.left_wh == pytest.approx(75.6)
+
+
+def test_what_was_known_by_other_numbers_does_not_go_on(
+    bench: Bench, delivery: MissionPackage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    energy_table(bench, "battery_wh = 9000\nhover_w = 20")
+    bench.connect()
+    with monkeypatch.context() as patch:
+        patch.setattr(Learner, "model", broken)
+        bench.share(delivery)
+        bench.run(1.5)
+        assert bench.companion.autopilot.energy.words() == "unknown: internal fault"
+        assert needs(bench) == ("energy: internal fault",)
+
+
 def test_a_fault_costs_nothing_where_nobody_asks_for_the_energy(
     bench: Bench, bare: MissionPackage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     get_ready(bench, bare)
-
-    def broken(*_arguments: Any) -> Any:
-        raise RuntimeError("planted")
 
     monkeypatch.setattr("mavproxy_handover.autopilot.energy.EnergyFact", broken)
     monkeypatch.setattr("mavproxy_handover.autopilot.energy.pack_report", broken)
@@ -572,9 +644,6 @@ def test_a_fault_costs_nothing_where_nobody_asks_for_the_energy(
 def test_a_message_that_breaks_something_costs_that_message(flying: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     hover(flying, 3)
     heard = len(flying.a.got("BATTERY_STATUS"))
-
-    def broken(_message: Any) -> Any:
-        raise RuntimeError("planted")
 
     with monkeypatch.context() as patch:
         patch.setattr("mavproxy_handover.autopilot.energy.pack_report", broken)
