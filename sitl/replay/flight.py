@@ -363,7 +363,7 @@ class _Flight:
         if due is not None and now >= due:
             self._handle(events.Tick(), now)
         if now >= self._second_at:
-            autopilot.each_second(self._view, now)
+            autopilot.each_second(self._view, self._arbiter.grounded(now), now)
             while self._second_at <= now:
                 self._second_at = next(self._beats, self._second_at + 1.0)
 
