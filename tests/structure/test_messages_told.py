@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = ROOT / "docs" / "troubleshooting.md"
 SOURCES = ("mavproxy_handover/**/*.py", "gcs_module/**/*.py", "ardupilot_lua/*.lua")
 #: what stands for something that changes, and what is glued together where the message is made
-VARIES = re.compile(r"\b[A-Z][A-Z]+\b|\brefused: |: $")
+VARIES = re.compile(r"\b[A-Z][A-Z]+\b|\brefused: |\benergy: (?=[a-z])|: $")
 
 
 def quoted() -> list[str]:
