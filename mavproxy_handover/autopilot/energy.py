@@ -27,7 +27,7 @@ from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.core.safety.learning import Learner, Motion, thrust_direction
 from mavproxy_handover.schedule import attempt
 
-__all__ = ["EnergyWatch", "pack_report"]
+__all__ = ["FAULT", "EnergyWatch", "pack_report"]
 
 #: journalled this often in flight
 _JOURNAL_S: Final = 10.0
@@ -39,7 +39,8 @@ _COUNT_S: Final = 5.0
 _MOST_HOVER: Final = 10.0
 _UNKNOWN_MV: Final = 0xFFFF
 _JOULES_A_HECTOJOULE, _JOULES_A_WH = 100.0, 3600.0
-_FAULT: Final = "internal fault"
+#: START is refused for it, and that is not lifted by sending it again
+FAULT: Final = "internal fault"
 _NOT_YET: Final = "not looked at yet"
 #: figures of a text, which change while its kind does not; the number behind the word is the battery's name
 _FIGURES: Final = re.compile(r"(battery \d+)|[\d.]+")
@@ -182,13 +183,13 @@ class EnergyWatch:
         self._ties.fault("energy", traceback.format_exc(limit=-3))
         known = self.fact
         if known.model is None:
-            self.fact = EnergyFact(now, missing=_FAULT)
+            self.fact = EnergyFact(now, missing=FAULT)
         else:
-            trouble = known.trouble if _FAULT in known.trouble else (*known.trouble, _FAULT)
+            trouble = known.trouble if FAULT in known.trouble else (*known.trouble, FAULT)
             left_wh = self._left_wh(known, known.model, now, grounded=grounded)
             self.fact = replace(known, at=now, left_wh=left_wh, trouble=trouble)
         if grounded:
-            attempt(self._ties.fault, "energy", self._lacks, _FAULT, now)
+            attempt(self._ties.fault, "energy", self._lacks, FAULT, now)
 
     def _left_wh(self, known: EnergyFact, model: EnergyModel, now: float, *, grounded: bool) -> float | None:
         """By the batteries, if these still count; else by what was drawn since, at the most; on the ground nothing."""
@@ -276,7 +277,7 @@ class EnergyWatch:
     @property
     def broken(self) -> bool:
         """What START lacks is an internal fault: sending it again mends nothing."""
-        return self._shortfall == _FAULT
+        return self._shortfall == FAULT
 
     def lift(self, until: float, now: float) -> None:
         """The operator has START go on without the energy: so long, and at this moment."""

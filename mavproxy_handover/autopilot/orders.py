@@ -19,6 +19,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.energy import FAULT
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import HandSeen, StartFinished, StartRequested
@@ -133,7 +134,8 @@ class Orders:
         """All of them in one text. What is behind a colon are figures, which change while the need does not."""
         if self._needs.allow(port.sysid, (what, *(need.partition(":")[0] for need in needs)), now):
             by_hand = len(needs) == 1 and needs[0].startswith("energy: ")
-            lifts = "; send again in 3-15 s, or handover override energy" if by_hand else ""
+            again = "" if needs == (f"energy: {FAULT}",) else "send again in 3-15 s, or "
+            lifts = f"; {again}handover override energy" if by_hand else ""
             self._ties.voice.say(port, f"{refused(what, needs)}{lifts}")
 
     def give_start_up(self, why: str, now: float) -> None:
