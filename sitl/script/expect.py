@@ -127,8 +127,8 @@ class Follows(Expectation):
     """Every entry with this source, this event and these values, of which there is at least one, comes within so many
     seconds of the wall clock behind another event of that source.
 
-    That is the last `after` before it that tells of the same station, where that event tells of one, and of item
-    `number`, if one is given.
+    That is the last `after` before it that tells of the same station, where both tell of one, and of item `number`, if
+    one is given.
     """
 
     event: str
@@ -151,7 +151,8 @@ class Follows(Expectation):
         return Verdict(held, wanted, ", ".join(shown) or "no such entry")
 
     def _leads(self, other: Entry, entry: Entry) -> bool:
-        same = other.get("station") in (None, entry.get("station"))
+        stations = other.get("station"), entry.get("station")
+        same = None in stations or stations[0] == stations[1]
         return other.t <= entry.t and same and self.number in (None, other.get("number"))
 
 

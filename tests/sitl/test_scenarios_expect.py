@@ -137,6 +137,7 @@ def item(t: float, number: int, who: str = VEHICLE_NAME) -> Entry:
 
 PROMPT = Follows("transfer_committed", "zone_entered", 0.5)
 BEHIND = Follows("transfer_committed", "reached", 0.5, number=11)
+ORDER = Follows("fly", "transfer_committed", 0.5)
 
 
 @pytest.mark.parametrize(
@@ -154,6 +155,8 @@ BEHIND = Follows("transfer_committed", "reached", 0.5, number=11)
         (BEHIND, [item(1.0, 11), committed(1.25)], True, "after 0.250 s"),
         (BEHIND, [item(1.0, 10), committed(1.25)], False, "never before it"),
         (BEHIND, [item(1.0, 11), item(1.2, 12), committed(1.75)], False, "after 0.750 s"),
+        # an order tells of no station
+        (ORDER, [committed(1.0), Entry(1.25, VEHICLE_NAME, "fly", "", {})], True, "after 0.250 s"),
         # the clock of another program is not the companion's word
         (BEHIND, [item(1.0, 11, "vehicle"), committed(1.25)], False, "never before it"),
     ],
