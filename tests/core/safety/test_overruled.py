@@ -18,6 +18,7 @@ from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, M
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Reason
 from mavproxy_handover.core.safety.causes import Cause
+from mavproxy_handover.core.safety.strategy import Fact, decide
 from tests.core.bench import A, B, Bench, inside, outside
 from tests.core.safety.test_execution import (
     AUTO,
@@ -396,3 +397,23 @@ def test_what_was_wrong_and_known_does_not_end_a_hold_that_only_waits_for_the_au
     bench.run(30.0)
     back = [at for at, action in bench.log if isinstance(action, Fly) and action.action is FlightAction.RETURN]
     assert back[0] == pytest.approx(held_at + 60.0, abs=0.6)
+
+
+@pytest.mark.parametrize(
+    ("cause", "fact", "goes_on"),
+    [
+        (Cause.OUT_OF_COVERAGE, Fact.GAP, FlightAction.CONTINUE),
+        (Cause.NO_STATION, Fact.SUCCESSOR, FlightAction.TRANSFER),
+    ],
+)
+def test_what_lets_the_aircraft_go_on_is_none_of_what_was_overruled(
+    cause: Cause, fact: Fact, goes_on: FlightAction
+) -> None:
+    """A landing that the commander would not have says nothing against a gap that is crossed, nor against a transfer."""
+    facts = {Fact.FLYING, Fact.AUTOPILOT, Fact.PLACE, fact}
+    decision = decide({cause}, facts, {cause: "return"}, {cause: FlightAction.LAND})
+    assert decision is not None
+    assert decision.action is goes_on
+    without = decide({cause}, facts - {fact}, {cause: "return"}, {cause: FlightAction.LAND})
+    assert without is not None
+    assert without.action is FlightAction.WARN
