@@ -409,7 +409,7 @@ def test_what_was_wrong_and_known_does_not_end_a_hold_that_only_waits_for_the_au
 def test_what_lets_the_aircraft_go_on_is_none_of_what_was_overruled(
     cause: Cause, fact: Fact, goes_on: FlightAction
 ) -> None:
-    """A landing that the commander would not have says nothing against a gap that is crossed, nor against a transfer."""
+    """A landing that the commander would not have says nothing against a gap that is crossed, nor a transfer."""
     facts = {Fact.FLYING, Fact.AUTOPILOT, Fact.PLACE, fact}
     decision = decide({cause}, facts, {cause: "return"}, {cause: FlightAction.LAND})
     assert decision is not None
