@@ -579,7 +579,7 @@ class Companion:
         for station, told in self._faults_told.items():
             if now - self.ports[station].heartbeat_at > _HEARS_S:
                 continue
-            for where, count in self.faults.items():
+            for where, count in list(self.faults.items()):  # telling may break as well
                 if not told[where]:
                     told[where] = count
                     self._voice.say(self.ports[station], f"internal fault of the companion: {where}")

@@ -363,6 +363,17 @@ def test_a_station_that_cannot_be_written_to_costs_the_others_nothing(
     assert flight.companion.faults.keys() == {"sending to GCSA"}
 
 
+def test_telling_one_station_of_a_fault_may_break_too(flight: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    companion = flight.companion
+    companion.faults["clock"] = 1
+    monkeypatch.setattr(companion.ports[251], "write", broken)
+    companion._tell_faults(flight.clock.now)
+    monkeypatch.undo()
+    flight.run(1.5)
+    assert flight.b.texts().count("internal fault of the companion: clock") == 1
+    assert flight.b.texts().count("internal fault of the companion: sending to GCSA") == 1
+
+
 def test_a_fault_is_told_to_whoever_hears_it_later(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """And again at the next take-off, if more of it came since."""
     bench.load()
