@@ -77,6 +77,15 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "on a piece just long enough for its speed both take as long"
         ),
     },
+    "safety.strategy": {
+        "decide: dropped from and/or: held_back: held_back or fact": (
+            "whatever is held back at one moment is so for the same fact: they are asked in one order, and landing, "
+            "which holds back most, before returning"
+        ),
+        "decide: dropped from and/or: best.withheld: best.withheld or held_back": (
+            "what is withheld of the best is held back, and for the same fact as all else"
+        ),
+    },
     "safety.lookout": {
         "look_around: dropped from and/or: self._flight.flying: owner is not None and self._flight.flying": (
             "on the ground it is not looked at, and the first position in the air takes its place"
