@@ -85,6 +85,14 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "decide: dropped from and/or: best.withheld: best.withheld or held_back": (
             "what is withheld of the best is held back, and for the same fact as all else"
         ),
+        "judge: dropped from and/or: found is not None: found is not None and lasts is not None and "
+        "(lasts.cause in causes) and (found.action < la": (
+            "nothing is decided of no cause, and then what lasts has none either; the type checker wants it said"
+        ),
+        "judge: dropped from and/or: lasts.action is FlightAction.LAND: lasts.action is FlightAction.LAND or "
+        "Fact.PLACE in facts or found.action in _GOES_ON": (
+            "what lands and can go nowhere lands for the same cause, decided once more or not"
+        ),
     },
     "safety.lookout": {
         "look_around: dropped from and/or: self._flight.flying: owner is not None and self._flight.flying": (

@@ -266,6 +266,15 @@ def test_the_next_flight_knows_nothing_of_the_last_one() -> None:
     assert strategy.judge({ENERGY}, PLACE) == Decision(R, ENERGY)
 
 
+def test_nor_what_the_commander_would_not_have_in_it() -> None:
+    strategy = Strategy({})
+    strategy.judge({ENERGY}, PLACE)
+    strategy.overrule({ENERGY}, PLACE)
+    assert strategy.judge({ENERGY}, PLACE) == Decision(FlightAction.WARN, ENERGY)
+    strategy.landed()
+    assert strategy.judge({ENERGY}, PLACE) == Decision(R, ENERGY)
+
+
 def test_policies_are_those_of_the_configuration_and_of_the_table_for_the_rest() -> None:
     strategy = Strategy({LOST: "land"})
     assert strategy.judge({LOST}, PLACE) == Decision(L, LOST)
