@@ -146,10 +146,10 @@ class Books:
             return known
         interrupted = phase is Phase.ON_HANDOVER
         recovering = 0 if self.had else None
-        # what was not acted on yet is found again, or not, like anything else
+        # what was not acted on yet is found again, or not, like anything else; what stands by an order stands on
         short = SHORT_S if self.short is not None and self.short >= SHORT_S else None
         known = replace(known, had=self.had, silent=self.silent, recovering=recovering, interrupted=interrupted)
-        return replace(known, short=short)
+        return replace(known, short=short, held=self.held)
 
     def lost(self, station: int, limits: Limits, standard: frozenset[int]) -> bool:
         """Whether that commander counts as lost: it is silent, or hears nothing."""
