@@ -94,6 +94,11 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
             "what lands and can go nowhere lands for the same cause, decided once more or not"
         ),
     },
+    "safety.emergency": {
+        "judge: dropped from and/or: self._left: self._left and Fact.FLYING in facts": (
+            "where the run before left nothing, nothing is taken up"
+        ),
+    },
     "safety.lookout": {
         "look_around: dropped from and/or: self._flight.flying: owner is not None and self._flight.flying": (
             "on the ground it is not looked at, and the first position in the air takes its place"
