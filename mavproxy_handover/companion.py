@@ -4,8 +4,9 @@
 
 It decides nothing about authority (the arbiter does, in `core`), nothing about what passes (the gate does, and every
 frame of a station goes through it), and it knows the autopilot by the front of its wing. What it does decide is what to
-do when something breaks: whatever goes wrong inside the arbiter ends authority for good (nobody commands, no lease is
-sent, so the guard brings the aircraft home); whatever goes wrong with one frame costs that frame.
+do when something breaks: whatever goes wrong inside the arbiter, or for 5 s of flight with what it knows of the zones,
+ends authority for good (nobody commands, no lease is sent, so the guard brings the aircraft home); whatever goes wrong
+with one frame costs that frame.
 
 MAVProxy is not known here: `module.py` gives a function that writes to the autopilot, the messages that come from
 there, and the time.
