@@ -19,7 +19,8 @@ of a transfer what the rules make of it. Nothing is asked of an arbiter but its 
    being brought home.
    Unless it is in a gap that the mission declares: then it is ALONE, on its way, no longer than the gap's limit.
 6. The aircraft is held only where its commander's zone is about to end, and is told to go on only when authority has
-   moved since, or in a gap that the mission declares.
+   moved since, or in a gap that the mission declares. Behind a restart of the companion it is held on, or told to go on
+   where nothing is found wrong any more.
 7. Once the energy has been short for its hold-off the aircraft is brought home, and until it has landed nothing else is
    commanded: whatever becomes of authority meanwhile, over a restart of the companion too.
 8. No transfer is begun of the vehicle's own accord unless the zone was entered since authority last changed, the
@@ -119,6 +120,8 @@ class Books:
     alone: int | None = None
     #: it was held since another station commanded
     held: bool = False
+    #: it was when the run before ended: it may be held on, and told to go on where nothing is found wrong any more
+    stood: bool = False
     #: ticks since no more energy is left than the way back needs; None: there is more
     short: int | None = None
     #: the state file was lost: nobody commands until the next flight
@@ -149,7 +152,7 @@ class Books:
         # what was not acted on yet is found again, or not, like anything else; what stands by an order stands on
         short = SHORT_S if self.short is not None and self.short >= SHORT_S else None
         known = replace(known, had=self.had, silent=self.silent, recovering=recovering, interrupted=interrupted)
-        return replace(known, short=short, held=self.held)
+        return replace(known, short=short, stood=self.held or self.stood)
 
     def lost(self, station: int, limits: Limits, standard: frozenset[int]) -> bool:
         """Whether that commander counts as lost: it is silent, or hears nothing."""
@@ -198,7 +201,8 @@ def _note(books: Books, view: AuthorityView, event: Event, standard: frozenset[i
     if isinstance(event, AutopilotState):
         flying = event.armed and event.flying
         short = books.short if flying else None
-        books = replace(books, flying=flying, grounded=not event.armed, held=books.held and flying, short=short)
+        held, stood = books.held and flying, books.stood and flying
+        books = replace(books, flying=flying, grounded=not event.armed, held=held, stood=stood, short=short)
     if isinstance(event, SignsSeen):
         books = replace(books, short=0 if books.short is None else books.short)
     if isinstance(event, LinkJudged):
@@ -271,8 +275,9 @@ def _check_command(books: Books, gate: AuthorityView, fly: Fly) -> Books:
     if fly.reason is Reason.COMMANDER_LOST:
         demand(gate.lease is LeaseState.LOST, f"{fly.action.name} for a lost commander, but it is not lost")
     if fly.action is FlightAction.HOLD:
-        demand(gate.commander in books.ending or books.held, "it is held where no zone is about to end")
-        return replace(books, held=True)
+        here = gate.commander in books.ending or books.held
+        demand(here or books.stood, "it is held where no zone is about to end")
+        return replace(books, held=here)
     if fly.action is FlightAction.CONTINUE:
         demand(books.gap or not books.held, "it is told to go on, and authority has not moved")
     return books
@@ -422,7 +427,7 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, 
     if new.commander is not None and new.commander != old.commander:
         books = replace(books, recovering=None, blank=False)
         if new.commander != books.had:
-            books = replace(books, had=new.commander, entered=frozenset(), held=False)
+            books = replace(books, had=new.commander, entered=frozenset(), held=False, stood=False)
     if new.lease in (LeaseState.LOST, LeaseState.ALONE) and books.recovering is not None:
         demand(books.recovering >= int(limits.recovery_s), f"given up {books.recovering} s after the restart")
         # it was not heard in the time it had, so it counts as lost, whenever it was heard before the restart

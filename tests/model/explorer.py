@@ -165,7 +165,7 @@ class _Settling:
         if books.flying and books.zones:
             # who is in zones whose stations are all gone, and not in its commander's, is brought home; and so is who
             # was held and taken by nobody, or has energy for nothing else
-            stays = view.commander in books.zones and not books.held and books.short is None
+            stays = view.commander in books.zones and not (books.held or books.stood) and books.short is None
             expected = Phase.ON_MISSION if stays else Phase.EMERGENCY
             demand(view.phase is expected, f"at rest in {view.phase.name}")
 
