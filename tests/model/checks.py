@@ -430,7 +430,8 @@ def _change(books: Books, old: AuthorityView, new: AuthorityView, event: Event, 
             books = replace(books, had=new.commander, entered=frozenset(), held=False, stood=False)
     if new.lease in (LeaseState.LOST, LeaseState.ALONE) and books.recovering is not None:
         demand(books.recovering >= int(limits.recovery_s), f"given up {books.recovering} s after the restart")
-        # it was not heard in the time it had, so it counts as lost, whenever it was heard before the restart
+        # it was not heard in the time it had, so it counts as lost, whenever it was heard before the restart; and as
+        # above, to be heard does not bring it back
         silent = tuple(entry for entry in books.silent if entry[0] != books.had)
-        books = replace(books, recovering=None, silent=silent)
+        books = replace(books, recovering=None, silent=silent, unanswered=int(limits.deaf_lost_s))
     return books

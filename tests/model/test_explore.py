@@ -20,17 +20,18 @@ from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.conductor import Conductor
 from mavproxy_handover.core.messages import DisconnectHandover
-from mavproxy_handover.core.model import Consent, Outcome, Reason, ZoneFact
+from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Outcome, Reason, ZoneFact
 from mavproxy_handover.core.safety import strategy
 from mavproxy_handover.core.safety.causes import Cause as Wrong
 from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.safety.lookout import Lookout
 from mavproxy_handover.core.transfer import Cause, End, Step
 from tests.model.explorer import explore
-from tests.model.plans import BLANK, MESSAGES, QUICK
-from tests.model.setting import IMPATIENT, Fault, Setting
+from tests.model.plans import BLANK, CRASHES, MESSAGES, QUICK
+from tests.model.setting import IMPATIENT, PARENT, Fault, Setting
 from tests.model.steps import Graph
 
+GCSA, GCSB = PARENT, PARENT + 1
 COMMITTED = End(Outcome.COMMITTED, Reason.NONE)
 
 TRANSFER = Setting("transfer", faults=1)
@@ -54,6 +55,26 @@ def test_whatever_happens_authority_is_where_it_should_be(setting: Setting) -> N
     assert report.states >= 200
     # a transfer was under way, and came to its end, in at least some of them
     assert report.station_states >= 50 or setting.standard == "AB"
+
+
+def test_who_was_given_up_behind_a_restart_has_to_answer_before_it_is_asked_again() -> None:
+    """It is heard while the forced transfer runs, as is a commander that was lost without a restart."""
+    graph = Graph(Setting("given up", path=("A", "AB"), faults=2, kinds=CRASHES))
+    state = graph.follow(graph.root(), ("move",))
+
+    def follow_quietly(until: Callable[[AuthorityView], bool]) -> None:
+        nonlocal state
+        while not until(graph.vehicles[state.vehicle].view):
+            state = graph.follow(state, graph.next_quietly(state))
+
+    follow_quietly(lambda view: view.commander == GCSB)
+    to_gcsa, to_vehicle = (("deliver", graph.channels.index(ends)) for ends in ((-1, 0), (0, -1)))
+    killed, restarted = ("fault", Fault.KILL_STATION, 1), ("fault", Fault.RESTART_VEHICLE, -1)
+    for label in (to_gcsa, to_gcsa, killed, restarted, to_vehicle, ("tick",), ("station returns", 1), ("tick",)):
+        state = graph.follow(state, label)
+    vehicle = graph.vehicles[state.vehicle]
+    assert (vehicle.view.lease, vehicle.books.age(GCSB, graph.setting.limits)) == (LeaseState.LOST, 0)
+    follow_quietly(lambda view: view.commander == GCSA)
 
 
 # ---- planted faults -------------------------------------------------------------------------------------------------
