@@ -243,7 +243,11 @@ def test_a_disk_that_takes_no_block_is_found(
     assert "writing: No space left on device -> Make room" in said
 
 
-def test_silent_stations_are_found(machine: Machine, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_silent_stations_are_found(
+    machine: Machine, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # for what the autopilot is asked and never answers nobody waits here
+    monkeypatch.setattr("mavproxy_handover.doctor.flight_controller._Visit._asked", lambda _visit: iter(()))
     disarmed = Speaker(heartbeat)
     try:
         found = machine.doctor(capsys, "--device", disarmed.device)

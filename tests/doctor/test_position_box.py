@@ -152,7 +152,7 @@ def test_what_cannot_be_compared_is_told(attempt: Try, flies: Says, words: str) 
 
 
 def test_without_a_box_there_is_nothing_to_tell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    speaker = Speaker(heartbeat)
+    speaker = Speaker(lambda: heartbeat(armed=True))
     try:
         machine = companion(tmp_path, speaker.device, {"GCSA": 9, "GCSB": 10})
         assert of_box(machine.doctor(capsys, "--no-links")) == []

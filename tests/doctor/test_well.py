@@ -98,33 +98,32 @@ def test_another_mission_in_the_autopilot_is_a_warning(
     assert "is not that of the package 'linear'" in said
 
 
-@pytest.mark.parametrize(
-    ("guard", "changed", "words", "do"),
-    [
-        (False, {}, "guard and firmware: the guard is not loaded", "'handover guard CARD'"),
-        (True, {"FS_OPTIONS": 2}, "FS_OPTIONS: is 2: bit 1 lets a mission go on", "Set FS_OPTIONS to 8;"),
-        (True, {"HNDO_LOST_T": 1}, "HNDO_LOST_T: is 1 s: the guard acts while", "Set HNDO_LOST_T to 3;"),
-        (True, {"RALLY_LIMIT_KM": 0.3}, "RALLY_LIMIT_KM: is 0.3", "Set RALLY_LIMIT_KM to 0;"),
-    ],
+#: what does not fit, and what is said of it: parameters, the finding, what to do
+UNFIT = (
+    ({"FS_OPTIONS": 2}, "FS_OPTIONS: is 2: bit 1 lets a mission go on", "Set FS_OPTIONS to 8;"),
+    ({"HNDO_LOST_T": 1}, "HNDO_LOST_T: is 1 s: the guard acts while", "Set HNDO_LOST_T to 3;"),
+    ({"RALLY_LIMIT_KM": 0.3}, "RALLY_LIMIT_KM: is 0.3", "Set RALLY_LIMIT_KM to 0;"),
 )
+NO_GUARD = ({}, "guard and firmware: the guard is not loaded", "'handover guard CARD'")
+
+
+@pytest.mark.parametrize("unfit", [(NO_GUARD,), UNFIT], ids=["no guard", "parameters"])
 def test_what_does_not_fit_in_the_autopilot(
-    guard: bool,
-    changed: dict[str, float],
-    words: str,
-    do: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    unfit: tuple[tuple[dict[str, float], str, str], ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("lupa.lua53", reason="the guard runs in Lua 5.3, by lupa")
-    running = start(tmp_path / "vehicle", guard=guard, **changed)
+    changed = {name: value for values, _words, _do in unfit for name, value in values.items()}
+    running = start(tmp_path / "vehicle", guard=NO_GUARD not in unfit, **changed)
     try:
         machine = companion(tmp_path, running.companion_master, {"GCSA": 9, "GCSB": 10})
         found = machine.doctor(capsys, "--no-links")
     finally:
         running.stop()
-    (said,) = found.lines("error")
-    assert said.startswith(f"autopilot: {words}")
-    assert do in said
+    errors = found.lines("error")
+    assert len(errors) == len(unfit)
+    for _values, words, do in unfit:
+        (said,) = (each for each in errors if each.startswith(f"autopilot: {words}"))
+        assert do in said
     assert found.code == 1
 
 
