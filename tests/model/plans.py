@@ -9,7 +9,7 @@ any time, the aircraft may fly on at any time, and operators answer at any time 
 
 from __future__ import annotations
 
-from tests.model.setting import FAULTS, IMPATIENT, Fault, Request, Setting
+from tests.model.setting import IMPATIENT, Fault, Request, Setting
 
 __all__ = ["DEEP", "QUICK"]
 
@@ -30,12 +30,12 @@ QUICK = (
     Setting("transfer, messages", faults=2, kinds=MESSAGES, limits=IMPATIENT),
     Setting("transfer, crashes", path=("AB",), faults=2, kinds=CRASHES),
     Setting("liars", faults=2, kinds=frozenset({Fault.LIE})),
-    Setting("weak links", faults=1, kinds=FAULTS | {Fault.WEAK}),
+    Setting("weak links", faults=1, kinds=WEAK),
     Setting("energy", path=("AB", "aB", "B"), faults=1, kinds=SHORT, depth=20),
     Setting("through the region", path=("A", "AB", "B"), faults=1, depth=16),
     Setting("zone about to end", path=("AB", "aB", "B"), faults=1, depth=16),
     Setting("held at the border", path=("A", "a", "AB", "aB"), faults=1, kinds=DEATHS, depth=24),
-    Setting("gap between the zones", path=("A", "", "B"), faults=1, depth=16),
+    Setting("gap between the zones", path=("A", "", "B"), faults=1, depth=14),
     Setting("gap that the mission declares", path=("A", "=", "B"), faults=1, kinds=DEATHS, depth=20),
     Setting("awaited at a waypoint", path=("AB?", "AB", "aB"), faults=1, kinds=CRASHES, depth=18),
     Setting("commander's operator", operators="A", faults=0),
@@ -60,7 +60,7 @@ QUICK = (
     Setting("state file lost", path=("A", "_A", "AB"), faults=1, kinds=BLANK | {Fault.LOSE}),
     Setting("three stations", stations=3, path=("AB", "ABC", "BC"), faults=0),
     Setting("three stations, liars", stations=3, path=("A", "AB"), faults=1, kinds=frozenset({Fault.LIE})),
-    Setting("three stations, deaths", stations=3, path=("AB", "ABC"), faults=1, kinds=CRASHES),
+    Setting("three stations, deaths", stations=3, path=("AB", "ABC"), faults=1, kinds=CRASHES, depth=26),
 )
 
 DEEP = (

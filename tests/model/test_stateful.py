@@ -576,4 +576,4 @@ def test_a_planted_fault_is_found(plant: Callable[[pytest.MonkeyPatch], None], m
 
 
 TestWorld = World.TestCase
-TestWorld.settings = settings(max_examples=250, stateful_step_count=50, deadline=None, report_multiple_bugs=False)
+TestWorld.settings = settings(max_examples=150, stateful_step_count=50, deadline=None, report_multiple_bugs=False)
