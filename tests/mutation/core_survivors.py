@@ -129,6 +129,12 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
     },
     "safety.helm": {
         "__init__: truth turned: False in self._flying = False": "there is no mode before the first one to differ from",
+        "__init__: truth turned: False in self._unheard = False": (
+            "it is looked at only while a mode is in doubt, which sets it"
+        ),
+        "settle: dropped: self._since, self._unheard = (-inf, False)": (
+            "both are looked at only while a mode is in doubt, which sets them"
+        ),
         "settle: truth turned: False in self.chosen_by, self._since, self._unheard = (Hand.GUARD, -inf, False)": (
             "it is looked at only while a mode is in doubt, which sets it"
         ),

@@ -68,6 +68,15 @@ def test_what_was_long_ago_explains_nothing(hand: Hand, within_s: float) -> None
         assert helm.chosen_by is found
 
 
+@pytest.mark.parametrize(("earlier_s", "found"), [(5.0, Hand.FAILSAFE), (5.1, Hand.STRANGER)])
+def test_a_failsafe_of_long_ago_does_not_hover_by_hand(earlier_s: float, found: Hand) -> None:
+    helm = flying()
+    helm.heard(HandSeen(Hand.FAILSAFE), AT - earlier_s)
+    change(helm, HANDS)
+    helm.settle(AT + 1.0)
+    assert helm.chosen_by is found
+
+
 def test_a_word_may_come_behind_its_deed_and_until_then_nobody_is_fought() -> None:
     helm = flying(radio=True)
     assert change(helm, RTL, radio=True) is None
