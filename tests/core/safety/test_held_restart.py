@@ -313,9 +313,17 @@ def test_whose_return_is_flown_by_then_flies_it() -> None:
     assert bench.flights() == []
 
 
-def test_whose_return_shows_behind_the_restart_flies_it() -> None:
+@pytest.mark.parametrize(
+    ("mode", "motion"),
+    [
+        (ModeSeen(Flown.RETURN, "RTL", False, False), MotionSeen(8.0, 0.0, 300.0)),
+        (ModeSeen(Flown.LAND, "LAND", False, True), MotionSeen(0.0, -0.5, 300.0)),
+    ],
+    ids=["return", "land"],
+)
+def test_whose_end_of_the_flight_shows_behind_the_restart_flies_it(mode: ModeSeen, motion: MotionSeen) -> None:
     bench = ordered_home()
-    bench.mode, bench.motion = ModeSeen(Flown.RETURN, "RTL", False, False), MotionSeen(8.0, 0.0, 300.0)
+    bench.mode, bench.motion = mode, motion
     bench.restart()
     bench.run(20.0)
     assert bench.flights() == []
