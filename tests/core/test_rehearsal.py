@@ -23,7 +23,7 @@ from mavproxy_handover.core.events import (
     StartRequested,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, LeaseState, Phase, Reason, ZoneFact
+from mavproxy_handover.core.model import FlightAction, Flown, GapFact, LeaseState, Phase, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
 from tests.core.bench import (
     KEY,
@@ -264,6 +264,15 @@ class TestDecisions:
         bench.run(10.0)
         assert bench.flights() == []
         assert any(text.startswith("REHEARSAL: would RETURN: out of coverage") for text in said(bench))
+
+    def test_a_gap_that_the_mission_declares(self) -> None:
+        bench = carried()
+        bench.gap = GapFact(40.0, "GCSA -> GCSB", ahead=True)
+        bench.position(ending(1.0), outside(B))
+        assert said(bench) == [
+            "REHEARSAL: would CONTINUE: coverage ends ahead, zone of GCSA in 1 s; on through the gap GCSA -> GCSB, 40 s"
+        ]
+        assert bench.flights() == []
 
     def test_a_hold_is_over_as_soon_as_it_is_carried_away_from_the_border(self) -> None:
         """In flight it would stand there, until another station has it or its time is up. Nobody stands here."""
