@@ -274,6 +274,13 @@ class TestDecisions:
         ]
         assert bench.flights() == []
 
+    def test_a_landing(self) -> None:
+        bench = carried(Limits(policies={Cause.OUT_OF_COVERAGE: "land"}))
+        bench.position(*NOWHERE)
+        bench.run(10.0)
+        assert bench.flights() == []
+        assert any(text.startswith("REHEARSAL: would LAND: out of coverage") for text in said(bench))
+
     def test_a_hold_is_over_as_soon_as_it_is_carried_away_from_the_border(self) -> None:
         """In flight it would stand there, until another station has it or its time is up. Nobody stands here."""
         bench = carried(Limits(hold_s=60.0))

@@ -109,6 +109,11 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "safety.execution": {
+        "held_for: dropped: return None": (
+            "what is told and is no hold has taken away for what it was held: `carry_out`, or the hand that took it"
+        ),
+        "held_for: dropped from and/or: not (told.action is FlightAction.HOLD or self._onl: told is None or not "
+        "(told.action is FlightAction.HOLD or self._only_waits(self._emergency.": "the same",
         "carry_out: dropped from and/or: news.resumes: news.resumes or (news.mends and stands)": (
             "what was held stands by its order, or another hand has it and what is on the way is over either way"
         ),
