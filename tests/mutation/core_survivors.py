@@ -114,6 +114,8 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
         "held_for: dropped from and/or: not (told.action is FlightAction.HOLD or self._onl: told is None or not "
         "(told.action is FlightAction.HOLD or self._only_waits(self._emergency.": "the same",
+        "_only_waits: dropped from and/or: decision.action is not FlightAction.WARN: "
+        "decision is None or decision.action is not FlightAction.WARN": "what is held back is told as a warning",
         "carry_out: dropped from and/or: news.resumes: news.resumes or (news.mends and stands)": (
             "what was held stands by its order, or another hand has it and what is on the way is over either way"
         ),

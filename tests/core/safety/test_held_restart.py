@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen, Record
+from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen, Record, SignsSeen
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -327,6 +327,19 @@ def test_whose_end_of_the_flight_shows_behind_the_restart_flies_it(mode: ModeSee
     bench.restart()
     bench.run(20.0)
     assert bench.flights() == []
+
+
+def test_who_is_ordered_home_before_there_is_a_position_is_held_for_nothing_in_the_next_run() -> None:
+    bench = standing(aloft())
+    bench.facts = None
+    bench.restart()
+    bench.run(1.0)
+    assert bench.arbiter.snapshot().held_for is Cause.COVERAGE_ENDS
+    bench.give(SignsSeen(energy=True))
+    bench.run(3.0)
+    assert bench.flights() == [HOLD, Fly(FlightAction.RETURN, Reason.ENERGY)]
+    snapshot = bench.arbiter.snapshot()
+    assert (snapshot.held_for, snapshot.stands) == (None, True)
 
 
 def test_it_stands_until_the_station_that_takes_it_from_a_lost_commander_has_it() -> None:
