@@ -342,6 +342,19 @@ def test_who_is_ordered_home_before_there_is_a_position_is_held_for_nothing_in_t
     assert (snapshot.held_for, snapshot.stands) == (None, True)
 
 
+def test_nor_whom_a_pilot_has_by_then() -> None:
+    bench = aloft(Limits(hold_s=60.0), ModeSeen(Flown.MISSION, "AUTO", radio=True))
+    bench.position(ends(4.0, A, B), outside(B))
+    bench.motion, bench.facts = MotionSeen(0.0, 0.0, 300.0), None
+    bench.run(2.0)
+    assert bench.flights() == [HOLD]
+    bench.mode = ModeSeen(Flown.HANDS, "LOITER", radio=True)
+    bench.restart()
+    bench.run(2.0)
+    snapshot = bench.arbiter.snapshot()
+    assert (snapshot.held_for, snapshot.stands) == (None, True)
+
+
 def test_it_stands_until_the_station_that_takes_it_from_a_lost_commander_has_it() -> None:
     bench = ordered_home()
     bench.alive = {B}
