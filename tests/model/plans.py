@@ -86,7 +86,7 @@ DEEP = (
     Setting("gap that the mission declares", path=("A", "=", "B"), faults=1, kinds=GAPS),
     Setting("contact behind a declared gap", path=("A", "=", "=B", "B"), faults=1, kinds=DEATHS),
     Setting("awaited at a waypoint", path=("A", "AB?", "AB", "AB?", "aB", "B"), faults=1),
-    Setting("awaited in vain", path=("AB?", "aB?", "B?"), faults=1),
+    Setting("awaited in vain", path=("A", "AB?", "aB?", "B?"), faults=1),
     Setting("whole flight", path=("_A", "A", "AB", "B", "_B"), faults=1, kinds=CRASHES),
     Setting("commander's operator", operators="A", faults=1),
     Setting("partner's operator", operators="B", faults=1),
