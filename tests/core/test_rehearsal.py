@@ -19,6 +19,7 @@ from mavproxy_handover.core.events import (
     RehearsalAsked,
     RehearsalMoved,
     RehearsalRefused,
+    SignsSeen,
     StartRefused,
     StartRequested,
 )
@@ -376,6 +377,15 @@ class TestEnding:
         view = bench.arbiter.view
         assert bench.give(RehearsalAsked(A, False)) == []
         assert bench.arbiter.view == view
+
+    def test_what_would_be_done_is_not_told_behind_its_end(self) -> None:
+        """A return is told with the next event: that may be the end."""
+        bench = carried(Limits(hold_off_s={Cause.ENERGY: 0.0}))
+        bench.give(SignsSeen(energy=True))
+        assert [record.text for record in bench.records("would")] == ["energy for the way back only: would return"]
+        bench.give(RehearsalAsked(A, False))
+        bench.run(10.0)
+        assert not [text for text in said(bench) if "RETURN" in text]
 
     def test_then_start_may_be_again(self) -> None:
         bench = carried()

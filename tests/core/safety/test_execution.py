@@ -43,6 +43,7 @@ HOME, DOWN = Fly(FlightAction.RETURN, LOST), Fly(FlightAction.LAND, LOST)
 HOLD, BACK = Fly(FlightAction.HOLD, Reason.COVERAGE_ENDS), Fly(FlightAction.RETURN, Reason.COVERAGE_ENDS)
 AUTO, RTL = ModeSeen(Flown.MISSION, "AUTO"), ModeSeen(Flown.RETURN, "RTL")
 LAND, LOITER = ModeSeen(Flown.LAND, "LAND", landing=True), ModeSeen(Flown.HANDS, "LOITER")
+BRAKE = ModeSeen(Flown.STOP, "BRAKE")
 #: on the way back at 8 m/s
 HOMEWARD = MotionSeen(8.0, 0.0, 600.0)
 
@@ -90,8 +91,8 @@ def times(bench: Bench) -> list[tuple[float, FlightAction]]:
     return [(round(at - found[0][0], 1), action) for at, action in found]
 
 
-def looked_at(bench: Bench, place: PlaceJudged) -> Bench:
-    """The edge looks at the place of a return once more when that is ordered, and finds this."""
+def looked_at(bench: Bench, place: Event) -> Bench:
+    """The edge looks at the place of a return once more when that is ordered, and finds this; or this comes then."""
     give = bench.give
 
     def handed(event: Event) -> list[Action]:
@@ -139,6 +140,19 @@ class TestItsPlace:
         lost(looked_at(bench, PlaceJudged("home", False)))
         bench.run(1.0)
         assert [text.split(":")[0] for text in said(bench)][:1] == ["LAND"]
+
+
+    def test_nor_is_what_the_commander_has_taken_in_that_moment(self) -> None:
+        bench = aloft()
+        bench.give(self.NEAR)
+        bench.run(0.3)  # no answer of a station is the next event
+        bench.give(SignsSeen(energy=True))
+        looked_at(bench, ModeSeen(Flown.GUIDED, "GUIDED"))
+        bench.run(1.0)
+        bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+        bench.run(1.0)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
+        assert said(bench) == ["GUIDED: chosen by GCSA; RETURN is not commanded any more (energy for the way back only)"]
 
 
 class TestReturn:
@@ -239,6 +253,15 @@ class TestReturn:
         bench.run(60.0)
         assert bench.flights() == [HOME]
 
+    def test_beside_a_warning_it_is_over_with_its_cause(self) -> None:
+        bench = aloft()
+        bench.give(SignsSeen(off_route=True))
+        bench.run(1.0)
+        lost(bench, None).alive = {A}
+        bench.run(30.0)
+        assert bench.flights() == [HOME]
+        assert said(bench)[-1].startswith("WARN: off route")
+
     def test_after_the_flight_the_next_one_is_trusted_again(self) -> None:
         bench = lost(aloft(), None)
         bench.run(13.0)
@@ -260,6 +283,31 @@ class TestHold:
         assert bench.flights() == [HOLD]
         return bench
 
+    def test_who_stops_it_by_another_mode_meanwhile_is_a_pilot(self) -> None:
+        """A copter is held within its mode: the companion has asked for none."""
+        bench = aloft(mode=with_radio(AUTO))
+        bench.position(ends(4.0), outside(B))
+        bench.motion = MotionSeen(0.0, 0.0)
+        bench.run(2.0)
+        bench.mode = with_radio(BRAKE)
+        bench.run(3.0)
+        assert "PILOT: a pilot has taken over, BRAKE; HOLD is not commanded any more (coverage ends ahead)" in said(bench)
+
+    def test_what_is_over_before_it_is_known_that_a_pilot_stopped_it_was_not_taken_from_anybody(self) -> None:
+        bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold"}, clear_s={Cause.LINKS_WEAK: 0.0}), with_radio(AUTO))
+        bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+        bench.run(10.0)
+        bench.motion = MotionSeen(0.0, 0.0)
+        bench.run(2.0)
+        bench.mode = with_radio(BRAKE)
+        bench.run(0.5)
+        bench.give(LinkJudged(A, weak=False, attacked=False, text=""))
+        bench.position(inside(A), outside(B))
+        assert said(bench)[-1].startswith("OVER")
+        bench.run(3.0)
+        assert said(bench)[-1] == "PILOT: a pilot has taken over, BRAKE"
+        assert [fly.action for fly in bench.flights()] == [FlightAction.HOLD]
+
     def test_what_stands_is_held(self) -> None:
         bench = self.held()
         bench.motion = MotionSeen(0.4, 0.0)
@@ -274,6 +322,9 @@ class TestHold:
         assert bench.flights() == [HOLD]
         bench.run(0.7)
         assert bench.flights() == [HOLD, BACK]
+        (given_up,) = [at for at, action in bench.log if isinstance(action, Announce) and "does not" in action.text]
+        (ordered,) = [at for at, action in bench.log if action == BACK]
+        assert ordered == given_up  # in the same moment
         bench.mode = RTL
         bench.run(2.0)
         assert bench.flights() == [HOLD, BACK]

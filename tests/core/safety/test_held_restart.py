@@ -340,6 +340,9 @@ def test_who_is_ordered_home_before_there_is_a_position_is_held_for_nothing_in_t
     assert bench.flights() == [HOLD, Fly(FlightAction.RETURN, Reason.ENERGY)]
     snapshot = bench.arbiter.snapshot()
     assert (snapshot.held_for, snapshot.stands) == (None, True)
+    bench.autopilot = False  # the return waits, which is no hold that waits
+    bench.run(4.0)
+    assert bench.arbiter.snapshot().held_for is None
 
 
 def test_nor_whom_a_pilot_has_by_then() -> None:
@@ -444,6 +447,16 @@ def test_what_its_commander_has_sent_on_meanwhile_is_not() -> None:
     assert bench.arbiter.snapshot().held_for is None
 
 
+def test_nor_what_he_sends_on_behind_the_restart_in_the_run_behind_that() -> None:
+    bench = held().restart()
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    snapshot = bench.arbiter.snapshot()
+    assert (snapshot.held_for, snapshot.held_since) == (None, None)
+    bench.restart()
+    bench.run(5.0)
+    assert bench.flights() == []
+
+
 def test_without_a_position_time_passes_behind_a_restart() -> None:
     """The fault: a moment that had passed was due for ever."""
     bench = held().restart()
@@ -511,3 +524,15 @@ def test_what_was_held_is_known_before_the_first_heartbeat_and_while_a_mode_is_i
     bench.mode = ModeSeen(Flown.STOP, "BRAKE", radio=True)
     bench.run(0.5)
     assert bench.arbiter.snapshot().held_for is Cause.COVERAGE_ENDS
+
+
+def test_a_hold_that_is_over_while_a_mode_is_in_doubt_is_none_in_the_next_run() -> None:
+    bench = mission(Limits(policies={Cause.LINKS_WEAK: "hold", Cause.POSITION_STALE: "off"}))
+    bench.mode, bench.motion, bench.facts = replace(AUTO, radio=True), MotionSeen(0.0, 0.0, 300.0), None
+    bench.restart(snapshot=replace(HELD, held_for=Cause.LINKS_WEAK, stands=True))
+    bench.run(1.0)
+    bench.mode = ModeSeen(Flown.STOP, "BRAKE", radio=True)
+    bench.run(0.5)
+    assert bench.arbiter.snapshot().held_for is Cause.LINKS_WEAK
+    bench.give(SignsSeen(off_route=True))
+    assert bench.arbiter.snapshot().held_for is None

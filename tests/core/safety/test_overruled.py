@@ -38,6 +38,7 @@ BACK = Fly(FlightAction.RETURN, Reason.ENERGY)
 DOWN = Fly(FlightAction.LAND, Reason.ENERGY)
 OUT = Fly(FlightAction.RETURN, Reason.OUT_OF_COVERAGE)
 WEAK = Fly(FlightAction.HOLD, Reason.LINK_QUALITY)
+GUIDED = ModeSeen(Flown.GUIDED, "GUIDED")
 PLACE = PlaceJudged("home", True, "900 m")
 
 
@@ -147,6 +148,39 @@ def test_who_flies_out_of_a_hold_is_held_for_another_cause() -> None:
     assert bench.flights() == [HOLD, WEAK]
 
 
+def test_whatever_time_it_had_to_stand_is_over_with_the_word_to_fly_on() -> None:
+    """For another cause it may stand as long as for the first, though his word changed no mode."""
+    bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold"}, hold_s=60.0))
+    bench.position(ends(4.0), outside(B))
+    bench.motion = replace(HOMEWARD, speed_mps=0.0)
+    bench.facts = (inside(A), outside(B))
+    bench.run(3.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.motion = HOMEWARD
+    bench.run(70.0)
+    bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+    bench.run(15.0)
+    assert bench.flights() == [HOLD, WEAK]
+
+
+def test_what_a_pilot_could_steer_is_not_sent_on_for_the_commander() -> None:
+    """He chose that mode himself, and his radio was away while it was held: whether it moves is his to say again."""
+    bench = aloft(mode=with_radio(AUTO))
+    bench.mode = with_radio(GUIDED)
+    bench.run(3.0)
+    bench.mode = GUIDED
+    bench.position(ends(4.0), outside(B))
+    bench.motion, bench.facts = replace(HOMEWARD, speed_mps=0.0), (inside(A), outside(B))
+    bench.run(3.0)
+    assert bench.flights() == [HOLD]
+    bench.mode = with_radio(GUIDED)
+    bench.run(2.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
+    bench.mode = GUIDED
+    bench.run(20.0)
+    assert bench.flights() == [HOLD]
+
+
 def test_what_was_wrong_beside_it_was_known_to_whoever_overruled_it() -> None:
     bench = aloft(Limits(policies={Cause.FENCE: "return"}))
     bench.give(PLACE)
@@ -214,7 +248,7 @@ def test_and_what_the_autopilot_did_not_follow() -> None:
     assert DOWN.action in {flight.action for flight in bench.flights()}
     bench.log.clear()
     bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
-    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.mode = GUIDED
     bench.run(30.0)
     assert bench.flights() == []
     bench.facts = (outside(A), outside(B))
@@ -230,7 +264,7 @@ def passes_a_border(limits: Limits | None = None) -> Bench:
     bench.facts = (inside(A), outside(B))  # it stands: no end is in sight
     bench.run(3.0)
     bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
-    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.mode = GUIDED
     bench.run(30.0)  # and stands there, by his word
     assert bench.flights() == [HOLD]
     return bench

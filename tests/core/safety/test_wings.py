@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, ModeSeen, MotionSeen
-from mavproxy_handover.core.model import FlightAction, Flown, Kind, Reason, ZoneFact
+from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen
+from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Reason, ZoneFact
 from mavproxy_handover.core.safety.supervision import CIRCLES_THERE_M, FOLLOW, Seen
 from tests.core.bench import A, B, Bench, inside, outside
 from tests.core.safety.test_execution import said, taken_by_b
@@ -197,3 +197,15 @@ def test_a_circle_and_its_end_that_were_commanded_are_nobody_elses(radio: bool) 
     assert bench.flights() == [CIRCLE, GO_ON]
     assert [record.text for record in bench.records("helm")] == []
     assert not [text for text in said(bench) if text.startswith("PILOT")]
+
+
+def test_what_its_commander_has_circle_is_not_told_to_go_on() -> None:
+    """He asks for the mode that it circles in already: that is his word now."""
+    bench = flying()
+    bench.position(ends(8.0), outside(B))
+    bench.mode = LOITER
+    bench.run(3.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.STOP))
+    assert not bench.arbiter.snapshot().stands
+    bench.run(20.0)
+    assert bench.flights() == [CIRCLE]
