@@ -133,6 +133,29 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "told.action in OVERRULED or told.withheld in OVERRULE": (
             "what was told as an order is commanded, and that it is not any more says so already"
         ),
+        "carry_out: dropped from and/or: stands: news.mends and stands": (
+            "what did not stand has nothing to go on from: what is on the way is over either way"
+        ),
+        "carry_out: dropped from and/or: decision is not None: "
+        "decision is not None and (not news.warning) and (not news.continues)": (
+            "no decision is no more than a warning; the type checker wants it said"
+        ),
+        "rehearsal_over: dropped: self._tells_at = None": (
+            "what was told counts as no return any more in that moment, so none is told behind it"
+        ),
+        "place_seen: dropped from and/or: told is not None: "
+        "returns and told is not None and (place is not None) and (place.name != self._told_place)": (
+            "it returns, so something was told; the type checker wants it said"
+        ),
+        "tell_return: dropped: return": "it is called only when there is one to be told; the type checker wants it said",
+        "tell_return: dropped from and/or: told is not None: told is not None and told.action is FlightAction.RETURN": (
+            "what is to be told has been decided; the type checker wants it said"
+        ),
+        "_fly: dropped from and/or: action in _CIRCLED: self._flight.kind.winged and action in _CIRCLED": (
+            "what else is commanded has been looked at before; the type checker wants it said"
+        ),
+        "look: truth turned: False in return False": "to decide once more in the same moment decides the same",
+        "look: truth turned: False in return False (number 2)": "the same",
     },
     "safety.helm": {
         "__init__: truth turned: False in self._flying = False": "there is no mode before the first one to differ from",
@@ -159,6 +182,12 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
         "_goes_on: number one more: 0 in self._tries = 0": (
             "how often it was told to go on counts for nothing: that has no end, and is not given back by a pilot"
+        ),
+        "_goes_on: dropped: self._tries = 0": "the same",
+        "go_on: number one more: 1 in self._begin(FlightAction.CONTINUE, 1, now)": "the same",
+        "sent_on: number one more: 1 in self._begin(FlightAction.CONTINUE, 1, now)": "the same",
+        "look: number one more: 1 in self._begin(order, self._tries + 1, now)": (
+            "what was interrupted had had one try at least, so this is its last one either way"
         ),
         "_moves: dropped from and/or: not self._excused: was_excused and (not self._excused)": (
             "while it is excused no time runs, so it may begin anew at every look"

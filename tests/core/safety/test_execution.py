@@ -781,6 +781,7 @@ def test_whom_the_commander_sends_on_goes_on_though_his_command_changes_nothing(
     bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
     bench.run(5.5)
     assert bench.flights() == [HOLD]
+    assert bench.arbiter.snapshot().stands  # so the next run would have it go on as well
     bench.run(1.0)
     assert [fly.action for fly in bench.flights()] == [FlightAction.HOLD, FlightAction.CONTINUE]
     bench.motion = MotionSeen(8.0, 0.0, 300.0)

@@ -539,7 +539,15 @@ def test_a_pilot_who_takes_it_twice_has_interrupted_the_same() -> None:
     watched.supervision.taken(Hand.PILOT)
     assert watched.supervision.taken(Hand.PILOT) is None
     assert watched.look(1.0) is AGAIN
+    assert watched.supervision.due_at == watched.now + 6.0
     assert watched.look(1.0) is None
+
+
+def test_a_commander_who_takes_it_from_a_pilot_ends_what_he_had_interrupted() -> None:
+    watched = Watched().order(RETURN)
+    watched.supervision.taken(Hand.PILOT)
+    assert watched.supervision.taken(Hand.COMMANDER) is RETURN
+    assert watched.look(60.0) is None
 
 
 @pytest.mark.parametrize("flown", [Flown.RETURN, Flown.LAND])

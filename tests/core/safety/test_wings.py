@@ -10,7 +10,7 @@ import pytest
 
 from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind, Reason, ZoneFact
-from mavproxy_handover.core.safety.supervision import CIRCLES_THERE_M, FOLLOW, Seen
+from mavproxy_handover.core.safety.supervision import FOLLOW, Seen
 from tests.core.bench import A, B, Bench, inside, outside
 from tests.core.safety.test_execution import said, taken_by_b
 from tests.core.safety.test_lookout import ends, mission
@@ -85,19 +85,19 @@ def test_to_go_on_shows_by_the_mode_and_is_commanded_without_end(kind: Kind, bac
 @pytest.mark.parametrize("kind", WINGED)
 def test_it_circles_at_the_place_of_its_return_and_that_is_no_hanging(kind: Kind) -> None:
     watched = winged(kind, Flown.RETURN).order(RETURN)
-    watched.moves(20.0, 0.0, CIRCLES_THERE_M)
+    watched.moves(20.0, 0.0, 250.0)
     assert watched.look() is OBEYED
     for _ in range(10):
-        watched.moves(20.0, 0.0, CIRCLES_THERE_M)
+        watched.moves(20.0, 0.0, 250.0)
         assert watched.look(10.0) is None
 
 
 @pytest.mark.parametrize("kind", WINGED)
 def test_what_gets_no_nearer_farther_away_hangs(kind: Kind) -> None:
     watched = winged(kind, Flown.RETURN).order(RETURN)
-    watched.moves(20.0, 0.0, CIRCLES_THERE_M + 1.0)
+    watched.moves(20.0, 0.0, 251.0)
     assert watched.look() is OBEYED
-    watched.moves(20.0, 0.0, CIRCLES_THERE_M + 1.0)
+    watched.moves(20.0, 0.0, 251.0)
     assert watched.look(29.9) is None
     assert watched.look(0.1) is UNABLE
 
