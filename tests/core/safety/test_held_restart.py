@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, ModeSeen, MotionSeen, Record, SignsSeen
+from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, Record, SignsSeen
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -242,6 +242,33 @@ def test_a_hold_at_another_border_has_all_its_time() -> None:
     bench.motion = MotionSeen(0.0, 0.0, 300.0)
     bench.run(100.0)
     assert orders(bench)[3] == (held_at + 60.0, FlightAction.RETURN)
+
+
+def test_so_has_one_long_after_another_cause_of_the_first_commander() -> None:
+    """What is over takes its time with it: else there would be none left."""
+    bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold"}, hold_s=60.0))
+    bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+    bench.run(12.0)
+    bench.give(LinkJudged(A, weak=False, attacked=False, text=""))
+    bench.run(80.0)
+    assert bench.flights()[-1] == GO_ON
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights()[-1] == HOLD
+    assert bench.arbiter.snapshot().held_since == bench.now
+
+
+def test_and_one_for_another_cause_while_it_is_to_go_on_by_the_commanders_word() -> None:
+    bench = standing(aloft(Limits(policies={Cause.LINKS_WEAK: "hold"}, hold_s=60.0)))
+    bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+    bench.run(5.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.run(7.0)
+    assert bench.flights()[-1] == Fly(FlightAction.HOLD, Reason.LINK_QUALITY)
+    since = bench.arbiter.snapshot().held_since
+    assert since is not None
+    assert since > bench.now - 5.0
+    bench.run(70.0)
+    assert (since + 60.0, FlightAction.RETURN) in orders(bench)
 
 
 # ---- it stands, and the order in force is another one ---------------------------------------------------------------

@@ -408,6 +408,12 @@ class TestWarnings:
         assert self.texts(bench) == ["guard lost: warn", "the cause of the warning is gone"]
         assert bench.flights() == []
 
+    def test_a_guard_that_is_switched_off(self) -> None:
+        bench = mission()
+        bench.guard = GuardSeen(GuardState.DISABLED, ours=True)
+        bench.run(10.0)
+        assert self.texts(bench) == ["guard lost: warn"]
+
     def test_a_vehicle_without_a_guard_misses_none(self) -> None:
         bench = mission(Limits(guard_required=False))
         bench.guard = None

@@ -278,8 +278,8 @@ def test_the_border_that_it_is_sent_over_is_known_to_the_commander() -> None:
     assert bench.flights() == [HOLD]
 
 
-#: where it has more room than it had at that border (100 m)
-AWAY = (inside(A, margin_m=151.0), outside(B))
+#: where it has enough more room than it had at that border (100 m)
+AWAY = (inside(A, margin_m=150.0), outside(B))
 
 
 def test_a_later_border_of_the_same_commander_is_another_one() -> None:
@@ -331,6 +331,48 @@ def test_what_has_wings_is_away_by_a_circle_more() -> None:
     bench.position(inside(A, margin_m=391.0), outside(B))
     bench.position(ends(4.0), outside(B))
     assert bench.flights() == [HOLD, HOLD]
+
+
+def test_a_hold_for_something_else_in_between_changes_nothing_of_that() -> None:
+    bench = passes_a_border(Limits(policies={Cause.LINKS_WEAK: "hold"}, hold_s=600.0))
+    bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+    bench.run(15.0)
+    bench.give(LinkJudged(A, weak=False, attacked=False, text=""))
+    bench.run(15.0)
+    assert [fly.action for fly in bench.flights()][2:] == [FlightAction.CONTINUE]
+    bench.motion = HOMEWARD
+    bench.position(*AWAY)
+    bench.position(ends(4.0), outside(B))
+    assert bench.flights()[-1] == HOLD
+
+
+def test_nor_does_a_border_that_is_only_warned_of() -> None:
+    """That he knew as well when he had it fly on from another hold: it is over where it has turned away."""
+    bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold", Cause.COVERAGE_ENDS: "warn"}, hold_s=600.0))
+    bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+    bench.run(15.0)
+    assert bench.flights() == [WEAK]
+    bench.position(ends(4.0), outside(B))
+    bench.run(1.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.run(3.0)
+    assert said(bench)[-1].startswith("WARN: coverage ends ahead")
+    bench.give(LinkJudged(A, weak=False, attacked=False, text=""))
+    bench.run(15.0)
+    bench.position(*AWAY)
+    assert said(bench)[-1] == "OVER: coverage ends ahead"
+
+
+def test_a_border_that_is_only_warned_of_and_comes_after_the_word_stays_ahead() -> None:
+    bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold", Cause.COVERAGE_ENDS: "warn"}, hold_s=600.0))
+    bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+    bench.run(15.0)
+    bench.give(HandSeen(Hand.COMMANDER, Flown.MISSION))
+    bench.run(3.0)
+    bench.position(ends(4.0), outside(B))
+    bench.position(*AWAY)
+    bench.run(1.0)
+    assert Cause.COVERAGE_ENDS in bench.arbiter.causes
 
 
 def test_a_border_that_comes_after_the_word_is_none_that_he_knew() -> None:
