@@ -20,7 +20,7 @@ from mavproxy_handover.core.events import (
     ViewChanged,
 )
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import FlightAction, Flown, GapFact, LeaseState, Reason
+from mavproxy_handover.core.model import FlightAction, Flown, GapFact, LeaseState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.safety.gap import Crossing
 from mavproxy_handover.core.snapshot import Snapshot
@@ -239,6 +239,72 @@ class TestAlone:
         assert FlightAction.RETURN in [action.action for action in bench.flights()]
         assert bench.arbiter.view.lease is LeaseState.LOST
 
+    def test_nor_where_the_position_was_old_when_its_commander_was_lost(self) -> None:
+        """Not for a moment either: the guard would keep the time that such a lease has left."""
+        bench = mission()
+        bench.gap = GAP
+        bench.position(inside(A), *far(B, C, D))
+        bench.alive.clear()
+        bench.run(1.0)
+        bench.facts = None
+        bench.run(6.0)
+        assert bench.arbiter.view.lease is LeaseState.LOST
+        assert LeaseState.ALONE not in {change.view.lease for change in bench.views()}
+
+    def test_nor_of_an_aircraft_that_stands_on_the_ground_when_its_commander_is_lost(self) -> None:
+        bench = crossing()
+        bench.alive.clear()
+        bench.run(4.6)
+        bench.facts = None
+        bench.autopilot_says(armed=True, flying=False)
+        bench.run(1.0)
+        assert bench.arbiter.view.commander is None
+        assert bench.arbiter.view.lease is LeaseState.LOST
+        assert LeaseState.ALONE not in {change.view.lease for change in bench.views()}
+
+    def test_where_a_zone_still_reaches_its_time_runs_from_the_loss(self) -> None:
+        bench = mission()
+        bench.gap = GAP
+        bench.position(inside(A), *far(B, C, D))
+        bench.alive.clear()
+        bench.run(4.6)
+        assert bench.arbiter.snapshot().gap_since is None
+        bench.facts = None  # no position begins it
+        bench.run(1.0)
+        since = bench.arbiter.snapshot().gap_since
+        assert (bench.arbiter.view.lease, since is not None) == (LeaseState.ALONE, True)
+        bench.facts = (inside(A), *far(B, C, D))
+        bench.run(60.0)
+        assert bench.arbiter.snapshot().gap_since == since
+        assert since is not None
+        assert [at for at, action in bench.log if isinstance(action, Fly)] == [since + 40.0]
+
+    def test_so_it_does_where_a_gap_is_entered_behind_the_loss(self) -> None:
+        bench = mission()
+        bench.alive.clear()
+        bench.run(8.0)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.COMMANDER_LOST)]
+        bench.gap = GAP
+        bench.position(inside(A), *far(B, C, D))
+        assert bench.arbiter.snapshot().gap_since == bench.now
+
+    @pytest.mark.parametrize("facts", [NOWHERE, (inside(A), *far(B, C, D))])
+    def test_whom_nobody_ever_commanded_comes_home_from_a_gap_as_well(self, facts: tuple[ZoneFact, ...]) -> None:
+        bench = Bench()
+        bench.alive = set()
+        bench.gap, bench.facts = GAP, facts
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        assert bench.arbiter.view.lease is LeaseState.LOST
+        assert {action.action for action in bench.flights()} == {FlightAction.RETURN}
+        assert bench.arbiter.snapshot().gap_since is not None
+
+    def test_in_the_zone_of_another_station_it_does_not_run_while_it_is_commanded(self) -> None:
+        bench = mission()
+        bench.gap = GAP
+        bench.position(outside(A), inside(B), *far(C, D))
+        assert bench.arbiter.snapshot().gap_since is None
+
     def test_outside_the_declared_stretch_it_is_out_of_coverage_as_ever(self) -> None:
         bench = mission()
         bench.position(*NOWHERE)
@@ -319,6 +385,17 @@ class TestRestart:
         bench.position(*NOWHERE)
         bench.run(10.0)
         assert bench.arbiter.view.lease is LeaseState.LOST
+        assert {action.action for action in bench.flights()} == {FlightAction.RETURN}
+
+
+    def test_who_has_to_show_that_it_commanded_and_does_not_sends_nobody_through(self) -> None:
+        bench = Bench()
+        bench.alive = set()
+        bench.restart(snapshot=Snapshot(A, 3, 1, Phase.ON_MISSION, 0, b"", (A, B), proven=False))
+        bench.gap, bench.facts = GAP, NOWHERE
+        bench.autopilot_says(armed=True, flying=True)
+        bench.run(10.0)
+        assert bench.arbiter.snapshot().gap_since is not None
         assert {action.action for action in bench.flights()} == {FlightAction.RETURN}
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, GuardSeen, LinkJudged, PlaceJudged, SignsSeen
+from mavproxy_handover.core.events import Fly, GuardSeen, LinkJudged, PlaceJudged, SignsSeen, StationHeard
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, GuardState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -314,6 +314,18 @@ class TestHold:
         assert bench.records("emergency") == []
 
 
+    def test_before_it_is_known_to_fly_nothing_is_looked_at(self) -> None:
+        bench = mission()
+        bench.autopilot = False
+        bench.restart()
+        bench.give(StationHeard(A))
+        bench.position(ends(3.0), outside(B))
+        bench.autopilot_says(armed=True, flying=True)
+        assert bench.flights() == []
+        bench.position(ends(3.0), outside(B))
+        assert bench.flights() == [HOLD]
+
+
 class TestNoStation:
     def test_in_the_zone_of_a_station_that_is_not_there_it_comes_home(self) -> None:
         bench = mission()
@@ -450,6 +462,19 @@ class TestWarnings:
         assert self.texts(bench) == []
         bench.run(4.0)
         assert self.texts(bench) == ["links weak, and no better station: warn"]
+
+    def test_weak_links_where_a_station_with_better_ones_is_asked(self) -> None:
+        bench = mission(None, B)
+        bench.facts = (inside(A), inside(B))
+        bench.run(40.0)
+        bench.give(LinkJudged(A, weak=True, attacked=False, text="a third is lost"))
+        bench.run(4.0)
+        view = bench.arbiter.view
+        assert view.partner == B
+        bench.say(B, OnHandover(TransferKey(A, B, view.handover_id, view.epoch), Consent.WAITING))
+        bench.run(20.0)
+        assert bench.arbiter.view.partner == B
+        assert self.texts(bench) == []
 
     def test_somebody_who_speaks_as_the_commander(self) -> None:
         bench = mission()
