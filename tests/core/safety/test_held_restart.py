@@ -162,6 +162,13 @@ def test_on_the_ground_nothing_is_left_of_it() -> None:
     assert FlightAction.HOLD not in {action for _at, action in orders(bench)}
 
 
+def test_nor_where_it_stands_with_its_motors_on() -> None:
+    bench = held().restart()
+    bench.autopilot_says(armed=True, flying=False)
+    snapshot = bench.arbiter.snapshot()
+    assert (snapshot.held_since, snapshot.stands) == (None, False)
+
+
 @pytest.mark.parametrize("cause", [Cause.GUARD_LOST, Cause.LINKS_WEAK])
 def test_what_was_held_for_something_else_flies_on_when_that_is_gone(cause: Cause) -> None:
     bench = Bench(Limits(policies={cause: "hold"}))

@@ -216,6 +216,25 @@ class TestHold:
         assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (A, 2)
         assert bench.flights() == [HOLD]
 
+    def test_a_border_that_comes_while_nobody_commands_is_not_the_commanders(self) -> None:
+        bench = mission()
+        bench.alive = set()
+        bench.run(8.0)
+        bench.position(ends(3.0), outside(B))
+        bench.position(inside(A), outside(B))
+        bench.alive = {A}
+        bench.run(5.0)
+        assert (bench.arbiter.view.commander, bench.arbiter.causes) == (A, frozenset())
+
+    def test_nobody_is_held_where_nobody_commands(self) -> None:
+        bench = mission(Limits(policies={Cause.COMMANDER_LOST: "warn", Cause.OFF_ROUTE: "hold"}))
+        bench.alive = set()
+        bench.run(8.0)
+        assert bench.flights() == []
+        bench.give(SignsSeen(off_route=True))
+        bench.run(1.0)
+        assert bench.flights() == [Fly(FlightAction.RETURN, Reason.OFF_ROUTE)]
+
     @staticmethod
     def asked(limits: Limits | None = None) -> Bench:
         """Right before the border, in GCSB's zone since this moment: HANDOVER_REQUEST is out."""
@@ -629,6 +648,14 @@ class TestAPositionThatIsLate:
         assert bench.flights()[:2] == [HOLD, HOME]
         assert next(at for at, action in bench.log if action == HOME) == pytest.approx(last + 3.0, abs=0.5)
 
+    def test_at_that_moment_too_where_its_cause_is_not_looked_at(self) -> None:
+        bench = mission(Limits(position_stale_s=2.375, policies={Cause.POSITION_STALE: "off"}))
+        bench.position(ends(4.0), outside(B))
+        bench.facts = None
+        last = bench.now
+        bench.run(10.0)
+        assert [at for at, action in bench.log if action == HOME] == [pytest.approx(last + 3.375)]
+
     def test_of_an_autopilot_that_is_heard_again_it_may_come_behind_its_heartbeat(self) -> None:
         bench = self.held()
         facts, bench.facts, bench.autopilot = bench.facts, None, False
@@ -638,3 +665,23 @@ class TestAPositionThatIsLate:
         bench.facts = facts
         bench.run(5.0)
         assert HOME not in bench.flights()
+
+
+@pytest.mark.parametrize(
+    ("limits", "falls_silent", "after_s"),
+    [
+        (Limits(autopilot_lost_s=3.375), "autopilot", 3.375),
+        (Limits(guard_lost_s=2.375), "guard", 2.375 + 3.0),
+        (Limits(position_stale_s=2.375), "facts", 2.375 + 1.0),
+    ],
+)
+def test_silence_is_told_at_its_moment_whatever_else_comes_then(
+    limits: Limits, falls_silent: str, after_s: float
+) -> None:
+    bench = mission(limits)
+    bench.run(0.5)
+    heard_at = bench.now
+    setattr(bench, falls_silent, None if falls_silent != "autopilot" else False)
+    bench.run(8.0)
+    (told_at,) = [at for at, action in bench.log if action in bench.records("warning")]
+    assert told_at == pytest.approx(heard_at + after_s)
