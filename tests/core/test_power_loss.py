@@ -14,8 +14,10 @@ from itertools import permutations, product
 import pytest
 
 from mavproxy_handover.core.events import Action, Fly, Record, Send, StationHeard, StationMessage, ViewChanged
+from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Message
 from mavproxy_handover.core.model import AuthorityView, FlightAction, LeaseState
+from mavproxy_handover.core.safety.causes import Cause
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.bench import (
     DIGEST,
@@ -293,6 +295,24 @@ class TestAfterIt:
         bench.restart()
         bench.give(StationHeard(A))
         assert (commander(bench), bench.arbiter.view.epoch) == (A, LATER + 1)
+
+    def test_what_looked_wrong_around_it_counts_from_the_first_position_under_a_commander(self) -> None:
+        """Not while nobody commands, nor from before."""
+        bench = Remembering({A: (4, A)})
+        bench.limits, bench.facts = Limits(hold_off_s={Cause.NO_STATION: 0.0}), (outside(A), inside(B))
+        bench.restart(0.0, LEFT)
+        bench.run(2.4)
+        bench.facts = None
+        for _ in range(2):
+            bench.run(0.3)
+            assert bench.arbiter.causes == {Cause.COMMANDER_LOST}
+        bench.position(outside(A), inside(B))
+        bench.facts = None
+        assert bench.arbiter.causes == {Cause.COMMANDER_LOST}
+        bench.heard(A)
+        assert (commander(bench), bench.arbiter.causes) == (A, frozenset())
+        bench.position(outside(A), inside(B))
+        assert bench.arbiter.causes == {Cause.NO_STATION}
 
     def test_and_when_the_claim_has_ended_nobody_is_on_record(self) -> None:
         bench = Remembering({B: (5, B)})

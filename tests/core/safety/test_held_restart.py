@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, Record, SignsSeen
+from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, Record, SignsSeen, StationHeard
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause
@@ -162,6 +162,16 @@ def test_on_the_ground_nothing_is_left_of_it() -> None:
     assert FlightAction.HOLD not in {action for _at, action in orders(bench)}
 
 
+def test_what_was_not_held_waits_for_no_position() -> None:
+    bench = mission()
+    bench.facts = None
+    bench.restart(snapshot=replace(HELD, phase=Phase.EMERGENCY, held_since=None, held_for=None))
+    bench.give(bench._state)
+    bench.give(StationHeard(A))
+    assert bench.arbiter.view.phase is Phase.ON_MISSION
+    assert len(bench.records("emergency_over")) == 1
+
+
 def test_nor_where_it_stands_with_its_motors_on() -> None:
     bench = held().restart()
     bench.autopilot_says(armed=True, flying=False)
@@ -276,6 +286,23 @@ def test_and_one_for_another_cause_while_it_is_to_go_on_by_the_commanders_word()
     assert since > bench.now - 5.0
     bench.run(70.0)
     assert (since + 60.0, FlightAction.RETURN) in orders(bench)
+
+
+def test_and_one_behind_a_return_that_was_flown_and_that_a_stranger_has_ended() -> None:
+    bench = standing(aloft(Limits(hold_s=60.0)))
+    bench.run(5.0)
+    bench.alive = set()
+    bench.run(6.0)
+    assert bench.flights()[-1] == HOMEWARD
+    bench.mode, bench.motion = RTL, MotionSeen(8.0, 0.0, 300.0)
+    bench.run(2.0)
+    bench.mode = ModeSeen(Flown.GUIDED, "GUIDED")
+    bench.run(3.0)
+    bench.alive = {A}
+    bench.run(1.0)
+    held_at, action = orders(bench)[-1]
+    assert action is FlightAction.HOLD
+    assert bench.arbiter.snapshot().held_since == held_at
 
 
 # ---- it stands, and the order in force is another one ---------------------------------------------------------------

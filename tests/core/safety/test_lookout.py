@@ -75,7 +75,7 @@ class TestHold:
         assert bench.flights() == []
         bench = mission(None, B)
         bench.run(2.0)
-        bench.position(ends(3.0), replace(inside(B, exit_s=2.0), ends_s=2.0))
+        bench.position(ends(3.0), replace(inside(B, exit_s=3.0), ends_s=3.0))
         assert bench.flights() == [HOLD]
 
     def test_standing_still_it_stays_held_until_authority_has_moved(self) -> None:
@@ -141,6 +141,16 @@ class TestHold:
         self.taken(bench)
         bench.run(5.0)
         assert bench.flights() == []
+
+    def test_nor_is_who_is_asked_where_its_zone_lasts_longer_held_within_it(self) -> None:
+        bench = mission(None, B)
+        bench.run(2.0)
+        bench.position(ends(4.0), inside(B, exit_s=40.0))
+        assert bench.arbiter.view.partner == B
+        bench.run(0.9)
+        assert bench.flights() == []
+        bench.run(0.6)
+        assert bench.flights() == [HOLD]
 
     def test_nobody_crosses_while_an_operator_thinks(self) -> None:
         """The fault: with the question open the aircraft left the zone of the only station that commanded it."""
