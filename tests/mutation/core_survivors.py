@@ -100,8 +100,33 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "safety.lookout": {
-        "look_around: dropped from and/or: self._flight.flying: owner is not None and self._flight.flying": (
-            "on the ground it is not looked at, and the first position in the air takes its place"
+        "__init__: truth turned: False in self._held_long = False": "the first look sets it, and nothing asks before",
+        "__init__: truth turned: False in self._may_hold = False": "the same",
+        "__init__: truth turned: False in self._in_gap = False": "the same",
+        "_asked: truth turned: True in return (None, True, True)": "where nobody is partner no station is the partner",
+        "_asked: truth turned: True in return (None, True, True) (number 2)": "the same",
+        "facts: dropped from and/or: authority.lost: "
+        "authority.lost and (authority.recovering or (transfer is not None and transfer.forced and ": (
+            "who may still come back is lost until then, and what is forced ends when who was lost is back"
+        ),
+        "facts: dropped from and/or: transfer.forced: transfer is not None and transfer.forced and hurried": (
+            "with the loss every transfer under way is forced"
+        ),
+        "facts: dropped from and/or: authority.owner is not None: "
+        "authority.owner is not None and self._candidates.zones.holds(authority.owner)": "no zone is nobody's",
+        "due_at: dropped from and/or: self.held_at == -inf: self.held_at == -inf or self._held_long": (
+            "what never comes is left out at the end"
+        ),
+        "due_at: dropped from and/or: self._blind_until < inf: "
+        "self._may_hold and (not self.resuming) and (self._blind_until < inf)": (
+            "what comes after all else is not the first, and the stations are asked before that"
+        ),
+        "due_at: comparison turned: self._blind_until < inf": "the same",
+        "due_at: dropped: times.append(flight.position_lost_at())": (
+            "the arbiter asks for that moment itself: no zone counts from then on"
+        ),
+        "due_at: comparison turned: time > -inf": (
+            "of what was never heard, or is not held, no time is asked: that it is lost has been seen"
         ),
         "hold: dropped from and/or: not stands: news.mends or not stands": (
             "what stands by no order any more comes home, where it is not held, or was taken by a hand whose word ends "
@@ -147,7 +172,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         "returns and told is not None and (place is not None) and (place.name != self._told_place)": (
             "it returns, so something was told; the type checker wants it said"
         ),
-        "tell_return: dropped: return": "it is called only when there is one to be told; the type checker wants it said",
+        "tell_return: dropped: return": "it is called only where one is to be told; the type checker wants it said",
         "tell_return: dropped from and/or: told is not None: told is not None and told.action is FlightAction.RETURN": (
             "what is to be told has been decided; the type checker wants it said"
         ),

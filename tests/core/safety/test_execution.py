@@ -141,7 +141,6 @@ class TestItsPlace:
         bench.run(1.0)
         assert [text.split(":")[0] for text in said(bench)][:1] == ["LAND"]
 
-
     def test_nor_is_what_the_commander_has_taken_in_that_moment(self) -> None:
         bench = aloft()
         bench.give(self.NEAR)
@@ -152,7 +151,9 @@ class TestItsPlace:
         bench.give(HandSeen(Hand.COMMANDER, Flown.GUIDED))
         bench.run(1.0)
         assert bench.flights() == [Fly(FlightAction.RETURN, Reason.ENERGY)]
-        assert said(bench) == ["GUIDED: chosen by GCSA; RETURN is not commanded any more (energy for the way back only)"]
+        assert said(bench) == [
+            "GUIDED: chosen by GCSA; RETURN is not commanded any more (energy for the way back only)"
+        ]
 
 
 class TestReturn:
@@ -291,7 +292,9 @@ class TestHold:
         bench.run(2.0)
         bench.mode = with_radio(BRAKE)
         bench.run(3.0)
-        assert "PILOT: a pilot has taken over, BRAKE; HOLD is not commanded any more (coverage ends ahead)" in said(bench)
+        assert "PILOT: a pilot has taken over, BRAKE; HOLD is not commanded any more (coverage ends ahead)" in said(
+            bench
+        )
 
     def test_what_is_over_before_it_is_known_that_a_pilot_stopped_it_was_not_taken_from_anybody(self) -> None:
         bench = aloft(Limits(policies={Cause.LINKS_WEAK: "hold"}, clear_s={Cause.LINKS_WEAK: 0.0}), with_radio(AUTO))

@@ -387,7 +387,6 @@ class TestRestart:
         assert bench.arbiter.view.lease is LeaseState.LOST
         assert {action.action for action in bench.flights()} == {FlightAction.RETURN}
 
-
     def test_who_has_to_show_that_it_commanded_and_does_not_sends_nobody_through(self) -> None:
         bench = Bench()
         bench.alive = set()

@@ -9,7 +9,16 @@ from dataclasses import replace
 
 import pytest
 
-from mavproxy_handover.core.events import Fly, HandSeen, LinkJudged, ModeSeen, MotionSeen, Record, SignsSeen, StationHeard
+from mavproxy_handover.core.events import (
+    Fly,
+    HandSeen,
+    LinkJudged,
+    ModeSeen,
+    MotionSeen,
+    Record,
+    SignsSeen,
+    StationHeard,
+)
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import FlightAction, Flown, Hand, LeaseState, Reason, ZoneFact
 from mavproxy_handover.core.safety.causes import Cause

@@ -342,7 +342,6 @@ class TestHold:
         assert bench.flights() == []
         assert bench.records("emergency") == []
 
-
     def test_before_it_is_known_to_fly_nothing_is_looked_at(self) -> None:
         bench = mission()
         bench.autopilot = False
