@@ -342,7 +342,7 @@ def shorten(without: Player, with_it: Player, told: Story) -> Difference:
                 place += size
         size //= 2
     for plain in ({"begin": "mission"}, {"kind": "COPTER"}, {"hold_s": 60.0}):
-        try_it(replace(told, **plain))  # type: ignore[arg-type]
+        try_it(replace(told, **plain))
     for policy in told.policies:
         try_it(replace(told, policies=tuple(each for each in told.policies if each != policy)))
     return Difference(told, *found[1:])
