@@ -12,7 +12,7 @@ the reason, and any other ends this with exit code 1. So does one that is listed
 no fault is called by any more, and a module of the core that no test here is named for. `--part 1/4` takes every fourth
 fault, `--sample 100` a hundred of each module by chance, `--only TEXT` those that have that in their names; then what
 is listed and not met says nothing. `--first` asks only the tests that come first (`FIRST`): a fault that they let
-through has still to be tried with the others.
+through has still to be tried with the others. `stories.py` looks for a story in which a fault shows.
 
 Nothing is written: a mutant is compiled in memory, in a process of its own.
 """

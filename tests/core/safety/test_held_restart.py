@@ -171,6 +171,13 @@ def test_on_the_ground_nothing_is_left_of_it() -> None:
     assert FlightAction.HOLD not in {action for _at, action in orders(bench)}
 
 
+def test_nor_where_it_stands_with_its_motors_on() -> None:
+    bench = held().restart()
+    bench.autopilot_says(armed=True, flying=False)
+    snapshot = bench.arbiter.snapshot()
+    assert (snapshot.held_since, snapshot.stands) == (None, False)
+
+
 def test_what_was_not_held_waits_for_no_position() -> None:
     bench = mission()
     bench.facts = None
@@ -179,13 +186,6 @@ def test_what_was_not_held_waits_for_no_position() -> None:
     bench.give(StationHeard(A))
     assert bench.arbiter.view.phase is Phase.ON_MISSION
     assert len(bench.records("emergency_over")) == 1
-
-
-def test_nor_where_it_stands_with_its_motors_on() -> None:
-    bench = held().restart()
-    bench.autopilot_says(armed=True, flying=False)
-    snapshot = bench.arbiter.snapshot()
-    assert (snapshot.held_since, snapshot.stands) == (None, False)
 
 
 @pytest.mark.parametrize("cause", [Cause.GUARD_LOST, Cause.LINKS_WEAK])

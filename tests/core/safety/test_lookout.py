@@ -690,7 +690,7 @@ def test_silence_is_told_at_its_moment_whatever_else_comes_then(
     bench = mission(limits)
     bench.run(0.5)
     heard_at = bench.now
-    setattr(bench, falls_silent, None if falls_silent != "autopilot" else False)
+    setattr(bench, falls_silent, False if falls_silent == "autopilot" else None)
     bench.run(8.0)
     (told_at,) = [at for at, action in bench.log if action in bench.records("warning")]
     assert told_at == pytest.approx(heard_at + after_s)
