@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import handover as mavlink
 from gcs_module.alarms import Level
 from gcs_module.banner import Situation, age
 from gcs_module.briefing import BriefingBook
-from gcs_module.core import Answer, Event, StationCore, Wish
+from gcs_module.core import Answer, Event, StationCore, Wish, WishAnswered
 from gcs_module.decisions import Decisions
 from gcs_module.narrator import FlightNarrator
 from gcs_module.package_desk import PackageDesk
@@ -274,6 +274,12 @@ class StationCommands:
 
     def _ended(self, word: str, talk: Conversation, now: float) -> None:
         narrator = self._module.narrator
+        if word == "REQUEST":
+            accepted = talk.failure is None and talk.result in (
+                mavlink.MAV_RESULT_ACCEPTED,
+                mavlink.MAV_RESULT_FAILED,  # the commander is being asked
+            )
+            self._module.operator(WishAnswered(self._module.config.station.sysid, accepted))
         if word == _REPORT:
             for line in talk.result or ("no report of the rehearsal: no answer of the vehicle",):
                 self._module.view.show(line)

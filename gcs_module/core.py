@@ -25,6 +25,8 @@ Rules that live here
 * Consent is automatic for the reasons that the configuration names (`automatic`), and the operator's for all others:
   then the answer is "waiting" until there is one. It is the vehicle that says why it asks; what it has not said is no
   reason. The same question for a reason that needs no operator is answered by that.
+* An operator who has asked for control is not asked again: for a minute, in one transfer. Before the vehicle has
+  answered that request, it counts only if the vehicle gives it as the reason. A refused request is no consent.
 
 Events and actions are in `events`. Steps and messages: docs/architecture.md; names and console lines follow the thesis,
 section 4.5.
@@ -53,6 +55,7 @@ from gcs_module.events import (
     ToVehicle,
     VehicleHeard,
     Wish,
+    WishAnswered,
 )
 from mavproxy_handover.core.conductor import READ_S
 from mavproxy_handover.core.messages import (
@@ -90,6 +93,7 @@ __all__ = [
     "ToVehicle",
     "VehicleHeard",
     "Wish",
+    "WishAnswered",
 ]
 
 
@@ -173,6 +177,8 @@ class StationCore:
         self._read_until = -inf
         #: until when this station's operator wants control for having asked for it
         self._wished_until = -inf
+        #: the vehicle has accepted that request, or asks the commander about it
+        self._wish_accepted = False
         #: the newest transfer that the vehicle has spoken of itself, and the one that it says is under way
         self._latest: TransferKey | None = None
         self._announced: TransferKey | None = None
@@ -294,6 +300,8 @@ class StationCore:
                 self.digest = event.digest
             case Wish():
                 self._on_wish(event.station, now, actions)
+            case WishAnswered():
+                self._on_wish_answered(event, now)
             case Answer():
                 self._on_answer(event.yes, now, actions)
             case _:
@@ -484,7 +492,7 @@ class StationCore:
                 part.consent = Consent.GRANTED
                 return part, True
             return part, False
-        wished = as_partner and now < self._wished_until
+        wished = as_partner and self._wishes(now, requested=why is Reason.REQUESTED)
         if wished:
             self._wished_until = -inf
         said = self._beforehand.said(key, why, crossing, as_partner=as_partner)
@@ -502,7 +510,7 @@ class StationCore:
         if self.phase is Phase.EMERGENCY or not self._beforehand.fits(message, self.epoch, self.commander):
             return
         key, partner = message.key, message.key.to_station == self._station.sysid
-        agrees = QUESTIONS[Reason.ZONE] in self._automatic or (partner and now < self._wished_until)
+        agrees = QUESTIONS[Reason.ZONE] in self._automatic or (partner and self._wishes(now))
         known = self._beforehand.ahead
         other = None if known is None or known.key != key else known.other
         new = self._beforehand.heard(message, now, agrees=agrees)
@@ -637,7 +645,17 @@ class StationCore:
             self._settle_ahead(ahead, True, actions)
             return
         if station == self._station.sysid:
-            self._wished_until = now + self.WISH_S
+            self._wished_until, self._wish_accepted = now + self.WISH_S, False
+
+    def _on_wish_answered(self, answer: WishAnswered, now: float) -> None:
+        if answer.station == self._station.sysid and now < self._wished_until:
+            self._wish_accepted = answer.accepted
+            if not answer.accepted:
+                self._wished_until = -inf
+
+    def _wishes(self, now: float, *, requested: bool = False) -> bool:
+        """Whether this station's operator has asked for control; `requested`: the vehicle says that it acts on it."""
+        return now < self._wished_until and (self._wish_accepted or requested)
 
     def _on_answer(self, yes: bool, now: float, actions: list[Action]) -> None:
         part, ahead = self._part, self._beforehand.ahead

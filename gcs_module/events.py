@@ -25,6 +25,7 @@ __all__ = [
     "ToVehicle",
     "VehicleHeard",
     "Wish",
+    "WishAnswered",
 ]
 
 
@@ -104,7 +105,15 @@ class Wish:
     station: int
 
 
-Event = FromVehicle | FromPeer | PeerHeard | VehicleHeard | AuthorityHeard | MissionHeld | Answer | Wish
+@dataclass(frozen=True, slots=True)
+class WishAnswered:
+    """The vehicle has answered that request; not `accepted`: it was refused, or there was no answer."""
+
+    station: int
+    accepted: bool
+
+
+Event = FromVehicle | FromPeer | PeerHeard | VehicleHeard | AuthorityHeard | MissionHeld | Answer | Wish | WishAnswered
 
 
 # ---- actions ------------------------------------------------------------------------------------------------------

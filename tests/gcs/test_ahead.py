@@ -12,7 +12,18 @@ import pytest
 
 from gcs_module.ahead import Beforehand
 from gcs_module.alarms import Level
-from gcs_module.core import Action, Answer, AuthorityHeard, FromPeer, Notice, Role, StationCore, ToVehicle, Wish
+from gcs_module.core import (
+    Action,
+    Answer,
+    AuthorityHeard,
+    FromPeer,
+    Notice,
+    Role,
+    StationCore,
+    ToVehicle,
+    Wish,
+    WishAnswered,
+)
 from mavproxy_handover.core.messages import (
     CrossingKey,
     HandoverAhead,
@@ -86,7 +97,15 @@ class TestQuestion:
     def test_who_wished_for_it_a_minute_ago_has_said_so(self, after_s: float, consent: Consent) -> None:
         core = station(B, asks=True)
         core.handle(Wish(B), NOW)
+        core.handle(WishAnswered(B, accepted=True), NOW)
         assert words(tell(core, NOW + after_s)) == [ToVehicle(OkAhead(BORDER, consent))]
+
+    def test_a_refused_request_is_no_answer_beforehand(self) -> None:
+        core = station(B, asks=True)
+        core.handle(Wish(B), NOW)
+        assert words(tell(core, NOW)) == [ToVehicle(OkAhead(BORDER, WAITING))]
+        core.handle(WishAnswered(B, accepted=False), NOW)
+        assert words(tell(core, NOW)) == [ToVehicle(OkAhead(BORDER, WAITING))]
 
     def test_a_commanders_wish_for_itself_lets_nobody_have_it(self) -> None:
         core = station(A, asks=True)

@@ -26,6 +26,7 @@ from gcs_module.core import (
     ToVehicle,
     VehicleHeard,
     Wish,
+    WishAnswered,
 )
 from mavproxy_handover.core.conductor import READ_S
 from mavproxy_handover.core.messages import (
@@ -832,11 +833,39 @@ class TestWish:
     def test_as_partner(self) -> None:
         core = partner(asks=True)
         core.handle(Wish(B), NOW)
+        core.handle(WishAnswered(B, accepted=True), NOW)
         assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE))) == [
             ToPeer(A, OnHandover(KEY)),
             ToVehicle(OnHandover(KEY)),
         ]
         assert core.question is None
+
+    def test_a_refused_request_is_no_consent(self) -> None:
+        # GCSB denied, asked for control, was refused, and then took the aircraft without being asked
+        core = partner(asks=True)
+        core.handle(Wish(B), NOW)
+        core.handle(WishAnswered(B, accepted=False), NOW)
+        for number, why in ((7, Reason.ZONE), (8, Reason.REQUESTED)):
+            key = TransferKey(A, B, number, 3)
+            asked = words(from_vehicle(core, HandoverRequest(key, why)))
+            assert asked == [ToVehicle(OnHandover(key, Consent.WAITING))]
+
+    @pytest.mark.parametrize(("why", "consent"), [(Reason.REQUESTED, Consent.GRANTED), (Reason.ZONE, Consent.WAITING)])
+    def test_before_the_vehicle_has_answered_it_counts_for_a_transfer_that_was_requested(
+        self, why: Reason, consent: Consent
+    ) -> None:
+        core = partner(asks=True, ground=False)
+        core.handle(Wish(B), NOW)
+        asked = words(from_vehicle(core, HandoverRequest(KEY, why)))
+        assert asked == [ToVehicle(OnHandover(KEY, consent, relay=consent is Consent.GRANTED))]
+
+    def test_a_late_refusal_of_an_earlier_request_ends_the_wish_as_well(self) -> None:
+        core = partner(asks=True)
+        core.handle(Wish(B), NOW)
+        core.handle(WishAnswered(B, accepted=True), NOW)
+        core.handle(WishAnswered(B, accepted=False), NOW + 1.0)
+        asked = words(from_vehicle(core, HandoverRequest(KEY, Reason.REQUESTED), NOW + 1.0))
+        assert asked == [ToVehicle(OnHandover(KEY, Consent.WAITING))]
 
     @pytest.mark.parametrize("whom", [A, B, C])
     def test_a_commander_that_wants_to_give_has_consented_to_nobodys_request(self, whom: int) -> None:
@@ -848,7 +877,7 @@ class TestWish:
         core = partner(asks=True)
         core.handle(Wish(B), NOW)
         for _ in range(3):
-            assert words(from_vehicle(core, HandoverRequest(KEY, Reason.ZONE)))[-1] == ToVehicle(OnHandover(KEY))
+            assert words(from_vehicle(core, HandoverRequest(KEY, Reason.REQUESTED)))[-1] == ToVehicle(OnHandover(KEY))
         later = TransferKey(A, B, 8, 3)
         assert words(from_vehicle(core, HandoverRequest(later))) == [ToVehicle(OnHandover(later, Consent.WAITING))]
 

@@ -696,6 +696,7 @@ class Packer:
             _part=_Object(part),
             _beforehand=_Object(beforehand),
             _wished_until=_Ago(0.0),
+            _wish_accepted=plain,
             _latest=value,
             _announced=value,
             _over=value,

@@ -43,7 +43,8 @@ class Request(Enum):
     RELEASE = "releases control"
     GIVE = "gives control to another station"
     CANCEL = "cancels the transfer"
-    WISH = "wishes, at his own station, to have control"
+    WISH = "asks at the own station for control, and the vehicle accepts that"
+    REFUSED = "asks at the own station for control, and the vehicle refuses that"
 
 
 #: The limits of flight, where retransmission is once a tick; the long ones are shortened, and keep their order.

@@ -68,6 +68,10 @@ def check_station(
         books = replace(books, agreed=before.question)
     if isinstance(event, gcs.Wish):
         books = replace(books, wished=books.wished | {event.station})
+        if before.question is not None and before.question.to_station == event.station:  # to ask for it is to accept it
+            books = replace(books, agreed=before.question)
+    if isinstance(event, gcs.WishAnswered) and not event.accepted:
+        books = replace(books, wished=books.wished - {event.station})
     excused = _excused(event)
     if isinstance(event, gcs.AuthorityHeard):
         books = replace(books, announced=excused or books.announced)

@@ -238,8 +238,9 @@ class Graph(World):
 
     def _request(self, draft: Draft, index: int, wish: Request, other: int) -> None:
         sysid = self.sysids[index]
-        if wish is Request.WISH:
+        if wish in (Request.WISH, Request.REFUSED):
             self._to_station(draft, index, self.events(gcs.Wish(sysid)))
+            self._to_station(draft, index, self.events(gcs.WishAnswered(sysid, accepted=wish is Request.WISH)))
         elif self._cut(draft, index, -1):
             return
         elif wish is Request.CANCEL:

@@ -34,7 +34,9 @@ from mavproxy_handover.core.events import (
     Action,
     AutopilotState,
     Cancel,
+    ControlAnswer,
     ControlRequested,
+    ControlResult,
     Event,
     GuardSeen,
     LinkJudged,
@@ -262,6 +264,9 @@ class World(RuleBasedStateMachine):
                 self._status()
             elif isinstance(action, Send):
                 self._to_station(action.station, gcs.FromVehicle(action.message))
+            elif isinstance(action, ControlAnswer):
+                accepted = action.result is not ControlResult.DENIED
+                self._to_station(action.station, gcs.WishAnswered(action.station, accepted))
             elif isinstance(action, NotifyOwner):
                 self._air(action.station, lambda a=action: self._ask(a.station, a.timeout_s))
 

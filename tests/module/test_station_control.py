@@ -19,6 +19,7 @@ from tests.module.test_station_module import StationBench, connect_message
 CONTROL = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
 GRANTED, WAITING = 0, 2
+ZONE, REQUESTED = 1, 26
 RECOVERING, LOST, HELD = 4, 3, 1
 
 
@@ -51,18 +52,15 @@ def answer(bench: StationBench, result: int) -> None:
     bench.run(0.6)
 
 
-def asked_as_partner(handover_id: int, epoch: int = 1) -> Any:
+def asked_as_partner(handover_id: int, epoch: int = 1, reason: int = REQUESTED) -> Any:
     """HANDOVER_REQUEST: GCSB commands, GCSA is to take the aircraft."""
-    keys = (251, 190, 1, 252, 251, handover_id, epoch)
-    return mavlink.MAVLink_handover_request_message(*keys, 0, *[0] * (len(_REQUEST_FIELDS) - 8))
+    unknown = [0] * (len(mavlink.MAVLink_handover_request_message.fieldnames) - 8)
+    return mavlink.MAVLink_handover_request_message(251, 190, 1, 252, 251, handover_id, epoch, reason, *unknown)
 
 
 def asked_as_commander(handover_id: int) -> Any:
     """ON_HANDOVER: GCSB is ready."""
     return mavlink.MAVLink_on_handover_message(251, 190, 1, 251, 252, handover_id, 1, 0, 0, 0)
-
-
-_REQUEST_FIELDS = mavlink.MAVLink_handover_request_message.fieldnames
 
 
 def consents(bench: StationBench) -> list[tuple[str, int]]:
@@ -182,6 +180,24 @@ class TestWish:
         assert consents(bench) == [("ON_HANDOVER", GRANTED)]
         assert not any("handover accept" in line for line in bench.mpstate.console.lines)
 
+    def test_a_request_that_the_vehicle_does_not_answer_is_no_consent(self, bench: StationBench) -> None:
+        bench.hear(connect_message(epoch=2, commander=252))
+        bench.mpstate.type("handover request")
+        bench.run(10.0)
+        bench.sent()
+        bench.hear(asked_as_partner(3, epoch=2))
+        assert consents(bench) == [("ON_HANDOVER", WAITING)]
+
+    @pytest.mark.parametrize("reason", [ZONE, REQUESTED])
+    def test_a_refused_request_is_no_consent(self, bench: StationBench, reason: int) -> None:
+        bench.hear(connect_message(epoch=2, commander=252))
+        bench.mpstate.type("handover request")
+        answer(bench, DENIED)
+        bench.run(1.0)
+        bench.sent()
+        bench.hear(asked_as_partner(3, epoch=2, reason=reason))
+        assert consents(bench) == [("ON_HANDOVER", WAITING)]
+
     def test_without_that_he_is(self, bench: StationBench) -> None:
         bench.hear(connect_message(epoch=2, commander=252))
         bench.sent()
@@ -218,10 +234,11 @@ class TestWish:
             bench.hear(asked_as_partner(number, epoch=2))
         assert consents(bench) == [("ON_HANDOVER", GRANTED), ("ON_HANDOVER", GRANTED), ("ON_HANDOVER", WAITING)]
 
-    @pytest.mark.parametrize(("after_s", "consent"), [(59.0, GRANTED), (61.0, WAITING)])
+    @pytest.mark.parametrize(("after_s", "consent"), [(58.0, GRANTED), (61.0, WAITING)])
     def test_it_stands_for_a_minute(self, bench: StationBench, after_s: float, consent: int) -> None:
         bench.hear(connect_message(epoch=2, commander=252))
         bench.mpstate.type("handover request")
+        answer(bench, FAILED)
         bench.run(after_s)
         bench.sent()
         bench.hear(asked_as_partner(3, epoch=2))
