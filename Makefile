@@ -38,11 +38,14 @@ $(BIN)/python:
 $(VENV)/dependencies: $(BIN)/python pyproject.toml constraints.txt setup.py
 	@echo "Installing what the project needs (a few minutes the first time) ..."
 	$(BIN)/python -m pip install --quiet --upgrade pip setuptools wheel
+	@rm -rf build
 	$(BIN)/python -m pip install --quiet -c constraints.txt '.[dev]'
+	@rm -rf build *.egg-info
 	@touch $@
 
 # What runs is what a user gets: the installed package, made anew whenever a source changes.
 $(VENV)/installed: $(VENV)/dependencies $(SOURCES)
+	@rm -rf build
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --force-reinstall .
 	@rm -rf build *.egg-info
 	@touch $@

@@ -2,9 +2,10 @@
 
 """What pyproject.toml cannot say: files that the wheel puts outside its own packages.
 
-* the Python of the dialect, made by pymavlink's mavgen from `wire/*.xml`, goes where pymavlink looks for dialects, so
-  that `--dialect=handover` works in every program that uses pymavlink;
-* two shims go where MAVProxy looks for modules, so that `module load handover` works right after installation;
+* the Python of the dialect, made by pymavlink's mavgen from `wire/*.xml`, becomes data of the package;
+* top-level modules: `handover` and `handover_gcs`, which MAVProxy loads by these names, and `handover_dialect`, which
+  makes the dialect importable where pymavlink looks for dialects (a `.pth` file has Python import it at its start), so
+  that `--dialect=handover` works in every program of the environment. No file goes into a folder of another package;
 * manual pages and completion go where `man` and shells look, below the prefix of the installation;
 * missions and the guard, which live in folders of their own, and the constraints become data of the package;
 * the README as an index page shows it: there its links and pictures lead nowhere if they are relative.
@@ -25,7 +26,7 @@ from setuptools.errors import SetupError
 
 HERE = Path(__file__).resolve().parent
 WIRE = HERE / "mavproxy_handover" / "wire"
-SHIMS = tuple(HERE / package / "deploy" / "mavproxy_modules" for package in ("mavproxy_handover", "gcs_module"))
+TOP_LEVEL = tuple(HERE / package / "deploy" / "top_level" for package in ("mavproxy_handover", "gcs_module"))
 DATA_FOLDERS = ("missions", "ardupilot_lua")
 PICTURES = (".png", ".svg")
 
@@ -69,18 +70,18 @@ def make_dialect(target: Path) -> None:
 
 
 class BuildWithDialect(build_py):
-    """build_py plus the dialect, the shims and the data named at the head of this module."""
+    """build_py plus the dialect, the top-level modules and the data named at the head of this module."""
 
     def run(self) -> None:
         if self.editable_mode:
-            raise SetupError("an editable install cannot place the dialect and the MAVProxy shims: use 'pip install .'")
+            raise SetupError(
+                "an editable install cannot place the dialect and the top-level modules: use 'pip install .'"
+            )
         super().run()
         build = Path(self.build_lib)
-        make_dialect(build / "pymavlink" / "dialects" / "v20" / "handover.py")
-        for shim in chain.from_iterable(folder.glob("mavproxy_*.py") for folder in SHIMS):
-            target = build / "MAVProxy" / "modules" / shim.name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(shim, target)
+        make_dialect(build / "mavproxy_handover" / "data" / "dialect" / "handover.py")
+        for file in chain.from_iterable(folder.glob("handover*.p*") for folder in TOP_LEVEL):
+            shutil.copy(file, build / file.name)
         for name in DATA_FOLDERS:
             target = build / "mavproxy_handover" / "data" / name
             shutil.rmtree(target, ignore_errors=True)

@@ -41,7 +41,7 @@ from mavproxy_handover.config.files import (
 )
 from mavproxy_handover.hosting import SharedLog, guarded, why
 from mavproxy_handover.link.devices import Device
-from mavproxy_handover.must_load import loaded, not_loaded
+from mavproxy_handover.must_load import loaded, refused
 from mavproxy_handover.version import VERSION
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame, parse_one
@@ -372,8 +372,7 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
             means.close()
         mpstate.public_modules.pop("handover_gcs", None)
         mpstate.command_map.pop("handover", None)
-        mpstate.console.writeln(f"handover_gcs is not loaded: {why(error)}")
-        not_loaded(f"module handover_gcs is not loaded: {why(error)}")
+        refused(mpstate, "handover_gcs", why(error))
         return None
     loaded()
     _last.update({"config": str(settings.path)} | ({} if written is None else {"journal": written}))

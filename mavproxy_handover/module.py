@@ -46,8 +46,8 @@ from mavproxy_handover.hosting import SharedLog, guarded, why
 from mavproxy_handover.lifeline import lifeline
 from mavproxy_handover.link.box_line import BoxLine
 from mavproxy_handover.link.devices import Device
-from mavproxy_handover.main_loop import STAY_S, TALKING_S, end, ends, poller, readable, waited_for
-from mavproxy_handover.must_load import loaded, not_loaded
+from mavproxy_handover.main_loop import STAY_S, TALKING_S, ends, poller, readable, waited_for
+from mavproxy_handover.must_load import loaded, refused
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
 from mavproxy_handover.store.keys import load_key
@@ -382,9 +382,11 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
     written, in place of what the configuration says: `handover` gives it a folder for each run.
     """
     if unknown:
-        return _not_loaded(mpstate, f"unknown argument {', '.join(unknown)}; allowed are: config, journal")
+        refused(mpstate, "handover", f"unknown argument {', '.join(unknown)}; allowed are: config, journal")
+        return None
     if "handover" in mpstate.command_map:
-        return _not_loaded(mpstate, "module handover_gcs is loaded here: vehicle and station need a MAVProxy each")
+        refused(mpstate, "handover", "module handover_gcs is loaded here: vehicle and station need a MAVProxy each")
+        return None
     ports: dict[int, StationPort] = {}
     lock: VehicleLock | None = None
     box: BoxLine | None = None
@@ -397,11 +399,13 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         forbidden = _outputs(mpstate, settings)
         if forbidden:
             outputs = ", ".join(output.address for output in forbidden)
-            return _not_loaded(
+            refused(
                 mpstate,
+                "handover",
                 f"MAVProxy has outputs ({outputs}): whoever is behind them could pass the gate. Start without --out, "
                 "or set listen_only_outputs = true in [vehicle]",
             )
+            return None
         lock = VehicleLock(settings.state or settings.journal.parent, settings.name)
         _lock_lines(mpstate)
         clocks = Clocks(time.time, time.monotonic)
@@ -420,7 +424,8 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
             lock.release()
         mpstate.public_modules.pop("handover", None)
         mpstate.command_map.pop("handover", None)
-        return _not_loaded(mpstate, why(error))
+        refused(mpstate, "handover", why(error))
+        return None
     loaded()
     _last.update({"config": str(path)} if written is None else {"config": str(path), "journal": written})
     return module
@@ -432,15 +437,3 @@ def _lock_lines(mpstate: Any) -> None:
         port = getattr(master, "port", None)
         if isinstance(port, serial.Serial) and port.is_open:
             lock_line(port.fileno(), str(port.port))
-
-
-def _not_loaded(mpstate: Any, text: str) -> HandoverModule | None:
-    """Say why; the answer to MAVProxy is that there is no module. A companion without it ends, if it is supervised."""
-    mpstate.console.writeln(f"handover is not loaded: {text}")
-    line = lifeline()
-    if line is not None and not line.lived:
-        line.refused = True
-        end(mpstate)
-    else:
-        not_loaded(f"module handover is not loaded: {text}")
-    return None

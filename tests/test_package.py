@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 import configparser
+import csv
 import importlib.util
 import re
 import shutil
 import subprocess
 import sys
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -19,11 +21,9 @@ from mavproxy_handover.cli import COMMANDS
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("mavproxy_handover/", "gcs_module/", "sitl/")
-ELSEWHERE = {
-    "MAVProxy/modules/mavproxy_handover.py",
-    "MAVProxy/modules/mavproxy_handover_gcs.py",
-    "pymavlink/dialects/v20/handover.py",
-}
+#: written out: what is not in a package of ours has to be here, and must be small
+TOP_LEVEL = {"handover.py", "handover_gcs.py", "handover_dialect.py", "handover_dialect.pth"}
+DIALECT = "mavproxy_handover/data/dialect/handover.py"
 NOT_COPIED = shutil.ignore_patterns(".git", ".venv", "runs", "build", "*.egg-info", ".*_cache", ".hypothesis", "tests")
 
 pytestmark = [
@@ -63,8 +63,20 @@ def test_the_index_page_leads_somewhere(wheel: zipfile.ZipFile) -> None:
             assert (ROOT / link.partition("/main/")[2].partition("#")[0]).exists(), link
 
 
-def test_outside_our_packages_there_are_the_dialect_and_two_shims(names: set[str]) -> None:
-    assert {name for name in names if not name.startswith(PACKAGES) and ".data/" not in name} == ELSEWHERE
+def test_outside_our_packages_there_are_four_small_files(wheel: zipfile.ZipFile, names: set[str]) -> None:
+    """Nothing lies in a folder of pymavlink or MAVProxy."""
+    assert {name for name in names if not name.startswith(PACKAGES) and ".data/" not in name} == TOP_LEVEL
+    assert all(wheel.getinfo(name).file_size < 2000 for name in TOP_LEVEL)
+
+
+def test_the_installed_package_has_no_file_in_another_package() -> None:
+    """What pip removes is what RECORD names."""
+    record = metadata.distribution("mavproxy-handover").read_text("RECORD")
+    assert record is not None
+    files = {row[0] for row in csv.reader(record.splitlines())}
+    assert len(files) > 300
+    assert TOP_LEVEL | {DIALECT} <= files
+    assert [name for name in files if name.startswith(("pymavlink", "MAVProxy"))] == []
 
 
 def test_manual_pages_and_completion_go_where_man_and_shells_look(names: set[str]) -> None:
@@ -79,15 +91,19 @@ def test_manual_pages_and_completion_go_where_man_and_shells_look(names: set[str
     assert {f"mavproxy_handover/deploy/completion/{Path(script).name}" for script in scripts} <= names
 
 
-def test_a_shim_does_nothing_but_import_its_module(wheel: zipfile.ZipFile) -> None:
-    for shim, module in (("handover", "mavproxy_handover"), ("handover_gcs", "gcs_module")):
-        lines = wheel.read(f"MAVProxy/modules/mavproxy_{shim}.py").decode().splitlines()
-        assert lines[-1] == f"from {module}.module import init  # noqa: F401"
-        assert len(lines) == 3
+def test_a_module_for_mavproxy_only_names_the_real_one(wheel: zipfile.ZipFile) -> None:
+    for name, module in (("handover", "mavproxy_handover.module"), ("handover_gcs", "gcs_module.module")):
+        lines = wheel.read(f"{name}.py").decode().splitlines()
+        assert lines[-1] == f'init = starter("{name}", "{module}")'
+        assert [line for line in lines if "import" in line] == ["from mavproxy_handover.must_load import starter"]
+
+
+def test_python_starts_with_one_line_of_ours(wheel: zipfile.ZipFile) -> None:
+    assert wheel.read("handover_dialect.pth").decode() == "import handover_dialect\n"
 
 
 def test_the_dialect_in_the_wheel_knows_our_messages(wheel: zipfile.ZipFile) -> None:
-    text = wheel.read("pymavlink/dialects/v20/handover.py").decode()
+    text = wheel.read(DIALECT).decode()
     for line in ("MAVLINK_MSG_ID_CONNECT = 47100", "MAVLINK_MSG_ID_AUTHORITY_STATUS = 47113"):
         assert f"\n{line}\n" in text
     assert "\nMAVLINK_MSG_ID_CONTROL_STATUS = 512\n" in text
@@ -120,7 +136,7 @@ def test_missions_guard_parameters_definitions_and_samples_are_in_it(names: set[
         "mavproxy_handover/deploy/station.toml",
         "mavproxy_handover/deploy/install/companion.service",
         "mavproxy_handover/deploy/demo/handover.toml",
-        "mavproxy_handover/deploy/mavproxy_modules/mavproxy_handover.py",
+        "mavproxy_handover/deploy/top_level/handover.py",
         "sitl/scenarios/nominal.toml",
     }
     assert wanted - names == set()
@@ -154,6 +170,8 @@ def test_the_metadata_names_licence_version_and_what_the_vehicle_needs(wheel: zi
     assert "License-Expression: GPL-3.0-or-later" in lines
     assert "Requires-Python: >=3.10" in lines
     needs = {
-        line.split(": ")[1].split(">")[0] for line in lines if line.startswith("Requires-Dist") and "extra" not in line
+        re.split(r"[<>]", line.split(": ")[1])[0]
+        for line in lines
+        if line.startswith("Requires-Dist") and "extra" not in line
     }
-    assert needs == {"MAVProxy", "future", "pymavlink", "pyserial", "shapely", "tomli"}
+    assert needs == {"MAVProxy", "future", "numpy", "pymavlink", "pyserial", "shapely", "tomli"}

@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any, Final, TextIO, cast
 
+from mavproxy_handover.must_load import import_fault
 from mavproxy_handover.version import VERSION
 
 __all__ = ["COMMANDS", "DESCRIPTION", "main"]
@@ -147,19 +148,21 @@ def _run(words: list[str]) -> int:
     module, function, _text = COMMANDS[words[0]]
     try:
         run = getattr(importlib.import_module(module), function)
-    except ModuleNotFoundError as error:
-        return _missing(words[0], error)
+    except Exception as error:  # a broken package may raise anything
+        return _cannot_import(words[0], error)
     try:
         code: int = run(words[1:])
-    except ModuleNotFoundError as error:  # some are imported only where they are needed
-        return _missing(words[0], error)
+    except ImportError as error:  # some packages are imported only when they are needed
+        return _cannot_import(words[0], error)
     return code
 
 
-def _missing(word: str, error: ModuleNotFoundError) -> int:
-    """Say which extra brings a module that is not there. Raises the error again if none does."""
-    name = (error.name or "").split(".")[0]
-    if name not in _EXTRAS:
-        raise error
-    print(f"handover {word}: needs {name}: pip install 'mavproxy-handover[{_EXTRAS[name]}]'", file=sys.stderr)
+def _cannot_import(word: str, error: Exception) -> int:
+    """Say in one sentence which package is missing or broken, and what to do."""
+    name = (getattr(error, "name", "") or "").split(".")[0]
+    if isinstance(error, ModuleNotFoundError) and name in _EXTRAS:
+        text = f"needs {name}: pip install 'mavproxy-handover[{_EXTRAS[name]}]'"
+    else:
+        text = import_fault(error)
+    print(f"handover {word}: {text}", file=sys.stderr)
     return 2

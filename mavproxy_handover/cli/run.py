@@ -21,7 +21,7 @@ from typing import Any
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
 from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station, load_vehicle
-from mavproxy_handover.must_load import must_load
+from mavproxy_handover.must_load import import_fault, must_load
 from mavproxy_handover.store.flights import LATEST, begin
 from mavproxy_handover.version import VERSION
 
@@ -138,7 +138,11 @@ def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
     from mavproxy_handover.supervision.supervisor import Supervisor, single_threaded
 
     script = Script(Path(command[1]))
-    script.prepare()
+    try:
+        script.prepare()
+    except Exception as error:
+        print(f"handover companion: {import_fault(error)}", file=sys.stderr)
+        return 2
     if not single_threaded():
         return _unsupervised(command, "something that Python imports here starts threads")
     limits = Limits(window_s=arguments.restarts_within)

@@ -11,10 +11,11 @@ from __future__ import annotations
 import platform
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
+from shutil import which
 from typing import Final
 
 from mavproxy_handover.doctor.finding import Finding, error, ok, unseen, warning
@@ -26,19 +27,23 @@ __all__ = ["programs"]
 _NAME: Final = "mavproxy-handover"
 _REQUIREMENT: Final = re.compile(r"([\w.-]+)\s*(?:\[[^]]*\])?\s*([^;]*?)\s*(?:;\s*(.*))?")
 _OLDER_PYTHON: Final = re.compile(r"python_version < ['\"](\d+)\.(\d+)['\"]")
-#: kind -> the file that MAVProxy loads by `module load`
-_SHIMS: Final = {"companion": "mavproxy_handover.py", "station": "mavproxy_handover_gcs.py"}
-_DIALECT: Final = Path("pymavlink", "dialects", "v20", "handover.py")
+#: kind -> the top-level module that MAVProxy loads by `module load`
+_MODULES: Final = {"companion": "handover.py", "station": "handover_gcs.py"}
+_DIALECT: Final = Path("mavproxy_handover", "data", "dialect", "handover.py")
+#: a word that our files hold, and another program's of the same name would not
+_LOADED: Final = "mavproxy_handover.must_load"
+_STARTED: Final = "import handover_dialect"
 
 
 @dataclass(frozen=True, slots=True)
 class _Installation:
-    """A Python's packages. `path`: where it looks for modules, in turn; `pip`: what installs into it."""
+    """A Python's packages. `path`: where it looks for modules, in turn; `pip`: what installs into it; `mavproxy`: the
+    program `mavproxy.py` that this Python runs, None if there is none."""
 
     python: str
     path: tuple[Path, ...]
     pip: str
-    mavproxy: Path
+    mavproxy: Path | None
 
 
 def programs(patient: Patient) -> Iterator[Finding]:
@@ -73,7 +78,7 @@ def _installation(patient: Patient) -> _Installation | Finding:
     if prefix is None or prefix == Path(sys.prefix):
         path = tuple(Path(place) for place in sys.path if place)
         here = Path(sys.executable).parent
-        return _Installation(platform.python_version(), path, str(here / "pip"), here / "mavproxy.py")
+        return _Installation(platform.python_version(), path, str(here / "pip"), _mavproxy(here))
     places = sorted(prefix.glob("lib/python3.*/site-packages"))
     if not places:
         return unseen(
@@ -81,9 +86,15 @@ def _installation(patient: Patient) -> _Installation | Finding:
             f"{prefix} is no virtual environment, and the unit runs {program}",
             "Make one there and install into it (docs/installation.md).",
         )
-    return _Installation(
-        _version_of(prefix), tuple(places), str(prefix / "bin" / "pip"), prefix / "bin" / "mavproxy.py"
-    )
+    here = prefix / "bin"
+    return _Installation(_version_of(prefix), tuple(places), str(here / "pip"), _mavproxy(here))
+
+
+def _mavproxy(folder: Path) -> Path | None:
+    """As `cli/launch.py` finds it: beside this Python, else where a shell finds it (a system's own MAVProxy)."""
+    beside = folder / "mavproxy.py"
+    found = str(beside) if beside.is_file() else which("mavproxy.py")
+    return None if found is None else Path(found)
 
 
 def _version_of(prefix: Path) -> str:
@@ -175,20 +186,17 @@ def _plain(name: str) -> str:
 
 
 def _modules(kind: str, installation: _Installation, again: str) -> Iterator[Finding]:
-    shim = Path("MAVProxy", "modules", _SHIMS[kind])
-    for name, package, file in (("module load", "MAVProxy", shim), ("dialect", "pymavlink", _DIALECT)):
-        place = _first(installation.path, package)
-        if place is None:  # told above
-            continue
-        if (place / file).is_file():
-            yield ok(name, f"{place / file}")
+    for what, file, word in (
+        ("module load", _MODULES[kind], _LOADED),
+        ("dialect", "handover_dialect.pth", _STARTED),
+        ("dialect", str(_DIALECT), ""),
+    ):
+        place = next((each for each in installation.path if (each / file).is_file()), None)
+        if place is None:
+            yield error(what, f"{file} is in no folder of this Python's packages", f"Run {again}.")
+        elif word not in (place / file).read_text(encoding="utf-8", errors="replace"):
+            yield error(what, f"{place / file} is another program's", f"Remove or rename it, then run {again}.")
         else:
-            others = [each for each in installation.path if (each / file).is_file()]
-            lies = f"; it lies in {others[0]}, which is not where Python takes {package} from" if others else ""
-            yield error(name, f"{place / file} is not there{lies}", f"Run {again}.")
-    if not installation.mavproxy.is_file():
-        yield error("mavproxy.py", f"{installation.mavproxy} is not there", f"Run {again}.")
-
-
-def _first(path: Sequence[Path], package: str) -> Path | None:
-    return next((place for place in path if (place / package / "__init__.py").is_file()), None)
+            yield ok(what, f"{place / file}")
+    if installation.mavproxy is None:
+        yield error("mavproxy.py", "it is in no folder of programs", f"Run {again}.")

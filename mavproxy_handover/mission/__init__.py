@@ -10,6 +10,8 @@ Whatever is wrong with a package is a `MissionError` of one line.
 
 from __future__ import annotations
 
+import numpy  # noqa: F401  before shapely, which prints a traceback of its own when numpy is missing or broken
+
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.items import MissionItem, RallyPoint, difference
 from mavproxy_handover.mission.package import MissionPackage, StationEntry, from_bytes, load

@@ -24,7 +24,7 @@ __all__ = ["MAIN", "Script", "mpstate_of"]
 MAIN: Final = "__main__"
 #: numerical libraries start threads as they are imported, unless told not to
 _NO_THREADS: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-#: what MAVProxy and the modules of a companion import; what is not installed here is not imported there
+#: what MAVProxy and its modules for a companion import; some of it is optional
 _IMPORTS: Final = (
     "serial",
     "pymavlink.mavutil",
@@ -42,12 +42,13 @@ _IMPORTS: Final = (
     "MAVProxy.modules.lib.sitl_output",
     "MAVProxy.modules.mavproxy_link",
     "MAVProxy.modules.mavproxy_signing",
-    "mavproxy_handover.module",
     "multiprocessing.queues",
     "multiprocessing.synchronize",
     "optparse",
     "serial.tools.list_ports",
 )
+#: our own module
+_MODULE: Final = "mavproxy_handover.module"
 
 
 class Script:
@@ -59,12 +60,16 @@ class Script:
         self._code: CodeType = compile(path.read_bytes(), str(path), "exec", dont_inherit=True)
 
     def prepare(self) -> None:
-        """Import what it will import. It may start no thread by that; whether it did is the caller's to look at."""
+        """Import what MAVProxy will import, and our module. The caller checks that no import has started a thread.
+
+        Raises what the import of our module raises: a companion without it is none.
+        """
         for name in _NO_THREADS:
             os.environ.setdefault(name, "1")
         for module in _IMPORTS:
             with suppress(Exception):  # it is optional, or MAVProxy will say what is wrong with it
                 importlib.import_module(module)
+        importlib.import_module(_MODULE)
         gc.collect()
         gc.freeze()  # what is here stays: children need not copy it to find that out
 

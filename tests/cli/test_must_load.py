@@ -70,17 +70,34 @@ def test_a_station_whose_key_others_may_read_ends(tmp_path: Path) -> None:
     assert f"{key}" in ended.stderr
 
 
-def test_whoever_loads_it_by_hand_lives_on(monkeypatch: pytest.MonkeyPatch) -> None:
+class Console:
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def writeln(self, line: str) -> None:
+        self.lines.append(line)
+
+
+class State:
+    """As much of MAVProxy's state as a module that is not loaded needs."""
+
+    def __init__(self) -> None:
+        self.console = Console()
+
+
+def test_a_module_that_is_loaded_by_hand_only_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "_exit", lambda code: pytest.fail(f"ended with {code}"))
     monkeypatch.delenv(must_load.MUST_LOAD, raising=False)
-    must_load.not_loaded("why")
+    state = State()
+    must_load.refused(state, "handover_gcs", "why")
+    assert state.console.lines == ["handover_gcs is not loaded: why"]
 
 
 def test_only_the_first_load_has_to_succeed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "_exit", lambda code: pytest.fail(f"ended with {code}"))
     monkeypatch.setenv(must_load.MUST_LOAD, "handover station")
     must_load.loaded()
-    must_load.not_loaded("why")
+    must_load.refused(State(), "handover_gcs", "why")
 
 
 def test_what_it_ends_with(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -88,8 +105,16 @@ def test_what_it_ends_with(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
     monkeypatch.setattr(os, "_exit", codes.append)
     monkeypatch.delenv(must_load.MUST_LOAD, raising=False)
     must_load.must_load("handover station")
-    must_load.not_loaded("the port is taken")
+    must_load.refused(State(), "handover_gcs", "the port is taken")
     assert codes == [2]
-    assert capsys.readouterr().err == "handover station: the port is taken\n"
-    must_load.not_loaded("again")
+    assert capsys.readouterr().err == "handover station: module handover_gcs is not loaded: the port is taken\n"
+    must_load.refused(State(), "handover_gcs", "again")
     assert codes == [2], "said once"
+
+
+def test_a_module_that_cannot_be_imported_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(must_load.MUST_LOAD, raising=False)
+    state = State()
+    assert must_load.starter("handover", "a_module_that_is_not_there.module")(state, config="x") is None
+    (line,) = state.console.lines
+    assert line.startswith("handover is not loaded: a_module_that_is_not_there is not installed. Run: ")

@@ -107,15 +107,14 @@ class Machine:
         text = metadata.distribution("mavproxy-handover").read_text("METADATA")
         assert text is not None
         (ours / "METADATA").write_text(text)
-        for file in (
-            "MAVProxy/__init__.py",
-            "MAVProxy/modules/mavproxy_handover.py",
-            "MAVProxy/modules/mavproxy_handover_gcs.py",
-            "pymavlink/__init__.py",
-            "pymavlink/dialects/v20/handover.py",
+        for file, text in (
+            ("handover.py", "from mavproxy_handover.must_load import starter\n"),
+            ("handover_gcs.py", "from mavproxy_handover.must_load import starter\n"),
+            ("handover_dialect.pth", "import handover_dialect\n"),
+            ("mavproxy_handover/data/dialect/handover.py", ""),
         ):
             (packages / file).parent.mkdir(parents=True, exist_ok=True)
-            (packages / file).touch()
+            (packages / file).write_text(text)
 
     @property
     def packages(self) -> Path:

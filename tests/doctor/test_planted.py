@@ -89,7 +89,19 @@ def no_program(machine: Machine) -> None:
 
 
 def no_shim(machine: Machine) -> None:
-    (machine.packages / "MAVProxy/modules/mavproxy_handover.py").unlink()
+    (machine.packages / "handover.py").unlink()
+
+
+def no_dialect(machine: Machine) -> None:
+    (machine.packages / "mavproxy_handover/data/dialect/handover.py").unlink()
+
+
+def no_start_up_file(machine: Machine) -> None:
+    (machine.packages / "handover_dialect.pth").unlink()
+
+
+def module_of_another(machine: Machine) -> None:
+    (machine.packages / "handover.py").write_text("def init(mpstate): ...\n")
 
 
 def closed_state(machine: Machine) -> None:
@@ -145,7 +157,10 @@ PLANTED: list[tuple[str, Plant, str, str]] = [
         "programs: pymavlink: ",
         "is not installed, needed is >=2.4.42",
     ),
-    ("no module for MAVProxy", no_shim, "programs: module load: ", "mavproxy_handover.py is not there"),
+    ("no module for MAVProxy", no_shim, "programs: module load: ", "handover.py is in no folder"),
+    ("another's module", module_of_another, "programs: module load: ", "handover.py is another program's"),
+    ("no dialect", no_dialect, "programs: dialect: ", "data/dialect/handover.py is in no folder"),
+    ("no start-up file", no_start_up_file, "programs: dialect: ", "handover_dialect.pth is in no folder"),
     ("no program", no_program, "service: handover-companion: ", "the unit starts /opt/handover/bin/handover"),
     ("no folder for the state", no_state, "disk: ", "no such folder -> Run: systemd-tmpfiles --create"),
     ("state not to be written", closed_state, "disk: ", "handover may not write to "),
