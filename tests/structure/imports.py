@@ -20,7 +20,7 @@ __all__ = ["DOCUMENT", "ROOT", "Part", "edges", "files", "floors", "imported", "
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = ROOT / "docs" / "architecture.md"
 PACKAGES = ("mavproxy_handover", "gcs_module", "sitl")
-#: data, and the shims that MAVProxy loads
+#: data, and the top-level modules that MAVProxy loads by name
 DATA = ("mavproxy_handover.deploy", "gcs_module.deploy")
 _ROW = re.compile(r"\| (\d+) \| `([\w/.]+)` \| (.+) \|")
 
