@@ -30,7 +30,7 @@ from mavproxy_handover.wire.frames import FrameSplitter
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 from sitl.vehicles.ports import PortPicker
 
-PACKAGES = ("MAVProxy", "future", "pymavlink", "pyserial", "shapely", "tomli")
+PACKAGES = ("MAVProxy", "future", "numpy", "pymavlink", "pyserial", "shapely", "tomli")
 #: whom the service runs as, where a test may give files away
 SERVICE_UID = 54321
 ROOT_RUNS = os.geteuid() == 0
