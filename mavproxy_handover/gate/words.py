@@ -24,6 +24,7 @@ from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.gate.policy.commands import MODE_BITS
 from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parts import MISSION_TYPE_MESSAGES
+from mavproxy_handover.gate.policy.switches import switch_name
 from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME, FTP_RESET, FTP_TERMINATE, FTP_WRITE
@@ -58,6 +59,9 @@ COMMANDS: Final = {
     "DO_SET_MISSION_CURRENT": "another mission item",
     "DO_SET_STANDARD_MODE": "mode",
     "DO_SET_HOME": "home position",
+    "DO_SET_GLOBAL_ORIGIN": "origin",
+    "SET_EKF_SOURCE_SET": "estimator source",
+    "EXTERNAL_POSITION_ESTIMATE": "position estimate",
     "DO_SET_ROI": "region of interest",
     "DO_SET_ROI_LOCATION": "region of interest",
     "DO_SET_ROI_NONE": "region of interest",
@@ -157,6 +161,8 @@ _FTP: Final = mavlink.MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL
 _DO_SET_MODE: Final = mavlink.MAV_CMD_DO_SET_MODE
 _MODE_MASK: Final = (1 << MODE_BITS) - 1
 _NO_MODE: Final = -1
+_DO_AUX_FUNCTION: Final = mavlink.MAV_CMD_DO_AUX_FUNCTION
+_SWITCH_MASK: Final = 0xFFFF
 
 
 def subject_of(frame: Frame) -> Subject:
@@ -188,11 +194,19 @@ def _of_command(frame: Frame) -> Subject:
     if command == _DO_SET_MODE:
         mode = field_float(frame, "param2")
         return int(mode) & _MODE_MASK if isfinite(mode) else _NO_MODE
+    if command == _DO_AUX_FUNCTION:
+        return _of_switch(field_float(frame, "param1"))
     switch = _SWITCHED.get(command)
     if switch is None:
         return _COMMAND_WORDS.get(command, "unknown command")
     parameter, zero, other = switch
     return zero if field_float(frame, f"param{parameter}") == 0.0 else other
+
+
+def _of_switch(which: float) -> str:
+    """An auxiliary function, by the name that the firmware has for it."""
+    name = switch_name(int(which) & _SWITCH_MASK) if isfinite(which) else None
+    return f"{COMMANDS['DO_AUX_FUNCTION']} {'' if name is None else _plain(name)}".rstrip()
 
 
 def called(subject: Subject, *, modes: Modes = COPTER) -> str:

@@ -151,7 +151,7 @@ def test_no_verdict_is_worked_out_beforehand_where_more_than_the_message_matters
     make: Callable[..., Frame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     manual, beat, ping = make("MANUAL_CONTROL").msgid, make("HEARTBEAT").msgid, make("PING").msgid
-    dear = {msgid for msgid, row in MESSAGE_ROWS.items() if row.access is Access.BULK}
+    dear = {msgid for msgid, row in MESSAGE_ROWS.items() if row.access in (Access.BULK, Access.SAFEGUARD)}
     assert make("PARAM_REQUEST_LIST").msgid in dear
     assert {manual, ping} <= set(gate_judge._usual_by_id())
     rows = {**MESSAGE_ROWS, manual: Row("MANUAL_CONTROL", Access.SAFEGUARD), ping: Row("PING", Access.BULK)}
@@ -250,9 +250,25 @@ def test_nothing_of_a_station_reaches_the_autopilots_own_rally_list(make: Callab
         assert both_ways(make(name), A) == [refused, refused]
 
 
-def test_other_parameters_are_the_commanders_in_flight_too(make: Callable[..., Frame]) -> None:
-    assert both_ways(make("PARAM_SET", param_id=b"WPNAV_SPEED"), A) == [ALLOWED, ALLOWED]
-    assert both_ways(make("PARAM_SET", param_id=b"WPNAV_SPEED", sysid=GCSB), B) == [NOT_IN_CONTROL, NOT_IN_CONTROL]
+def test_gains_are_the_commanders_in_flight_too(make: Callable[..., Frame]) -> None:
+    assert both_ways(make("PARAM_SET", param_id=b"ATC_RAT_RLL_P"), A) == [ALLOWED, ALLOWED]
+    assert both_ways(make("PARAM_SET", param_id=b"ATC_RAT_RLL_P", sysid=GCSB), B) == [NOT_IN_CONTROL, NOT_IN_CONTROL]
+
+
+def test_what_shapes_a_return_is_locked_while_armed(make: Callable[..., Frame]) -> None:
+    """`param set WPNAV_SPEED 100` in flight: RTL then flew 1 m/s, and landed with an empty battery."""
+    for frame in (
+        make("PARAM_SET", param_id=b"WPNAV_SPEED"),
+        make("PARAM_SET", param_id=b"WP_SPD"),
+        make("COMMAND_LONG", command=mavlink.MAV_CMD_DO_SET_HOME, param1=0.0, param7=300.0),
+        make("COMMAND_INT", command=mavlink.MAV_CMD_DO_SET_HOME, z=300.0),
+        make("COMMAND_LONG", command=mavlink.MAV_CMD_DO_FENCE_ENABLE),
+        make("SET_HOME_POSITION"),
+        make("SET_GPS_GLOBAL_ORIGIN"),
+        make("COMMAND_LONG", command=mavlink.MAV_CMD_DO_AUX_FUNCTION, param1=11.0),
+        make("COMMAND_LONG", command=mavlink.MAV_CMD_DO_AUX_FUNCTION, param1=90.0),
+    ):
+        assert both_ways(frame, A) == [ALLOWED, LOCKED]
 
 
 @pytest.mark.parametrize(
@@ -260,10 +276,10 @@ def test_other_parameters_are_the_commanders_in_flight_too(make: Callable[..., F
     [
         (b"fs_options", [ALLOWED, LOCKED], "PARAM_SET/FS_OPTIONS"),
         (b"FS_OPTIONS\0rubbish", [ALLOWED, LOCKED], "PARAM_SET/FS_OPTIONS"),
-        (b"WP_SPD\0FS_OPTION", [ALLOWED, ALLOWED], "PARAM_SET/WP_SPD"),
+        (b"MNT1_TYPE\0FS_OPTION", [ALLOWED, ALLOWED], "PARAM_SET/MNT1_TYPE"),
         (b"BATT_FS_VOLTSRC1", [ALLOWED, LOCKED], "PARAM_SET/BATT_FS_VOLTSRC1"),
         (b"FS_\x1b[31m\xff", [ALLOWED, LOCKED], "PARAM_SET/FS_?[31M?"),
-        (b"", [ALLOWED, ALLOWED], "PARAM_SET/"),
+        (b"", [ALLOWED, LOCKED], "PARAM_SET/"),
     ],
 )
 def test_a_parameters_name_is_read_as_the_autopilot_reads_it(

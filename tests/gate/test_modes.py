@@ -103,5 +103,10 @@ def test_what_a_planes_safety_rests_on_is_locked_while_armed(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["AIRSPEED_CRUISE", "WP_RADIUS", "TKOFF_ALT", "Q_WP_SPEED", "MIS_RESTART"])
-def test_what_shapes_the_flight_stays_the_commanders(name: str) -> None:
+def test_what_shapes_a_planes_return_is_locked_while_armed(name: str) -> None:
+    assert parameter_rule(name).access is Access.SAFEGUARD
+
+
+@pytest.mark.parametrize("name", ["RLL_RATE_P", "Q_A_RAT_PIT_P", "MNT1_TYPE"])
+def test_gains_and_payload_stay_the_commanders(name: str) -> None:
     assert parameter_rule(name).access is Access.COMMAND

@@ -158,6 +158,7 @@ def test_the_whole_policy_is_one_table() -> None:
         "mission type",
         "mission type, read",
         "parameter",
+        "auxiliary function",
         "file",
         "file opcode",
         "tunnel payload type",

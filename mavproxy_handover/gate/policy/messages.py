@@ -81,13 +81,13 @@ MESSAGE_RULES: Final = (
         names("COMMAND_CANCEL"),
     ),
     Rule(
-        Access.COMMAND,
-        "limits how fast the aircraft flies and turns until it changes its mode",
+        Access.SAFEGUARD,
+        "limits how fast the aircraft flies and turns, and nobody judges it first",
         names("SET_VELOCITY_LIMITS"),
     ),
     Rule(
-        Access.COMMAND,
-        "older ways to write fence, home, origin and compass offsets",
+        Access.SAFEGUARD,
+        "older ways to write fence, home, origin and compass offsets, past what judges an upload",
         names("FENCE_POINT SAFETY_SET_ALLOWED_AREA SET_HOME_POSITION SET_GPS_GLOBAL_ORIGIN SET_MAG_OFFSETS"),
     ),
     Rule(

@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Parameters that the flight's safety rests on, by name.
+"""Parameters that the flight's safety rests on, by name, and those that are not of that kind.
 
-While the vehicle is armed nobody sets them, the commander included: a setting is saved and outlives the
-commander who made it, and the next one flies with a failsafe that is not there. On the ground the commander may.
-Parameters without a row are the commander's at any time. Rules:
+While the vehicle is armed nobody sets a safeguard, the commander included: a setting is saved and outlives the
+commander who made it, and the next one flies with a failsafe that is not there. On the ground the commander may. Rules:
 
-1. A parameter has a row if it can switch off the guard, a failsafe of the autopilot, the RC pilot, or the check
-   who commands, if it can open another way into the autopilot, or if it decides where a return ends.
-2. What shapes the flight that the commander orders stays the commander's even then: WPNAV_SPEED, MIS_OPTIONS, rates
-   of streams. What shapes the return does not, its height and speeds among it (RTL_ALT, LAND_SPEED): it is flown when
-   nobody commands any more, by the word of guard or failsafe, and has to be what was checked before take-off. So it is
-   with a circle of a plane's, which is the one of its return too.
-3. `*` stands for any characters. Case does not matter, because it does not to ArduPilot.
-4. A message that sets parameters without naming them cannot be judged here: see `command_rules`, `files`.
+1. A parameter is a safeguard if it can switch off the guard, a failsafe of the autopilot, the RC pilot, or the check
+   who commands, or if it can open another way into the autopilot.
+2. A parameter is a safeguard if it shapes a return: where it ends, its height, its speeds, accelerations and angles,
+   what it avoids, by which sensors and to which home it is flown, how it lands. A return is flown when nobody commands
+   any more, by the word of guard or failsafe. So it has to be the one that was checked before take-off, and the one
+   that the energy is counted for. The commander changes its speed by DO_CHANGE_SPEED, which is judged.
+3. A parameter is the commander's at any time if it is known to do neither: gains, telemetry, logs, payload, and the
+   pilot's own modes. Such a parameter has a row that says so.
+4. A parameter without a row is a safeguard. Nobody here has judged what it does to a return.
+5. `*` stands for any characters. Case does not matter, because it does not to ArduPilot. The first row that fits
+   counts.
+6. A message that sets parameters without naming them cannot be judged here: see `command_rules`, `files`.
 
-Names of firmware 4.5 to 4.7, Plane's and Rover's where they differ.
+Names of firmware 4.5 to 4.7, Copter's and Plane's, and Rover's where they differ. Where a name changed, both have a
+row. `tests/data/firmware_parameters.txt` has the firmware's names, and the class that each is expected to have.
 """
 
 from __future__ import annotations
@@ -41,32 +45,124 @@ PARAMETER_RULES: Final = (
     Rule(
         Access.SAFEGUARD,
         "the autopilot's failsafes, and the parachute",
-        names("FS_* THR_FAILSAFE THR_FS_VALUE AFS_* CHUTE_* GUID_TIMEOUT"),
+        names("FS_* THR_FAILSAFE THR_FS_VALUE AFS_* CHUTE_* GUID_TIMEOUT GUIDED_TIMEOUT DR_* CRASH_* TERR_*"),
     ),
     Rule(Access.SAFEGUARD, "the battery's failsafe, and what it measures by", names("BATT*")),
-    Rule(Access.SAFEGUARD, "the fence; what the command DO_FENCE_ENABLE does is not saved, this is", names("FENCE_*")),
+    Rule(Access.SAFEGUARD, "the fence", names("FENCE_*")),
     Rule(
         Access.SAFEGUARD,
-        "where a return ends, and the way there: RALLY_INCL_HOME 1 may send it home, RTL_ALT_FINAL lets it hover",
+        "where a return ends, and the way there: RALLY_INCL_HOME 1 may send it home, RTL_ALT_FINAL lets it hover, "
+        "RTL_SPEED sets its speed",
         names("RALLY_* RTL_* SRTL_* LAND_* Q_RTL_* Q_LAND_*"),
     ),
     Rule(
         Access.SAFEGUARD,
         "how a plane comes down: whether its rotors carry it, what fails over to them, and how it lands",
-        names("Q_ENABLE Q_OPTIONS Q_ASSIST_* Q_TRANS_FAIL* Q_FW_LND_* AUTOLAND_* TECS_LAND_* ALT_HOLD_RTL"),
+        names("Q_ENABLE Q_OPTIONS Q_ASSIST_* Q_TRANS_FAIL* Q_FW_LND_* AUTOLAND_* ALAND_* TECS_LAND_* ALT_HOLD_RTL"),
     ),
     Rule(
         Access.SAFEGUARD,
         "how a plane flies its return: with a climb straight on whatever RTL_CLIMB_MIN says (bit 4), at heights above "
-        "the ground, in which circle",
-        names("FLIGHT_OPTIONS TERRAIN_FOLLOW WP_LOITER_RAD"),
+        "the ground",
+        names("FLIGHT_OPTIONS TERRAIN_* CLIMB_SLOPE_HGT GLIDE_SLOPE_* ALT_SLOPE_* ALT_OFFSET CRUISE_ALT_FLOOR"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "the speeds and accelerations by which a copter flies to a place, a return's too where RTL_SPEED is 0; of a "
+        "plane, how it turns at places and in which circle it waits",
+        names("WPNAV_* WP_*"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "how far a copter leans, how hard it turns and how softly it begins: that limits its speed in wind",
+        names("""
+            ANGLE_MAX ATC_ANGLE_MAX ATC_ANG_LIM_TC ATC_ANGLE_BOOST ATC_ACC* ATC_RATE_*MAX ATC_RATE_FF_ENAB ATC_SLEW_YAW
+            ATC_INPUT_TC ATC_THR_* PSC_ANGLE_MAX PSC_JERK_*
+        """),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "how a copter waits and brakes under LOITER and under a stick, and what it does in circles of a mission",
+        names("LOIT_* PILOT_* CIRCLE_* GUID_OPTIONS AUTO_OPTIONS"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "what the aircraft avoids, in a return too: it stops, backs away, climbs or flies around what it takes for an "
+        "obstacle or for traffic",
+        names("AVOID_* OA_* AVD_* PRX* ADSB_TYPE ADSB_LIST_*"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "the airspeeds, the throttle and the ground speed by which a plane flies, in a return too",
+        names("""
+            AIRSPEED_* TRIM_ARSPD_CM ARSPD_FBW_* MIN_GROUNDSPEED MIN_GNDSPD_CM TRIM_THROTTLE THR_MAX THR_MIN
+            THR_SLEWRATE THROTTLE_NUDGE THR_SUPP_MAN THR_PASS_STAB SCALING_SPEED STALL_PREVENTION USE_REV_THRUST
+            FWD_BAT_* FLAP_* DSPOILER_* PUP_* SOAR_*
+        """),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "how steeply a plane banks, climbs and sinks, and how it keeps its track, in a return too",
+        names("""
+            TECS_* NAVL1_* ROLL_LIMIT_DEG LIM_ROLL_CD PTCH_LIM_* LIM_PITCH_* LEVEL_ROLL_LIMIT STAB_PITCH_DOWN
+            PTCH_TRIM_DEG TRIM_PITCH_CD RUDDER_ONLY STICK_MIXING
+        """),
     ),
     Rule(
         Access.SAFEGUARD,
         "what an ArduPlane says that it is: by another type its modes are taken for those of another aircraft",
         names("Q_MAV_TYPE"),
     ),
+    # gains before what else begins alike
+    Rule(
+        Access.COMMAND,
+        "gains of the attitude and position controllers, and what tunes them: they say how well a path is kept, and "
+        "not which one it is",
+        names("""
+            ATC_RAT_* ATC_ANG_*_P ATC_LAND_* ATC_HOVR_ROL_TRM ATC_PIRO_COMP PSC_* Q_A_RAT_* Q_A_ANG_*_P Q_A_LAND_*
+            Q_P_ACC* Q_P_D_* Q_P_NE_* Q_P_POS* Q_P_VEL* RLL_RATE_* PTCH_RATE_* YAW_RATE_* RLL2SRV_* PTCH2SRV_*
+            YAW2SRV_* STEER2SRV_* KFF_* AUTOTUNE_* Q_AUTOTUNE_* QUIK_* QWIK_* RTUN_* GUIDED_* INS_HNTC2_* INS_HNTCH_*
+            FFT_* FILT*
+        """),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "how a plane flies on its rotors, in a return too: speeds, accelerations, angles, transitions, motors",
+        names("Q_*"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "what the estimator flies by and what its sensors measure: position, height, heading, wind; home and origin",
+        names("""
+            AHRS_* EK2_* EK3_* EAHRS_* GPS* COMPASS_* BARO* INS* ARSPD* RNGFND* FLOW_* VISO_* BCN_* TCAL_* HOME_*
+        """),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "lands elsewhere, or otherwise: precision landing, ship landing, landing gear, weather vane, ground effect",
+        names("PLND_* PLDP_* SHIP_* LGR_* WVANE_* GND_EFFECT_COMP"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "how the mission is held and what AUTO does behind a return: with MIS_RESTART 1 CONTINUE begins it anew",
+        names("MIS_*"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "lets a knob of the transmitter, or a station's RC override, change a speed or a gain in flight",
+        names("TUNE TUNE_* TUNE2*"),
+    ),
+    Rule(
+        Access.SAFEGUARD,
+        "motors, rotor, engine and outputs: what carries the aircraft back",
+        names("MOT_* H_* IM_* AROT_* ICE_* SERVO* RELAY* FRAME_* ESC* TKOFF_* DISARM_DELAY RUDD_* MIXING_*"),
+    ),
     Rule(Access.SAFEGUARD, "the checks before arming, the guard's among them", names("ARMING_*")),
+    Rule(
+        Access.COMMAND,
+        "rates of telemetry on one link",
+        names("SR*_* MAV*_ADSB MAV*_EXT_STAT MAV*_EXTRA* MAV*_PARAMS MAV*_POSITION MAV*_RAW_* MAV*_RC_CHAN"),
+    ),
     Rule(
         Access.SAFEGUARD,
         "whom the autopilot obeys, and whose heartbeat it counts",
@@ -85,10 +181,31 @@ PARAMETER_RULES: Final = (
     ),
     Rule(Access.SAFEGUARD, "safety switch, watchdog, protection of the flash", names("BRD_*")),
     Rule(Access.SAFEGUARD, "0 wipes all parameters at the next start", names("FORMAT_VERSION")),
+    Rule(
+        Access.COMMAND,
+        "logs, displays, lights and sounds, and how the aircraft shows itself to others",
+        names("""
+            LOG_* OSD* NTF_* VTX_* MSP_* FRSKY_* GCS_PID_MASK STAT_* DID_* TELEM_DELAY ADSB_EMIT_TYPE ADSB_ICAO_*
+            ADSB_LEN_WIDTH ADSB_LOG ADSB_OFFSET_* ADSB_OPTIONS ADSB_RF_* ADSB_SQUAWK
+        """),
+    ),
+    Rule(
+        Access.COMMAND,
+        "the payload: cameras, gimbals, grippers, winch",
+        names("CAM_* CAM1_* CAM2_* MNT* GRIP_* SPRAY_* WINCH_* VID1_*"),
+    ),
+    Rule(
+        Access.COMMAND,
+        "flight modes in which a person flies by hand, or has the aircraft follow: no return is flown by them",
+        names("ACRO_* PHLD_* FHLD_* ZIGZ_* THROW_* SIMPLE SUPER_SIMPLE FOLL_* FBWB_* MAN_* SURFTRAK_*"),
+    ),
+    Rule(Access.COMMAND, "of a simulated aircraft alone", names("SIM_*")),
 )
 
 #: Every other parameter.
-OTHER_PARAMETERS: Final = Rule(Access.COMMAND, "any other parameter", (ANY,))
+OTHER_PARAMETERS: Final = Rule(
+    Access.SAFEGUARD, "any other parameter: nobody here has judged what it does to a return", (ANY,)
+)
 
 
 def _matcher(rules: tuple[Rule, ...]) -> re.Pattern[str]:

@@ -26,6 +26,7 @@ from mavproxy_handover.gate.policy.files import file_rule
 from mavproxy_handover.gate.policy.modes import COPTER, Modes
 from mavproxy_handover.gate.policy.parameters import PARAMETER_MESSAGES, parameter_name, parameter_rule
 from mavproxy_handover.gate.policy.parts import MISSION_READ_MESSAGES, MISSION_TYPE_MESSAGES
+from mavproxy_handover.gate.policy.switches import switch_name, switch_rule
 from mavproxy_handover.gate.policy.tables import (
     COMMAND_ACK_RULES,
     COMMAND_RULES,
@@ -109,6 +110,10 @@ def _part_rows() -> dict[int, dict[int, Row]]:
 
 
 _FTP: Final = _IDS["FILE_TRANSFER_PROTOCOL"]
+_COMMANDS: Final = frozenset((_IDS["COMMAND_LONG"], _IDS["COMMAND_INT"]))
+_SWITCH: Final[int] = mavlink.MAV_CMD_DO_AUX_FUNCTION
+#: the autopilot keeps so many bits of the number of an auxiliary function
+_SWITCH_BITS: Final = 16
 #: The opcode is behind sequence number and session.
 _FTP_OPCODE: Final = slice(3, 4)
 
@@ -144,7 +149,8 @@ def classify(frame: Frame) -> Row:
         return _file_row(field_bytes(frame, "payload"))
     field = _PART_FIELDS.get(msgid)
     if field is not None:
-        return _part_row(msgid, field_int(frame, field))
+        row = _part_row(msgid, field_int(frame, field))
+        return _switch_row(row, frame) if row.part == _SWITCH and msgid in _COMMANDS else row
     what = _MESSAGE_NAMES.get(msgid, f"message {msgid}")
     if msgid not in _PARAMETER_IDS:
         return Row(what, None)
@@ -155,6 +161,16 @@ def classify(frame: Frame) -> Row:
 def _part_row(msgid: int, part: int) -> Row:
     row = _PART_ROWS[msgid].get(part)
     return Row(f"{_MESSAGE_NAMES[msgid]}/{part}", _PART_DEFAULTS.get(msgid), part) if row is None else row
+
+
+def _switch_row(row: Row, frame: Frame) -> Row:
+    """The row of what DO_AUX_FUNCTION switches, where that has another class than the command itself."""
+    which = field_float(frame, "param1")
+    if not isfinite(which):  # it may be anything: judged below as what takes off, or as AUTO
+        return row
+    number = _keeps(int(which), _SWITCH_BITS)
+    access = switch_rule(number).access
+    return row if access is row.access else Row(f"{row.what} ({switch_name(number) or number})", access, row.part)
 
 
 def _file_row(request: bytes) -> Row:
@@ -168,7 +184,6 @@ _TAKE_OFFS: Final[dict[int, TakeOffRule]] = {
     for rule in TAKE_OFF_RULES
     if hasattr(mavlink, f"MAV_CMD_{rule.name}")
 }
-_COMMANDS: Final = frozenset((_IDS["COMMAND_LONG"], _IDS["COMMAND_INT"]))
 _TURNING: Final = frozenset(
     getattr(mavlink, f"MAV_CMD_{name}") for name in TURNING if hasattr(mavlink, f"MAV_CMD_{name}")
 )

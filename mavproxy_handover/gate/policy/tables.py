@@ -35,6 +35,7 @@ from mavproxy_handover.gate.policy.parts import (
     MISSION_TYPES,
     TUNNEL_RULES,
 )
+from mavproxy_handover.gate.policy.switches import OTHER_SWITCHES, SWITCH_RULES
 
 __all__ = [
     "COMMAND_ACK_RULES",
@@ -85,6 +86,7 @@ def _policy() -> tuple[PolicyRow, ...]:
         ("mission type", MISSION_TYPE_RULES),
         ("mission type, read", MISSION_READ_RULES),
         ("parameter", (*PARAMETER_RULES, OTHER_PARAMETERS)),
+        ("auxiliary function", (*SWITCH_RULES, OTHER_SWITCHES)),
         ("file opcode", FTP_RULES),
         ("tunnel payload type", TUNNEL_RULES),
     )
