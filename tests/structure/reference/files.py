@@ -9,6 +9,7 @@ from pathlib import Path
 from tests.structure.imports import ROOT
 from tests.structure.reference.completion import completion
 from tests.structure.reference.configuration import configuration, mission
+from tests.structure.reference.locked import locked
 from tests.structure.reference.manual import manual
 from tests.structure.reference.messages import messages
 from tests.structure.reference.parameters import parameters
@@ -28,6 +29,7 @@ def generated() -> dict[Path, str]:
         REFERENCE / "mission.md": mission(),
         REFERENCE / "commands.md": typed(),
         REFERENCE / "parameters.md": parameters(),
+        REFERENCE / "locked.md": locked(),
         ROOT / "docs" / "requirements.md": requirements(),
         **manual(),
         **completion(),
