@@ -11,13 +11,13 @@ The rules are `core/safety/commands.py`, the geometry `mission/ahead.py`; here t
 * What wings fly to they circle: by the radius that DO_REPOSITION asks for, which ArduPlane keeps until it leaves
   GUIDED, else by WP_LOITER_RAD or what the mission counts on, and never narrower than a turn (`mission/wings.py`). The
   ceiling of the autopilot's own fence is looked at for them alone: a copter refuses such a target itself.
-* The operator is told in words, in the journal stands who lifted what.
+* The operator is told in words how to lift the refusal. The journal says who lifted what.
 """
 
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import cos, inf, radians, sin
 from typing import Final
@@ -26,10 +26,19 @@ from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.core.safety.commands import LIFTED_S, CommandRules, Kind, Limit, Outcome, Ruling
+from mavproxy_handover.core.safety.commands import (
+    LIFTED_S,
+    QUIET_S,
+    CommandRules,
+    Kind,
+    Limit,
+    Outcome,
+    Ruling,
+)
 from mavproxy_handover.core.safety.energy import EnergyModel
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.refusals import CAUSE_S, OncePerCause, RefusalLimiter
+from mavproxy_handover.gate.words import how_to_lift
 from mavproxy_handover.mission.ahead import Ahead, around, leaves_coverage, leaves_fence, straight, to_height
 from mavproxy_handover.mission.energy import Place, pieces_along, released_at, with_ways_down
 from mavproxy_handover.mission.geodesy import offset
@@ -50,6 +59,8 @@ _TURNED: Final = (8, 9)
 _UNKNOWN_HEADING: Final = 0xFFFF
 #: how fast a guided target is flown to, if no mission says it
 _GUIDED_MPS: Final = 10.0
+#: a copy that comes so long (s) after the one before is not a program's retransmission: it is answered in words again
+_BY_HAND_S: Final = 5.0
 #: commands of these are done by GUIDED alone
 _GUIDED: Final = (Kind.FLY_TO, Kind.TARGET)
 
@@ -72,6 +83,16 @@ class _Purse:
             return False
         self.left -= 1.0
         return True
+
+
+@dataclass(frozen=True, slots=True)
+class _Copy:
+    """A command as it came: see `CommandRules.rule`."""
+
+    wish: Hashable
+    repeats: bool = False
+    quiet_s: float = QUIET_S
+    begun_at: float | None = None
 
 
 class CommandDesk:
@@ -105,8 +126,8 @@ class CommandDesk:
 
     def judge(self, port: StationPort, intent: Intent, now: float) -> Ruling:
         """What becomes of a command of the commander in flight; people are told."""
-        wanted = intent.kind, intent.word, intent.wish, intent.repeats
-        ruling = self._rule(port, *wanted, now, lambda: self._way(intent))
+        copy = _Copy(intent.wish, intent.repeats, intent.quiet_s)
+        ruling = self._rule(port, intent.kind, intent.word, copy, now, lambda: self._way(intent))
         if ruling.passes and intent.aim is not None and intent.aim.radius_m:
             self._kept_radius_m = intent.aim.radius_m
         return ruling
@@ -119,24 +140,26 @@ class CommandDesk:
     def target(self, aim: Aim, station: int, now: float) -> bool:
         """Whether the commander's stream of targets may lead there."""
         port = self._ties.voice.ports[station]
-        return self._rule(port, Kind.TARGET, "target", aim, False, now, lambda: self._to(aim)).passes
+        return self._rule(port, Kind.TARGET, "target", _Copy(aim), now, lambda: self._to(aim)).passes
 
-    def route(self, port: StationPort, ahead: Ahead, wish: object, now: float) -> Ruling:
-        """What becomes of another mission; what is known of the situation is looked at in this moment."""
+    def route(self, port: StationPort, ahead: Ahead, wish: Hashable, begun_at: float, now: float) -> Ruling:
+        """What becomes of another mission; what is known of the situation is looked at in this moment. `begun_at`: when
+        its upload began."""
         here = self.here(now)
         legs = () if here is None else ahead.way(self.item_in(ahead), here)
-        return self._rule(port, Kind.ROUTE, "mission", wish, False, now, lambda: legs, ahead)
+        return self._rule(port, Kind.ROUTE, "mission", _Copy(wish, begun_at=begun_at), now, lambda: legs, ahead)
 
     def item_in(self, ahead: Ahead) -> int:
         """The item that the autopilot goes on with when it is given this plan."""
         last = ahead.route.items[-1].seq
         return self._aircraft.waypoint if 1 <= self._aircraft.waypoint <= last else 1
 
-    def start(self, port: StationPort, wish: object, repeats: bool, now: float) -> None:
-        """START, or a part of it: sent anew in time it goes on without the energy, but for an internal fault there,
+    def start(self, port: StationPort, wish: Hashable, repeats: bool, now: float) -> None:
+        """START, or a part of it: sent again to insist it goes on without the energy, but for an internal fault there,
         which `lift` alone lifts. What it is refused for is told elsewhere (`orders.py`)."""
         left = {} if self._energy.broken else {Limit.ENERGY: self._energy.shortfall}
-        ruling = self._start_rules.rule(Kind.START, wish, left, port.sysid, now, repeats=repeats)
+        since = port.heard_since(now)
+        ruling = self._start_rules.rule(Kind.START, wish, left, port.sysid, now, heard_since=since, repeats=repeats)
         if ruling.outcome is Outcome.LIFTED:
             self._energy.lift(now, now)
             self._ties.narrator.command_passed(port.name, "START", ruling)
@@ -166,8 +189,7 @@ class CommandDesk:
         port: StationPort,
         kind: Kind,
         word: str,
-        wish: object,
-        repeats: bool,
+        copy: _Copy,
         now: float,
         way: Callable[[], Sequence[Leg]],
         ahead: Ahead | None = None,
@@ -176,15 +198,26 @@ class CommandDesk:
         if not limits or self.here(now) is None:
             return _NOT_JUDGED
         if not self._purse.take(now):
+            self.rules.came(kind, copy.wish, port.sysid, now)
             return Ruling(Outcome.REFUSED, (), "too many commands at once")
         try:
             ceiling_m = self._places.ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
             left = self._left(way(), limits, ahead or self.ahead, ceiling_m, now)
-            ruling = self.rules.rule(kind, wish, left, port.sysid, now, repeats=repeats)
+            ruling = self.rules.rule(
+                kind,
+                copy.wish,
+                left,
+                port.sysid,
+                now,
+                heard_since=port.heard_since(now),
+                repeats=copy.repeats,
+                quiet_s=copy.quiet_s,
+                begun_at=copy.begun_at,
+            )
         except Exception:
             self._ties.fault("judging a command", traceback.format_exc(limit=-3))
             return _NOT_JUDGED
-        self._tell(port, kind, word, ruling, now)
+        self._tell(port, kind, word, ruling, copy.quiet_s, now)
         return ruling
 
     def _left(
@@ -295,7 +328,7 @@ class CommandDesk:
 
     # ---- telling --------------------------------------------------------------------------------------------------
 
-    def _tell(self, port: StationPort, kind: Kind, word: str, ruling: Ruling, now: float) -> None:
+    def _tell(self, port: StationPort, kind: Kind, word: str, ruling: Ruling, quiet_s: float, now: float) -> None:
         if ruling.outcome is Outcome.PASSES:
             return
         entries = self._stream_entries if kind is Kind.TARGET else self._entries
@@ -306,10 +339,12 @@ class CommandDesk:
             narrator.command_passed(port.name, word, ruling)
         else:
             narrator.command_refused(port.name, word, ruling)
-        if ruling.outcome is Outcome.LIFTED or not self._words.allow(port.sysid, (word, ruling.limits, kind), now):
+        by_hand = ruling.copy_after_s is not None and ruling.copy_after_s >= _BY_HAND_S
+        cause = word, ruling.limits, kind, by_hand
+        if ruling.outcome is Outcome.LIFTED or not self._words.allow(port.sysid, cause, now):
             return
         if ruling.passes:
             voice.say(port, f"{word}, warning: {ruling.words}")
             return
-        again = "" if kind is Kind.TARGET else "send again in 3-15 s, or "
-        voice.say(port, f"{word} refused: {ruling.words}; {again}handover override {ruling.limits[0].value}")
+        again_in_s = None if kind is Kind.TARGET else quiet_s
+        voice.say(port, f"{word} refused: {ruling.words}. {how_to_lift(ruling.limits[0], again_in_s)}")

@@ -24,9 +24,10 @@ from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.core.events import HandSeen, StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction, Hand
+from mavproxy_handover.core.safety.commands import QUIET_S, Limit
 from mavproxy_handover.core.start import refused
 from mavproxy_handover.gate.refusals import OncePerCause
-from mavproxy_handover.gate.words import called, subject_of
+from mavproxy_handover.gate.words import called, how_to_lift, subject_of
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.frames import Frame, field_float, field_int
@@ -134,8 +135,8 @@ class Orders:
         """All of them in one text. What is behind a colon are figures, which change while the need does not."""
         if self._needs.allow(port.sysid, (what, *(need.partition(":")[0] for need in needs)), now):
             by_hand = len(needs) == 1 and needs[0].startswith("energy: ")
-            again = "" if needs == (f"energy: {FAULT}",) else "send again in 3-15 s, or "
-            lifts = f"; {again}handover override energy" if by_hand else ""
+            again_in_s = None if needs == (f"energy: {FAULT}",) else QUIET_S
+            lifts = f". {how_to_lift(Limit.ENERGY, again_in_s)}" if by_hand else ""
             self._ties.voice.say(port, f"{refused(what, needs)}{lifts}")
 
     def give_start_up(self, why: str, now: float) -> None:

@@ -204,7 +204,7 @@ class Staging:
         if circles:
             self._conclude(port, _MISSION, _DENIED, f"a return would not land: {circles}", now)
             return
-        ruling = self._desk.route(port, result.ahead, (upload.sender, upload.items), now)
+        ruling = self._desk.route(port, result.ahead, (upload.sender, upload.items), upload.begun_at, now)
         if not ruling.passes:
             self._conclude(port, _MISSION, _DENIED, "", now)
             return

@@ -74,7 +74,8 @@ TABLES: Final[Meanings] = {
     "position": "Whose word of where the aircraft is counts. See [position-box.md](../position-box.md).",
     "route": "From when on the aircraft is off its route.",
     "commands": "What becomes of a command of the commander that would leave one of these: refuse (with the reason; "
-    "its operator may insist), warn (it is carried out), off. RTL, LAND, LOITER, BRAKE and a pause are never refused.",
+    "its operator may send it again after 10 s to insist), warn (it is carried out), off. RTL, LAND, LOITER, BRAKE and "
+    "a pause are never refused.",
     "energy": "What the aircraft draws and holds. All may be left out; a mission's numbers go before the vehicle's.",
     "ground": "The ground link: how stations reach each other without the vehicle. Without it everything goes through "
     "the vehicle.",

@@ -16,10 +16,10 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.safety.commands import Kind
+from mavproxy_handover.core.safety.commands import QUIET_S, Kind
 from mavproxy_handover.gate.policy.commands import JUDGED_RULES, MODE_BITS, JudgedRule
 from mavproxy_handover.gate.policy.modes import COPTER, Modes
-from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int, field_offset
+from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 
 __all__ = [
     "GUIDED_ITEM",
@@ -58,8 +58,13 @@ _HEIGHT: Final = 7
 #: what ArduPlane keeps of a radius: whole metres, and up to 1 its own (`ModeGuided::set_radius_and_direction`)
 _LEAST_RADIUS_M, _MOST_RADIUS_M = 2.0, 65535.0
 _INT32: Final = struct.Struct("<i")
-#: where COMMAND_LONG counts its repetitions
-_COUNTER: Final = field_offset(_COMMAND_LONG, "confirmation")
+#: numbers as COMMAND_LONG carries them; as bytes, what is no number equals itself
+_FLOATS: Final = struct.Struct("<7f")
+_MODE_MASK: Final = (1 << MODE_BITS) - 1
+#: MAV_FRAMEs that differ only in the integer form of their name
+_INT_FRAMES: Final = {5: 0, 6: 3, 11: 10}
+#: Mission Planner sends MISSION_SET_CURRENT 6 times, 2.0 to 3.2 s apart, whatever is answered
+_CURRENT_QUIET_S: Final = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,12 +99,14 @@ class Aim:
 @dataclass(frozen=True, slots=True)
 class Intent:
     """What a frame wants. `word`: what people call it. `wish` tells it from others of its kind; `repeats`: it says of
-    itself that it was sent before. `item`: of the mission to go on with, None: the one that it is at."""
+    itself that it was sent before; `quiet_s`: programs repeat it for less than that. `item`: of the mission to go on
+    with, None: the one that it is at."""
 
     kind: Kind
     word: str
     wish: Hashable
     repeats: bool = False
+    quiet_s: float = QUIET_S
     item: int | None = None
     aim: Aim | None = None
     speed_mps: float | None = None
@@ -160,14 +167,14 @@ def _radius_m(asked: float) -> float:
 
 
 def _of_mode(frame: Frame, modes: Modes) -> Intent | None:
-    if field_int(frame, "custom_mode") & ((1 << MODE_BITS) - 1) != modes.auto:
+    if field_int(frame, "custom_mode") & _MODE_MASK != modes.auto:
         return None
     return Intent(Kind.GO_ON, "AUTO", wish_of(frame))
 
 
 def _of_current(frame: Frame, _modes: Modes) -> Intent | None:
     item = field_int(frame, "seq")
-    return Intent(Kind.GO_ON, f"item {item}", wish_of(frame), item=item)
+    return Intent(Kind.GO_ON, f"item {item}", wish_of(frame), quiet_s=_CURRENT_QUIET_S, item=item)
 
 
 def _of_item(frame: Frame, _modes: Modes) -> Intent | None:
@@ -208,11 +215,56 @@ INTENT_MESSAGES: Final = frozenset(_READERS)
 
 
 def wish_of(frame: Frame) -> Hashable:
-    """What tells it from another: who sent what, but for the counter of repetitions."""
-    contents = frame.payload
+    """What tells it from another: who sent it, and what it does. Two forms of one act are the same: COMMAND_LONG and
+    COMMAND_INT, SET_MODE and DO_SET_MODE, MISSION_SET_CURRENT and DO_SET_MISSION_CURRENT. Mission Planner sends both
+    forms of a mode, one after the other."""
+    return frame.sysid, frame.compid, *_act(frame)
+
+
+def _act(frame: Frame) -> tuple[Hashable, ...]:
+    match frame.msgid:
+        case mavlink.MAVLINK_MSG_ID_COMMAND_LONG | mavlink.MAVLINK_MSG_ID_COMMAND_INT:
+            return _act_of_command(frame)
+        case mavlink.MAVLINK_MSG_ID_SET_MODE:
+            return "mode", field_int(frame, "custom_mode") & _MODE_MASK, _by_number(field_int(frame, "base_mode"))
+        case mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT:
+            return "item", field_int(frame, "seq"), False
+        case mavlink.MAVLINK_MSG_ID_MISSION_ITEM | mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT:
+            aim = _aim_of_item(frame)
+            return "target", _plain_frame(aim.frame), _as_bytes(aim.first, aim.second, aim.third)
+        case _:
+            return frame.msgid, frame.payload
+
+
+def _act_of_command(frame: Frame) -> tuple[Hashable, ...]:
+    command = field_int(frame, "command")
+    one, two, three, four = (field_float(frame, f"param{n}") for n in (1, 2, 3, 4))
+    if command == mavlink.MAV_CMD_DO_SET_MODE and isfinite(one) and isfinite(two):
+        return "mode", int(two) & _MODE_MASK, _by_number(int(one))
+    if command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and isfinite(one):
+        return "item", int(one), two == 1.0
+    rule = _RULES.get(command)
+    placed = rule is not None and rule.kind is Kind.FLY_TO
     if frame.msgid == _COMMAND_LONG:
-        contents = contents[:_COUNTER] + contents[_COUNTER + 1 :]
-    return frame.sysid, frame.compid, frame.msgid, contents
+        number, place = _ABOVE_HOME, [field_float(frame, f"param{n}") for n in (5, 6, 7)]
+    else:
+        scale = 1e7 if placed else 1.0
+        number, place = field_int(frame, "frame"), [_signed(frame, "x") / scale, _signed(frame, "y") / scale]
+        place.append(field_float(frame, "z"))
+    return command, _plain_frame(number) if placed else None, _as_bytes(one, two, three, four, *place)
+
+
+def _by_number(base_mode: int) -> bool:
+    """Whether a mode is chosen by its own number."""
+    return base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED != 0
+
+
+def _plain_frame(number: int) -> int:
+    return _INT_FRAMES.get(number, number)
+
+
+def _as_bytes(*numbers: float) -> bytes:
+    return _FLOATS.pack(*numbers, *(0.0,) * (7 - len(numbers)))
 
 
 def repeats(frame: Frame) -> bool:

@@ -43,7 +43,7 @@ __all__ = ["AGAIN_S", "PATIENCE_S", "REMEMBERED_S", "MissionServer", "Sender", "
 AGAIN_S: Final = 0.5
 #: ArduPilot's own
 PATIENCE_S: Final = 8.0
-#: shorter than the 3 s after which a command that is sent anew is meant anew (`core/safety/commands.py`)
+#: shorter than the `QUIET_S` after which the same upload counts as insisting (`core/safety/commands.py`)
 REMEMBERED_S: Final = 2.5
 
 _ALL: Final[int] = mavlink.MAV_MISSION_TYPE_ALL
@@ -57,12 +57,14 @@ Sender = tuple[int, int]  #: system, component
 class Upload:
     """A list that came whole: `items` are numbered from 0, none of them is a list to be cleared.
 
-    `kind`: the MAV_MISSION_TYPE that it was asked by, which is ALL where everything is to be cleared.
+    `kind`: the MAV_MISSION_TYPE that it was asked by, which is ALL where everything is to be cleared. `begun_at`: when
+    its first message came, if that is known.
     """
 
     sender: Sender
     kind: int
     items: tuple[MissionItem, ...]
+    begun_at: float = -inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +79,14 @@ class Turn:
 
 @dataclass(slots=True)
 class _Open:
-    """An upload on its way. `first` to `last`: the items that are sent; `got`: those that came."""
+    """An upload on its way. `first` to `last`: the items that are sent; `got`: those that came; `begun_at`: when it was
+    begun."""
 
     sender: Sender
     kind: int
     first: int
     last: int
+    begun_at: float
     got: list[MissionItem] = field(default_factory=list)
     #: of a part: the list that it is laid into
     base: tuple[MissionItem, ...] | None = None
@@ -186,8 +190,8 @@ class MissionServer:
             words = f"{message.count} items (at most {self._most})"
             return self._refuse(sender, self.kind, mavlink.MAV_MISSION_NO_SPACE, words)
         if message.count == 0:
-            return self._whole(_Open(sender, self.kind, 0, -1), now)
-        return self._begin(_Open(sender, self.kind, 0, message.count - 1), now)
+            return self._whole(_Open(sender, self.kind, 0, -1, now), now)
+        return self._begin(_Open(sender, self.kind, 0, message.count - 1, now), now)
 
     def _on_partial(self, message: Any, sender: Sender, now: float) -> Turn:
         refused = self._cannot_begin(sender)
@@ -197,14 +201,14 @@ class MissionServer:
         if self.offered is None or not 0 <= first <= last <= min(len(self.offered), self._most - 1):
             words = f"items {first} to {last} are none of those that are there"
             return self._refuse(sender, self.kind, mavlink.MAV_MISSION_ERROR, words)
-        return self._begin(_Open(sender, self.kind, first, last, base=tuple(self.offered)), now)
+        return self._begin(_Open(sender, self.kind, first, last, now, base=tuple(self.offered)), now)
 
     def _on_clear(self, message: Any, sender: Sender, now: float) -> Turn:
         over = self._remembered(sender, now)
         if over is not None and over.last is None and over.kind == message.mission_type:
             return Turn((_ack(sender, over.kind, over.result),))
         refused = self._cannot_begin(sender)
-        return self._whole(_Open(sender, message.mission_type, 0, -1), now) if refused is None else refused
+        return self._whole(_Open(sender, message.mission_type, 0, -1, now), now) if refused is None else refused
 
     def _cannot_begin(self, sender: Sender) -> Turn | None:
         opened = self._open
@@ -248,10 +252,10 @@ class MissionServer:
         opened.whole, opened.asked_at, opened.heard_at = True, now, now
         self._open, self._over = opened, None
         if opened.last < 0:
-            return Turn(whole=Upload(opened.sender, opened.kind, ()))
+            return Turn(whole=Upload(opened.sender, opened.kind, (), opened.begun_at))
         items = list(opened.base or ())
         items[opened.first : opened.last + 1] = opened.got
-        return Turn(whole=Upload(opened.sender, opened.kind, tuple(items)))
+        return Turn(whole=Upload(opened.sender, opened.kind, tuple(items), opened.begun_at))
 
     def _on_ack(self, message: Any, sender: Sender, now: float) -> Turn:
         opened = self._open

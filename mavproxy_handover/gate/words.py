@@ -19,6 +19,7 @@ from typing import Final, TypeAlias
 
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.safety.commands import Limit
 from mavproxy_handover.gate.intent import GUIDED_ITEM
 from mavproxy_handover.gate.judge import GateReason
 from mavproxy_handover.gate.policy.commands import MODE_BITS
@@ -29,7 +30,17 @@ from mavproxy_handover.gate.tongues import Tongue
 from mavproxy_handover.wire.frames import Frame, field_bytes, field_float, field_int
 from mavproxy_handover.wire.ids import FTP_CREATE, FTP_OPEN_WRITE, FTP_RENAME, FTP_RESET, FTP_TERMINATE, FTP_WRITE
 
-__all__ = ["COMMANDS", "MESSAGES", "SWITCHES", "Subject", "by_itself", "called", "sentence", "subject_of"]
+__all__ = [
+    "COMMANDS",
+    "MESSAGES",
+    "SWITCHES",
+    "Subject",
+    "by_itself",
+    "called",
+    "how_to_lift",
+    "sentence",
+    "subject_of",
+]
 
 #: What a frame is about: its word, or the number of a mode, or the name of a parameter as it came.
 Subject: TypeAlias = "str | int | bytes"
@@ -235,6 +246,17 @@ _REASONS: Final[Mapping[GateReason, str]] = {
 def sentence(subject: Subject, reason: GateReason, commander: str, tongue: Tongue, *, modes: Modes = COPTER) -> str:
     """What is said of a refusal. `commander`: its name, "" if nobody commands; `tongue`: what the sender speaks."""
     return f"{called(subject, modes=modes)} refused: {_why(reason, commander, tongue)}"
+
+
+def how_to_lift(limit: Limit, again_in_s: float | None) -> str:
+    """How an operator lifts a refusal of a command that would leave `limit`. `again_in_s`: how long the operator waits
+    before the same command counts as insisting; None: it never does."""
+    override = f"handover override {limit.value}"
+    return (
+        f"To lift it: {override}"
+        if again_in_s is None
+        else f"Send it again in {again_in_s:.0f} s to insist, or {override}"
+    )
 
 
 def _why(reason: GateReason, commander: str, tongue: Tongue) -> str:

@@ -28,6 +28,8 @@ from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer
 
 __all__ = ["StationPort", "open_ports"]
 
+#: heartbeats come every second: a longer pause (s) is no chance loss, the way up was interrupted
+_INTERRUPTED_S = 3.5
 #: rejected frames that wait to be journalled; under a flood the newest are enough
 _REJECTED = 32
 
@@ -71,6 +73,8 @@ class StationPort:
         #: the station's last heartbeat, and when it came (monotonic s)
         self.heartbeat = b""
         self.heartbeat_at = -inf
+        #: the first heartbeat after the last interruption
+        self._heard_since = -inf
         #: signatures that did not hold, by what was wrong with them
         self.bad_signatures: Counter[SignatureVerdict] = Counter()
         #: the station's key and what was heard under it; None where there is no key
@@ -98,7 +102,12 @@ class StationPort:
         self.spoke(heartbeat.compid)
         if now - self.heartbeat_at >= ANEW_S:
             self.tongues.silence_ends(now)
+        self._heard_since = self.heard_since(now)
         self.heartbeat, self.heartbeat_at = heartbeat.raw, now
+
+    def heard_since(self, now: float) -> float:
+        """Since when the station's heartbeats have come without an interruption; `now` if they do not."""
+        return now if now - self.heartbeat_at > _INTERRUPTED_S else self._heard_since
 
     def read(self, link: Device, now: float, once: bool = False) -> list[Frame]:
         """Frames that arrived on `link`: no copies of what came by another link, no answers to probes.

@@ -3,7 +3,8 @@
 """A text as STATUSTEXT: what is longer than one message comes in pieces that belong together.
 
 Programs differ. Some put the pieces together by id and number; some show each one as it comes, a line each. So it is
-cut between words. A piece that is not full ends the text for those that put it together (MAVLink: "any null character
+cut between words: after a sentence or a clause where one ends in the second half of a piece, else where the piece is
+full. A piece that is not full ends the text for those that put it together (MAVLink: "any null character
 in the text field is taken to mean this was the last chunk"), so every piece but the last is filled up with blanks: the
 whole is the text again, with more than one blank where it was cut. A character is never cut in half, and a word only if
 it is longer than a piece.
@@ -20,6 +21,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 __all__ = ["TEXT_BYTES", "pieces", "status_texts"]
 
 TEXT_BYTES: Final = 50
+#: where a person would pause
+_PAUSES: Final = (b". ", b"; ", b": ", b", ")
 #: their number is a byte
 _MOST: Final = 256
 
@@ -31,10 +34,16 @@ def pieces(text: str) -> list[bytes]:
         return [rest]
     found = []
     while len(rest) >= TEXT_BYTES:
-        end = rest.rfind(b" ", 1, TEXT_BYTES) + 1 or _whole_characters(rest)
+        end = _after_clause(rest) or rest.rfind(b" ", 1, TEXT_BYTES) + 1 or _whole_characters(rest)
         found.append(rest[:end].ljust(TEXT_BYTES))
         rest = rest[end:]
     return [*found, rest][:_MOST]
+
+
+def _after_clause(rest: bytes) -> int:
+    """How many bytes of a piece end with a sentence or a clause; 0: none ends in its second half."""
+    ends = [rest.rfind(mark, TEXT_BYTES // 2, TEXT_BYTES) for mark in _PAUSES]
+    return max(ends) + 2 if max(ends) >= 0 else 0
 
 
 def _whole_characters(rest: bytes) -> int:

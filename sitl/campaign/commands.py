@@ -5,7 +5,7 @@
 The rules and the geometry are the real ones (`core/safety/commands.py`, `mission/ahead.py`); `Desk` is the edge around
 them, as `autopilot/command_desk.py` is on the aircraft: what the way ahead would leave of energy, fence and coverage.
 An operator sends the aircraft on along its mission again after it was stopped or turned back, whatever for. Refused, he
-leaves it at that, sends the same anew in time, or lifts the limit that he was told.
+leaves it at that, sends the same again in time, or lifts the limit that he was told.
 
 What he has lifted himself is his, and the judge is told.
 """
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import inf
 from typing import Final
 
 from mavproxy_handover.core.safety.commands import CommandRules, Kind, Limit, Outcome, Ruling
@@ -29,10 +30,10 @@ from sitl.campaign.aircraft import Aircraft
 from sitl.campaign.plan import FlightPlan
 from sitl.campaign.plane import Spot, on_earth
 
-__all__ = ["ANEW_S", "Desk"]
+__all__ = ["AGAIN_S", "Desk"]
 
-#: how long behind a refusal the same is sent anew (s)
-ANEW_S: Final = 5.0
+#: how long after a refusal the same command is sent again (s)
+AGAIN_S: Final = 12.0
 _WISH: Final = "on with the mission"
 
 
@@ -53,7 +54,7 @@ class Desk:
 
     def start(self, lacks: str, station: int, now_s: float) -> Ruling:
         """What becomes of START."""
-        return self.rules.rule(Kind.START, "START", {Limit.ENERGY: lacks}, station, now_s)
+        return self.rules.rule(Kind.START, "START", {Limit.ENERGY: lacks}, station, now_s, heard_since=-inf)
 
     def go_on(self, usable: frozenset[int], station: int, now: int, now_s: float) -> Ruling:
         """What becomes of AUTO in flight. `now`: a tick."""
@@ -65,7 +66,7 @@ class Desk:
             Limit.FENCE: leaves_fence(legs, self._fence()),
             Limit.COVERAGE: leaves_coverage(legs, ZoneFinder(self.zones), usable, self._stretches()),
         }
-        return self.rules.rule(Kind.GO_ON, _WISH, left if legs else {}, station, now_s)
+        return self.rules.rule(Kind.GO_ON, _WISH, left if legs else {}, station, now_s, heard_since=-inf)
 
     def lift(self, ruling: Ruling, now_s: float) -> None:
         """The operator lifts what he was told."""

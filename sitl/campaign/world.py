@@ -29,7 +29,7 @@ from mavproxy_handover.core.model import AuthorityView, FlightAction, Flown, Han
 from mavproxy_handover.core.never import assert_never
 from mavproxy_handover.core.safety.commands import Ruling
 from sitl.campaign.aircraft import Aircraft, Mode
-from sitl.campaign.commands import ANEW_S
+from sitl.campaign.commands import AGAIN_S
 from sitl.campaign.companion import DIGEST, Companion, Ties
 from sitl.campaign.failsafes import Failsafes
 from sitl.campaign.faults import Insists
@@ -442,7 +442,7 @@ class World:
         self._tries_left -= 1
         if insists is Insists.LIFTS:
             companion.desk.lift(ruling, in_seconds(now))
-        self.plan_at(now + in_ticks(ANEW_S), again)
+        self.plan_at(now + in_ticks(AGAIN_S), again)
 
     def _wants_on(self, now: int) -> None:
         """It was stopped, or turned back: whoever commands may have it go on."""

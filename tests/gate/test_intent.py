@@ -139,13 +139,76 @@ def test_a_heading_leads_to_no_place_and_is_judged_no_more_than_a_velocity(make:
 def test_a_repetition_is_told_by_its_counter_and_is_the_same_wish(make: Make) -> None:
     fields = {"command": 176, "param1": 1.0, "param2": 3.0}
     first, again = make("COMMAND_LONG", **fields), make("COMMAND_LONG", confirmation=1, **fields)
-    other = make("COMMAND_LONG", **{**fields, "param1": 0.0})
+    other = make("COMMAND_LONG", **{**fields, "param2": 4.0})
     assert (repeats(first), repeats(again)) == (False, True)
     assert wish_of(first) == wish_of(again) != wish_of(other)
     assert wish_of(first) != wish_of(make("COMMAND_LONG", compid=7, **fields))
     intent = intent_of(again)
     assert intent is not None
     assert intent.repeats
+
+
+PLACE = {"command": 192, "param1": -1.0, "param2": 1.0, "param4": math.nan}
+#: two forms of one act, and whether they are the same command to an operator who sends it again
+FORMS: list[tuple[tuple[str, dict[str, Any]], tuple[str, dict[str, Any]], bool]] = [
+    (
+        ("COMMAND_LONG", {"command": 176, "param1": 1.0, "param2": 3.0}),
+        ("SET_MODE", {"base_mode": 209, "custom_mode": 3}),
+        True,
+    ),
+    (
+        ("COMMAND_LONG", {"command": 176, "param1": 1.0, "param2": 3.0}),
+        ("COMMAND_INT", {"command": 176, "param1": 1.0, "param2": 3.0, "frame": 3}),
+        True,
+    ),
+    (("SET_MODE", {"base_mode": 1, "custom_mode": 3}), ("SET_MODE", {"base_mode": 1, "custom_mode": 4}), False),
+    (("SET_MODE", {"base_mode": 1, "custom_mode": 3}), ("SET_MODE", {"base_mode": 0, "custom_mode": 3}), False),
+    (("MISSION_SET_CURRENT", {"seq": 5}), ("COMMAND_LONG", {"command": 224, "param1": 5.0}), True),
+    (("MISSION_SET_CURRENT", {"seq": 5}), ("COMMAND_INT", {"command": 224, "param1": 5.0}), True),
+    (("MISSION_SET_CURRENT", {"seq": 5}), ("MISSION_SET_CURRENT", {"seq": 6}), False),
+    (("MISSION_SET_CURRENT", {"seq": 5}), ("COMMAND_LONG", {"command": 224, "param1": 5.0, "param2": 1.0}), False),
+    (
+        ("COMMAND_INT", {**PLACE, "frame": 6, "x": 526823000, "y": 59240000, "z": 40.0}),
+        ("COMMAND_LONG", {**PLACE, "param5": 52.6823, "param6": 5.924, "param7": 40.0}),
+        True,
+    ),
+    (
+        ("COMMAND_INT", {**PLACE, "frame": 3, "x": 526823000, "y": 59240000, "z": 40.0}),
+        ("COMMAND_INT", {**PLACE, "frame": 0, "x": 526823000, "y": 59240000, "z": 40.0}),
+        False,
+    ),
+    (
+        ("COMMAND_INT", {**PLACE, "frame": 3, "x": 526823000, "y": 59240000, "z": 40.0}),
+        ("COMMAND_INT", {**PLACE, "frame": 3, "x": 526833000, "y": 59240000, "z": 40.0}),
+        False,
+    ),
+    (
+        ("MISSION_ITEM_INT", {"current": 2, "frame": 6, "x": 526823000, "y": 59240000, "z": 40.0}),
+        ("MISSION_ITEM", {"current": 2, "frame": 3, "x": 52.6823, "y": 5.924, "z": 40.0}),
+        True,
+    ),
+    (("COMMAND_LONG", {"command": 300, "param1": 0.0}), ("COMMAND_INT", {"command": 300, "param1": 0.0}), True),
+]
+
+
+@pytest.mark.parametrize(("one", "other", "same"), FORMS)
+def test_two_forms_of_one_act_are_the_same_wish(
+    make: Make, one: tuple[str, dict[str, Any]], other: tuple[str, dict[str, Any]], same: bool
+) -> None:
+    assert (wish_of(make(one[0], **one[1])) == wish_of(make(other[0], **other[1]))) is same
+
+
+@pytest.mark.parametrize(
+    ("name", "fields", "quiet_s"),
+    [("MISSION_SET_CURRENT", {"seq": 5}, 20.0), ("COMMAND_LONG", {"command": 224, "param1": 5.0}, 10.0)],
+)
+def test_how_long_programs_may_go_on_repeating_it(
+    make: Make, name: str, fields: dict[str, Any], quiet_s: float
+) -> None:
+    """Mission Planner repeats MISSION_SET_CURRENT for up to 16 s."""
+    intent = intent_of(make(name, **fields))
+    assert intent is not None
+    assert intent.quiet_s == quiet_s
 
 
 @pytest.mark.parametrize(

@@ -32,7 +32,7 @@ START, ARM = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_COMPONENT_ARM_DISARM
 REJECTED = mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 TOO_LITTLE = "energy: 79.5 Wh are needed with the reserve, 75.6 Wh are left"
 #: how whoever means it has it carried out
-LIFTS = "; send again in 3-15 s, or handover override energy"
+LIFTS = ". Send it again in 10 s to insist, or handover override energy"
 
 
 @pytest.fixture
@@ -206,7 +206,7 @@ def test_how_a_refusal_is_lifted_is_said_and_does_not_hang_on_commands_in_flight
     bench.config.write_text(bench.config.read_text() + f'[commands]\nenergy = "{policy}"\n')
     get_ready(bench, delivery, 0.6)
     assert refused(bench).endswith(LIFTS)
-    bench.run(4.0)
+    bench.run(10.5)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
 
@@ -570,9 +570,11 @@ def test_a_fault_of_before_take_off_silences_no_decision_in_flight(
         patch.setattr(Learner, "model", broken)
         bench.run(3.0)
         if policy == "refuse":
-            assert refused(bench).endswith("START refused: energy: internal fault; handover override energy")
+            assert refused(bench).endswith(
+                "START refused: energy: internal fault. To lift it: handover override energy"
+            )
             for _ in range(2):
-                bench.run(4.0)
+                bench.run(12.0)
                 bench.a.command(START)
             bench.run(0.5)
             assert bench.a.acks(START) == [REJECTED] * 3, "sent again it mends nothing"

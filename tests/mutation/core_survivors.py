@@ -235,8 +235,7 @@ KNOWN_SURVIVORS: dict[str, dict[str, str]] = {
         ),
     },
     "safety.commands": {
-        "_asked_before: dropped from and/or: asked.named is not None: "
-        "asked.named is not None and (not repeats) and (now - asked.at >= ANEW_S)": (
+        "rule: dropped from and/or: asked.named is not None: insists and asked.named is not None": (
             "to lift what is no limit lifts nothing; the type checker wants it said"
         ),
     },

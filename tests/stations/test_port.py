@@ -128,3 +128,16 @@ def test_a_frame_is_not_played_again_by_any_link(routed: Routed) -> None:
     for number in (0, 1):
         assert routed.arrives(number, frame) == []
     assert routed.port.bad_signatures == {SignatureVerdict.REPLAYED: 4}
+
+
+def test_since_when_a_station_is_heard_without_an_interruption(routed: Routed) -> None:
+    """Two heartbeats in a row may be lost by chance."""
+    port, beat = routed.port, routed.frame()
+    assert port.heard_since(500.0) == 500.0, "never heard"
+    for at in (1000.0, 1001.0, 1004.0):
+        port.heard(beat, at)
+        assert port.heard_since(at) == 1000.0
+    assert port.heard_since(1007.5) == 1000.0
+    assert port.heard_since(1007.6) == 1007.6, "interrupted at this moment"
+    port.heard(beat, 1008.0)
+    assert port.heard_since(1009.0) == 1008.0

@@ -75,3 +75,30 @@ def test_nothing_that_can_be_said_breaks_it() -> None:
         assert 1 <= len(messages) <= 256
         for message in messages:
             assert message.pack(mavlink.MAVLink(None, 1, 191))
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        (
+            "target refused: leaves coverage in 57 m (item 3). Send it again in 10 s to insist, or handover override "
+            "coverage",
+            [
+                b"target refused: leaves coverage in 57 m (item 3). ",
+                b"Send it again in 10 s to insist,                  ",
+                b"or handover override coverage",
+            ],
+        ),
+        (
+            "altitude refused: climbs above the fence's ceiling of 250 m. Send it again in 10 s to insist, or handover "
+            "override fence",
+            [
+                b"altitude refused: climbs above the fence's        ",
+                b"ceiling of 250 m. Send it again in 10 s to        ",
+                b"insist, or handover override fence",
+            ],
+        ),
+    ],
+)
+def test_it_is_cut_where_a_person_would_pause(text: str, parts: list[bytes]) -> None:
+    assert pieces(text) == parts

@@ -11,15 +11,20 @@ the limit's policy decides: "off" is not looked at, "warn" lets it pass and says
 
 What leads away from danger is in no row, and is never refused: RTL, LAND, BRAKE, LOITER, a pause, the pilot's modes.
 The word without configuration is "refuse" for all three. A warning is read when the aircraft is on its way already,
-and a refusal costs whoever means it three seconds: it says itself how it is lifted. Both ways are the operator's
+and a refusal costs an operator who means it ten seconds: it says itself how it is lifted. Both ways are the operator's
 own hand, and each lifts one limit, the one that the refusal has named:
 
-* `lift`: for `LIFTED_S`, for whoever commands then. It ends with that one's authority.
-* The same command sent anew, `ANEW_S` after the answer at the earliest and `UNTIL_S` at the latest: that command alone.
-  Earlier it is a copy or a program that repeats itself, and each copy moves the answer: a program that goes on
-  repeating never gets through. What says of itself that it is a repetition does not count either, nor does a stream.
+* `lift`: for `LIFTED_S`, for the station that commands then. It ends with that station's authority.
+* The same command sent again to insist: that command alone, for `LIFTED_S` at most. It counts if all of this holds:
+  - It comes `QUIET_S` to `UNTIL_S` after the last copy of it, with no copy in between. Each copy begins the wait anew,
+    whatever became of it. Sooner it is a retransmission, later it is a new command. Programs repeat a command for less
+    than `QUIET_S`, except for some messages, which have their own `quiet_s` (`tests/core/safety/retransmission.py` has
+    the timers of QGroundControl, MAVSDK, Mission Planner, MAVProxy and our station).
+  - The station was heard during the whole wait. If its link was interrupted, copies may have been lost or held back,
+    and the next one of an endless repetition would look like an operator's.
+  - It does not say of itself that it is a repetition, and it is no stream.
 
-What was lifted or let pass once passes again as long as it is sent anew in time: an acknowledgement may get lost.
+A copy of a command that passed passes too if it comes sooner than `QUIET_S`: the acknowledgement may have been lost.
 Pure: no clock, no I/O. Times are monotonic seconds; not safe for threads.
 """
 
@@ -32,10 +37,10 @@ from math import inf
 from typing import Final
 
 __all__ = [
-    "ANEW_S",
     "JUDGED",
     "LIFTED_S",
     "POLICIES",
+    "QUIET_S",
     "STREAMED",
     "UNTIL_S",
     "CommandRules",
@@ -45,8 +50,8 @@ __all__ = [
     "Ruling",
 ]
 
-ANEW_S: Final = 3.0
-UNTIL_S: Final = 15.0
+QUIET_S: Final = 10.0
+UNTIL_S: Final = 30.0
 LIFTED_S: Final = 60.0
 #: what the configuration may say of a limit, the word without one first
 POLICIES: Final = ("refuse", "warn", "off")
@@ -96,11 +101,13 @@ class Outcome(Enum):
 @dataclass(frozen=True, slots=True)
 class Ruling:
     """The outcome, and for what reason: `limits` that are warned of or lifted, or the one that it is refused for, and
-    `words` of these."""
+    `words` of these. `copy_after_s`: how long after the last copy of the same command this one came; None: there was
+    none."""
 
     outcome: Outcome
     limits: tuple[Limit, ...] = ()
     words: str = ""
+    copy_after_s: float | None = field(default=None, compare=False)
 
     @property
     def passes(self) -> bool:
@@ -110,13 +117,15 @@ class Ruling:
 
 @dataclass(slots=True)
 class _Asked:
-    """A command that was refused, as it was asked, and when it was answered last."""
+    """A command as it was asked, and when its last copy came."""
 
     wish: Hashable
     at: float
-    #: the limit that the answer has named; None: it was let pass
+    #: the limit that the last answer has named; None: it was let pass
     named: Limit | None
     lifted: set[Limit] = field(default_factory=set)
+    #: when the first of these was lifted
+    lifted_at: float = inf
 
 
 class CommandRules:
@@ -137,17 +146,34 @@ class CommandRules:
         return tuple(limit for limit in JUDGED[kind] if self._policies[limit] != "off")
 
     def rule(
-        self, kind: Kind, wish: Hashable, left: Mapping[Limit, str], station: int, now: float, *, repeats: bool = False
+        self,
+        kind: Kind,
+        wish: Hashable,
+        left: Mapping[Limit, str],
+        station: int,
+        now: float,
+        *,
+        heard_since: float,
+        repeats: bool = False,
+        quiet_s: float = QUIET_S,
+        begun_at: float | None = None,
     ) -> Ruling:
         """What becomes of a command of `station`, which commands.
 
-        `wish`: what tells it from others of its kind. `left`: the limits that it would leave, in words. `repeats`: it
-        says of itself that it was sent before.
+        `wish`: what tells it from others of its kind. `left`: the limits that it would leave, in words. `heard_since`:
+        since when the station has been heard without an interruption. `repeats`: it says of itself that it was sent
+        before. `quiet_s`: how long programs may go on repeating it. `begun_at`: when its first message came, if it took
+        more than one.
         """
         limits = [limit for limit in self.looks_at(kind) if left.get(limit)]
         warned = [limit for limit in limits if self._policies[limit] == "warn"]
         strict = [limit for limit in limits if limit not in warned]
-        asked = self._asked_before(kind, wish, station, now, repeats)
+        begun_at = now if begun_at is None else begun_at
+        asked, after_s = self._asked_before(kind, wish, station, begun_at)
+        insists = not repeats and after_s is not None and after_s >= quiet_s and heard_since <= asked.at
+        if insists and asked.named is not None:
+            asked.lifted.add(asked.named)
+            asked.lifted_at = min(asked.lifted_at, now)
         by_hand = [limit for limit in strict if self.lifted(limit, now) or limit in asked.lifted]
         refused = next((limit for limit in strict if limit not in by_hand), None)
         if not strict:
@@ -156,19 +182,27 @@ class CommandRules:
             asked.named, asked.at = refused, now
             self._asked[station, kind] = asked
         if refused is not None:
-            return Ruling(Outcome.REFUSED, (refused,), left[refused])
+            return Ruling(Outcome.REFUSED, (refused,), left[refused], after_s)
         told = tuple(by_hand or warned)
         outcome = Outcome.LIFTED if by_hand else Outcome.WARNED if warned else Outcome.PASSES
-        return Ruling(outcome, told, ", ".join(left[limit] for limit in told))
+        return Ruling(outcome, told, ", ".join(left[limit] for limit in told), after_s)
 
-    def _asked_before(self, kind: Kind, wish: Hashable, station: int, now: float, repeats: bool) -> _Asked:
-        """What there is of the same command, with the limit lifted that its last answer has named if it may be."""
+    def _asked_before(self, kind: Kind, wish: Hashable, station: int, now: float) -> tuple[_Asked, float | None]:
+        """What there is of the same command, and how long ago its last copy came; None: it is a new command."""
         asked = self._asked.get((station, kind))
-        if asked is None or asked.wish != wish or now - asked.at > UNTIL_S or kind in STREAMED:
-            return _Asked(wish, -inf, None)
-        if asked.named is not None and not repeats and now - asked.at >= ANEW_S:
-            asked.lifted.add(asked.named)
-        return asked
+        if asked is None or asked.wish != wish or kind in STREAMED:
+            return _Asked(wish, -inf, None), None
+        after_s = now - asked.at
+        copies_s = QUIET_S if asked.named is None else UNTIL_S
+        if after_s > copies_s or now - asked.lifted_at > LIFTED_S:
+            return _Asked(wish, -inf, None), None
+        return asked, after_s
+
+    def came(self, kind: Kind, wish: Hashable, station: int, now: float) -> None:
+        """A copy that was not judged, because too many commands came at once: it begins the wait anew."""
+        asked = self._asked.get((station, kind))
+        if asked is not None and asked.wish == wish:
+            asked.at = now
 
     # ---- what the operator lifts ----------------------------------------------------------------------------------
 
