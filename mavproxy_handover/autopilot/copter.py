@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.kinds import COPTER, Vehicle
-from mavproxy_handover.autopilot.mission_protocol import AutopilotError
-from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.autopilot.procedures import Procedures, disobeys
 from mavproxy_handover.core.model import FlightAction
 from mavproxy_handover.wire.conversation import Asking, NoAnswer
 from mavproxy_handover.wire.ids import MISSION_START
@@ -57,14 +56,14 @@ class Copter(Procedures):
             yield from self._do("return to launch", mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
             return "return to launch"
         wanted = (COPTER.back, COPTER.land) if action is FlightAction.RETURN else (COPTER.land,)
-        trouble = ""
+        errors: list[NoAnswer] = []
         for mode in wanted:
             try:
                 yield from self._mode(mode)
                 return COPTER.mode_name(mode)
             except NoAnswer as error:
-                trouble = str(error)
-        raise AutopilotError(f"the autopilot does not obey: {trouble}")
+                errors.append(error)
+        raise disobeys(errors)
 
     def return_anew(self) -> Asking:
         """Leave RTL and begin it again, at a full stop: it reads its place when it begins. What `bring_home` returns.

@@ -50,6 +50,10 @@ class AutopilotError(NoAnswer):
     """The autopilot answered, and the answer is no; the text says what and why."""
 
 
+class RefusedError(AutopilotError):
+    """The autopilot refuses a command: it will not be done, and there is nothing to wait for."""
+
+
 class NoRoomError(AutopilotError):
     """The autopilot has no room for a list of that length, or none yet."""
 

@@ -20,9 +20,10 @@ from typing import Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.energy import FAULT
+from mavproxy_handover.autopilot.mission_protocol import RefusedError
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.ties import Ties
-from mavproxy_handover.core.events import HandSeen, StartFinished, StartRequested
+from mavproxy_handover.core.events import HandSeen, OrderRefused, StartFinished, StartRequested
 from mavproxy_handover.core.model import FlightAction, Hand
 from mavproxy_handover.core.safety.commands import QUIET_S, Limit
 from mavproxy_handover.core.start import refused
@@ -250,11 +251,13 @@ class Orders:
             self.returning = False
 
     def _begin_home(self, action: FlightAction, asking: Asking, now: float) -> None:
-        def done(talk: Conversation, _now: float) -> None:
+        def done(talk: Conversation, now: float) -> None:
             vehicle = self._procedures().vehicle
             to_place = {vehicle.mode_name(mode) for mode in vehicle.to_place}
             self.returning = action is FlightAction.RETURN and talk.result in to_place
             self._ties.narrator.flown(action, talk.result, talk.failure)
+            if isinstance(talk.error, RefusedError):
+                self._ties.handle(OrderRefused(action), now)
 
         self._conversations.begin(_HOME, asking, done, now)
 

@@ -33,8 +33,8 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.kinds import PLANE, Vehicle
-from mavproxy_handover.autopilot.mission_protocol import AutopilotError
-from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.autopilot.mission_protocol import AutopilotError, RefusedError
+from mavproxy_handover.autopilot.procedures import Procedures, disobeys
 from mavproxy_handover.core.model import FlightAction, Flown, Kind
 from mavproxy_handover.wire.conversation import Asking, NoAnswer
 
@@ -103,18 +103,18 @@ class Plane(Procedures):
         """Circle where it is, or fly the mission on. Returns what it does."""
         flown, mode = self.aircraft.flown, PLANE.mode_name(self.aircraft.custom_mode)
         if flown not in _HELD:
-            raise AutopilotError(f"it flies {mode}, which nothing stops and nothing goes on with")
+            raise RefusedError(f"it flies {mode}, which nothing stops and nothing goes on with")
         if pause and self.aircraft.hovers:
-            raise AutopilotError("it hovers: there is no stop before it flies forwards")
+            raise RefusedError("it hovers: there is no stop before it flies forwards")
         if pause and self.aircraft.landed_state in _NEAR_GROUND:
-            raise AutopilotError("it takes off or lands: there is no stop so low")
+            raise RefusedError("it takes off or lands: there is no stop so low")
         if pause:
             if flown is not Flown.STOP:
                 self.aircraft.stopped_in = flown
             yield from self._mode(_LOITER)
         elif flown is Flown.STOP:
             if self.aircraft.custom_mode != _LOITER:
-                raise AutopilotError(f"it flies {mode}, by which a failsafe waits: nothing goes on with it")
+                raise RefusedError(f"it flies {mode}, by which a failsafe waits: nothing goes on with it")
             yield from self._mode(PLANE.guided if self.holds_by(pause) is Flown.GUIDED else PLANE.auto)
         return PLANE.mode_name(self.aircraft.custom_mode)
 
@@ -131,13 +131,13 @@ class Plane(Procedures):
         ways = self._ways_to_land()
         if action is FlightAction.RETURN:
             ways = (self._return, *(way for way in ways if way != self._return))
-        trouble = ""
+        errors: list[NoAnswer] = []
         for way in ways:
             try:
                 return (yield from way())
             except NoAnswer as error:
-                trouble = str(error)
-        raise AutopilotError(f"the autopilot does not obey: {trouble}")
+                errors.append(error)
+        raise disobeys(errors)
 
     def return_anew(self) -> Asking:
         """Leave the return by LOITER and begin it again: it reads its place when it begins. What `bring_home` returns.

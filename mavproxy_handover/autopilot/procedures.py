@@ -12,7 +12,7 @@ and "Command Protocol".
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -20,14 +20,14 @@ from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.cruise import held_cruise, write_cruise
 from mavproxy_handover.autopilot.kinds import Vehicle
-from mavproxy_handover.autopilot.mission_protocol import AutopilotError, MissionProtocol
+from mavproxy_handover.autopilot.mission_protocol import AutopilotError, MissionProtocol, RefusedError
 from mavproxy_handover.core.model import FlightAction, Flown, Kind
 from mavproxy_handover.mission.items import MissionItem, RallyPoint
 from mavproxy_handover.mission.plan import FencePart
-from mavproxy_handover.wire.conversation import Ask, Asking, command_long
+from mavproxy_handover.wire.conversation import Ask, Asking, NoAnswer, command_long
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID
 
-__all__ = ["STREAMS", "Loaded", "Plan", "Procedures", "heartbeat"]
+__all__ = ["STREAMS", "Loaded", "Plan", "Procedures", "disobeys", "heartbeat"]
 
 #: message id -> interval (s) that the companion asks the autopilot for; position at 20 Hz is the zone check's rate
 STREAMS: dict[int, float] = {
@@ -127,11 +127,11 @@ class Procedures(ABC):
         return [self.command(command, msgid, interval_s * 1e6) for msgid, interval_s in STREAMS.items()]
 
     def _do(self, what: str, command: int, *parameters: float) -> Asking:
-        """Send a command; ends when it is accepted, raises AutopilotError when it is refused."""
+        """Send a command; ends when it is accepted, raises RefusedError when it is refused."""
         result = yield Ask(what, (self.command(command, *parameters),), _ack_of(command))
         if result != mavlink.MAV_RESULT_ACCEPTED:
             name = mavlink.enums["MAV_RESULT"][result].name if result in mavlink.enums["MAV_RESULT"] else str(result)
-            raise AutopilotError(f"{what} refused ({name}){self._why}")
+            raise RefusedError(f"{what} refused ({name}){self._why}")
 
     @property
     def _why(self) -> str:
@@ -201,6 +201,12 @@ class Procedures(ABC):
         except AutopilotError:
             return True
         return False
+
+
+def disobeys(errors: Sequence[NoAnswer]) -> AutopilotError:
+    """What is raised where one way after the other has come to nothing: a refusal where each was refused."""
+    refused = all(isinstance(error, RefusedError) for error in errors)
+    return (RefusedError if refused else AutopilotError)(f"the autopilot does not obey: {errors[-1]}")
 
 
 def _ack_of(command: int) -> Callable[[Any], Any]:

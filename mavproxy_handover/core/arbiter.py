@@ -49,6 +49,7 @@ from mavproxy_handover.core.events import (
     ModeSeen,
     MotionSeen,
     MotionUnseen,
+    OrderRefused,
     PlaceJudged,
     PositionSeen,
     Record,
@@ -302,6 +303,8 @@ class Arbiter:
                 self._execution.mode_seen(event, now, actions)
             case HandSeen():
                 self._execution.hand_seen(event, now, actions)
+            case OrderRefused():
+                self._lookout.supervision.refused(event.action)
             case MotionSeen():
                 self._lookout.supervision.moved(event, now)
             case MotionUnseen():

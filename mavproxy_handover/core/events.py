@@ -147,6 +147,13 @@ class HandSeen:
 
 
 @dataclass(frozen=True, slots=True)
+class OrderRefused:
+    """The autopilot has answered that it does not do what the companion has commanded."""
+
+    action: FlightAction
+
+
+@dataclass(frozen=True, slots=True)
 class MotionSeen:
     """How the aircraft moves: speed over ground and climb (m/s), and how far it is to where the autopilot flies to (m),
     None where that is not known."""
@@ -317,6 +324,7 @@ Event = (
     | AutopilotState
     | ModeSeen
     | HandSeen
+    | OrderRefused
     | MotionSeen
     | MotionUnseen
     | GuardSeen

@@ -52,6 +52,8 @@ class Conversation:
         self.result: Any = None
         #: why it broke off, None if it did not
         self.failure: str | None = None
+        #: what was raised then; None where it was ended from outside
+        self.error: NoAnswer | None = None
         self._go_on(lambda: next(asking), now)
 
     def _go_on(self, step: Callable[[], Ask], now: float) -> None:
@@ -61,7 +63,7 @@ class Conversation:
             self._ask, self.finished, self.result = None, True, stop.value
             return
         except NoAnswer as error:
-            self._ask, self.finished, self.failure = None, True, str(error)
+            self._ask, self.finished, self.failure, self.error = None, True, str(error), error
             return
         self._tries = 0
         self._put(now)

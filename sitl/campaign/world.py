@@ -49,6 +49,8 @@ _AFTER = in_ticks(5.0)
 _NOT_STARTED = in_ticks(120.0)
 #: the same where the rules hear of it: what they make of it stirs by itself (s)
 _HEARD_S = 2.5
+#: the autopilot's answer to an order takes so long
+_ANSWERS = in_ticks(0.1)
 #: longer than any of these missions with everything that can delay it
 _LONGEST = in_ticks(5400.0)
 _START_TAKES = in_ticks(2.0)
@@ -498,8 +500,10 @@ class World:
         if not self.cable or not self.log.obeys.values[-1]:
             return
         match action:
-            case FlightAction.HOLD:
+            case FlightAction.HOLD if aircraft.mode in (Mode.AUTO, Mode.PAUSE):
                 aircraft.pause(now)
+            case FlightAction.HOLD:  # ArduCopter pauses in nothing else, and answers so
+                self.plan_at(now + _ANSWERS, lambda at: self.tell(events.OrderRefused(FlightAction.HOLD), at))
             case FlightAction.CONTINUE:
                 if aircraft.mode is Mode.PAUSE:
                     aircraft.resume("companion", now)

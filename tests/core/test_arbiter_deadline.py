@@ -30,6 +30,7 @@ from mavproxy_handover.core.events import (
     MissionLoaded,
     ModeSeen,
     MotionSeen,
+    OrderRefused,
     PositionSeen,
     Record,
     Send,
@@ -181,6 +182,7 @@ deeds = st.one_of(
         st.sampled_from([None, 3.0, 400.0, 420.0, 900.0]),
     ),
     st.builds(HandSeen, st.sampled_from([Hand.PILOT, Hand.COMMANDER, Hand.FAILSAFE])),
+    st.builds(OrderRefused, st.sampled_from(FlightAction)),
 )
 waits = st.sampled_from([0.0, 0.0, 0.01, 0.13, 0.37, 0.71, 1.09, 2.03])
 stories = st.lists(st.tuples(waits, events), max_size=25)

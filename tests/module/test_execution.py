@@ -11,13 +11,14 @@ from pymavlink.dialects.v20 import ardupilotmega as stock
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.hands import of_text
+from mavproxy_handover.core.events import SignsSeen
 from mavproxy_handover.mission.package import MissionPackage
 from tests.module.conftest import Bench
 from tests.module.test_route import beside, take_off
 from tests.module.vehicle import AUTO, GUIDED, LAND, RTL
 
 LOITER, STABILIZE = 5, 0
-MODE = mavlink.MAV_CMD_DO_SET_MODE
+MODE, PAUSE = mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_CMD_DO_PAUSE_CONTINUE
 RADIO, FENCE = mavlink.MAV_SYS_STATUS_SENSOR_RC_RECEIVER, mavlink.MAV_SYS_STATUS_GEOFENCE
 OUTSIDE = (52.678146, 5.95)  # east of every zone
 
@@ -328,3 +329,26 @@ def test_a_fence_of_which_nothing_is_heard_any_more_is_not_breached(flown: Bench
     flown.each_round = lambda: None
     flown.run(4.0)
     assert not flown.companion.autopilot._execution.breach(flown.clock.now)
+
+
+def test_a_hold_that_the_autopilot_refuses_is_a_return_at_once(bench: Bench, delivery: MissionPackage) -> None:
+    """The fault: it was waited for, and the zone was left meanwhile. ArduCopter refuses a pause in a circle."""
+    bench.configure(more='[policy]\noff_route = "hold"')
+    take_off(bench, delivery)
+
+    def at_8_mps(lat: float, lon: float) -> None:
+        place = round(lat * 1e7), round(lon * 1e7)
+        bench.autopilot.say(stock.MAVLink_global_position_int_message(1000, *place, 0, 0, 800, 0, 0, 0))
+
+    bench.autopilot.say_position = at_8_mps  # type: ignore[method-assign]
+    bench.run(3.0)
+    bench.autopilot.script[PAUSE] = mavlink.MAV_RESULT_FAILED
+    bench.companion.handle(SignsSeen(off_route=True, off_route_words="off route: 80 m"), bench.clock.now)
+
+    def pauses() -> int:
+        return [m.command for m in bench.autopilot.got("COMMAND_LONG")].count(PAUSE)
+
+    bench.until(pauses)
+    asked = bench.clock.now
+    bench.until(lambda: bench.autopilot.mode == RTL)
+    assert (bench.clock.now - asked < 0.5, pauses()) == (True, 1)

@@ -269,7 +269,7 @@ class Execution:
                 self._tell(f"{order.name} again: the autopilot flies {self._helm.name}", order, decision, actions)
             self._fly(order, Reason.NONE if decision is None else CAUSES[decision.cause].reason, now, actions)
         else:
-            text = f"{order.name}: the autopilot does not follow, flies {self._helm.name}"
+            text = f"{order.name}: {seen.value}, flies {self._helm.name}"
             self._tell(text, FlightAction.WARN, decision, actions)
             return True
         return False

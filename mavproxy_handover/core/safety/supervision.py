@@ -29,6 +29,10 @@ What does not show in time is commanded again, TRIES times; then the action is o
 while another mode shows, and told once where it does not come down in the right one, which to command again is no help.
 An order that is decided anew, for another cause, is the same order: causes that take turns give it no more time.
 
+What the autopilot refuses, by a negative answer, is not waited for: a HOLD or a RETURN is `unable` at once, a LAND is
+commanded again after REFUSED_AGAIN_S. It counts only for the order in force, once, and not where that order shows all
+the same: the aircraft is at rest, or in its mode.
+
 What was held is held until something else shows (`stands`): a return that was ordered behind the hold, and never flown,
 has not ended it. Where that is over, the aircraft is to go on, and for what stands still there is nothing graver to
 come: CONTINUE, like LAND, is repeated.
@@ -56,7 +60,17 @@ from mavproxy_handover.core.model import FlightAction, Flown, Hand, Kind
 from mavproxy_handover.core.safety.helm import Helm
 from mavproxy_handover.core.safety.strategy import Fact
 
-__all__ = ["AT_PLACE_M", "CIRCLES_THERE_M", "FOLLOW", "NEARER_M", "TRIES", "Follow", "Seen", "Supervision"]
+__all__ = [
+    "AT_PLACE_M",
+    "CIRCLES_THERE_M",
+    "FOLLOW",
+    "NEARER_M",
+    "REFUSED_AGAIN_S",
+    "TRIES",
+    "Follow",
+    "Seen",
+    "Supervision",
+]
 
 #: commanded so often before it is given up
 TRIES: Final = 2
@@ -70,6 +84,8 @@ RESTS_MPS: Final = 1.0
 #: a stop loses at least so much speed each second (m/s2), once the command has arrived (s)
 BRAKES_MPS2: Final = 1.25
 ARRIVES_S: Final = 2.0
+#: a landing that is refused is commanded again after so long (s)
+REFUSED_AGAIN_S: Final = 1.0
 #: more than it can be blown away from one report to the next (m): it flies to another place now
 OTHER_PLACE_M: Final = 50.0
 
@@ -115,6 +131,7 @@ class Seen(Enum):
     OBEYED = "the autopilot follows"
     AGAIN = "commanded again"
     UNABLE = "the autopilot does not follow"
+    REFUSED = "the autopilot refuses it"
     WITHDRAWN = "not commanded any more"
 
 
@@ -130,6 +147,7 @@ class Supervision:
         "_limits",
         "_motion",
         "_nearest_m",
+        "_refused",
         "_shown",
         "_since",
         "_tries",
@@ -155,6 +173,8 @@ class Supervision:
         self._tries = 0
         #: the order has shown by mode, or by rest
         self._shown = False
+        #: the autopilot has answered that it does not do it, and that was not looked at yet
+        self._refused = False
         #: the return or the landing that a pilot or a failsafe has interrupted
         self._interrupted: FlightAction | None = None
         #: the autopilot is not heard
@@ -190,6 +210,11 @@ class Supervision:
         if action is not self.order:
             self._begin(action, 1, now)
 
+    def refused(self, action: FlightAction) -> None:
+        """The autopilot has answered that it does not do this. Another order than the one in force, or one that has
+        shown, is not concerned."""
+        self._refused |= action is self.order and not self._shown
+
     def go_on(self, now: float) -> None:
         """It is commanded to go on: what stands still by its order is watched until it does."""
         stands = self.stands
@@ -200,7 +225,7 @@ class Supervision:
 
     def _begin(self, action: FlightAction, tries: int, now: float) -> None:
         self.order, self._tries = action, tries
-        self._since, self._shown, self._excused = now, False, False
+        self._since, self._shown, self._excused, self._refused = now, False, False, False
         self._first_speed = 0.0 if self._motion is None else self._motion.speed_mps
 
     def over(self) -> None:
@@ -260,9 +285,29 @@ class Supervision:
             return None
         if was_deaf:
             self._since = now
+        refused, self._refused = self._refused, False
+        if refused and not self._is_so(helm):
+            return self._denied(self.order, now)
         if not self._follows(helm):
             return self._astray(was_deaf, breached and bool(facts & _COMING_HOME), now)
         return self._moves(self.order, helm, facts, breached, now)
+
+    def _is_so(self, helm: Helm) -> bool:
+        """The order shows all the same."""
+        assert self.order is not None
+        if FOLLOW[self.kind][self.order].modes:
+            return self._follows(helm)
+        return self._motion is not None and self._motion.speed_mps < RESTS_MPS
+
+    def _denied(self, order: FlightAction, now: float) -> Seen | None:
+        """The autopilot has refused it, and it is not so."""
+        if order not in _ENDLESS:
+            self.unable |= {order}
+            self.order = None
+            return Seen.REFUSED
+        self._since = min(self._since, now + REFUSED_AGAIN_S - self._limits.obey_s)
+        self._has_time(self._limits.obey_s, now)
+        return None
 
     def _again(self, action: FlightAction, now: float) -> Seen:
         self._begin(action, self._tries + 1, now)

@@ -18,6 +18,7 @@ from mavproxy_handover.core.events import (
     LinkJudged,
     ModeSeen,
     MotionSeen,
+    OrderRefused,
     PlaceJudged,
     SignsSeen,
 )
@@ -416,6 +417,78 @@ class TestHold:
         bench.autopilot = True
         bench.run(2.0)
         assert bench.flights() == [HOLD, HOLD]
+
+
+class TestRefused:
+    """The autopilot answers that it does not do it: nothing is waited for."""
+
+    def held(self) -> Bench:
+        bench = aloft()
+        bench.position(ends(4.0), outside(A + 1))
+        assert bench.flights() == [HOLD]
+        return bench
+
+    def test_a_hold_that_is_refused_is_a_return_in_the_same_moment(self) -> None:
+        bench = self.held()
+        bench.give(OrderRefused(FlightAction.HOLD))
+        assert bench.flights() == [HOLD, BACK]
+        assert said(bench)[1] == "HOLD: the autopilot refuses it, flies AUTO (coverage ends ahead)"
+
+    def test_what_stands_all_the_same_is_held(self) -> None:
+        """In LOITER ArduCopter refuses the pause, and stands."""
+        bench = aloft(mode=LOITER)
+        bench.motion = MotionSeen(0.4, 0.0)
+        bench.run(1.0)
+        bench.position(ends(4.0), outside(A + 1))
+        bench.give(OrderRefused(FlightAction.HOLD))
+        bench.run(20.0)
+        assert bench.flights() == [HOLD]
+
+    def test_a_second_answer_to_the_same_order_counts_for_nothing(self) -> None:
+        """The order was sent twice, and each copy was answered."""
+        bench = self.held()
+        bench.give(OrderRefused(FlightAction.HOLD))
+        bench.give(OrderRefused(FlightAction.HOLD))
+        bench.mode, bench.motion = RTL, HOMEWARD
+        nearer(bench, 20.0, 8.0)
+        assert bench.flights() == [HOLD, BACK]
+
+    def test_an_answer_to_another_order_than_the_one_in_force_counts_for_nothing(self) -> None:
+        bench = self.held()
+        bench.give(OrderRefused(FlightAction.RETURN))
+        bench.give(OrderRefused(FlightAction.LAND))
+        bench.give(OrderRefused(FlightAction.CONTINUE))
+        assert bench.flights() == [HOLD]
+
+    def test_a_return_that_is_refused_is_a_landing_in_the_same_moment(self) -> None:
+        bench = lost(aloft(), None)
+        bench.give(OrderRefused(FlightAction.RETURN))
+        assert bench.flights() == [HOME, DOWN]
+        assert "RETURN: the autopilot refuses it, flies AUTO (commander lost)" in said(bench)
+
+    def test_a_return_that_has_shown_by_then_goes_on(self) -> None:
+        """The landing that was tried behind it has been taken, and its answer was lost."""
+        bench = lost(aloft(), LAND)
+        bench.run(1.0)
+        bench.give(OrderRefused(FlightAction.RETURN))
+        assert bench.flights() == [HOME]
+
+    def test_a_landing_that_is_refused_is_commanded_again_after_a_second(self) -> None:
+        bench = lost(aloft(Limits(policies={Cause.COMMANDER_LOST: "land"})), None)
+        for _ in range(5):
+            bench.give(OrderRefused(FlightAction.LAND))
+            bench.run(1.1)
+        assert [action for _at, action in times(bench)] == [FlightAction.LAND] * 6
+        assert all(0.9 <= later - earlier <= 1.3 for (earlier, _), (later, _) in pairwise(times(bench)))
+
+    def test_under_a_pilot_nothing_is_concluded(self) -> None:
+        bench = aloft(mode=with_radio(AUTO))
+        bench.position(ends(4.0), outside(B))
+        bench.mode = with_radio(LOITER)
+        bench.run(3.0)
+        bench.give(OrderRefused(FlightAction.HOLD))
+        bench.run(5.0)
+        assert bench.flights() == [HOLD]
 
 
 class TestPilot:

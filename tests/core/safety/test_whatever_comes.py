@@ -25,6 +25,7 @@ from mavproxy_handover.core.events import (
     LinkJudged,
     ModeSeen,
     MotionSeen,
+    OrderRefused,
     PlaceJudged,
     SignsSeen,
 )
@@ -324,6 +325,9 @@ MILD = (
     PlaceJudged("home", True),
     PlaceJudged("home", False),
     HandSeen(Hand.COMMANDER, Flown.MISSION),
+    OrderRefused(FlightAction.HOLD),
+    OrderRefused(FlightAction.RETURN),
+    OrderRefused(FlightAction.LAND),
 )
 #: where the aircraft may be, besides far outside of everything
 WHERE: tuple[tuple[ZoneFact, ...], ...] = (
