@@ -259,6 +259,12 @@ class Aircraft:
         position = self.position
         return None if position is None else (position.lat / 1e7, position.lon / 1e7, position.relative_alt / 1000.0)
 
+    @property
+    def home_alt_m(self) -> float | None:
+        """Its home above the sea (m), as its own positions have it; None before they are known."""
+        position = self.own_position
+        return None if position is None else (position.alt - position.relative_alt) / 1000.0
+
     def state(self) -> AircraftState:
         """What HANDOVER_REQUEST tells."""
         position = self.position

@@ -31,7 +31,7 @@ from mavproxy_handover.autopilot.own_failsafes import PlanFacts, plan_facts
 from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
-from mavproxy_handover.autopilot.preflight import Finding, Preflight
+from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
@@ -44,6 +44,7 @@ from mavproxy_handover.core.events import (
     AircraftJudged,
     AutopilotState,
     GuardSeen,
+    HeightsJudged,
     MissionLoaded,
     PositionSeen,
     ReturnJudged,
@@ -118,8 +119,9 @@ class Autopilot:
         #: the aircraft against its route
         self.route = RouteWatch(config.route, self.aircraft, ties)
         self._gaps = GapWatch(config.limits, self.aircraft, ties)
-        #: why the mission is none for this aircraft, and why a return would not end on the ground, as it was told last
-        self._aircraft_lacks = self._return_lacks = ""
+        #: why the mission is none for this aircraft, why a return would not end on the ground, and why the mission
+        #: would not be flown at the heights that were checked, as it was told last
+        self._aircraft_lacks = self._return_lacks = self._heights_lack = ""
         #: the parameters by which that was judged
         self._judged_by: Mapping[str, float] | None = None
         self._waypoints = WaypointWatch(config.limits.leave_margin_m, self.aircraft)
@@ -141,7 +143,7 @@ class Autopilot:
             talks,
             ties,
             lambda: self._loader.package,
-            self._circles_for_ever,
+            self._not_as_checked,
             self._rerouted,
         )
         self._heed: dict[str, Callable[[Any, float], None]] = {
@@ -201,7 +203,7 @@ class Autopilot:
         if finder is None or where is None:
             return ()
         lat_deg, lon_deg, alt_m = where
-        way = self._loader.way(self.aircraft.waypoint) if self.aircraft.flies_mission else ()
+        way = self._loader.way(self.aircraft.waypoint, where[:2]) if self.aircraft.flies_mission else ()
         course_deg, speed_mps = self.aircraft.track
         if self.aircraft.kind.winged and self.aircraft.flown is Flown.STOP:
             speed_mps = 0.0  # it circles: its track leads nowhere
@@ -373,13 +375,17 @@ class Autopilot:
         self.places.adopt(package, now)
 
     def _judge_plan(self, now: float) -> None:
-        """Tell the arbiter what START lacks for the gaps, for a return that ends on the ground, and of the aircraft."""
+        """Tell the arbiter what START lacks for gaps and heights, for a return that lands, and of the aircraft."""
         self._judged_by = self._preflight.parameters
         self._gaps.judge(self._preflight.parameters, now)
         unfit = self._preflight.other_type or self._other_kind
         if unfit != self._aircraft_lacks:
             self._aircraft_lacks = unfit
             self._ties.handle(AircraftJudged(unfit), now)
+        heights = self._preflight.heights_lack(self.aircraft.home_alt_m)
+        if heights != self._heights_lack:
+            self._heights_lack = heights
+            self._ties.handle(HeightsJudged(heights), now)
         lacks = self._preflight.circles_for_ever(self.aircraft.kind)
         if lacks != self._return_lacks:
             self._return_lacks = lacks
@@ -393,11 +399,15 @@ class Autopilot:
             return ""
         return f"the mission is for a {route.kind.value}, and this is a {aircraft.kind.value}"
 
-    def _circles_for_ever(self, facts: PlanFacts) -> str:
+    def _not_as_checked(self, facts: PlanFacts) -> str:
+        """Why a plan that is sent in flight is not for this aircraft, in words; "": it is."""
         parameters = self._preflight.parameters
         if parameters is None:  # behind a restart in flight: what START has asked for
             parameters = _LANDS
-        return own_failsafes.circles_for_ever(parameters, facts, self.aircraft.kind)
+        circles = own_failsafes.circles_for_ever(parameters, facts, self.aircraft.kind)
+        if circles:
+            return f"a return would not land: {circles}"
+        return heights_lack(self._preflight.parameters, facts, self.aircraft.home_alt_m)
 
     def _flies(self, route: Route | None) -> None:
         self._flown = route

@@ -26,6 +26,7 @@ from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.gaps import Stretch
 from mavproxy_handover.mission.items import RallyPoint
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
+from mavproxy_handover.mission.pieces import Line, PieceRow
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, legs_of
 from mavproxy_handover.mission.zones import ZoneFinder
@@ -38,6 +39,8 @@ __all__ = ["Along", "MissionLoader", "MissionWriter", "Prepared", "Way", "prepar
 
 #: so many legs ahead are looked at
 _NEXT = 6
+#: and so many where circles and splines are rows of short ones
+_NEXT_PIECES = 40
 _RECEIVED = mavlink.HANDOVER_PACKAGE_RESULT_RECEIVED
 _LOADED = mavlink.HANDOVER_PACKAGE_RESULT_LOADED
 _REFUSED = mavlink.HANDOVER_PACKAGE_RESULT_REFUSED
@@ -103,6 +106,10 @@ class MissionLoader:
         self.delivery: int | None = None
         #: where the way to each item of the mission leads, item by item
         self._places: tuple[tuple[int, tuple[float, float]], ...] = ()
+        #: of the items that are flown to in a curve: where on it the aircraft is
+        self._rows: dict[int, PieceRow] = {}
+        #: and the places of one round of those that are flown again and again
+        self._rounds: dict[int, tuple[tuple[int, tuple[float, float]], ...]] = {}
         #: the mission's own policy, None if it has none
         self.out_of_coverage: str | None = None
 
@@ -160,12 +167,31 @@ class MissionLoader:
 
     def reroute(self, route: Route) -> None:
         """Another route is flown than the package's."""
-        self._places = tuple((leg.seq, leg.end[:2]) for leg in legs_of(route))
+        legs = legs_of(route)
+        self._places = tuple((leg.seq, leg.end[:2]) for leg in legs)
+        curved = {leg.seq for leg in legs if leg.curved}
+        self._rows = {
+            seq: PieceRow([Line(leg.start[:2], leg.end[:2]) for leg in legs if leg.seq == seq]) for seq in curved
+        }
+        self._rounds = {
+            seq: tuple((seq, leg.end[:2]) for leg in legs if leg.seq == seq and leg.times > 1) for seq in curved
+        }
 
-    def way(self, waypoint: int) -> tuple[tuple[float, float], ...]:
-        """The places (latitude, longitude) that are flown to next, from the item `waypoint` on; none if it has none."""
+    def way(self, waypoint: int, here: tuple[float, float]) -> tuple[tuple[float, float], ...]:
+        """The places (latitude, longitude) that are flown to next, from the item `waypoint` on; none if it has none.
+
+        `here`: where the aircraft is: of a curve the rest counts, and of a circle another round.
+        """
         first = next((index for index, (seq, _place) in enumerate(self._places) if seq == waypoint), None)
-        return () if first is None else tuple(place for _seq, place in self._places[first : first + _NEXT])
+        if first is None:
+            return ()
+        row = self._rows.get(waypoint)
+        if row is None:
+            return tuple(place for _seq, place in self._places[first : first + (_NEXT_PIECES if self._rows else _NEXT)])
+        ends = first + len(row.lines)
+        first += row.find(here).piece
+        places = (*self._places[first:ends], *self._rounds.get(waypoint, ()), *self._places[ends:])
+        return tuple(place for _seq, place in places[:_NEXT_PIECES])
 
 
 class MissionWriter:

@@ -21,14 +21,17 @@ fence.cpp of the latter, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import degrees, inf
 from typing import Final
 
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import LOITER_S
 from mavproxy_handover.mission.geodesy import distance_m
-from mavproxy_handover.mission.items import LANDINGS
+from mavproxy_handover.mission.heights import above_sea, above_terrain, named
+from mavproxy_handover.mission.items import LANDINGS, LOITER_TURNS, MissionItem, stored_radius_m
+from mavproxy_handover.mission.leg import Leg
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.walk import legs_of
 
@@ -44,6 +47,7 @@ __all__ = [
     "circles_for_ever",
     "further_names",
     "further_rules",
+    "no_terrain",
     "plan_facts",
 ]
 
@@ -55,6 +59,7 @@ NAMES: Final = (
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RTL_SPEED", "RTL_SPEED_MS", "RALLY_INCL_HOME",
     "RTL_CLIMB_MIN", "RTL_CLIMB_MIN_M", "RTL_LOIT_TIME", "HNDO_ACTION", "FS_DR_ENABLE",
+    "TERRAIN_ENABLE", "WPNAV_RFND_USE", "RNGFND1_TYPE", "CIRCLE_RATE",
 )  # fmt: skip
 #: the same of an aircraft with wings
 PLANE_NAMES: Final = (
@@ -62,10 +67,13 @@ PLANE_NAMES: Final = (
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART",
     "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "FLIGHT_OPTIONS", "TERRAIN_FOLLOW",
-    "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS",
+    "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS", "TERRAIN_ENABLE",
 )  # fmt: skip
 #: of those that begin with BATT_, what each further monitor has as well
 _OF_MONITOR: Final = ("MONITOR", "FS_LOW_ACT", "FS_CRT_ACT", "LOW_VOLT", "LOW_MAH")
+
+#: parameters have 24 bits, and settings are rounded: no difference (degrees a second)
+_ROUNDED_DEG_S: Final = 0.01
 
 #: for which kinds a rule is
 COPTERS: Final = frozenset({Kind.COPTER})
@@ -89,6 +97,15 @@ class PlanFacts:
     lands: bool = False
     #: the number of a DO_LAND_START that comes to no landing; None: it has none
     aloft: int | None = None
+    #: home above the sea (m)
+    home_alt_m: float = 0.0
+    #: items with heights above the sea, and above terrain
+    above_sea: tuple[MissionItem, ...] = ()
+    above_terrain: tuple[MissionItem, ...] = ()
+    #: it brings heights of the ground
+    ground: bool = False
+    #: how fast its circles are counted to be flown, at the most (degrees a second); 0: it has none
+    circle_deg_s: float = 0.0
 
 
 def plan_facts(route: Route) -> PlanFacts:
@@ -99,7 +116,32 @@ def plan_facts(route: Route) -> PlanFacts:
     highest_m = max(leg.end[2] for leg in legs)
     inclusions, ways = sum(part.inclusion for part in route.fence), ways_from_land_starts(route.items)
     aloft = next((way[0].seq for way in ways if way[-1].command not in LANDINGS), None)
-    return PlanFacts(bool(route.fence), inclusions, farthest_m, highest_m, bool(ways) and aloft is None, aloft)
+    return PlanFacts(
+        bool(route.fence),
+        inclusions,
+        farthest_m,
+        highest_m,
+        bool(ways) and aloft is None,
+        aloft,
+        route.home.alt_m,
+        above_sea(route),
+        above_terrain(route),
+        route.ground is not None,
+        0.0 if route.kind.winged else _circle_deg_s(route, legs),
+    )
+
+
+def _circle_deg_s(route: Route, legs: Sequence[Leg]) -> float:
+    """How fast a copter is counted to fly its circles, at the most."""
+    items = ((route.items[leg.seq - 1], leg.speed_mps) for leg in legs if leg.curved)
+    return max(
+        (
+            degrees(speed_mps / abs(stored_radius_m(item.param3)))
+            for item, speed_mps in items
+            if item.command == LOITER_TURNS
+        ),
+        default=0.0,
+    )
 
 
 Parameters = Mapping[str, float]
@@ -185,6 +227,42 @@ def circles_for_ever(p: Parameters | None, plan: PlanFacts | None, kind: Kind) -
     missing = "RTL_AUTOLAND is not 1" if plan.lands else "the mission has no landing sequence (DO_LAND_START)"
     rotors = ", and Q_RTL_MODE is 0" if kind is Kind.QUADPLANE else ""
     return f"it would circle for ever: {missing}{rotors}"
+
+
+def no_terrain(p: Parameters | None, plan: PlanFacts | None) -> str:
+    """Why the autopilot cannot fly heights above terrain that the plan has, in words; "" if it can, or has none to fly.
+
+    `p` None: not read yet. Without heights of the ground the autopilot turns back (`failsafe_terrain_on_event`).
+    """
+    if plan is None or not plan.above_terrain:
+        return ""
+    what = f"{named(plan.above_terrain[0])} above terrain"
+    if p is None:
+        return f"{what}: the parameters are not read yet"
+    if p.get("TERRAIN_ENABLE", 0.0) >= 1.0 or (
+        p.get("WPNAV_RFND_USE", 0.0) >= 1.0 and p.get("RNGFND1_TYPE", 0.0) >= 1.0
+    ):
+        return ""
+    return f"{what}: TERRAIN_ENABLE is 0 and there is no range finder. Set it to 1, or plan heights above home"
+
+
+def _terrain(p: Parameters, plan: PlanFacts | None) -> str | None:
+    lacks = no_terrain(p, plan)
+    if lacks:
+        return f"{lacks}; START is refused"
+    if plan is None or not plan.above_terrain or plan.ground:
+        return None
+    what = f"{named(plan.above_terrain[0])} above terrain"
+    return f"{what}: the mission has no heights of the ground, so its heights above home are not known"
+
+
+def _circle_rate(p: Parameters, plan: PlanFacts | None) -> str | None:
+    """A circle at a lower rate takes longer, and with none it never ends (`AC_Circle::calc_velocities`)."""
+    rate = abs(p.get("CIRCLE_RATE", inf))
+    if plan is None or rate >= plan.circle_deg_s - _ROUNDED_DEG_S:
+        return None
+    ends = "never ends" if rate == 0.0 else "takes longer, and more energy, than was counted"
+    return f"is {rate:g} degrees/s: a circle of the mission {ends} ({plan.circle_deg_s:.1f} were counted)"
 
 
 def _hover(name: str, unit_m: float) -> Rule:
@@ -455,4 +533,6 @@ RULES: Final[tuple[Row, ...]] = (
     ("RTL_CLIMB_MIN_M", _first_climb("RTL_CLIMB_MIN_M", 1.0), COPTERS),
     ("RTL_LOIT_TIME", _loiter, COPTERS),
     ("RALLY_INCL_HOME", _home, EVERY),
+    ("TERRAIN_ENABLE", _terrain, EVERY),
+    ("CIRCLE_RATE", _circle_rate, COPTERS),
 )

@@ -28,14 +28,15 @@ from pymavlink.dialects.v20 import handover as mavlink
 from mavproxy_handover.autopilot import own_failsafes
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.kinds import COPTER, PLANE, Vehicle
-from mavproxy_handover.autopilot.own_failsafes import COPTERS, EVERY, WINGED, PlanFacts, circles_for_ever
+from mavproxy_handover.autopilot.own_failsafes import COPTERS, EVERY, WINGED, PlanFacts, circles_for_ever, no_terrain
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
 from mavproxy_handover.core.safety.energy_prior import ENERGY_RANGES, EnergySettings
+from mavproxy_handover.mission.heights import home_disagrees
 from mavproxy_handover.wire.conversation import Ask, Asking, Conversation, Conversations, NoAnswer
 from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, COMPANION_COMPID
 
-__all__ = ["NAMES", "PLANE_NAMES", "Finding", "Found", "Preflight", "judge", "names_of", "reading"]
+__all__ = ["NAMES", "PLANE_NAMES", "Finding", "Found", "Preflight", "heights_lack", "judge", "names_of", "reading"]
 
 #: of the guard, of whom the autopilot obeys, and of what it says that it is
 _SHARED: Final = (
@@ -105,6 +106,8 @@ class Found:
     kind: Kind = Kind.COPTER
     #: how many it flies by: monitors 0 and up
     batteries: int = 1
+    #: its home above the sea (m); None: not known
+    home_alt_m: float | None = None
 
     @property
     def vehicle(self) -> Vehicle:
@@ -309,6 +312,12 @@ def _lands(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     return f"a return does not land: {lacks}; START is refused" if lacks else None
 
 
+def _home_height(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    plan = found.plan
+    lacks = "" if plan is None else home_disagrees(plan.above_sea, plan.home_alt_m, found.home_alt_m)
+    return f"{lacks}; START is refused" if lacks else None
+
+
 def _other_type(p: Mapping[str, float]) -> str:
     """What an ArduPlane is set to say of itself, in words, where that is something else; "" where it is not. No copter
     has this parameter, so what has it and says that it is one is none."""
@@ -335,6 +344,7 @@ _BY_VEHICLE: Final = ((COPTER, COPTERS), (PLANE, WINGED))
 _RULES: tuple[tuple[str, Rule, bool, frozenset[Kind]], ...] = (
     ("Q_MAV_TYPE", _type, False, EVERY),
     ("", _lands, False, WINGED),
+    ("", _home_height, False, EVERY),
     ("ARMING_REQUIRE", _arming_required, False, WINGED),
     ("", _guard_there, True, EVERY),
     ("HNDO_ENABLE", _guard_on, True, EVERY),
@@ -383,6 +393,15 @@ def judge(found: Found, limits: Limits) -> tuple[Finding, ...]:
 
 def _finding(parameter: str, text: str) -> Finding:
     return Finding(parameter, f"{parameter} {text}" if text.startswith("is ") else text)
+
+
+def heights_lack(p: Mapping[str, float] | None, plan: PlanFacts | None, home_alt_m: float | None) -> str:
+    """Why a plan would not be flown at the heights that were checked, in words; "" if it would. `p`: the parameters,
+    None: not read yet; `home_alt_m`: the autopilot's home above the sea, None: not known."""
+    if plan is None:
+        return ""
+    lacks = home_disagrees(plan.above_sea, plan.home_alt_m, home_alt_m), no_terrain(p, plan)
+    return "; ".join(each for each in lacks if each)
 
 
 # ---- when ---------------------------------------------------------------------------------------------------------
@@ -450,6 +469,11 @@ class Preflight:
         if self.parameters is not None:
             self.parameters = {**self.parameters, name: float(value)}
 
+    def heights_lack(self, home_alt_m: float | None) -> str:
+        """Why the plan would not be flown at the heights that were checked, in words; "" if it would. `home_alt_m`: the
+        autopilot's home above the sea, None: not known."""
+        return heights_lack(self.parameters, self._plan, home_alt_m)
+
     @property
     def other_type(self) -> str:
         """What it is set to say of itself that it is not, in words; "" if it is not."""
@@ -488,7 +512,7 @@ class Preflight:
             self.parameters = {**(talk.result or {}), **self._told}  # what was set meanwhile may have been read before
             self.radio_watched = self.parameters.get(vehicle.radio_failsafe, 1) != 0
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind, batteries
-            found = Found(self.parameters, guard, firmware, *told)
+            found = Found(self.parameters, guard, firmware, *told, aircraft.home_alt_m)
             self._conclude(judge(found, self._limits), now)
 
         self._conversations.begin("preflight", reading(self._sysid, names_of(vehicle, batteries)), done, now)

@@ -12,6 +12,8 @@ mixture behind where the link breaks; what it holds would be known to nobody. So
 * It has to consist of what a package may hold (`mission/items.py`): what jumps, moves home or switches the fence off
   cannot be judged. It need not begin with a take-off. A plane's has to leave a return that ends on the ground: where
   that goes on to the landing sequence, one without would have it circle for ever.
+* Heights above the sea need the plan's and the autopilot's home at the same height, heights above terrain an autopilot
+  that knows the ground; a way into the ground, by the heights that the package has of it, is refused (`heights.py`).
 * To clear the mission is refused: there is nothing to fly by then, and RTL needs no empty mission.
 * A geofence is not changed in flight. It is a limit that the autopilot keeps by itself, the places of a return were
   checked against it, and one that leaves the aircraft outside lands it at once (4.7) or turns it back. The one that is
@@ -41,7 +43,8 @@ from mavproxy_handover.gate.mission_server import MissionServer, Turn, Upload
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.errors import MissionError
-from mavproxy_handover.mission.items import COMMANDS, MissionItem
+from mavproxy_handover.mission.heights import above_ground_m, low_ways, named
+from mavproxy_handover.mission.items import COMMANDS, RETURN_TO_LAUNCH, MissionItem
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.mission.plan import MAX_CORNERS, MAX_ITEMS, Route, with_items
 from mavproxy_handover.mission.returns import with_return
@@ -73,6 +76,8 @@ class Rerouted:
     facts: PlanFacts
     #: with its borders; None: it leads nowhere
     way: WayAhead | None = None
+    #: which items are near the height of home, in words; "": none is
+    low: str = ""
 
 
 def _mission_flaw(item: MissionItem) -> Flaw | None:
@@ -86,8 +91,8 @@ def _mission_flaw(item: MissionItem) -> Flaw | None:
 class Staging:
     """The uploads of one vehicle's commander in flight.
 
-    `package`: what the autopilot was loaded with, None if that is not known. `circles_for_ever`: why a return would not
-    land with such a mission, in words, "" if it would. `rerouted` is told of each mission that the autopilot holds from
+    `package`: what the autopilot was loaded with, None if that is not known. `not_as_checked`: why a
+    plan is not for this aircraft, in words; "": it is. `rerouted` is told of each mission that the autopilot holds from
     now on; None: nobody knows which one it holds.
     """
 
@@ -98,7 +103,7 @@ class Staging:
         conversations: Conversations,
         ties: Ties,
         package: Callable[[], MissionPackage | None],
-        circles_for_ever: Callable[[PlanFacts], str],
+        not_as_checked: Callable[[PlanFacts], str],
         rerouted: Callable[[Rerouted | None, float], None],
     ) -> None:
         self._desk = desk
@@ -106,7 +111,7 @@ class Staging:
         self._conversations = conversations
         self._ties = ties
         self._package = package
-        self._circles_for_ever = circles_for_ever
+        self._not_as_checked = not_as_checked
         self._rerouted = rerouted
         self._worker = Worker()
         self._servers = {
@@ -200,9 +205,9 @@ class Staging:
                 self._ties.fault("upload", f"{type(result).__name__}: {result}")
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_INVALID, why, now)
             return
-        circles = self._circles_for_ever(result.facts)
-        if circles:
-            self._conclude(port, _MISSION, _DENIED, f"a return would not land: {circles}", now)
+        lacks = self._not_as_checked(result.facts)
+        if lacks:
+            self._conclude(port, _MISSION, _DENIED, lacks, now)
             return
         ruling = self._desk.route(port, result.ahead, (upload.sender, upload.items), upload.begun_at, now)
         if not ruling.passes:
@@ -222,6 +227,8 @@ class Staging:
             self._ties.narrator.rerouted(port.name, len(items) - 1, read.commanders)
             self._rerouted(read, now)
             self._conclude(port, _MISSION, mavlink.MAV_MISSION_ACCEPTED, "", now)
+            if read.low:
+                self._ties.voice.say(port, f"mission, warning: {read.low}")
 
         self._conversations.begin(_WRITE, self._procedures().replace_mission(items), done, now)
 
@@ -235,5 +242,14 @@ def _read_route(
     legs, facts = ahead.way(1, here), plan_facts(route)
     if not legs:
         return Rerouted(ahead, (commander,), facts)
+    relief = package.relief()
+    for leg in legs:
+        item = route.items[leg.seq - 1]
+        # a return climbs first, and is judged by itself
+        if relief is None or leg.length_m <= 0.0 or item.command == RETURN_TO_LAUNCH:
+            continue
+        if above_ground_m(relief, leg) < 0.0:
+            raise MissionError(f"the way to {named(item)} leads into the ground. Plan it higher")
     walk = walk_legs(legs, package.zone_finder(), commander)
-    return Rerouted(ahead, walk.commanders, facts, WayAhead(walk))
+    low = next((each.text for each in low_ways(route, legs)), "")
+    return Rerouted(ahead, walk.commanders, facts, WayAhead(walk), low)

@@ -44,6 +44,7 @@ from mavproxy_handover.core.events import (
     GapsJudged,
     GuardSeen,
     HandSeen,
+    HeightsJudged,
     LinkJudged,
     MissionLoaded,
     ModeSeen,
@@ -322,6 +323,8 @@ class Arbiter:
                 self._flight.gaps_lack = event.lacking
             case AircraftJudged():
                 self._flight.aircraft_lacks = event.lacking
+            case HeightsJudged():
+                self._flight.heights_lack = event.lacking
             case ReturnJudged():
                 self._flight.return_lacks = event.lacking
             case MissionLoaded():

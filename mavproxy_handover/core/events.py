@@ -54,6 +54,7 @@ __all__ = [
     "RehearsalAsked",
     "RehearsalMoved",
     "RehearsalRefused",
+    "HeightsJudged",
     "ReturnJudged",
     "Send",
     "SignsSeen",
@@ -201,6 +202,14 @@ class AircraftJudged:
 
 
 @dataclass(frozen=True, slots=True)
+class HeightsJudged:
+    """Why the loaded mission would not be flown at the heights that were checked, in words; "": it would. It counts
+    until the next one."""
+
+    lacking: str
+
+
+@dataclass(frozen=True, slots=True)
 class ReturnJudged:
     """Why a return would not end on the ground, in words; "": it would. It counts until the next one."""
 
@@ -331,6 +340,7 @@ Event = (
     | EnergyJudged
     | GapsJudged
     | AircraftJudged
+    | HeightsJudged
     | ReturnJudged
     | SignsSeen
     | PlaceJudged

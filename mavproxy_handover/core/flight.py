@@ -36,6 +36,7 @@ class Flight:
         "energy_short",
         "foreign",
         "gaps_lack",
+        "heights_lack",
         "kind",
         "rehearsing",
         "return_lacks",
@@ -58,6 +59,8 @@ class Flight:
         self.energy_short = ""
         #: what the gaps of the loaded mission lack, in words
         self.gaps_lack = ""
+        #: why the loaded mission would not be flown at the heights that were checked, in words
+        self.heights_lack = ""
         #: why a return would not end on the ground, in words
         self.return_lacks = ""
         #: why the loaded mission is none for this aircraft, in words

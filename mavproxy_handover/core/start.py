@@ -31,7 +31,8 @@ class StartFacts:
 
     `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what
     the loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do; `return_lacks`: why a return would not
-    end on the ground; `aircraft_lacks`: why the mission is none for this aircraft. `rehearsing`: it is carried.
+    end on the ground; `aircraft_lacks`: why the mission is none for this aircraft; `heights_lack`: why it would not be
+    flown at the heights that were checked. `rehearsing`: it is carried.
     """
 
     station: str
@@ -48,6 +49,7 @@ class StartFacts:
     gaps_lack: str = ""
     return_lacks: str = ""
     aircraft_lacks: str = ""
+    heights_lack: str = ""
     rehearsing: bool = False
 
 
@@ -78,6 +80,8 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append(f"outside the zone of {facts.station}")
     if facts.energy_short:
         needs.append(f"energy: {facts.energy_short}")
+    if facts.heights_lack:
+        needs.append(f"heights: {facts.heights_lack}")
     if facts.return_lacks:
         needs.append(f"a return does not land: {facts.return_lacks}")
     if facts.gaps_lack:
@@ -127,6 +131,7 @@ class Start:
                 gaps_lack=flight.gaps_lack if flown else "",
                 return_lacks=flight.return_lacks if flown else "",
                 aircraft_lacks=flight.aircraft_lacks if flown else "",
+                heights_lack=flight.heights_lack if flown else "",
                 rehearsing=flight.rehearsing,
             )
         )

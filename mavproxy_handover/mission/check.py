@@ -11,27 +11,46 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from itertools import pairwise
-from math import ceil, cos, inf, isclose, isfinite, radians, sin
+from math import cos, inf, isclose, isfinite, radians, sin
 from pathlib import Path
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.core.safety.energy import Wind
 from mavproxy_handover.core.safety.energy_prior import RETURN_ALT_M, WINGED_RETURN_ALT_M
+from mavproxy_handover.mission.curves import WITHIN_M
 from mavproxy_handover.mission.energy import Budget, budget_of, places_inside, places_of, released_at
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.fence import outside_fence
 from mavproxy_handover.mission.gaps import Stretch, undeclared
 from mavproxy_handover.mission.geodesy import distance_m, offset
+from mavproxy_handover.mission.heights import (
+    HOME_WITHIN_M,
+    above_ground_m,
+    above_sea,
+    above_terrain,
+    listed,
+    low_ways,
+    named,
+)
+from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.package import MISSION_FILE, MissionPackage, load
 from mavproxy_handover.mission.path import Path as FlownPath
 from mavproxy_handover.mission.path import Turn
-from mavproxy_handover.mission.terrain import CLEAR_M, Relief
-from mavproxy_handover.mission.walk import Gap, Handover, Leg, Walk, landing_sequences, sequence_place
+from mavproxy_handover.mission.plan import Route
+from mavproxy_handover.mission.terrain import CLEAR_M
+from mavproxy_handover.mission.walk import (
+    Gap,
+    Handover,
+    Walk,
+    curves_lacking,
+    landing_sequences,
+    sequence_place,
+)
 from mavproxy_handover.mission.wings import Air
 from mavproxy_handover.mission.zones import overlap
 
@@ -49,8 +68,6 @@ REACH_M = 5000.0
 SEQUENCE_M = 2000.0
 #: all around a place
 _ROUND = [radians(15.0 * number) for number in range(24)]
-#: a way that climbs is compared to the ground in pieces of this length (m)
-_GROUND_STEP_M = 25.0
 
 
 class Severity(Enum):
@@ -130,6 +147,8 @@ def check(
         *_rally(package, walk, reach_m, return_alt_m),
         *_fence(package, walk),
         *_ground(package, return_alt_m),
+        *_heights(package),
+        *_curves(package),
         *(() if energy is None else _energy(energy)),
         *_payload(package),
         *_speed(package),
@@ -150,10 +169,21 @@ def _start(package: MissionPackage, walk: Walk) -> Iterator[Finding]:
 def _gaps(package: MissionPackage, walk: Walk, path: FlownPath | None) -> Iterator[Finding]:
     # a mission that only warns out there has decided to fly its gaps
     warns = package.policies.get("on_out_of_coverage") == "warn"
-    for gap in undeclared(package.gaps, walk):
+    found = undeclared(package.gaps, walk)
+    same, told = Counter(_same(gap) for gap in found), set[tuple[int, float, float, float]]()
+    for gap in found:
+        if _same(gap) in told:  # each round of a circle has it
+            continue
+        told.add(_same(gap))
         turn = None if path is None else path.turn_at(gap.distance_along_m)
         text = f"no coverage for {_gap_words(gap)}" + ("" if turn is None else f", in {_turn_words(turn)}")
+        text += f", {same[_same(gap)]} times" if same[_same(gap)] > 1 else ""
         yield Finding(Severity.WARNING if warns else Severity.ERROR, text)
+
+
+def _same(gap: Gap) -> tuple[int, float, float, float]:
+    """Equal for the same gap in each round of a circle."""
+    return gap.seq, round(gap.lat_deg, 5), round(gap.lon_deg, 5), round(gap.length_m)
 
 
 def _turn_words(turn: Turn) -> str:
@@ -353,31 +383,71 @@ def _ground(package: MissionPackage, return_alt_m: float) -> Iterator[Finding]:
     if relief.terrain.lowest_m((home.lat_deg, home.lon_deg)) is None:
         yield Finding(Severity.WARNING, "the heights of the ground do not reach to home: the plan's altitude counts")
     places = places_inside(package.route)
-    for leg in package.legs():
-        if leg.length_m <= 0.0:
-            continue
-        way = _above_ground_m(relief, leg)
+    legs = package.legs()
+    lowest: dict[int, float] = {}
+    for leg in legs:
+        if leg.length_m > 0.0:
+            lowest[leg.seq] = min(lowest.get(leg.seq, inf), above_ground_m(relief, leg))
+    for seq, way in lowest.items():
         if way < CLEAR_M:
             word = f"{way:.0f} m above the ground" if way >= 0.0 else f"{-way:.0f} m below the ground"
-            yield Finding(Severity.WARNING if way >= 0.0 else Severity.ERROR, f"the way to item {leg.seq} is {word}")
-        lat, lon, alt = leg.end
-        if package.kind.winged:  # the way back leads down to the height of the return, from wherever it is higher
-            alt = return_alt_m
+            text = f"the way to {named(package.route.items[seq - 1])} is {word}"
+            yield Finding(Severity.WARNING if way >= 0.0 else Severity.ERROR, text)
+    ends = {leg.seq: leg.end for leg in legs if leg.length_m > 0.0}
+    for seq, (lat, lon, end_m) in ends.items():
+        # of wings the way back leads down to the height of the return, from wherever it is higher
+        alt = return_alt_m if package.kind.winged else end_m
         backs = [
             (relief.above_m((lat, lon), (p.lat_deg, p.lon_deg), max(alt, p.alt_m, return_alt_m)), p.name)
             for p in places
         ]
         best, name = max(backs, default=(inf, ""))
         if best < CLEAR_M:
-            text = f"no return from item {leg.seq} is {CLEAR_M:g} m above the ground: to {name} it is {best:.0f} m"
+            text = f"no return from item {seq} is {CLEAR_M:g} m above the ground: to {name} it is {best:.0f} m"
             yield Finding(Severity.WARNING, text)
 
 
-def _above_ground_m(relief: Relief, leg: Leg) -> float:
-    """The least height above the ground on the way, which may climb."""
-    count = max(1, ceil(leg.length_m / _GROUND_STEP_M))
-    spots = [leg.at(number / count) for number in range(count + 1)]
-    return min(relief.above_m(a[:2], b[:2], min(a[2], b[2])) for a, b in pairwise(spots))
+def _heights(package: MissionPackage) -> Iterator[Finding]:
+    """Heights above the sea and above terrain, and heights near home's."""
+    route = package.route
+    sea, terrain = above_sea(route), above_terrain(route)
+    if sea:
+        text = (
+            f"{listed(sea)}: the height is above the sea. It is right only with home at {route.home.alt_m:g} m, as in "
+            f"the plan: START refuses more than {HOME_WITHIN_M:g} m of difference. Plan heights above home instead"
+        )
+        yield Finding(Severity.WARNING, text)
+    unknown = [item for item in terrain if not _ground_known(route, item)]
+    if unknown:
+        limited = any(zone.min_alt_m is not None or zone.max_alt_m is not None for zone in package.zones)
+        because = ", and a zone has limits of height" if limited else ""
+        text = (
+            f"{listed(unknown)}: the height is above terrain, and the mission has no height of the ground there. It is "
+            f"counted as above home{because}. Bring the heights of the ground (key 'terrain' in {MISSION_FILE})"
+        )
+        yield Finding(Severity.ERROR if limited else Severity.WARNING, text)
+    if terrain:
+        text = f"{listed(terrain)}: the height is above terrain: START needs TERRAIN_ENABLE 1 in the autopilot"
+        yield Finding(Severity.INFO, text)
+    for low in low_ways(route, package.legs()):
+        yield Finding(Severity.ERROR if low.below else Severity.WARNING, low.text)
+
+
+def _ground_known(route: Route, item: MissionItem) -> bool:
+    return route.ground is not None and (
+        not item.has_place or route.ground.rise_m(item.lat_deg, item.lon_deg) is not None
+    )
+
+
+def _curves(package: MissionPackage) -> Iterator[Finding]:
+    """What the circles and splines of a copter rest on."""
+    lacking = curves_lacking(package.route, package.cruise_speed_mps)
+    if lacking > 1.0:
+        text = (
+            f"the route has more curves than are walked exactly: circles and splines are within "
+            f"{WITHIN_M * lacking**2:.1f} m. Split the mission"
+        )
+        yield Finding(Severity.WARNING, text)
 
 
 def _energy(budget: Budget) -> Iterator[Finding]:

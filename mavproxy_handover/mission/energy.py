@@ -257,10 +257,10 @@ def _piece(leg: Leg) -> Piece:
     # straight down the last metres are a landing
     landing = max(0.0, min(leg.start[2], LANDING_BELOW_M) - max(leg.end[2], 0.0)) if length == 0.0 else 0.0
     return Piece(
-        length_m=length,
+        length_m=leg.times * length,
         bearing_deg=bearing_deg(*leg.start[:2], *leg.end[:2]) if length > 0.0 else 0.0,
-        climb_m=max(0.0, rise),
-        descent_m=max(0.0, -rise),
+        climb_m=leg.times * max(0.0, rise),
+        descent_m=leg.times * max(0.0, -rise),
         landing_m=min(landing, max(0.0, -rise)),
         hold_s=leg.hold_s,
         speed_mps=leg.speed_mps,
@@ -310,7 +310,7 @@ class _Route:
         self.models = [model.unloaded if piece.unloaded else model for piece in pieces]
         #: used and gone, up and down included, before each leg and after the last
         self.used_wh = list(accumulate(self.needs, initial=0.0))
-        self.gone_m = list(accumulate((leg.size_m for leg in self.legs), initial=0.0))
+        self.gone_m = list(accumulate((leg.times * leg.size_m for leg in self.legs), initial=0.0))
 
     def best(self, here: tuple[float, float, float], left_wh: float, model: EnergyModel) -> Return | None:
         """The best return from here, as heavy as `model` is; None: there is none."""
@@ -323,7 +323,7 @@ class _Route:
     def margin_wh(self, gone_m: float) -> float:
         """Of the best return from there; -infinite: there is none."""
         number = min(bisect_right(self.gone_m, gone_m), len(self.legs)) - 1
-        leg, size = self.legs[number], self.legs[number].size_m
+        leg, size = self.legs[number], self.legs[number].times * self.legs[number].size_m
         part = min(1.0, (gone_m - self.gone_m[number]) / size) if size > 0.0 else 1.0
         left = self.model.battery_wh - self.used_wh[number] - part * self.needs[number]
         back = self.best(leg.at(part), left, self.models[number])
@@ -339,7 +339,7 @@ class _Route:
         along = 0.0
         for leg, begins in zip(self.legs, self.gone_m, strict=False):
             if leg.size_m > 0.0:
-                along += leg.length_m * min(1.0, max(0.0, gone - begins) / leg.size_m)
+                along += leg.times * leg.length_m * min(1.0, max(0.0, gone - begins) / (leg.times * leg.size_m))
         return along
 
     def items(self) -> Iterator[ItemBudget]:
@@ -355,7 +355,7 @@ class _Route:
             left, end, model = self.model.battery_wh - self.used_wh[number], legs[-1].end, self.models[number - 1]
             yield ItemBudget(
                 seq,
-                sum(leg.length_m for leg in legs),
+                sum(leg.times * leg.length_m for leg in legs),
                 model.made_good(piece.bearing_deg, piece.speed_mps) if level else None,
                 sum(self.needs[first:number]),
                 left,

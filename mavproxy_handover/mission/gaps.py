@@ -23,8 +23,9 @@ from mavproxy_handover.core.safety.energy_prior import EnergySettings
 from mavproxy_handover.mission.errors import Where
 from mavproxy_handover.mission.geodesy import bearing_deg
 from mavproxy_handover.mission.items import COMMANDS
+from mavproxy_handover.mission.leg import round_by_round
+from mavproxy_handover.mission.pieces import Line
 from mavproxy_handover.mission.plan import Route
-from mavproxy_handover.mission.track import Line
 from mavproxy_handover.mission.walk import Gap, Leg, Sample, Walk
 
 __all__ = ["LONGEST_S", "DeclaredGap", "Stretch", "read_gaps", "stretches", "undeclared"]
@@ -172,7 +173,7 @@ def stretches(
     # only how fast it gets against the wind is asked for
     model = settings.over(EnergySettings(battery_wh=1.0, hover_w=10.0)).model(wind)
     assert model is not None
-    made = []
+    made, legs = [], round_by_round(legs)
     for found in _found(walk):
         # one that names the item is meant for this gap; one that names a station for all of them
         fitting = sorted((each for each in gaps if _fits(each, found)), key=lambda each: each.to_item is None)

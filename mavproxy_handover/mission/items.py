@@ -26,6 +26,7 @@ __all__ = [
     "CHANGE_ALTITUDE",
     "CHANGE_SPEED",
     "COMMANDS",
+    "DELAY",
     "FRAME_ABOVE_HOME",
     "FRAME_ABOVE_SEA",
     "FRAME_ABOVE_TERRAIN",
@@ -41,6 +42,7 @@ __all__ = [
     "LOITER_UNLIMITED",
     "PAYLOAD_PLACE",
     "RETURN_TO_LAUNCH",
+    "SPLINE_WAYPOINT",
     "TAKEOFF",
     "TAKEOFFS",
     "VTOL_LAND",
@@ -51,6 +53,8 @@ __all__ = [
     "MissionItem",
     "RallyPoint",
     "difference",
+    "stored_radius_m",
+    "stored_turns",
 ]
 
 #: MAV_FRAME values that ArduPilot stores; the others that exist are written as one of these
@@ -68,8 +72,10 @@ LAND = 21
 TAKEOFF = 22
 CHANGE_ALTITUDE = 30
 LOITER_TO_ALTITUDE = 31
+SPLINE_WAYPOINT = 82
 VTOL_TAKEOFF = 84
 VTOL_LAND = 85
+DELAY = 93
 PAYLOAD_PLACE = 94
 CHANGE_SPEED = 178
 LAND_START = 189
@@ -118,17 +124,19 @@ class Command:
 COMMANDS: Mapping[int, Command] = {
     WAYPOINT: Command("NAV_WAYPOINT", True, True, "i---", kept_by_plane="-yy-"),
     LOITER_UNLIMITED: Command("NAV_LOITER_UNLIM", True, True, "--i-"),
-    LOITER_TURNS: Command("NAV_LOITER_TURNS", True, True, "i-ib", kept_by_plane="t-rb"),
+    LOITER_TURNS: Command("NAV_LOITER_TURNS", True, True, "t-rb"),
     LOITER_TIME: Command("NAV_LOITER_TIME", True, True, "i-sb"),
     RETURN_TO_LAUNCH: Command("NAV_RETURN_TO_LAUNCH", False, True, "----"),
     LAND: Command("NAV_LAND", True, True, "i--s"),
     TAKEOFF: Command("NAV_TAKEOFF", True, True, "i---"),
     CHANGE_ALTITUDE: Command("NAV_CONTINUE_AND_CHANGE_ALT", True, True, "i---", _WINGED, "ArduCopter passes over it"),
     LOITER_TO_ALTITUDE: Command("NAV_LOITER_TO_ALT", True, True, "-i-b"),
-    82: Command("NAV_SPLINE_WAYPOINT", True, True, "i---", _COPTER, "ArduPlane does not store it"),
+    SPLINE_WAYPOINT: Command("NAV_SPLINE_WAYPOINT", True, True, "i---", _COPTER, "ArduPlane does not store it"),
     VTOL_TAKEOFF: Command("NAV_VTOL_TAKEOFF", True, True, "----", _QUADPLANE, _BOTH),
     VTOL_LAND: Command("NAV_VTOL_LAND", True, True, "i---", _QUADPLANE, _BOTH),
-    93: Command("NAV_DELAY", False, True, "fiii", _COPTER, "ArduPlane does not wait in flight: take NAV_LOITER_TIME"),
+    DELAY: Command(
+        "NAV_DELAY", False, True, "fiii", _COPTER, "ArduPlane does not wait in flight: take NAV_LOITER_TIME"
+    ),
     PAYLOAD_PLACE: Command(
         "NAV_PAYLOAD_PLACE", True, True, "f---", _COPTER, "ArduPlane lands there, and need not go on behind it"
     ),
@@ -208,6 +216,16 @@ def _stored(value: float, letter: str) -> float:
         radius = abs(value)
         return math.copysign(int(radius) if radius <= 255.0 else 10 * min(255, int(radius // 10.0)), value)
     return (-1.0 if value < 0 else 1.0) if letter == "s" else 0.0
+
+
+def stored_radius_m(radius_m: float) -> float:
+    """What ArduPilot keeps of the radius of NAV_LOITER_TURNS, with its sign: below 0 to the left."""
+    return _stored(radius_m, "r")
+
+
+def stored_turns(turns: float) -> float:
+    """What ArduPilot keeps of the turns of NAV_LOITER_TURNS."""
+    return _stored(turns, "t")
 
 
 def difference(sent: MissionItem, got: MissionItem, kind: Kind = Kind.COPTER) -> str | None:

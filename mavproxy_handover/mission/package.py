@@ -353,11 +353,11 @@ def _build(texts: Mapping[str, str]) -> MissionPackage:
     route_file = str(mission["route"])
     kind = Kind(where.choice(mission.get("aircraft", Kind.COPTER.value), "aircraft", AIRCRAFT))
     route = read_route(route_file, texts[route_file], kind)
-    route = replace(route, wings=_wings(where, mission.get("wings"), kind))
+    terrain = _terrain(mission.get("terrain"), texts)
+    route = replace(route, wings=_wings(where, mission.get("wings"), kind), ground=relief_of(terrain, route.home))
     speed = mission.get("cruise_speed_mps", route.cruise_speed_mps or default_speed_mps(kind))
     speed_mps = where.number(speed, "cruise_speed_mps", 0.1, 100.0)
     energy = _energy(where, mission.get("energy", {}))
-    terrain = _terrain(mission.get("terrain"), texts)
     description = mission.get("description")
     files = {name: text.encode() for name, text in texts.items()}
     listed = [(station.sysid, station.waypoints) for station in stations]

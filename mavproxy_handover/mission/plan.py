@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 from mavproxy_handover.core.model import Kind
 from mavproxy_handover.mission.errors import Where, parse_json
@@ -22,6 +22,7 @@ from mavproxy_handover.mission.items import (
     CHANGE_ALTITUDE,
     CHANGE_SPEED,
     COMMANDS,
+    DELAY,
     FRAME_ABOVE_HOME,
     FRAME_ABOVE_SEA,
     FRAME_ABOVE_TERRAIN,
@@ -29,9 +30,11 @@ from mavproxy_handover.mission.items import (
     LAND,
     LAND_START,
     LANDINGS,
+    LOITER_TIME,
     LOITER_TURNS,
     LOITER_UNLIMITED,
     RETURN_TO_LAUNCH,
+    SPLINE_WAYPOINT,
     TAKEOFF,
     TAKEOFFS,
     VTOL_LAND,
@@ -40,6 +43,7 @@ from mavproxy_handover.mission.items import (
     Command,
     MissionItem,
     RallyPoint,
+    stored_radius_m,
 )
 from mavproxy_handover.mission.wings import AS_IT_COMES, Wings
 
@@ -47,6 +51,7 @@ __all__ = [
     "FenceCircle",
     "FencePart",
     "FencePolygon",
+    "Ground",
     "Home",
     "Route",
     "read_route",
@@ -58,6 +63,9 @@ __all__ = [
 MAX_ITEMS = 700
 #: what ArduPilot takes for one polygon of a fence
 MAX_CORNERS = 255
+#: seconds, as ArduCopter stores them
+LONGEST_WAIT_S = 65535
+_WAIT = f"0 to {LONGEST_WAIT_S} s"
 #: far beyond any sensible altitude, near enough to catch centimetres given for metres
 LOWEST_M, HIGHEST_M = -1000.0, 10000.0
 LONGEST_NUMBER = 1e9
@@ -83,6 +91,15 @@ _WING_NUMBERS: Mapping[tuple[int, int], tuple[float, float, str]] = {
     (CHANGE_SPEED, 2): (1, 100, "1 to 100 m/s"),
     (VTOL_LAND, 1): (0, 1, "0, or 1 for a circle down before it"),
     (VTOL_TRANSITION, 1): (3, 4, "3 to hover, 4 to fly on its wings"),
+}
+#: the same for copters: what ArduCopter can store and fly
+_COPTER_NUMBERS: Mapping[tuple[int, int], tuple[float, float, str]] = {
+    (WAYPOINT, 1): (0, LONGEST_WAIT_S, _WAIT),
+    (SPLINE_WAYPOINT, 1): (0, LONGEST_WAIT_S, _WAIT),
+    (LOITER_TIME, 1): (0, LONGEST_WAIT_S, _WAIT),
+    (DELAY, 1): (0, LONGEST_WAIT_S, _WAIT),
+    (LOITER_TURNS, 1): (0, 255, "0 to 255 turns"),
+    (LOITER_TURNS, 3): (-2000, 2000, "a radius up to 2000 m, below 0 to the left"),
 }
 #: what a route of each kind begins with, and ends with besides a return
 _BEGINS: Mapping[Kind, tuple[str, frozenset[int]]] = {
@@ -129,6 +146,19 @@ class FenceCircle:
 FencePart: TypeAlias = FencePolygon | FenceCircle
 
 
+class Ground(Protocol):
+    """The heights of the ground that a mission brings (`terrain.py`)."""
+
+    @property
+    def cell_m(self) -> float:
+        """How far apart its heights are."""
+        ...
+
+    def rise_m(self, lat_deg: float, lon_deg: float) -> float | None:
+        """How much higher the ground is at a place than at home; None: not known."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Route:
     """What the aircraft is to fly. `items[n].seq == n + 1`: item 0 of the autopilot is home."""
@@ -147,6 +177,8 @@ class Route:
     kind: Kind = Kind.COPTER
     #: how it turns, where it has wings
     wings: Wings = AS_IT_COMES
+    #: the ground below it; None: the mission has no heights of it
+    ground: Ground | None = field(default=None, repr=False, compare=False)
 
     def upload_items(self) -> tuple[MissionItem, ...]:
         """All items to write to the autopilot, in order, home as item 0 first."""
@@ -351,8 +383,10 @@ def _item(
     if kind not in known.kinds:
         raise where.error(f"{known.name} is not for a {kind.value}: {known.why}")
     item = _item_of(where, seq, command, known, frame=frame, numbers=numbers, auto_continue=auto_continue)
-    if kind.winged:
-        _check_numbers(where, known, item)
+    _check_numbers(where, known, item, _WING_NUMBERS if kind.winged else _COPTER_NUMBERS)
+    if not kind.winged:
+        _check_circle(where, item)
+        _check_delay(where, item)
     return item
 
 
@@ -397,12 +431,54 @@ def _allowed(kind: Kind) -> str:
     return ", ".join(f"{number} {command.name}" for number, command in COMMANDS.items() if kind in command.kinds)
 
 
-def _check_numbers(where: Where, known: Command, item: MissionItem) -> None:
-    """What wings cannot do, and what ArduPlane would take for something else. Raises MissionError."""
+def _check_numbers(
+    where: Where,
+    known: Command,
+    item: MissionItem,
+    numbers: Mapping[tuple[int, int], tuple[float, float, str]],
+) -> None:
+    """What the aircraft cannot do, and what ArduPilot would take for something else. Raises MissionError."""
     for number, value in enumerate(item.params, 1):
-        low, high, allowed = _WING_NUMBERS.get((item.command, number), (-math.inf, math.inf, ""))
+        low, high, allowed = numbers.get((item.command, number), (-math.inf, math.inf, ""))
         if not low <= value <= high:
             raise where.error(f"parameter {number} of {known.name} is {value:g} (allowed: {allowed})")
+
+
+def _check_circle(where: Where, item: MissionItem) -> None:
+    """ArduCopter flies a circle without a radius with the radius of the circle before, of this flight or another one.
+    Raises MissionError."""
+    if item.command == LOITER_TURNS and stored_radius_m(item.param3) == 0.0:
+        raise where.error(
+            "NAV_LOITER_TURNS has no radius (parameter 3): ArduCopter takes that of its last circle, and how far it "
+            "flies is not known (allowed: 1 to 2000 m, below 0 to the left)"
+        )
+
+
+def _check_delay(where: Where, item: MissionItem) -> None:
+    """Until an hour or a minute of the day a NAV_DELAY waits up to 24 hours. Raises MissionError."""
+    if item.command != DELAY or item.param1 > 0.0:
+        return
+    hour, minute, second = (int(value) for value in item.params[1:])
+    if hour != -1 or minute != -1:
+        longest = "24 hours" if hour != -1 else "60 minutes"
+        raise where.error(
+            f"NAV_DELAY waits until a time of day (hour {hour}, minute {minute}, second {second} UTC), up to {longest} "
+            "in the air: its energy cannot be judged (allowed: seconds in parameter 1; parameters 2 to 4 are then -1)"
+        )
+    if not -1 <= second <= 59:
+        raise where.error(f"parameter 4 of NAV_DELAY is {second} (allowed: a second from 0 to 59, or -1)")
+
+
+def _check_splines(where: Where, items: Sequence[MissionItem]) -> None:
+    """To aim a spline at the item behind it, ArduCopter takes the numbers of a NAV_DELAY for a place. Raises
+    MissionError."""
+    flown = [item for item in items if COMMANDS[item.command].flown]
+    for item, behind in pairwise(flown):
+        if item.command == SPLINE_WAYPOINT and behind.command == DELAY and item.param1 == 0.0:
+            raise where.at(f"item {behind.seq}").error(
+                f"NAV_DELAY after NAV_SPLINE_WAYPOINT, item {item.seq}: ArduCopter takes its numbers for a place, and "
+                f"aims item {item.seq} at that (allowed: the seconds in parameter 1 of item {item.seq})"
+            )
 
 
 def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
@@ -429,6 +505,8 @@ def with_items(route: Route, items: Sequence[MissionItem]) -> Route:
         raise where.error("nothing is flown (allowed: at least one item that is)")
     if route.kind.winged:
         _check_landings(where, checked, route.kind)
+    else:
+        _check_splines(where, checked)
     return replace(route, items=checked, return_to=None)
 
 
@@ -479,6 +557,8 @@ def _finish(
             found.append(f"item {item.seq} is NAV_LOITER_UNLIM: the aircraft waits there until told to go on")
     if kind.winged:
         _check_landings(where, items, kind)
+    else:
+        _check_splines(where, items)
     if not rally:
         found.append("no rally point: the aircraft can only return to home")
     return Route(home, items, rally, fence, cruise_speed_mps, tuple(found), kind=kind)

@@ -33,6 +33,8 @@ MOST_CELLS: Final = 100_000
 _MOST_STEPS: Final = 20_000
 #: sides of a cell: from a metre to a degree
 _CELL_DEG: Final = (1e-5, 1.0)
+#: a degree of latitude
+_DEGREE_M: Final = 111_320.0
 #: no ground is lower or higher (m)
 _LOWEST_M, _HIGHEST_M = -500.0, 9000.0
 _NAMES: Final = ("ncols", "nrows", "xllcorner", "xllcenter", "yllcorner", "yllcenter", "cellsize", "nodata_value")
@@ -76,6 +78,21 @@ class Terrain:
         known: NDArray[np.float64] = heights[~np.isnan(heights)]
         return known
 
+    def between_m(self, spot: _Spot) -> float | None:
+        """The ground at a place, between the four cells around it as ArduPilot counts it; None where one is unknown."""
+        height, width = self.heights.shape
+        row = round((spot[0] - self.south) / self.cell_deg, 6)
+        column = round((spot[1] - beside_deg(self.west, spot[1])) / self.cell_deg, 6)
+        low, left = math.floor(row), math.floor(column)
+        if not (0 <= low <= row <= height - 1 and 0 <= left <= column <= width - 1):
+            return None
+        high, right = min(low + 1, height - 1), min(left + 1, width - 1)
+        up, east = row - low, column - left
+        south = (1.0 - east) * self.heights[low, left] + east * self.heights[low, right]
+        north = (1.0 - east) * self.heights[high, left] + east * self.heights[high, right]
+        found = float((1.0 - up) * south + up * north)
+        return None if math.isnan(found) else found
+
     def lowest_m(self, spot: _Spot) -> float | None:
         """The lowest of the cells around a place; None where none is known."""
         found = self._around(np.array([spot[0]]), np.array([spot[1] - beside_deg(self.west, spot[1])]))
@@ -84,10 +101,22 @@ class Terrain:
 
 @dataclass(frozen=True, slots=True)
 class Relief:
-    """The ground as seen from home: `home_m` is how high the grid has it there."""
+    """The ground as seen from home: `home_m` is how high the grid has it there, at the lowest of the cells around it,
+    `level_m` between them."""
 
     terrain: Terrain
     home_m: float
+    level_m: float
+
+    @property
+    def cell_m(self) -> float:
+        """How far apart the heights of the grid are."""
+        return self.terrain.cell_deg * _DEGREE_M
+
+    def rise_m(self, lat_deg: float, lon_deg: float) -> float | None:
+        """How much higher the ground is at a place than at home; None: not known."""
+        there = self.terrain.between_m((lat_deg, lon_deg))
+        return None if there is None else there - self.level_m
 
     def above_m(self, start: _Spot, end: _Spot, height_m: float) -> float:
         """How far a straight way at that height above home stays above the ground, as far as that is known; infinite
@@ -100,8 +129,10 @@ def relief_of(terrain: Terrain | None, home: Home, here: _Spot | None = None) ->
     """The ground as seen from `here`, None: from the plan's home, whose altitude counts where the grid has none."""
     if terrain is None:
         return None
-    at_home = terrain.lowest_m(here or (home.lat_deg, home.lon_deg))
-    return Relief(terrain, home.alt_m if at_home is None else at_home)
+    spot = here or (home.lat_deg, home.lon_deg)
+    at_home, level = terrain.lowest_m(spot), terrain.between_m(spot)
+    lowest_m = home.alt_m if at_home is None else at_home
+    return Relief(terrain, lowest_m, lowest_m if level is None else level)
 
 
 _CORNERS: Final = tuple((up, right) for up in (np.floor, np.ceil) for right in (np.floor, np.ceil))

@@ -10,10 +10,11 @@ was reached; after a change of mode, or when somebody chose another item, from w
 * anything else (AUTO taken up in flight, an item that was skipped or chosen, a circle left): nothing is expected for
   `_JOIN_S`, until it has turned there; then the leg is from where it is.
 
-Nothing is expected either in take-off, at a spline or a circle, in a delay, in a return, and at the end of a leg that
-ends in a landing. In a turn the leg behind counts as well as the one ahead, so a corner that is cut costs nothing, and
-the course counts for nothing, as it does below `_SLOW_MPS`: a pause or a hover has none. A hovering aircraft still has
-a place, and that has to be on the leg.
+On a spline or a circle of a copter the aircraft has to be near the curve (`copter_path.py`), in whatever direction, if
+the curve begins where the route has it begin; else nothing is expected there. Nor is anything expected in take-off, in
+a delay, in a return, and at the end of a leg that ends in a landing. In a turn the leg behind counts as well as the one
+ahead, so a corner that is cut costs nothing. There, and below `_SLOW_MPS`, the course counts for nothing: a pause or
+a hover has none. A hovering aircraft still has a place, and that has to be on the leg.
 
 Wings turn before and behind each waypoint and are on neither leg meanwhile: within `Wings.reach_m` of either end of a
 leg nothing is expected of them, nor on a circle, nor behind one until they have turned. Beyond that they have to be on
@@ -27,12 +28,13 @@ Distances are those of the ellipsoid. ArduCopter's straight lines and ours diffe
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
 from mavproxy_handover.core.safety.route import TrackFact
-from mavproxy_handover.mission.geodesy import distance_m, east_north_m
+from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.items import (
     CHANGE_ALTITUDE,
     COMMANDS,
@@ -48,10 +50,12 @@ from mavproxy_handover.mission.items import (
     WAYPOINT,
     MissionItem,
 )
+from mavproxy_handover.mission.leg import Leg
+from mavproxy_handover.mission.pieces import Line, PieceRow
 from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import legs_of
 
-__all__ = ["Line", "Motion", "RouteTracker"]
+__all__ = ["Motion", "RouteTracker"]
 
 #: commands that are flown to in a straight line; those that land at its end
 _LANDS: Final = frozenset((LAND, VTOL_LAND, PAYLOAD_PLACE))
@@ -90,41 +94,14 @@ class Motion:
         return self.lat_deg, self.lon_deg
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A straight piece of the flight, in degrees."""
-
-    start: tuple[float, float]
-    end: tuple[float, float]
-
-    def measure(self, place: tuple[float, float]) -> tuple[float, float, float]:
-        """How far a place is along the line, how far beside it (right above 0), and the length: metres.
-
-        Before the beginning and behind the end it is the distance from that which counts.
-        """
-        east, north = east_north_m(*self.start, *self.end)
-        length = math.hypot(east, north)
-        away_east, away_north = east_north_m(*self.start, *place)
-        if length < 1.0:
-            return 0.0, math.hypot(away_east, away_north), length
-        along = (away_east * east + away_north * north) / length
-        across = (away_east * north - away_north * east) / length
-        over = max(-along, along - length, 0.0)
-        return along, math.copysign(math.hypot(across, over), across), length
-
-    @property
-    def bearing_deg(self) -> float:
-        """Direction of the line at its middle."""
-        return math.degrees(math.atan2(*east_north_m(*self.start, *self.end)))
-
-
 class RouteTracker:
     """Follows one flight along one route. Times are monotonic seconds."""
 
     def __init__(self, route: Route) -> None:
         """`route`: with at most MAX_ITEMS items, so this takes a few milliseconds."""
         flown = [item for item in route.items if COMMANDS[item.command].flown]
-        ends = {leg.seq: leg.end[:2] for leg in legs_of(route)}
+        legs = legs_of(route)
+        ends = {leg.seq: leg.end[:2] for leg in legs}
         place = (route.home.lat_deg, route.home.lon_deg)
         #: where each flown item ends
         self._places: dict[int, tuple[float, float]] = {}
@@ -135,6 +112,10 @@ class RouteTracker:
         self._straight = _STRAIGHT | LOITERS if route.kind.winged else _STRAIGHT
         #: of the circles of wings: they are left from and flown to that far from their middle
         self._circles = {item.seq: _circle_m(item) for item in flown if route.kind.winged and item.command in LOITERS}
+        #: circles and splines of copters: what is flown of them, with the way there
+        self._curves = _curves(legs)
+        #: the one that is flown now, as the route has it
+        self._curve: PieceRow | None = None
         self._commands = {item.seq: item.command for item in flown}
         self._follower = {item.seq: after.seq for item, after in pairwise(flown)}
         self._seq: int | None = None
@@ -158,6 +139,9 @@ class RouteTracker:
         if motion.waypoint != self._seq:
             self._next(motion, now)
         self._place, self._speed_mps, self._seen_at = motion.place, motion.speed_mps, now
+        if self._curve is not None:
+            spot = self._curve.find(motion.place)
+            return TrackFact(motion.waypoint, spot.across_m, None, spot.along_m, self._curve.length_m)
         if self._landing or self._commands.get(motion.waypoint) not in self._straight:
             return None
         if self._line is None:
@@ -177,11 +161,19 @@ class RouteTracker:
         before, self._seq = self._seq, motion.waypoint
         start = None if before is None else self._start(before, motion, now)
         self._behind, self._line = self._line, None
+        self._curve = self._curve_from(start, motion.waypoint)
         self._landing = False
         if start is None:
             self._behind, self._joins_at = None, now + (_JOIN_S if self._wings is None else _WING_JOIN_S)
         elif motion.waypoint in self._places:
             self._line = Line(start, self._places[motion.waypoint])
+
+    def _curve_from(self, start: tuple[float, float] | None, waypoint: int) -> PieceRow | None:
+        """The curve to an item, if it begins where the route has it begin."""
+        legs = self._curves.get(waypoint)
+        if legs is None or start is None or distance_m(*start, *legs[0].start[:2]) > _ON_IT_M:
+            return None
+        return PieceRow([Line(leg.start[:2], leg.end[:2]) for leg in legs])
 
     def _start(self, before: int, motion: Motion, now: float) -> tuple[float, float] | None:
         """Where the leg begins behind the item `before`; None if that is not where the route has it begin."""
@@ -228,6 +220,12 @@ class RouteTracker:
         return (
             distance_m(*line.start, *motion.place) < turn_m or distance_m(*line.end, *motion.place) < turn_m + circle_m
         )
+
+
+def _curves(legs: Sequence[Leg]) -> dict[int, tuple[Leg, ...]]:
+    """The legs to each item that a copter flies to in a curve."""
+    curved = {leg.seq for leg in legs if leg.curved}
+    return {seq: tuple(leg for leg in legs if leg.seq == seq and leg.length_m > 0.0) for seq in curved}
 
 
 def _circle_m(item: MissionItem) -> float:

@@ -2,9 +2,9 @@
 
 """Walks a route before flight and tells who will command where.
 
-The walk follows the path that ArduCopter flies (take-off straight up, legs straight, landing straight down, return to
-the place that is expected to be chosen, `returns.py`, or to the nearest one where that is not known) in small steps,
-notes at each which zones hold it, and moves authority by the rule of the core:
+The walk follows the path that ArduCopter flies (`copter_path.py`; a return leads to the place that is expected to be
+chosen, `returns.py`, or to the nearest one where that is not known) in small steps, notes at each which zones hold it,
+and moves authority by the rule of the core:
 
 * while inside the commander's zone, entering another station's zone moves authority to that station;
 * authority also moves when the commander's zone ends and another zone holds the aircraft;
@@ -28,23 +28,28 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from mavproxy_handover.core.model import Kind
-from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS, LANDING_BELOW_M, LANDING_MPS
-from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset, wrap_longitude_deg
+from mavproxy_handover.mission.copter_path import copter_legs, pieces_lacking
+from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
 from mavproxy_handover.mission.items import (
     CHANGE_ALTITUDE,
     CHANGE_SPEED,
     COMMANDS,
-    FRAME_ABOVE_SEA,
-    LAND,
     LANDINGS,
     LOITER_TIME,
     LOITER_TURNS,
-    PAYLOAD_PLACE,
     RETURN_TO_LAUNCH,
     TAKEOFFS,
     VTOL_TRANSITION,
-    WAYPOINT,
     MissionItem,
+)
+from mavproxy_handover.mission.leg import (
+    DEFAULT_CRUISE_MPS,
+    Leg,
+    above_home_m,
+    down,
+    duration_s,
+    return_place,
+    round_by_round,
 )
 from mavproxy_handover.mission.plan import Route, ways_from_land_starts
 from mavproxy_handover.mission.reached import Belonging
@@ -60,6 +65,7 @@ __all__ = [
     "by_commander",
     "commanders_along",
     "cruise_of",
+    "curves_lacking",
     "default_speed_mps",
     "hovers_at",
     "landing_sequences",
@@ -71,55 +77,16 @@ __all__ = [
     "walk_legs",
 ]
 
-#: WPNAV_SPEED of ArduCopter, for routes that name no speed
-DEFAULT_CRUISE_MPS = 10.0
-
 STEP_M = 5.0
 #: a longer route gets longer steps: a walk ends in bounded time, whatever plan came over a link
 MOST_STEPS = 20000
 #: a border between two steps is found to this part of a metre
 BORDER_M = 0.05
 
-_SPLINE_WAYPOINT, _DELAY = 82, 93
-_HOLDING = (WAYPOINT, LOITER_TIME, _SPLINE_WAYPOINT)
 #: how slowly wings may climb or sink while they go straight on to another height
 _WING_CLIMB_MPS = 2.0
 #: MAV_VTOL_STATE: hovering
 _HOVERING = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class Leg:
-    """A straight piece of the path, flown on the way to item `seq`; altitudes above home, `hold_s` at its end.
-
-    `speed_mps`: the ground speed that the autopilot was told; of wings, the airspeed.
-    """
-
-    seq: int
-    start: tuple[float, float, float]
-    end: tuple[float, float, float]
-    duration_s: float
-    hold_s: float = 0.0
-    speed_mps: float = DEFAULT_CRUISE_MPS
-
-    @property
-    def length_m(self) -> float:
-        """Horizontal length."""
-        return distance_m(*self.start[:2], *self.end[:2])
-
-    @property
-    def size_m(self) -> float:
-        """Length or change of altitude, whichever is more."""
-        return max(self.length_m, abs(self.end[2] - self.start[2]))
-
-    def at(self, part: float) -> tuple[float, float, float]:
-        """Latitude, longitude and altitude at `part` (0 to 1) of the leg."""
-        (lat, lon, alt), (lat2, lon2, alt2) = self.start, self.end
-        return (
-            lat + part * (lat2 - lat),
-            wrap_longitude_deg(lon + part * wrap_longitude_deg(lon2 - lon)),
-            alt + part * (alt2 - alt),
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +104,8 @@ class Sample:
     commander: int
     #: those of `holding` that await it at no waypoint, or have not since their zone was entered
     open: frozenset[int]
+    #: it is on a circle or a spline of a copter
+    curved: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,6 +185,15 @@ def legs_of(route: Route, cruise_speed_mps: float | None = None) -> tuple[Leg, .
     return tuple(_legs(route, cruise_of(route, cruise_speed_mps)))
 
 
+def curves_lacking(route: Route, cruise_speed_mps: float | None = None) -> float:
+    """How many times too few legs stand for the curves of a copter's route: 1 where there are enough."""
+    if route.kind.winged:
+        return 1.0
+    cruise_mps = cruise_of(route, cruise_speed_mps)
+    here = (route.home.lat_deg, route.home.lon_deg, 0.0)
+    return pieces_lacking(route, list(_copter_items(route.items, cruise_mps, cruise_mps)), here)
+
+
 def cruise_of(route: Route, cruise_speed_mps: float | None = None) -> float:
     """The speed (m/s) at which a route is flown where it sets none itself, and every return: the one given, or the
     plan's own, or what the autopilot comes with."""
@@ -268,7 +246,7 @@ def sequence_place(sequence: Sequence[MissionItem]) -> tuple[float, float]:
 def sequence_legs(route: Route, sequence: Sequence[MissionItem], speed_mps: float) -> tuple[Leg, ...]:
     """The lines of a landing sequence: from where it begins, as high as its first place, to the ground."""
     first = next((item for item in sequence if item.has_place and COMMANDS[item.command].flown), sequence[-1])
-    start = (*sequence_place(sequence), _above_home(route, first))
+    start = (*sequence_place(sequence), above_home_m(route, first, sequence_place(sequence)))
     return tuple(_wing_legs(route, sequence[1:], speed_mps, speed_mps, start))
 
 
@@ -279,7 +257,7 @@ def _legs(
     here = start_at or (route.home.lat_deg, route.home.lon_deg, 0.0)
     items = [item for item in route.items if item.seq >= first]
     if not route.kind.winged:
-        yield from _copter_legs(route, items, speed_mps, cruise_mps, here)
+        yield from copter_legs(route, list(_copter_items(items, speed_mps, cruise_mps)), here)
         return
     end = next((n for n, item in enumerate(items) if item.command == RETURN_TO_LAUNCH), len(items))
     yield from _wing_legs(route, items[: end + 1], speed_mps, cruise_mps, here)
@@ -298,11 +276,11 @@ def _wing_legs(
         hold_s = _circling_s(route, item, made_mps)
         if here != end or hold_s > 0.0:
             length = distance_m(*here[:2], *end[:2])
-            time_s = length / made_mps if length > 0.0 else _duration_s(here, end, made_mps)
+            time_s = length / made_mps if length > 0.0 else duration_s(here, end, made_mps)
             yield Leg(item.seq, here, end, time_s, hold_s, made_mps)
         before, here = (here if here[:2] != end[:2] else before), end
         if item.command in (*LANDINGS, RETURN_TO_LAUNCH) and route.kind is Kind.QUADPLANE:
-            yield from _down(item.seq, here)
+            yield from down(item.seq, here)
             here = (*here[:2], 0.0)
         elif item.command == RETURN_TO_LAUNCH:
             near = [(distance_m(*here[:2], *sequence_place(each)), each) for each in landing_sequences(route)]
@@ -327,10 +305,10 @@ def _wing_end(
     lat, lon, alt = here
     place = (item.lat_deg, item.lon_deg) if item.has_place else (lat, lon)
     if item.command == RETURN_TO_LAUNCH:
-        return (*_return_place(route, lat, lon), alt)
+        return (*return_place(route, lat, lon), alt)
     if item.command in LANDINGS:
         return (*place, alt if route.kind is Kind.QUADPLANE else 0.0)
-    to_alt = _above_home(route, item)
+    to_alt = above_home_m(route, item, place)
     if item.command in TAKEOFFS and route.kind is Kind.QUADPLANE:
         return lat, lon, to_alt
     if item.command == CHANGE_ALTITUDE:  # straight on until it is there
@@ -353,61 +331,14 @@ def _circling_s(route: Route, item: MissionItem, speed_mps: float) -> float:
     return 0.0
 
 
-def _copter_legs(
-    route: Route, items: Sequence[MissionItem], speed_mps: float, cruise_mps: float, here: tuple[float, float, float]
-) -> Iterator[Leg]:
-    lat, lon, alt = here
+def _copter_items(
+    items: Sequence[MissionItem], speed_mps: float, cruise_mps: float
+) -> Iterator[tuple[MissionItem, float]]:
+    """The items that a copter flies, each with the speed that the route has set by then."""
     for item in items:
         speed_mps = _speed_to(item, speed_mps, cruise_mps)
-        if not COMMANDS[item.command].flown:
-            continue
-        if item.command == RETURN_TO_LAUNCH:
-            to_lat, to_lon, to_alt = (*_return_place(route, lat, lon), alt)
-        elif item.command in TAKEOFFS:  # straight up, whatever place the item names
-            to_lat, to_lon, to_alt = lat, lon, _above_home(route, item)
-        else:
-            to_lat, to_lon = (item.lat_deg, item.lon_deg) if item.has_place else (lat, lon)
-            keeps = item.command in (LAND, _DELAY)
-            to_alt = alt if keeps else _above_home(route, item)
-        start, end = (lat, lon, alt), (to_lat, to_lon, to_alt)
-        hold = item.param1 if item.command in _HOLDING else max(0.0, item.param1) if item.command == _DELAY else 0.0
-        if start != end or hold > 0.0:
-            yield Leg(item.seq, start, end, _duration_s(start, end, speed_mps), max(0.0, hold), speed_mps)
-        lat, lon, alt = end
-        if item.command in (LAND, RETURN_TO_LAUNCH, PAYLOAD_PLACE):
-            yield from _down(item.seq, end)
-            if item.command == PAYLOAD_PLACE:
-                yield Leg(item.seq, (lat, lon, 0.0), end, alt / CLIMB_MPS if alt > 0.0 else 0.0)
-            else:
-                alt = 0.0
-        if item.command == RETURN_TO_LAUNCH:
-            return
-
-
-def _down(seq: int, place: tuple[float, float, float]) -> Iterator[Leg]:
-    lat, lon, alt = place
-    low = min(alt, LANDING_BELOW_M)
-    if alt > low:
-        yield Leg(seq, place, (lat, lon, low), (alt - low) / DESCENT_MPS)
-    if low > 0.0:
-        yield Leg(seq, (lat, lon, low), (lat, lon, 0.0), low / LANDING_MPS)
-
-
-def _above_home(route: Route, item: MissionItem) -> float:
-    return item.alt_m - route.home.alt_m if item.frame == FRAME_ABOVE_SEA else item.alt_m
-
-
-def _return_place(route: Route, lat: float, lon: float) -> tuple[float, float]:
-    if route.return_to is not None:
-        return route.return_to
-    places = [(route.home.lat_deg, route.home.lon_deg), *((point.lat_deg, point.lon_deg) for point in route.rally)]
-    return min(places, key=lambda place: distance_m(lat, lon, *place))
-
-
-def _duration_s(start: tuple[float, float, float], end: tuple[float, float, float], speed_mps: float) -> float:
-    climb = end[2] - start[2]
-    vertical = climb / CLIMB_MPS if climb > 0.0 else -climb / DESCENT_MPS
-    return max(distance_m(*start[:2], *end[:2]) / speed_mps, vertical)
+        if COMMANDS[item.command].flown:
+            yield item, speed_mps
 
 
 # --- from path to commanders ---
@@ -422,6 +353,7 @@ class _Place:
     holding: frozenset[int]
     #: the item is reached here, all that belongs to it behind the aircraft
     reached: bool = False
+    curved: bool = False
 
 
 def commanders_along(
@@ -448,6 +380,7 @@ def walk_legs(
     belonging: Belonging | None = None,
 ) -> Walk:
     """The same for a path of at least one leg, whose beginning is under `parent`."""
+    legs = round_by_round(legs)
     places = list(_places(legs, finder, max(step_m, sum(leg.size_m for leg in legs) / MOST_STEPS)))
     order = [zone.station for zone in finder.zones]
     next_items = [place.seq + place.reached for place in places]
@@ -482,6 +415,7 @@ def walk_legs(
                 place.holding,
                 commander,
                 opened,
+                place.curved,
             )
         )
     return Walk(tuple(samples), tuple(handovers), tuple(_gaps(places)))
@@ -505,7 +439,14 @@ def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterato
                 part, before = _border(
                     leg, part, target, before=before, finder=finder, smallest=BORDER_M / max(size, BORDER_M)
                 )
-                yield _Place(along + part * leg.length_m, time + part * leg.duration_s, leg.at(part), leg.seq, before)
+                yield _Place(
+                    along + part * leg.length_m,
+                    time + part * leg.duration_s,
+                    leg.at(part),
+                    leg.seq,
+                    before,
+                    curved=leg.curved,
+                )
             if part < target:
                 part = target
                 yield _Place(
@@ -515,6 +456,7 @@ def _places(legs: tuple[Leg, ...], finder: ZoneFinder, step_m: float) -> Iterato
                     leg.seq,
                     before,
                     reached=ends and step == steps and leg.hold_s == 0.0,
+                    curved=leg.curved,
                 )
         along += leg.length_m
         time += leg.duration_s

@@ -70,4 +70,4 @@ def test_each_command_compares_equal_to_itself_and_says_what_is_kept(command):
     item = MissionItem(1, command, 3, 1.0, 2.0, 3.0, 4.0, 52.0, 5.0, 30.0, True)
     assert difference(item, item) is None
     assert len(COMMANDS[command].kept) == 4
-    assert set(COMMANDS[command].kept) <= set("fisb-")
+    assert set(COMMANDS[command].kept) <= set("fisbtr-")

@@ -154,9 +154,9 @@ def test_the_heights_travel_with_the_package(small):
 def test_heights_are_counted_from_home_whatever_they_are_counted_from(small):
     grid = read_terrain("terrain.asc", hill(160.0))
     for home in (100.0, 0.0, 400.0):
-        relief = Relief(grid, home)
+        relief = Relief(grid, home, home)
         assert relief.above_m((0.0, 10.001), (0.0, 10.005), 70.0) == 70.0 - (160.0 - home)
-    assert Relief(grid, 0.0).above_m((1.0, 10.0), (1.0, 11.0), 5.0) == math.inf
+    assert Relief(grid, 0.0, 0.0).above_m((1.0, 10.0), (1.0, 11.0), 5.0) == math.inf
     package = with_hill(small, 160.0)
     moved = package.relief((0.0, 10.003))
     assert moved is not None
@@ -180,10 +180,10 @@ def test_a_way_well_above_the_ground_is_no_finding(small):
 
 def test_a_way_near_the_ground_is_a_warning_and_one_through_it_an_error(small):
     package = with_hill(small, 125.0)
-    assert found(package, Severity.WARNING)[0] == "the way to item 2 is 5 m above the ground"
+    assert found(package, Severity.WARNING)[0] == "the way to item 2 (NAV_WAYPOINT) is 5 m above the ground"
     small.toml = small.toml.split("\n", 1)[1]
     package = with_hill(small, 140.0)
-    assert found(package, Severity.ERROR) == ["the way to item 2 is 10 m below the ground"]
+    assert found(package, Severity.ERROR) == ["the way to item 2 (NAV_WAYPOINT) is 10 m below the ground"]
 
 
 def test_a_return_that_is_near_the_ground_is_a_warning(small):

@@ -74,6 +74,10 @@ GOOD = {
     "RTL_ALT_M": 15.0,
     "RTL_ALT_FINAL_M": 0.0,
     "RALLY_INCL_HOME": 0.0,
+    "TERRAIN_ENABLE": 1.0,
+    "WPNAV_RFND_USE": 1.0,
+    "RNGFND1_TYPE": 0.0,
+    "CIRCLE_RATE": 20.0,
 }
 
 

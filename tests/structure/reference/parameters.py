@@ -11,6 +11,7 @@ from mavproxy_handover.autopilot.own_failsafes import PlanFacts
 from mavproxy_handover.autopilot.preflight import NAMES, PLANE_NAMES, Found, judge
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import GuardState, Kind
+from mavproxy_handover.mission.items import MissionItem
 from tests.structure.imports import ROOT
 from tests.structure.reference.markdown import cell, code, page, table
 
@@ -86,7 +87,10 @@ def _recommended(kind: Kind) -> Iterator[tuple[str, str, str]]:
 
 #: values that are tried on each parameter, and a plan that asks something of the fence
 _TRIED = (0, 0.3, 1, 2, 3, 4, 5, 6, 7, 16, 150, 20_000, -1)
-_PLAN = PlanFacts(fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0)
+_ITEM = MissionItem(5, 16, 10, 0.0, 0.0, 0.0, 0.0, 52.0, 5.0, 30.0)
+_PLAN = PlanFacts(
+    fence=True, inclusions=1, farthest_m=800.0, highest_m=60.0, above_terrain=(_ITEM,), ground=True, circle_deg_s=11.5
+)
 
 
 def _said(name: str, kind: Kind = Kind.COPTER) -> str:

@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""The path that a copter flies along the items of a route, as straight legs.
+
+Rules
+-----
+* NAV_LOITER_TURNS is flown around its place: straight to the nearest point of the circle, then so many turns, to the
+  right or, with a radius below 0, to the left. It ends where it is then, and the next way begins there.
+* NAV_SPLINE_WAYPOINT: the curve leaves in the direction of the leg before it and arrives in the direction of the next
+  one, where the aircraft does not stop there. It stops before a spline unless a NAV_WAYPOINT without a time to wait or
+  another spline is before it, and behind one that has a time to wait or is the last item. Between two splines the
+  direction is that from the beginning of the first to the end of the second.
+* NAV_DELAY waits parameter 1 in seconds, or else until a second of the minute, which takes 60 s at the most. Other
+  times of day are refused (`plan.py`).
+* A height of 0 is no height to ArduCopter: the one before is kept.
+* Heights above terrain: on a straight leg the height above the ground changes evenly, and the aircraft follows the
+  ground. This needs the heights of a terrain file. Without one they count as heights above home, and the check says so.
+  Where the frame changes, a spline begins or ends with a stop.
+* `MOST_PIECES` legs stand for all curves of a route and for all ways over the ground. Where that is too few, each gets
+  fewer, and `pieces_lacking` says by how much.
+
+Sources: ArduCopter's mode_auto.cpp (`do_circle`, `do_spline_wp`, `set_next_wp`, `loc_from_cmd`, `do_nav_delay`),
+AC_WPNav (`set_spline_destination`), AP_RTC (`get_time_utc`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from mavproxy_handover.core.safety.energy import CLIMB_MPS
+from mavproxy_handover.mission.curves import Spline, Vector, circle_pieces, circle_speed_mps
+from mavproxy_handover.mission.geodesy import distance_m, east_north_m, offset
+from mavproxy_handover.mission.items import (
+    DELAY,
+    FRAME_ABOVE_SEA,
+    FRAME_ABOVE_TERRAIN,
+    LAND,
+    LOITER_TIME,
+    LOITER_TURNS,
+    LOITER_UNLIMITED,
+    PAYLOAD_PLACE,
+    RETURN_TO_LAUNCH,
+    SPLINE_WAYPOINT,
+    TAKEOFFS,
+    WAYPOINT,
+    MissionItem,
+    stored_radius_m,
+    stored_turns,
+)
+from mavproxy_handover.mission.leg import Leg, Place, above_home_m, down, duration_s, return_place, rise_m
+from mavproxy_handover.mission.plan import Route
+
+__all__ = ["MOST_PIECES", "copter_legs", "pieces_lacking"]
+
+#: legs for curves, and over terrain, of one route
+MOST_PIECES: Final = 2000
+#: nearer to the middle than that (m) ArduCopter does not fly to the circle first
+_IN_THE_MIDDLE_M: Final = 3.0
+#: a way over the ground is cut into pieces of half a cell, or of that (m), whichever is longer
+_GROUND_STEP_M: Final = 25.0
+#: a height below that (m) is stored as none
+_NO_HEIGHT_M: Final = 0.01
+#: where a height of 0 keeps the one before
+_KEEP_HEIGHT: Final = frozenset((WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME, SPLINE_WAYPOINT))
+_HOLDING: Final = frozenset((WAYPOINT, LOITER_TIME, SPLINE_WAYPOINT))
+#: a second of the minute is that far away at the most
+_MINUTE_S: Final = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A part of the path: how many legs should stand for it, and what makes so many of them."""
+
+    wanted: int
+    make: Callable[[int], Iterator[Leg]]
+
+
+def copter_legs(route: Route, flown: Sequence[tuple[MissionItem, float]], here: Place) -> tuple[Leg, ...]:
+    """The legs of a copter that flies to these items, each at its speed (m/s), from `here` on."""
+    parts = _Flight(route, here).parts(flown)
+    scale = 1.0 / _lacking(parts)
+    return tuple(leg for part in parts for leg in part.make(max(1, math.floor(part.wanted * scale))))
+
+
+def pieces_lacking(route: Route, flown: Sequence[tuple[MissionItem, float]], here: Place) -> float:
+    """How many times too few legs stand for the curves of a route: 1 where there are enough. The legs are farther from
+    the curves by the square of that."""
+    return _lacking(_Flight(route, here).parts(flown))
+
+
+def _lacking(parts: Sequence[_Part]) -> float:
+    return max(1.0, sum(part.wanted for part in parts if part.wanted > 1) / MOST_PIECES)
+
+
+class _Flight:
+    """Flies from item to item."""
+
+    def __init__(self, route: Route, here: Place) -> None:
+        self._route = route
+        self._here = here
+        #: the last way was above terrain
+        self._above_terrain = False
+        #: the velocity with which a spline begins here; None: the aircraft stops
+        self._leaves: Vector | None = None
+
+    def parts(self, flown: Sequence[tuple[MissionItem, float]]) -> list[_Part]:
+        """What is flown, one after the other."""
+        found: list[_Part] = []
+        for number, (item, speed_mps) in enumerate(flown):
+            following = flown[number + 1][0] if number + 1 < len(flown) else None
+            found += self._part(item, speed_mps, following)
+            if item.command == RETURN_TO_LAUNCH:
+                break
+        return found
+
+    def _part(self, item: MissionItem, speed_mps: float, following: MissionItem | None) -> Iterator[_Part]:
+        lat, lon, alt = self._here
+        leaves, self._leaves = self._leaves, None
+        if item.command == DELAY:
+            yield from self._straight(item, self._here, speed_mps, hold_s=_delay_s(item))
+        elif item.command == RETURN_TO_LAUNCH:
+            yield from self._straight(item, (*return_place(self._route, lat, lon), alt), speed_mps)
+            yield from self._landing(item)
+        elif item.command in TAKEOFFS:  # straight up, whatever place the item names
+            yield from self._straight(item, (lat, lon, above_home_m(self._route, item, (lat, lon))), speed_mps)
+            self._above_terrain = False
+        elif item.command == LOITER_TURNS:
+            yield from self._circle(item, speed_mps)
+        elif item.command == SPLINE_WAYPOINT:
+            yield from self._spline(item, speed_mps, leaves, following)
+        else:
+            yield from self._to_place(item, speed_mps)
+
+    def _to_place(self, item: MissionItem, speed_mps: float) -> Iterator[_Part]:
+        start, place = self._here, self._place(item)
+        up = self._up(item, item.command == LAND)
+        end = (*place, self._height(item, up, place))
+        hold_s = max(0.0, item.param1) if item.command in _HOLDING else 0.0
+        yield from self._straight(item, end, speed_mps, hold_s=hold_s)
+        if item.command == LAND:
+            yield from self._landing(item)
+        elif item.command == PAYLOAD_PLACE:
+            yield from self._landing(item)
+            rise_s = end[2] / CLIMB_MPS if end[2] > 0.0 else 0.0
+            yield _one(Leg(item.seq, (*place, 0.0), end, rise_s))
+            self._here = end
+        elif item.command == WAYPOINT and int(item.param1) == 0:
+            self._leaves = self._way(start, end)
+
+    def _landing(self, item: MissionItem) -> Iterator[_Part]:
+        for leg in down(item.seq, self._here):
+            yield _one(leg)
+        self._here = (*self._here[:2], 0.0)
+        self._above_terrain = False
+
+    # ---- where an item is -----------------------------------------------------------------------------------------
+
+    def _place(self, item: MissionItem) -> tuple[float, float]:
+        return (item.lat_deg, item.lon_deg) if item.has_place else self._here[:2]
+
+    def _up(self, item: MissionItem, keeps: bool = False) -> float:
+        """The height of an item in its own frame: above the ground, where it has that frame, or else above home."""
+        if keeps or (item.command in _KEEP_HEIGHT and abs(item.alt_m) < _NO_HEIGHT_M):
+            return self._here[2] - (rise_m(self._route, *self._here[:2]) if _of_terrain(item) else 0.0)
+        return item.alt_m - self._route.home.alt_m if item.frame == FRAME_ABOVE_SEA else item.alt_m
+
+    def _height(self, item: MissionItem, up_m: float, place: tuple[float, float]) -> float:
+        """The height above home of what is so high in the frame of an item."""
+        return up_m + rise_m(self._route, *place) if _of_terrain(item) else up_m
+
+    def _way(self, start: Place, end: Place) -> Vector:
+        """From one to the other in the frame of what is flown: with heights above the ground where it has that."""
+        ground = (rise_m(self._route, *end[:2]) - rise_m(self._route, *start[:2])) if self._above_terrain else 0.0
+        return (*east_north_m(*start[:2], *end[:2]), end[2] - start[2] - ground)
+
+    # ---- ways -----------------------------------------------------------------------------------------------------
+
+    def _straight(self, item: MissionItem, end: Place, speed_mps: float, *, hold_s: float = 0.0) -> Iterator[_Part]:
+        start, self._here, self._above_terrain = self._here, end, _of_terrain(item)
+        if start == end and hold_s <= 0.0:
+            return
+        ground = self._route.ground
+        if not self._above_terrain or ground is None or start[:2] == end[:2]:
+            yield _one(Leg(item.seq, start, end, duration_s(start, end, speed_mps), hold_s, speed_mps))
+            return
+        length, step_m = distance_m(*start[:2], *end[:2]), max(_GROUND_STEP_M, ground.cell_m / 2.0)
+        ups = start[2] - rise_m(self._route, *start[:2]), end[2] - rise_m(self._route, *end[:2])
+
+        def make(pieces: int) -> Iterator[Leg]:
+            whole, before = Leg(item.seq, start, end, 0.0), start
+            for number in range(1, pieces + 1):
+                part = number / pieces
+                lat, lon, _alt = whole.at(part)
+                here = (lat, lon, ups[0] + part * (ups[1] - ups[0]) + rise_m(self._route, lat, lon))
+                here = end if number == pieces else here
+                waits_s = hold_s if number == pieces else 0.0
+                time_s = duration_s(before, here, speed_mps)
+                yield Leg(item.seq, before, here, time_s, waits_s, speed_mps, follows=True)
+                before = here
+
+        yield _Part(max(1, math.ceil(length / step_m)), make)
+
+    def _circle(self, item: MissionItem, speed_mps: float) -> Iterator[_Part]:
+        middle, radius_m, turns = (
+            self._place(item),
+            max(1.0, abs(stored_radius_m(item.param3))),
+            stored_turns(item.param1),
+        )
+        up, side = self._up(item), -1.0 if item.param3 < 0.0 else 1.0
+        east, north = east_north_m(*middle, *self._here[:2])
+        bearing = math.atan2(east, north)
+        climbs = abs(self._height(item, up, middle) - self._here[2])
+        straight_there = math.hypot(east, north, climbs) > _IN_THE_MIDDLE_M
+
+        def spot(angle: float) -> Place:
+            place = offset(*middle, radius_m * math.sin(angle), radius_m * math.cos(angle))
+            return (*place, self._height(item, up, place))
+
+        begins = spot(bearing)
+        if straight_there or turns > 0.0:
+            yield from self._straight(item, begins, speed_mps)
+        made_mps = circle_speed_mps(radius_m, speed_mps)
+        whole, part = math.floor(turns), turns - math.floor(turns)
+        follows = self._above_terrain and self._route.ground is not None
+
+        def arc(share: float, times: int, count: int) -> Iterator[Leg]:
+            before = begins
+            for number in range(1, count + 1):
+                here = spot(bearing + side * math.tau * share * number / count)
+                here = begins if share == 1.0 and number == count else here
+                time_s = duration_s(before, here, made_mps)
+                yield Leg(item.seq, before, here, time_s, 0.0, made_mps, times, follows, curved=True)
+                before = here
+
+        if whole:
+            yield _Part(circle_pieces(radius_m), lambda count: arc(1.0, whole, count))
+        if part > 0.0:
+            yield _Part(math.ceil(circle_pieces(radius_m) * part), lambda count: arc(part, 1, count))
+            self._here = spot(bearing + side * math.tau * part)
+        self._above_terrain = False
+
+    def _spline(
+        self, item: MissionItem, speed_mps: float, leaves: Vector | None, following: MissionItem | None
+    ) -> Iterator[_Part]:
+        start, place, up = self._here, self._place(item), self._up(item)
+        same_frame, self._above_terrain = self._above_terrain is _of_terrain(item), _of_terrain(item)
+        end = (*place, self._height(item, up, place))
+        hold_s = max(0.0, item.param1)
+        if start == end:
+            yield from self._straight(item, end, speed_mps, hold_s=hold_s)
+            return
+        velocity = leaves if leaves is not None and same_frame else _STANDS
+        arrives = self._arrives(item, start, end, following)
+        self._here, self._leaves = end, arrives if any(arrives) else None
+        spline = Spline(self._way(start, end), velocity, arrives)
+        follows = self._above_terrain and self._route.ground is not None
+        up_from = start[2] - (rise_m(self._route, *start[:2]) if self._above_terrain else 0.0)
+
+        def make(pieces: int) -> Iterator[Leg]:
+            before = start
+            for number, ((east, north, rise), made_mps) in enumerate(spline.points(pieces, speed_mps), 1):
+                spot = offset(*start[:2], east, north)
+                here = end if number == pieces else (*spot, self._height(item, up_from + rise, spot))
+                waits_s = hold_s if number == pieces else 0.0
+                time_s = duration_s(before, here, made_mps)
+                yield Leg(item.seq, before, here, time_s, waits_s, made_mps, 1, follows, curved=True)
+                before = here
+
+        yield _Part(spline.pieces, make)
+
+    def _arrives(self, item: MissionItem, start: Place, end: Place, following: MissionItem | None) -> Vector:
+        """The velocity with which a spline ends, before it is shortened; none where the aircraft stops."""
+        if following is None or item.param1 != 0.0 or following.command == RETURN_TO_LAUNCH:
+            return _STANDS
+        if _of_terrain(following) is not _of_terrain(item):
+            return _STANDS
+        place = (following.lat_deg, following.lon_deg) if following.has_place else end[:2]
+        if abs(following.alt_m) < _NO_HEIGHT_M:
+            up = end[2] - (rise_m(self._route, *end[:2]) if _of_terrain(item) else 0.0)
+        else:
+            above_sea = following.frame == FRAME_ABOVE_SEA
+            up = following.alt_m - (self._route.home.alt_m if above_sea else 0.0)
+        there = (*place, self._height(following, up, place))
+        return self._way(start if following.command == SPLINE_WAYPOINT else end, there)
+
+
+_STANDS: Final[Vector] = (0.0, 0.0, 0.0)
+
+
+def _of_terrain(item: MissionItem) -> bool:
+    return item.frame == FRAME_ABOVE_TERRAIN
+
+
+def _one(leg: Leg) -> _Part:
+    return _Part(1, lambda _pieces: iter((leg,)))
+
+
+def _delay_s(item: MissionItem) -> float:
+    """How long a NAV_DELAY waits at the most."""
+    if item.param1 > 0.0:
+        return item.param1
+    return _MINUTE_S if int(item.param4) != -1 else 0.0

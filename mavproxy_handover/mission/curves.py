@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+
+"""Circles and splines of a copter: shape, speed, and how many straight pieces stand for them.
+
+Pure geometry in metres; `copter_path.py` says which item is flown as which curve.
+
+Rules
+-----
+* A circle (NAV_LOITER_TURNS) is flown at the lowest of three speeds: that of the mission, the one that takes half of
+  WPNAV_ACCEL towards the middle, and CIRCLE_RATE. Counted are ArduCopter's own settings: 2.5 m/s^2 and 20 degrees/s.
+* A spline (NAV_SPLINE_WAYPOINT) is a cubic curve from its beginning to its end, with a velocity at each. Velocities
+  that are together longer than four times the straight way are shortened to that. Half of WPNAV_ACCEL limits the speed
+  where the curve bends.
+* The straight pieces stay within WITHIN_M of the curve.
+
+Sources: AC_Circle (`calc_velocities`), SplineCurve (`update_solution`, `calc_dt_speed_max`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+__all__ = ["CIRCLE_RATE_DEG_S", "WITHIN_M", "Spline", "Vector", "circle_pieces", "circle_speed_mps"]
+
+#: how far a straight piece may be from the curve that it stands for (m)
+WITHIN_M: Final = 0.5
+#: WPNAV_ACCEL and CIRCLE_RATE of ArduCopter, where nobody has set another value
+_ACCELERATION_MPSS: Final = 2.5
+CIRCLE_RATE_DEG_S: Final = 20.0
+#: part of the acceleration that a curve may take
+_ACROSS: Final = 0.5
+#: SPLINE_FACTOR
+_STRETCH: Final = 4.0
+_FEWEST_ON_CIRCLE: Final = 12
+_FEWEST_ON_SPLINE: Final = 4
+#: slower than that no piece of a spline is counted: a cusp has no speed
+_SLOWEST_MPS: Final = 0.5
+
+#: metres east, north and up
+Vector = tuple[float, float, float]
+
+
+def circle_speed_mps(radius_m: float, speed_mps: float) -> float:
+    """How fast a circle is flown on a mission at that speed."""
+    across = math.sqrt(_ACROSS * _ACCELERATION_MPSS * radius_m)
+    return min(speed_mps, across, math.radians(CIRCLE_RATE_DEG_S) * radius_m)
+
+
+def circle_pieces(radius_m: float) -> int:
+    """How many straight pieces stand for a circle of at least 1 m."""
+    return max(_FEWEST_ON_CIRCLE, math.ceil(math.pi / math.acos(1.0 - WITHIN_M / max(1.0, radius_m))))
+
+
+@dataclass(frozen=True, slots=True)
+class Spline:
+    """A spline that begins at (0, 0, 0): its end, and its velocities at both ends before they are shortened."""
+
+    end: Vector
+    velocity: Vector
+    end_velocity: Vector
+
+    def _terms(self) -> tuple[Vector, Vector, Vector]:
+        """The factors of the time, its square and its cube; the time is 0 at the beginning and 1 at the end."""
+        together = _length(self.velocity) + _length(self.end_velocity)
+        scale = min(1.0, _STRETCH * _length(self.end) / together) if together > 0.0 else 1.0
+        first = _times(self.velocity, scale)
+        last = _times(self.end_velocity, scale)
+        square = _sum((self.end, 3.0), (first, -2.0), (last, -1.0))
+        cube = _sum((self.end, -2.0), (first, 1.0), (last, 1.0))
+        return first, square, cube
+
+    @property
+    def pieces(self) -> int:
+        """How many straight pieces stand for it."""
+        _first, square, cube = self._terms()
+        # the second derivative is a straight line: it is longest at one of the ends
+        most = max(_length(_times(square, 2.0)), _length(_sum((square, 2.0), (cube, 6.0))))
+        return max(_FEWEST_ON_SPLINE, math.ceil(math.sqrt(most / (8.0 * WITHIN_M))))
+
+    def points(self, pieces: int, speed_mps: float) -> list[tuple[Vector, float]]:
+        """The end of each of so many straight pieces, and the speed (m/s) on it, on a mission at that speed."""
+        terms = self._terms()
+        return [
+            (self._place(terms, n / pieces), self._speed_mps(terms, (n - 0.5) / pieces, speed_mps))
+            for n in range(1, pieces + 1)
+        ]
+
+    def _place(self, terms: tuple[Vector, Vector, Vector], time: float) -> Vector:
+        first, square, cube = terms
+        return self.end if time == 1.0 else _sum((first, time), (square, time**2), (cube, time**3))
+
+    def _speed_mps(self, terms: tuple[Vector, Vector, Vector], time: float, speed_mps: float) -> float:
+        first, square, cube = terms
+        velocity = _sum((first, 1.0), (square, 2.0 * time), (cube, 3.0 * time**2))
+        force = _sum((square, 2.0), (cube, 6.0 * time))
+        pace = _length(velocity)
+        if pace == 0.0:
+            return min(speed_mps, _SLOWEST_MPS)
+        along = sum(a * b for a, b in zip(force, velocity, strict=True)) / pace**2
+        across = _length(_sum((force, 1.0), (velocity, -along)))
+        if across == 0.0:
+            return speed_mps
+        bend_mps = pace * math.sqrt(_ACROSS * _ACCELERATION_MPSS / across)
+        return min(speed_mps, max(_SLOWEST_MPS, bend_mps))
+
+
+def _length(vector: Vector) -> float:
+    return math.hypot(*vector)
+
+
+def _times(vector: Vector, factor: float) -> Vector:
+    return vector[0] * factor, vector[1] * factor, vector[2] * factor
+
+
+def _sum(*parts: tuple[Vector, float]) -> Vector:
+    east, north, up = (sum(vector[axis] * factor for vector, factor in parts) for axis in range(3))
+    return east, north, up
