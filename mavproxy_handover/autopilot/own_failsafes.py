@@ -243,7 +243,7 @@ def no_terrain(p: Parameters | None, plan: PlanFacts | None) -> str:
         p.get("WPNAV_RFND_USE", 0.0) >= 1.0 and p.get("RNGFND1_TYPE", 0.0) >= 1.0
     ):
         return ""
-    return f"{what}: TERRAIN_ENABLE is 0 and there is no range finder. Set it to 1, or plan heights above home"
+    return f"{what}: TERRAIN_ENABLE is not 1 and there is no range finder. Set it to 1, or plan heights above home"
 
 
 def _terrain(p: Parameters, plan: PlanFacts | None) -> str | None:

@@ -20,7 +20,7 @@ from mavproxy_handover.mission.items import MissionItem
 from mavproxy_handover.mission.path import path_of
 from mavproxy_handover.mission.plan import Home, Route
 from mavproxy_handover.mission.track import Motion, RouteTracker
-from mavproxy_handover.mission.walk import walk_legs
+from mavproxy_handover.mission.walk import legs_of, walk_legs
 from mavproxy_handover.mission.wings import Air
 
 HOME = (52.679, 5.924)
@@ -138,8 +138,8 @@ def test_in_another_mode_and_on_the_ground_there_is_no_leg() -> None:
     assert flight.fly(2, 300, 500, auto=False) is None
 
 
-@pytest.mark.parametrize("command", [SPLINE, TURNS, DELAY, RTL])
-def test_what_is_not_flown_in_a_straight_line_has_no_leg(command: int) -> None:
+@pytest.mark.parametrize("command", [DELAY, RTL])
+def test_what_is_flown_to_no_place_of_the_route_has_no_leg(command: int) -> None:
     flight = Flight(route((WAYPOINT, (0, 1000)), (command, (1000, 1000)))).up()
     flight.fly(2, 0, 995)
     assert [flight.fly(3, 300, 700) for _ in range(20)] == [None] * 20
@@ -238,6 +238,53 @@ def test_an_item_out_of_turn_makes_a_leg_from_there() -> None:
     flight.fly(2, 0, 995)
     flight.fly(3, 200, 1000)
     assert flight.fly(2, 210, 1000) is None
+
+
+def curved(*items: MissionItem) -> Route:
+    """A leg of 1000 m to the north, then these."""
+    first = MissionItem(1, TAKEOFF, 3, 0, 0, 0, 0, *HOME, 30.0)
+    return Route(Home(*HOME, 0.0), (first, MissionItem(2, WAYPOINT, 3, 0, 0, 0, 0, *at(0, 1000), 30.0), *items))
+
+
+def flies(flown: Route, seq: int, past_m: float = 0.0) -> list[TrackFact | None]:
+    """An aircraft that flies the legs to an item, beside them by so much on their right."""
+    flight = Flight(flown).up()
+    flight.fly(2, 0, 995)
+    found = []
+    for leg in (leg for leg in legs_of(flown) if leg.seq == seq):
+        course = bearing_deg(*leg.start[:2], *leg.end[:2])
+        spot = offset(
+            *leg.at(0.5)[:2], past_m * math.cos(math.radians(course)), -past_m * math.sin(math.radians(course))
+        )
+        flight.now += 1.0
+        motion = Motion(*spot, course, 10.0, seq, True)
+        found.append(flight.tracker.follow(motion, flight.now))
+    return found
+
+
+SWING = curved(MissionItem(3, SPLINE, 3, 0, 0, 0, 0, *at(1000, 1000), 30.0))
+AROUND = curved(MissionItem(3, TURNS, 3, 3, 0, 100, 0, *at(500, 1000), 30.0))
+
+
+@pytest.mark.parametrize("flown", [SWING, AROUND], ids=["spline", "circle"])
+def test_on_its_curve_an_aircraft_is_on_its_route(flown: Route) -> None:
+    """The spline swings out 148 m beyond the straight line, the circle is 100 m beside its place."""
+    facts = flies(flown, 3)
+    assert len(facts) > 12
+    assert all(fact is not None and abs(fact.cross_track_m) < 0.5 and fact.course_off_deg is None for fact in facts)
+
+
+@pytest.mark.parametrize("flown", [SWING, AROUND], ids=["spline", "circle"])
+def test_beside_its_curve_it_is_off_its_route(flown: Route) -> None:
+    facts = [fact for fact in flies(flown, 3, 40.0)[2:-2] if fact is not None]
+    assert sum(abs(fact.cross_track_m) > 35.0 for fact in facts) > 0.8 * len(facts)
+
+
+@pytest.mark.parametrize("flown", [SWING, AROUND], ids=["spline", "circle"])
+def test_a_curve_that_is_taken_up_elsewhere_is_not_known(flown: Route) -> None:
+    flight = Flight(flown).up()
+    flight.fly(2, 300, 500, auto=False)
+    assert [flight.fly(3, 300 + 10 * n, 700) for n in range(20)] == [None] * 20
 
 
 def test_behind_a_circle_the_leg_begins_where_it_is_left() -> None:

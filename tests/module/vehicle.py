@@ -66,6 +66,8 @@ class Autopilot:
         self.silent = False
         #: part of its battery of 10 Ah that is left; None: it says nothing of it
         self.battery: float | None = 1.0
+        #: its home above the sea; it never leaves that height
+        self.home_alt_m = 0.0
         #: its MAV_TYPE
         self.kind = mavlink.MAV_TYPE_QUADROTOR
 
@@ -106,7 +108,8 @@ class Autopilot:
             self.say(stock.MAVLink_mission_current_message(self.waypoint))
 
     def say_position(self, lat: float, lon: float) -> None:
-        self.say(stock.MAVLink_global_position_int_message(1000, round(lat * 1e7), round(lon * 1e7), 0, 0, 0, 0, 0, 0))
+        place = round(lat * 1e7), round(lon * 1e7), round(self.home_alt_m * 1000)
+        self.say(stock.MAVLink_global_position_int_message(1000, *place, 0, 0, 0, 0, 0))
 
     def say_battery(self, left: float, volts: float = 12.6, amperes: float = 0.0) -> None:
         """BATTERY_STATUS of 10 Ah at 12.6 V, so much of them left."""

@@ -11,6 +11,7 @@ import pytest
 from mavproxy_handover.core.events import (
     Fly,
     GapsJudged,
+    HeightsJudged,
     LinkJudged,
     ModeSeen,
     ReturnJudged,
@@ -416,6 +417,16 @@ class TestGround:
         assert refusal.needs == ("a return does not land: it would circle for ever: RTL_AUTOLAND is 0",)
         assert bench.arbiter.rehearsal_needs(A, bench.now) == ()
         bench.give(ReturnJudged(""))
+        assert bench.arbiter.start_needs(A, bench.now) == ()
+
+    def test_and_with_why_the_heights_are_not_those_that_were_checked(self) -> None:
+        bench = Bench().on_ground()
+        bench.give(HeightsJudged("item 2 (NAV_WAYPOINT) above sea: home is at 0 m in the plan"))
+        bench.give(StartRequested(A))
+        (refusal,) = [action for _at, action in bench.log if isinstance(action, StartRefused)]
+        assert refusal.needs == ("heights: item 2 (NAV_WAYPOINT) above sea: home is at 0 m in the plan",)
+        assert bench.arbiter.rehearsal_needs(A, bench.now) == ()
+        bench.give(HeightsJudged(""))
         assert bench.arbiter.start_needs(A, bench.now) == ()
 
     def test_on_the_ground_a_lost_commander_is_lost_wherever_it_is(self) -> None:
