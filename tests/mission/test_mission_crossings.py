@@ -13,6 +13,7 @@ from mavproxy_handover.mission.crossings import WayAhead
 from mavproxy_handover.mission.geodesy import distance_m
 
 MISSIONS = Path(__file__).parents[2] / "missions"
+DATA = Path(__file__).parents[1] / "data" / "missions"
 FOREVER = 1e9
 
 
@@ -86,3 +87,21 @@ def test_what_is_farther_than_asked_for_is_left_out(walked):
 def test_of_an_item_that_the_way_does_not_have_nothing_is_known(walked):
     _package, walk, way = walked
     assert way.borders(999, walk.samples[0].lat_deg, walk.samples[0].lon_deg, FOREVER) == ()
+
+
+@pytest.mark.parametrize("name", ["loiter_turns", "spline"])
+def test_on_a_curve_each_border_is_as_far_ahead_as_the_walk_has_it(name):
+    """On ten turns the same border is crossed again and again, and on a spline the end of the leg tells nothing."""
+    walk = load(DATA / name).walk()
+    way = WayAhead(walk)
+    curves = {sample.seq for sample in walk.samples if sample.curved}
+    places = [sample for sample in walk.samples if sample.seq in curves]
+    assert len(places) > 400
+    for here in places[::2]:
+        ahead = [border for border in changes(walk) if border.distance_along_m > here.distance_along_m + 10.0]
+        found = way.borders(here.seq, here.lat_deg, here.lon_deg, FOREVER)
+        expected = [border.time_s - here.time_s for border in ahead]
+        assert len(ahead) <= len(found) <= len(ahead) + 2
+        assert [border.in_s for border in found][len(found) - len(ahead) :] == [
+            pytest.approx(each, abs=1.5) for each in expected
+        ]
