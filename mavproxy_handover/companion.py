@@ -378,7 +378,7 @@ class Companion:
 
     def _in_flight(self, port: StationPort, frame: Frame, verdict: Verdict, now: float) -> None:
         """A command of the commander that the situation judges, or a part of an upload."""
-        if uploads(frame):
+        if uploads(frame, self.gate.modes):
             self.autopilot.staging.on_frame(port, frame, now)
             return
         intent = intent_of(frame, self.gate.modes)

@@ -59,6 +59,8 @@ _TURNED: Final = (8, 9)
 _UNKNOWN_HEADING: Final = 0xFFFF
 #: how fast a guided target is flown to, if no mission says it
 _GUIDED_MPS: Final = 10.0
+#: of a command that leads where nothing here can tell
+_UNKNOWN_WAY: Final = {Limit.COVERAGE: "where it leads is not known"}
 #: a copy that comes so long (s) after the one before is not a program's retransmission: it is answered in words again
 _BY_HAND_S: Final = 5.0
 #: commands of these are done by GUIDED alone
@@ -195,14 +197,16 @@ class CommandDesk:
         ahead: Ahead | None = None,
     ) -> Ruling:
         limits = self.rules.looks_at(kind)
-        if not limits or self.here(now) is None:
+        if not limits or (self.here(now) is None and kind is not Kind.UNKNOWN):
             return _NOT_JUDGED
         if not self._purse.take(now):
             self.rules.came(kind, copy.wish, port.sysid, now)
             return Ruling(Outcome.REFUSED, (), "too many commands at once")
         try:
             ceiling_m = self._places.ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
-            left = self._left(way(), limits, ahead or self.ahead, ceiling_m, now)
+            left: Mapping[Limit, str] = self._left(way(), limits, ahead or self.ahead, ceiling_m, now)
+            if kind is Kind.UNKNOWN and self.ahead is not None:
+                left = _UNKNOWN_WAY
             ruling = self.rules.rule(
                 kind,
                 copy.wish,
@@ -278,6 +282,8 @@ class CommandDesk:
     def _way(self, intent: Intent) -> Sequence[Leg]:
         """The way that a command would have the aircraft fly; none where nothing is known of it."""
         aircraft, ahead = self._aircraft, self.ahead
+        if intent.kind is Kind.UNKNOWN:
+            return ()
         if intent.aim is not None:
             return self._to(intent.aim)
         if ahead is None or aircraft.where is None or (intent.auto_only and not aircraft.flies_mission):

@@ -41,16 +41,21 @@ _SET_MODE: Final = mavlink.MAVLINK_MSG_ID_SET_MODE
 _SET_CURRENT: Final = mavlink.MAVLINK_MSG_ID_MISSION_SET_CURRENT
 _ITEM: Final = mavlink.MAVLINK_MSG_ID_MISSION_ITEM
 _ITEM_INT: Final = mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT
+_FOLLOW_TARGET: Final = mavlink.MAVLINK_MSG_ID_FOLLOW_TARGET
 _GLOBAL: Final = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
 _LOCAL: Final = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 
-#: guided targets that come many times a second
-TARGET_MESSAGES: Final = frozenset({_GLOBAL, _LOCAL})
-#: MISSION_ITEM.current: not an item, but a place to fly to. 3, which changes the height alone, leaves nothing
+#: targets that come many times a second: guided ones, and the place of the system that is followed
+TARGET_MESSAGES: Final = frozenset({_GLOBAL, _LOCAL, _FOLLOW_TARGET})
+#: MISSION_ITEM.current: not an item, but a place to fly to, or a height alone, which nothing but wings takes
 GUIDED_ITEM: Final = 2
+_HEIGHT_ITEM: Final = 3
 #: frames whose place is in degrees
 _GLOBAL_FRAMES: Final = frozenset({0, 3, 5, 6, 10, 11})
 _ABOVE_HOME: Final = 3
+_LOCAL_OFFSET: Final = 7
+#: higher than anything flies (m)
+_NO_BOUND_M: Final = 1e5
 #: type_mask: any of these, and there is no place; this one, and no height
 NO_PLACE, NO_HEIGHT = 0b111, 0b100
 #: the parameter that is the height of a place
@@ -113,9 +118,16 @@ class Intent:
     auto_only: bool = False
 
 
-_RULES: Final[Mapping[int, JudgedRule]] = {
-    getattr(mavlink, f"MAV_CMD_{rule.name}"): rule for rule in JUDGED_RULES if hasattr(mavlink, f"MAV_CMD_{rule.name}")
-}
+def _by_command() -> dict[int, tuple[JudgedRule, ...]]:
+    found: dict[int, tuple[JudgedRule, ...]] = {}
+    for rule in JUDGED_RULES:
+        number = getattr(mavlink, f"MAV_CMD_{rule.name}", None)
+        if number is not None:
+            found[number] = (*found.get(number, ()), rule)
+    return found
+
+
+_RULES: Final[Mapping[int, tuple[JudgedRule, ...]]] = _by_command()
 
 
 def intent_of(frame: Frame, modes: Modes = COPTER) -> Intent | None:
@@ -126,13 +138,9 @@ def intent_of(frame: Frame, modes: Modes = COPTER) -> Intent | None:
 
 
 def _of_command(frame: Frame, modes: Modes) -> Intent | None:
-    rule = _RULES.get(field_int(frame, "command"))
-    if rule is None or (rule.height is not None and not modes.wings):
-        return None
-    values = (modes.auto,) if rule.mode else rule.values
-    if rule.which is not None and not _holds(field_float(frame, f"param{rule.which}"), values):
-        return None
-    if rule.also is not None and not _holds(field_float(frame, f"param{rule.also[0]}"), rule.also[1:]):
+    rules = _RULES.get(field_int(frame, "command"), ())
+    rule = next((rule for rule in rules if _is_one(frame, rule, modes)), None)
+    if rule is None:
         return None
     item = None if rule.item is None else _whole(field_float(frame, f"param{rule.item}"))
     return Intent(
@@ -145,6 +153,21 @@ def _of_command(frame: Frame, modes: Modes) -> Intent | None:
         speed_mps=None if rule.speed is None else field_float(frame, f"param{rule.speed}"),
         auto_only=rule.auto_only,
     )
+
+
+def _is_one(frame: Frame, rule: JudgedRule, modes: Modes) -> bool:
+    """Whether a command that has such a rule is judged by it."""
+    if rule.height is not None and not modes.wings:
+        return False
+    values = rule.values
+    if rule.mode:
+        mode = modes.auto if rule.mode == "auto" else modes.follow
+        if mode is None:
+            return False
+        values = (mode,)
+    if rule.which is not None and not _holds(field_float(frame, f"param{rule.which}"), values):
+        return False
+    return rule.also is None or _holds(field_float(frame, f"param{rule.also[0]}"), rule.also[1:])
 
 
 def _aim_of_command(frame: Frame, rule: JudgedRule) -> Aim:
@@ -167,9 +190,10 @@ def _radius_m(asked: float) -> float:
 
 
 def _of_mode(frame: Frame, modes: Modes) -> Intent | None:
-    if field_int(frame, "custom_mode") & _MODE_MASK != modes.auto:
-        return None
-    return Intent(Kind.GO_ON, "AUTO", wish_of(frame))
+    mode = field_int(frame, "custom_mode") & _MODE_MASK
+    if mode == modes.auto:
+        return Intent(Kind.GO_ON, "AUTO", wish_of(frame))
+    return Intent(Kind.UNKNOWN, "FOLLOW", wish_of(frame)) if mode == modes.follow else None
 
 
 def _of_current(frame: Frame, _modes: Modes) -> Intent | None:
@@ -177,10 +201,14 @@ def _of_current(frame: Frame, _modes: Modes) -> Intent | None:
     return Intent(Kind.GO_ON, f"item {item}", wish_of(frame), quiet_s=_CURRENT_QUIET_S, item=item)
 
 
-def _of_item(frame: Frame, _modes: Modes) -> Intent | None:
-    if field_int(frame, "current") != GUIDED_ITEM:
+def _of_item(frame: Frame, modes: Modes) -> Intent | None:
+    current = field_int(frame, "current")
+    if current != GUIDED_ITEM and not (current == _HEIGHT_ITEM and modes.wings):
         return None
-    return Intent(Kind.FLY_TO, "target", wish_of(frame), aim=_aim_of_item(frame))
+    aim = _aim_of_item(frame)
+    if current == GUIDED_ITEM:
+        return Intent(Kind.FLY_TO, "target", wish_of(frame), aim=aim)
+    return Intent(Kind.FLY_TO, "altitude", wish_of(frame), aim=Aim(aim.frame, 0.0, 0.0, aim.third, here=True))
 
 
 def _aim_of_item(frame: Frame) -> Aim:
@@ -191,7 +219,15 @@ def _aim_of_item(frame: Frame) -> Aim:
 
 
 def aim_of(frame: Frame, modes: Modes = COPTER) -> Aim | None:
-    """The place in a frame of TARGET_MESSAGES, of wings a height without one too; None where it holds none."""
+    """The place in a frame of TARGET_MESSAGES, of wings a height without one too; None where it holds none.
+
+    Of SET_POSITION_TARGET_LOCAL_NED wings take the height alone, whatever its mask says, and add it to the height that
+    they fly to. As such a stream goes on, it has no bound, and is judged as `_NO_BOUND_M`."""
+    if frame.msgid == _FOLLOW_TARGET:
+        return Aim(0, _signed(frame, "lat") / 1e7, _signed(frame, "lon") / 1e7, field_float(frame, "alt"))
+    if modes.wings and frame.msgid == _LOCAL:
+        adds = field_int(frame, "coordinate_frame") == _LOCAL_OFFSET and field_float(frame, "z") != 0.0
+        return Aim(_ABOVE_HOME, 0.0, 0.0, _NO_BOUND_M, here=True) if adds else None
     mask, number = field_int(frame, "type_mask"), field_int(frame, "coordinate_frame")
     if mask & NO_PLACE:
         height = modes.wings and frame.msgid == _GLOBAL and not mask & NO_HEIGHT
@@ -231,7 +267,8 @@ def _act(frame: Frame) -> tuple[Hashable, ...]:
             return "item", field_int(frame, "seq"), False
         case mavlink.MAVLINK_MSG_ID_MISSION_ITEM | mavlink.MAVLINK_MSG_ID_MISSION_ITEM_INT:
             aim = _aim_of_item(frame)
-            return "target", _plain_frame(aim.frame), _as_bytes(aim.first, aim.second, aim.third)
+            place = _as_bytes(aim.first, aim.second, aim.third)
+            return "target", field_int(frame, "current"), _plain_frame(aim.frame), place
         case _:
             return frame.msgid, frame.payload
 
@@ -243,8 +280,7 @@ def _act_of_command(frame: Frame) -> tuple[Hashable, ...]:
         return "mode", int(two) & _MODE_MASK, _by_number(int(one))
     if command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and isfinite(one):
         return "item", int(one), two == 1.0
-    rule = _RULES.get(command)
-    placed = rule is not None and rule.kind is Kind.FLY_TO
+    placed = any(rule.kind is Kind.FLY_TO for rule in _RULES.get(command, ()))
     if frame.msgid == _COMMAND_LONG:
         number, place = _ABOVE_HOME, [field_float(frame, f"param{n}") for n in (5, 6, 7)]
     else:
@@ -256,7 +292,7 @@ def _act_of_command(frame: Frame) -> tuple[Hashable, ...]:
 
 def _by_number(base_mode: int) -> bool:
     """Whether a mode is chosen by its own number."""
-    return base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED != 0
+    return bool(base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 
 
 def _plain_frame(number: int) -> int:

@@ -83,6 +83,7 @@ class GateReason(Enum):
     RAN_BEFORE = "it ran before the station had control"  #: sticks or setpoints that have not paused since (`latent`)
     COMPANION_TARGET = "companion target"  #: aimed at the companion's component, which does not take it
     REHEARSAL = "rehearsal: nothing arms"  #: the aircraft is carried (`core/rehearsal.py`)
+    NO_NUMBER = "a number in it is none"  #: a target's NaN or infinity
     SITUATION = "it would leave energy, fence or coverage"  #: in flight, or not to be judged by now
 
     #: as in `Access`
@@ -259,13 +260,13 @@ def _decide(
     if on_ground and takes_off(frame, row, modes):
         return Fate.CONSUME, GateReason.COMPANION
     may_be = commands and frame.msgid in _LOOKED_AT and view.phase is not Phase.ON_LOAD
-    if may_be and (uploads(frame) or intent_of(frame, modes) is not None):
+    if may_be and (uploads(frame, modes) or intent_of(frame, modes) is not None):
         return Fate.CONSUME, GateReason.COMPANION
     return fate, reason
 
 
-def uploads(frame: Frame) -> bool:
+def uploads(frame: Frame, modes: Modes = COPTER) -> bool:
     """Whether a frame is a part of an upload that ends at the companion in flight (rule 7)."""
     if frame.msgid not in _WRITERS or field_int(frame, "mission_type") not in STAGED:
         return False
-    return frame.msgid not in INTENT_MESSAGES or intent_of(frame) is None
+    return frame.msgid not in INTENT_MESSAGES or intent_of(frame, modes) is None

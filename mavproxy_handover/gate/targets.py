@@ -11,6 +11,9 @@ zones and fence costs a hundred times more than to pass the frame on. So what wa
    and none moves at 30 m/s. So whoever jumps to and fro costs no more than ten judgements a second.
 3. One stream is one message of one station. Nothing that carries no place is judged, but for the height that wings
    take from a place on earth that is left out.
+4. A frame with a number that is none (NaN, infinite), in a field that the autopilot takes, is dropped: ArduCopter looks
+   at the velocity alone, and would fly to such a place.
+5. FOLLOW_TARGET is a target too: the place of the system that is followed. The aircraft flies beside it, by FOLL_OFS.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -36,14 +39,23 @@ PAUSE_S: Final = 0.1
 
 _GLOBAL: Final[int] = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT
 _LOCAL: Final[int] = mavlink.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-#: where both messages have the place, its type_mask and its frame
+_FOLLOW: Final[int] = mavlink.MAVLINK_MSG_ID_FOLLOW_TARGET
+#: where both guided messages have the place, their type_mask and their frame
 _PLACE: Final = field_offset(_LOCAL, "x")
 _MASK: Final = field_offset(_LOCAL, "type_mask")
 _FRAME: Final = field_offset(_LOCAL, "coordinate_frame")
-#: the place's numbers, and how far away each is the same: metres, or 1e-7 degrees (of longitude it is less than that)
-_NUMBERS: Final[Mapping[int, tuple[struct.Struct, float]]] = {
-    _GLOBAL: (struct.Struct("<iif"), NEAR_M / 111_700.0 * 1e7),
-    _LOCAL: (struct.Struct("<fff"), NEAR_M),
+_MASK_BITS: Final = struct.Struct("<H")
+#: place, velocity, acceleration, yaw and its rate: what the autopilot takes of a guided message, and the bit of its
+#: type_mask that leaves each out
+_VALUES: Final[Mapping[int, struct.Struct]] = {_GLOBAL: struct.Struct("<ii9f"), _LOCAL: struct.Struct("<11f")}
+_LEFT_OUT: Final = tuple(1 << bit for bit in (0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 11))
+#: the place's numbers, where they are, and how far away each is the same: metres, or 1e-7 degrees (of longitude it is
+#: less than that)
+_NEAR_E7: Final = NEAR_M / 111_700.0 * 1e7
+_NUMBERS: Final[Mapping[int, tuple[struct.Struct, int, float]]] = {
+    _GLOBAL: (struct.Struct("<iif"), _PLACE, _NEAR_E7),
+    _LOCAL: (struct.Struct("<fff"), _PLACE, NEAR_M),
+    _FOLLOW: (struct.Struct("<iif"), field_offset(_FOLLOW, "lat"), _NEAR_E7),
 }
 
 
@@ -68,25 +80,40 @@ class TargetStreams:
     def limit(self, frame: Frame, verdict: Verdict, station: int, now: float, modes: Modes = COPTER) -> Verdict:
         """The verdict on a frame of TARGET_MESSAGES that stands. `modes`: those of the aircraft's firmware."""
         msgid, payload = frame.msgid, frame.payload
-        if payload[_MASK] & (NO_HEIGHT if modes.wings else NO_PLACE):
-            return verdict
+        number = -1
+        if msgid != _FOLLOW:
+            if _senseless(msgid, payload):
+                return verdict._replace(fate=Fate.DROP, reason=GateReason.NO_NUMBER)
+            number = payload[_FRAME]
+            # of a local target wings take the height whatever its mask says
+            if not (modes.wings and msgid == _LOCAL) and payload[_MASK] & (NO_HEIGHT if modes.wings else NO_PLACE):
+                return verdict
         judged = self._streams.get((station, msgid))
         if judged is None:
             judged = self._streams[station, msgid] = _Judged()
-        unpack, near = _NUMBERS[msgid]
-        numbers = first, second, third = unpack.unpack_from(payload, _PLACE)
+        unpack, place, near = _NUMBERS[msgid]
+        numbers = first, second, third = unpack.unpack_from(payload, place)
         one, two, three = judged.numbers
         # written so that what is no number is never the same
         same = (
             abs(first - one) <= near
             and abs(second - two) <= near
             and abs(third - three) <= NEAR_M
-            and payload[_FRAME] == judged.frame
+            and number == judged.frame
         )
         if not same or now - judged.at >= HOLDS_S:
             if now - judged.at < PAUSE_S:
                 return verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
             aim = aim_of(frame, modes)
-            judged.frame, judged.numbers, judged.at = payload[_FRAME], numbers, now
-            judged.passes = aim is None or self.judge(aim, station, now)
+            judged.frame, judged.numbers, judged.at = number, numbers, now
+            judged.passes = aim is None or (aim.makes_sense and self.judge(aim, station, now))
         return verdict if judged.passes else verdict._replace(fate=Fate.DROP, reason=GateReason.SITUATION)
+
+
+def _senseless(msgid: int, payload: bytes) -> bool:
+    """Whether a guided message holds a number that is none, in a field that it does not leave out."""
+    values = _VALUES[msgid].unpack_from(payload, _PLACE)
+    if isfinite(sum(values)):
+        return False
+    (mask,) = _MASK_BITS.unpack_from(payload, _MASK)
+    return any(not isfinite(value) and not mask & bit for value, bit in zip(values, _LEFT_OUT, strict=True))

@@ -68,8 +68,9 @@ RALLY_READ_TYPES = [2]
 STAGED_TYPES = [0, 1]
 
 # --- the commander's alone; in flight the companion looks first what they would leave
-#: NAV_WAYPOINT, DO_ORBIT, NAV_SPLINE_WAYPOINT, DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MISSION_CURRENT, OVERRIDE_GOTO
-JUDGED_COMMANDS = [16, 34, 82, 178, 192, 224, 252]
+#: NAV_WAYPOINT, DO_ORBIT, NAV_SPLINE_WAYPOINT, DO_CHANGE_SPEED, DO_REPOSITION, DO_SET_MISSION_CURRENT, OVERRIDE_GOTO;
+#: NAV_FOLLOW, DO_FOLLOW, DO_FOLLOW_REPOSITION, DO_JUMP_TAG
+JUDGED_COMMANDS = [16, 34, 82, 178, 192, 224, 252, 25, 32, 33, 601]
 JUDGED_MESSAGES = ["MISSION_SET_CURRENT"]
 
 #: NAV_TAKEOFF, NAV_TAKEOFF_LOCAL, NAV_VTOL_TAKEOFF, SOLO_BTN_FLY_HOLD: they start a flight; DO_RETURN_PATH_START and
@@ -426,6 +427,9 @@ PARAMETER_DEPENDENT = [
     (218, 153.0, 0.0, TOLD),
     (218, 4.0, 2.0, TOLD),
     *((176, 1.0, mode, JUDGED) for mode in (3.0, 3.5, 259.0, -253.0)),
+    *((176, 1.0, mode, JUDGED) for mode in (23.0, 23.5, 279.0)),  # FOLLOW: after another system
+    *((218, 57.0, position, JUDGED) for position in (2.0, float("nan"))),
+    (218, 57.0, 0.0, TOLD),
     *((176, 1.0, mode, TOLD) for mode in (5.0, 6.0, 9.0, 16.0, 17.0, 21.0)),  # LOITER, RTL, LAND ...: never judged
     *((218, 16.0, position, JUDGED) for position in (2.0, float("nan"))),
     *((218, 16.0, position, TOLD) for position in (0.0, 1.0)),
@@ -555,7 +559,7 @@ def cases() -> Iterator[Case]:
     for command, first, second, kind in PARAMETER_DEPENDENT:
         for name in ("COMMAND_LONG", "COMMAND_INT"):
             yield Case(name, kind, (("command", command), ("param1", first), ("param2", second)))
-    for mode in (3, 259, 0xFFFFFF03):
+    for mode in (3, 259, 0xFFFFFF03, 23, 279):
         yield Case("SET_MODE", JUDGED, (("custom_mode", mode),))
     for mode, kind in ((28, TAKE_OFF), (0xFFFFFF1C, TAKE_OFF), (0, TOLD), (27, TOLD), (29, TOLD), (0x1C00, TOLD)):
         yield Case("SET_MODE", kind, (("custom_mode", mode),))

@@ -148,6 +148,39 @@ def test_a_repetition_is_told_by_its_counter_and_is_the_same_wish(make: Make) ->
     assert intent.repeats
 
 
+#: what leads where nothing can tell, and the word for it
+UNKNOWN: list[tuple[str, dict[str, Any], str]] = [
+    ("SET_MODE", {"base_mode": 1, "custom_mode": 23}, "FOLLOW"),
+    ("COMMAND_LONG", {"command": 176, "param1": 1.0, "param2": 23.0}, "FOLLOW"),
+    ("COMMAND_INT", {"command": 176, "param1": 1.0, "param2": 23.0}, "FOLLOW"),
+    ("COMMAND_LONG", {"command": 218, "param1": 57.0, "param2": 2.0}, "FOLLOW"),
+    ("COMMAND_LONG", {"command": 32, "param1": 7.0}, "FOLLOW"),
+    ("COMMAND_LONG", {"command": 601, "param1": 3.0}, "another item"),
+]
+
+
+@pytest.mark.parametrize(("name", "fields", "word"), UNKNOWN)
+def test_what_leads_where_nothing_can_tell(make: Make, name: str, fields: dict[str, Any], word: str) -> None:
+    """The fault: by FOLLOW, or by a label of the mission, an aircraft was sent anywhere and no limit was looked at."""
+    intent = intent_of(make(name, **fields))
+    assert intent is not None
+    assert (intent.kind, intent.word, intent.aim, intent.item) == (Kind.UNKNOWN, word, None, None)
+
+
+def test_a_plane_has_no_mode_follow(make: Make) -> None:
+    assert intent_of(make("SET_MODE", base_mode=1, custom_mode=23), PLANE) is None
+    assert intent_of(make("COMMAND_LONG", command=176, param1=1.0, param2=23.0), PLANE) is None
+
+
+def test_of_wings_the_item_that_is_a_height_alone_is_judged(make: Make) -> None:
+    """The fault: ArduPlane takes the height of MISSION_ITEM with current 3, and nothing looked at it."""
+    frame = make("MISSION_ITEM_INT", current=3, frame=6, x=525000000, y=62500000, z=600.0)
+    intent = intent_of(frame, PLANE)
+    assert intent is not None
+    assert (intent.kind, intent.word, intent.aim) == (FLY_TO, "altitude", Aim(6, 0.0, 0.0, 600.0, here=True))
+    assert intent_of(frame, COPTER) is None
+
+
 PLACE = {"command": 192, "param1": -1.0, "param2": 1.0, "param4": math.nan}
 #: two forms of one act, and whether they are the same command to an operator who sends it again
 FORMS: list[tuple[tuple[str, dict[str, Any]], tuple[str, dict[str, Any]], bool]] = [

@@ -41,10 +41,10 @@ def looked_at(make: Make, view: AuthorityView, modes: Modes) -> tuple[set[int], 
 
 @pytest.mark.parametrize(
     ("modes", "in_flight", "on_ground"),
-    [(COPTER, {3}, {28}), (PLANE, {10}, {10, 13}), (UNKNOWN, {3}, {28})],
+    [(COPTER, {3, 23}, {28}), (PLANE, {10}, {10, 13}), (UNKNOWN, {3, 23}, {28})],
     ids=["copter", "plane", "unknown"],
 )
-def test_of_every_mode_the_companion_looks_at_those_that_fly_on_or_take_off(
+def test_of_every_mode_the_companion_looks_at_those_that_fly_on_follow_or_take_off(
     make: Make, modes: Modes, in_flight: set[int], on_ground: set[int]
 ) -> None:
     assert looked_at(make, IN_FLIGHT, modes) == (in_flight, in_flight)

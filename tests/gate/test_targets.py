@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -120,3 +121,76 @@ def test_another_message_and_another_frame_are_judged_for_themselves(make: Make)
         Aim(0, 52.0, 6.0, 40.0),
         Aim(1, 9.0, 0.0, 0.0),
     ]
+
+
+FOLLOWED = "FOLLOW_TARGET"
+
+
+@pytest.mark.parametrize(("lat", "fate"), [(520_000_000, Fate.FORWARD), (530_000_100, Fate.DROP)])
+def test_the_place_of_the_system_that_is_followed_is_a_target(make: Make, lat: int, fate: Fate) -> None:
+    """The fault: in FOLLOW an aircraft flew after any place that its commander sent, and nothing looked at it."""
+    watched = Watched(step_s=0.2)
+    frame = make(FOLLOWED, lat=lat, lon=60_000_000, alt=140.0)
+    assert watched.door.up(A, frame).verdict.fate is fate
+    assert watched.asked == [(Aim(0, lat / 1e7, 6.0, 140.0), GCSA)]
+
+
+LOCAL = "SET_POSITION_TARGET_LOCAL_NED"
+IGNORES_ALL = 0b110111111111
+
+
+@pytest.mark.parametrize("mask", [ONLY_PLACE, IGNORES_ALL])
+def test_of_wings_an_offset_of_the_height_has_no_bound_whatever_is_masked(make: Make, mask: int) -> None:
+    """The fault: ArduPlane adds the z of each such frame to its height, and does not look at the mask."""
+    watched = Watched(step_s=0.2)
+    watched.door.gate.modes = PLANE
+    watched.door.up(A, make(LOCAL, type_mask=mask, coordinate_frame=7, z=-3.0))
+    assert watched.asked == [(Aim(3, 0.0, 0.0, 100_000.0, here=True), GCSA)]
+    watched.door.up(A, make(LOCAL, type_mask=mask, coordinate_frame=7, z=0.0))
+    watched.door.up(A, make(LOCAL, type_mask=mask, coordinate_frame=1, z=-3.0))
+    assert len(watched.asked) == 1
+
+
+#: the field of a guided target, and the bit that leaves it out
+FIELDS = {
+    "x": 0,
+    "y": 1,
+    "z": 2,
+    "vx": 3,
+    "vy": 4,
+    "vz": 5,
+    "afx": 6,
+    "afy": 7,
+    "afz": 8,
+    "yaw": 10,
+    "yaw_rate": 11,
+}
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("field", FIELDS)
+def test_a_number_that_is_none_reaches_the_autopilot_only_where_it_is_left_out(
+    make: Make, field: str, value: float
+) -> None:
+    """The fault: ArduCopter looks at the velocity alone, and takes a place that is no number."""
+    for name in (LOCAL, GLOBAL):
+        named = {"z": "alt"}.get(field, field) if name == GLOBAL else field
+        if name == GLOBAL and field in ("x", "y"):  # whole numbers there
+            continue
+        watched = Watched(step_s=0.2)
+        taken = make(name, coordinate_frame=1, type_mask=0, **{named: value})
+        verdict = watched.door.up(A, taken).verdict
+        assert (verdict.fate, verdict.reason) == (Fate.DROP, GateReason.NO_NUMBER)
+        left_out = make(name, coordinate_frame=1, type_mask=1 << FIELDS[field], **{named: value})
+        assert watched.door.up(A, left_out).verdict.fate is Fate.FORWARD
+
+
+def test_a_place_that_is_none_is_dropped_unasked(make: Make) -> None:
+    watched = Watched(step_s=0.2)
+    for frame in (
+        make(FOLLOWED, lat=520_000_000, lon=60_000_000, alt=math.nan),
+        make(FOLLOWED, lat=910_000_000, lon=60_000_000, alt=40.0),
+        target(make, 910_000_000),
+    ):
+        assert watched.door.up(A, frame).verdict.fate is Fate.DROP
+    assert watched.asked == []

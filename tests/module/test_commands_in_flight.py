@@ -348,6 +348,40 @@ def test_a_target_that_is_no_place_is_the_autopilots_to_refuse(flown: Bench, val
     assert flown.companion.faults == {}
 
 
+# ---- after another system -----------------------------------------------------------------------------------------
+
+
+def test_to_follow_another_system_is_refused_for_nobody_knows_where_it_leads(flown: Bench) -> None:
+    for send_mode in (
+        lambda: flown.a.send(mavlink.MAVLink_set_mode_message(1, 1, 23)),
+        lambda: flown.a.command(SET_MODE, 1.0, 23.0),
+    ):
+        send_mode()
+        flown.run(0.3)
+    assert passed(flown, "SET_MODE") == passed(flown, "COMMAND_LONG") == 0
+    words = (
+        "FOLLOW refused: where it leads is not known. Send it again in 10 s to insist, or handover override coverage"
+    )
+    assert flown.a.texts() == words
+    flown.run(10.0)
+    flown.a.command(SET_MODE, 1.0, 23.0)
+    flown.run(0.3)
+    assert passed(flown, "COMMAND_LONG") == 1
+
+
+def test_the_system_that_is_followed_leads_out_of_no_zone(flown: Bench) -> None:
+    flown.run(3.0)
+    zeros = [0.0, 0.0, 0.0]
+    for place, arrives in ((OUT_OF_ZONES, 0), ((52.6785, 5.9240), 1)):
+        lat, lon = round(place[0] * 1e7), round(place[1] * 1e7)
+        flown.a.send(
+            mavlink.MAVLink_follow_target_message(0, 1, lat, lon, 40.0, zeros, zeros, [1, 0, 0, 0], zeros, zeros, 0)
+        )
+        flown.run(0.3)
+        assert passed(flown, "FOLLOW_TARGET") == arrives
+    assert flown.a.texts().startswith("target refused: leaves coverage in ")
+
+
 # ---- wings --------------------------------------------------------------------------------------------------------
 
 CHANGE_ALTITUDE, GUIDED_ALTITUDE, GUIDED_HEADING = mavlink.MAV_CMD_DO_CHANGE_ALTITUDE, 43001, 43002
@@ -447,6 +481,17 @@ def test_a_height_alone_is_judged(dike: Bench, command: int, alt_m: float, words
     dike.a.command(command, alt_m, 3.0, 0.0, 0.0, 0.0, 0.0, alt_m)
     dike.run(0.3)
     assert passed(dike, "COMMAND_LONG") == (0 if words else 1)
+    assert dike.a.texts().startswith(words)
+    assert words or dike.a.texts() == ""
+
+
+@pytest.mark.parametrize(("alt_m", "words"), [(200.0, ""), (600.0, f"altitude refused: {CEILING}")])
+def test_the_height_of_a_mission_item_that_is_a_height_alone_is_judged(dike: Bench, alt_m: float, words: str) -> None:
+    """Mission Planner's Change Alt. The fault: it was taken for a part of an upload, and swallowed without a word."""
+    place = round(52.70 * 1e7), round(5.42 * 1e7), alt_m
+    dike.a.send(mavlink.MAVLink_mission_item_int_message(1, 1, 0, 3, 16, 3, 1, 0, 0, 0, 0, *place, 0))
+    dike.run(0.3)
+    assert passed(dike, "MISSION_ITEM_INT") == (0 if words else 1)
     assert dike.a.texts().startswith(words)
     assert words or dike.a.texts() == ""
 

@@ -74,9 +74,11 @@ class Kind(Enum):
     TARGET = "target"  #: the same, in a stream of targets
     SPEED = "speed"  #: the mission is flown at another speed
     ROUTE = "route"  #: another mission
+    UNKNOWN = "unknown way"  #: to where nothing here can tell: after another system, to a place by a label
 
 
-#: Which limits a kind of command can leave. START's coverage and fence were checked with the package.
+#: Which limits a kind of command can leave. START's coverage and fence were checked with the package. A way that is not
+#: known may leave each of them: one refusal is enough, and one word of the operator.
 JUDGED: Final[Mapping[Kind, tuple[Limit, ...]]] = {
     Kind.START: (Limit.ENERGY,),
     Kind.GO_ON: (Limit.ENERGY, Limit.FENCE, Limit.COVERAGE),
@@ -84,6 +86,7 @@ JUDGED: Final[Mapping[Kind, tuple[Limit, ...]]] = {
     Kind.TARGET: (Limit.ENERGY, Limit.FENCE, Limit.COVERAGE),
     Kind.SPEED: (Limit.ENERGY,),
     Kind.ROUTE: (Limit.ENERGY, Limit.FENCE, Limit.COVERAGE),
+    Kind.UNKNOWN: (Limit.COVERAGE,),
 }
 #: Kinds that programs repeat by themselves: only `lift` lifts for these.
 STREAMED: Final = frozenset({Kind.TARGET})

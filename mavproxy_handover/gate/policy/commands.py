@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 from mavproxy_handover.core.safety.commands import Kind
 from mavproxy_handover.gate.policy.access import Access, Rule, names
@@ -72,8 +72,8 @@ class JudgedRule:
     """A command that is judged by the situation in flight: what it does, what people call it, and why it is one.
 
     `which` and `values`: it is one only where that parameter has such a value, of which the autopilot keeps the last
-    8 bits; a second pair likewise. `mode`: such a value is the mode by which the firmware flies the mission
-    (`modes.py`). `item`: the parameter that names an item of the mission, `speed`: the one that is a speed. Of
+    8 bits; a second pair likewise. `mode`: such a value is the mode of that name in `modes.py`. `item`: the parameter
+    that names an item of the mission, `speed`: the one that is a speed. Of
     `Kind.FLY_TO` parameters 5 to 7 are the place; `radius`: the parameter that wings take for the radius of the circle
     there; `height`: it is a height alone, which nothing but wings takes, and this its parameter: 7 is the one of the
     place, behind any other stands its MAV_FRAME.
@@ -92,17 +92,23 @@ class JudgedRule:
     height: int | None = None
     #: it does something in AUTO only; elsewhere it goes on to what was judged before, or the autopilot refuses it
     auto_only: bool = False
-    mode: bool = False
+    mode: Literal["", "auto", "follow"] = ""
 
 
 #: In flight these are judged by energy, fence and coverage. What leads away from danger is not among them: RTL, LAND,
 #: BRAKE, LOITER, a pause, landing sequences and return paths. Nor is what leads to no place that could be told: of
 #: wings a heading (GUIDED_CHANGE_HEADING), as of a copter a velocity. Names without their MAV_CMD_.
 JUDGED_RULES: Final = (
-    JudgedRule("DO_SET_MODE", Kind.GO_ON, "AUTO", "AUTO flies the mission on", which=2, mode=True),
+    JudgedRule("DO_SET_MODE", Kind.GO_ON, "AUTO", "AUTO flies the mission on", which=2, mode="auto"),
+    JudgedRule("DO_SET_MODE", Kind.UNKNOWN, "FOLLOW", "flies after another system", which=2, mode="follow"),
     JudgedRule("MISSION_START", Kind.GO_ON, "START", "the same"),
     # the switch functions of AUTO; its high position
     JudgedRule("DO_AUX_FUNCTION", Kind.GO_ON, "AUTO", "the same, by a switch", which=1, values=(16,), also=(2, 2)),
+    JudgedRule("DO_AUX_FUNCTION", Kind.UNKNOWN, "FOLLOW", "FOLLOW by a switch", which=1, values=(57,), also=(2, 2)),
+    JudgedRule("DO_FOLLOW", Kind.UNKNOWN, "FOLLOW", "chooses which system is followed"),
+    JudgedRule("DO_FOLLOW_REPOSITION", Kind.UNKNOWN, "FOLLOW", "the same"),
+    JudgedRule("NAV_FOLLOW", Kind.UNKNOWN, "FOLLOW", "the same"),
+    JudgedRule("DO_JUMP_TAG", Kind.UNKNOWN, "another item", "flies on from an item that has a label"),
     JudgedRule("DO_PAUSE_CONTINUE", Kind.GO_ON, "CONTINUE", "the same", which=1, values=(1,), auto_only=True),
     JudgedRule("DO_SET_MISSION_CURRENT", Kind.GO_ON, "another item", "flies from another item on", item=1),
     JudgedRule("DO_REPOSITION", Kind.FLY_TO, "target", "flies to a place, or to a circle around it", radius=3),

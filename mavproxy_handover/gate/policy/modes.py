@@ -21,6 +21,8 @@ __all__ = ["COPTER", "PLANE", "TURTLE", "UNKNOWN", "Modes"]
 
 #: ArduCopter's flight mode TURTLE: it arms with hardly a check, and switches the failsafes off.
 TURTLE: Final = 28
+#: ArduCopter's flight mode FOLLOW; a plane has none
+_FOLLOW: Final = 23
 #: ArduPlane's AUTO and TAKEOFF, and the auxiliary switches of the same (RCn_OPTION)
 _PLANE_AUTO, _PLANE_TAKEOFF = 10, 13
 _AUTO_SWITCH, _TAKEOFF_SWITCH = 16, 77
@@ -37,6 +39,8 @@ class Modes:
     #: those that arm or take off on the ground, and the auxiliary functions of such
     take_off: tuple[int, ...]
     take_off_switches: tuple[int, ...] = ()
+    #: the one that flies after another system
+    follow: int | None = None
     #: it has wings: the place of a target is the middle of a circle, and a height alone is a target
     wings: bool = False
 
@@ -49,7 +53,7 @@ def _names(enum: str) -> dict[int, str]:
     }
 
 
-COPTER: Final = Modes(_names("COPTER_MODE"), COPTER_AUTO, (TURTLE,))
+COPTER: Final = Modes(_names("COPTER_MODE"), COPTER_AUTO, (TURTLE,), follow=_FOLLOW)
 #: a dialect may not have the newest one yet
 PLANE: Final = Modes(
     {26: "AUTOLAND", **_names("PLANE_MODE")},
@@ -58,4 +62,4 @@ PLANE: Final = Modes(
     (_AUTO_SWITCH, _TAKEOFF_SWITCH),
     wings=True,
 )
-UNKNOWN: Final = Modes({}, COPTER_AUTO, (TURTLE,))
+UNKNOWN: Final = Modes({}, COPTER_AUTO, (TURTLE,), follow=_FOLLOW)
