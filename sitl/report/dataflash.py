@@ -45,6 +45,8 @@ _WAYPOINT, _LAST_NAV = 16, 94
 #: VER's build type and MSG's beginning of a firmware's name
 _BUILT_PLANE: Final = 3
 _NAMED_PLANE: Final = "ArduPlane V"
+#: without a word of arming: higher (m) it flies; lower (m) and slower (m/s) after that it has landed
+_SURELY_UP_M, _SURELY_DOWN_M, _STANDS_MPS = 5.0, 1.0, 1.5
 
 
 class DataflashError(Exception):
@@ -87,11 +89,14 @@ def _read(path: Path) -> Strand:
         log = kind(str(path), zero_time_base=False)
     except Exception as error:  # pymavlink raises whatever it stumbles over
         raise DataflashError(f"{path}: no dataflash log: {error or type(error).__name__}") from None
-    reader = _Reader(path)
+    reader = _Reader(path, has_pos="POS" in log.name_to_id)
     try:
         while (message := log.recv_match(type=_WANTED)) is not None:
-            reader.take(message)
-    except Exception:  # the same, in a log whose end was never written
+            try:
+                reader.take(message)
+            except (AttributeError, TypeError, ValueError, OverflowError):  # a field is missing, or is no number
+                reader.strand.broken += 1
+    except Exception:  # pymavlink again, in a log whose end was never written
         reader.strand.broken += 1
     finally:
         close = getattr(log, "close", None)
@@ -101,7 +106,7 @@ def _read(path: Path) -> Strand:
 
 
 class _Reader:
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, has_pos: bool) -> None:
         self.strand = Strand(path, Kind.DATAFLASH, on_board=True)
         self._sysid = 1
         self._seen: list[Entry] = []
@@ -110,6 +115,10 @@ class _Reader:
         self._first_t: float | None = None
         self._clock_set = False
         self._armed = self._airborne = False
+        #: some record said that the motors were armed or disarmed
+        self._tells_arming = False
+        #: the log has records of the estimated position; else those of the GPS are all there is
+        self._has_pos = has_pos
         self._due: dict[str, float] = {}
         self._view: tuple[Any, ...] = ()
         self._guard = ""
@@ -133,6 +142,8 @@ class _Reader:
     def finish(self) -> Strand:
         """What it tells in all."""
         strand = self.strand
+        if not self._tells_arming:
+            self._fly_by_height()
         names = mavutil.mode_mapping_apm if self._plane else mavutil.mode_mapping_acm
         for t, number in self._modes:
             mode = names.get(number, f"mode {number}")
@@ -164,14 +175,19 @@ class _Reader:
             self._sysid = int(message.Value)
 
     def _on_gps(self, message: Any, t: float) -> None:
-        if getattr(message, "GWk", 0) > _WEEK_SET and t > CLOCK_SET_S:
+        if max(getattr(message, "GWk", 0), getattr(message, "Week", 0)) > _WEEK_SET and t > CLOCK_SET_S:
             self._clock_set = True
         self._speed_mps, self._course_deg = float(message.Spd), float(message.GCrs)
         if self._is_due(t, "tick", _TICK_S):
-            self.strand.ticks.append(Tick(t, 0, message.TimeUS / 1e6))
+            self.strand.ticks.append(Tick(t, 0, _boot_s(message, t)))
+        if not self._has_pos:
+            self._place(message, t, getattr(message, "RelAlt", None))
 
     def _on_pos(self, message: Any, t: float) -> None:
-        alt_m = getattr(message, "RelHomeAlt", None)
+        self._place(message, t, getattr(message, "RelHomeAlt", None))
+
+    def _place(self, message: Any, t: float, alt_m: float | None) -> None:
+        """A position. `alt_m`: above home; None or NaN: above where the log began."""
         if alt_m is None or math.isnan(alt_m):
             self._ground_alt_m = float(message.Alt) if self._ground_alt_m is None else self._ground_alt_m
             alt_m = message.Alt - self._ground_alt_m
@@ -180,9 +196,19 @@ class _Reader:
         if not self._is_due(t, "sample", SAMPLE_INTERVAL_S) or not (message.Lat or message.Lng):
             return
         self._note(
-            t, "sample", sim_s=message.TimeUS / 1e6, lat_deg=message.Lat, lon_deg=message.Lng,
+            t, "sample", sim_s=_boot_s(message, t), lat_deg=message.Lat, lon_deg=message.Lng,
             alt_m=round(alt_m, 2), heading_deg=round(self._course_deg, 1), speed_mps=round(self._speed_mps, 2),
         )  # fmt: skip
+
+    def _fly_by_height(self) -> None:
+        """Firmware before 3.2 does not log arming: what is higher than a GPS errs is taken for flying."""
+        for entry in [each for each in self._seen if each.event == "sample"]:
+            if not self._airborne and entry.get("alt_m") > _SURELY_UP_M:
+                self._take_off(entry.t)
+            elif self._airborne and entry.get("alt_m") < _SURELY_DOWN_M and entry.get("speed_mps") < _STANDS_MPS:
+                self._airborne = False
+                place = {key: entry.get(key) for key in ("lat_deg", "lon_deg")}
+                self._note(entry.t, "landed", "landed", by_height=True, **place)
 
     def _on_mode(self, message: Any, t: float) -> None:
         self._modes.append((t, int(getattr(message, "ModeNum", message.Mode))))
@@ -202,6 +228,7 @@ class _Reader:
         self._arm(t, bool(message.ArmState))
 
     def _arm(self, t: float, armed: bool) -> None:
+        self._tells_arming = True
         if armed == self._armed:
             return
         if not armed:
@@ -264,3 +291,10 @@ def _word(states: Any, value: int) -> str:
         return str(states(value).name).lower()
     except ValueError:
         return str(value)
+
+
+def _boot_s(message: Any, t: float) -> float:
+    """Seconds since the autopilot was started. Firmware before 3.3 has milliseconds, in T of GPS; else it is `t`."""
+    if hasattr(message, "TimeUS"):
+        return float(message.TimeUS) / 1e6
+    return float(getattr(message, "T", t * 1e3)) / 1e3

@@ -19,11 +19,13 @@ from mavproxy_handover.mission.package import MissionPackage
 from sitl.report.journal_reader import Entry
 from sitl.report.loss import Heard
 from sitl.report.matching import matches
-from sitl.report.watch import VEHICLE, Clock, Sample, number, samples_of
+from sitl.report.watch import AIRBORNE_M, VEHICLE, Clock, Sample, number, samples_of
 
 __all__ = ["NOBODY", "CommanderChange", "Evidence", "RunNotes", "of_vehicle", "seen_of"]
 
 NOBODY = "nobody"
+#: an aircraft that is airborne so soon (s) after its first position was so before
+_FIRST_S = 1.5
 #: a companion that flies writes its position every second
 _SILENCE_S = 5.0
 
@@ -176,6 +178,27 @@ class Evidence:
         spoken = [entry.t for entry in self.entries if entry.who in companions]
         silent = bool(spoken) and self.entries[-1].t - spoken[-1] > _SILENCE_S
         return spoken[-1] if silent else inf
+
+    def flights(self) -> list[tuple[float, float]]:
+        """From when to when (t) it was in the air, in order; the last span ends with the record if it did not land."""
+        spans: list[tuple[float, float]] = []
+        up: float | None = None
+        for entry in self.of(VEHICLE):
+            if entry.event == "airborne" and up is None:
+                up = entry.t
+            elif entry.event == "landed" and up is not None:
+                spans.append((up, entry.t))
+                up = None
+        return spans if up is None else [*spans, (up, self.entries[-1].t)]
+
+    @property
+    def begins_in_air(self) -> bool:
+        """Whether the aircraft was in the air already when the record of it began."""
+        flights = self.flights()
+        if not flights or not self.samples:
+            return False
+        first = self.samples[0]
+        return first.alt_m > AIRBORNE_M and flights[0][0] <= first.t + _FIRST_S
 
     def modes_flown(self) -> list[str]:
         """The flight modes in the air, in order."""

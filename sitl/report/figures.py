@@ -243,6 +243,11 @@ class _Map:
                 [each.lat_deg for each in piece], [each.lon_deg for each in piece], mode="lines", name="emergency",
                 line={"color": ALARM, "width": 13}, opacity=0.45, showlegend=not number,
             )  # fmt: skip
+        if len(self._samples) == 1:
+            (only,) = self._samples
+            self._line(
+                [only.lat_deg], [only.lon_deg], mode="markers", name="seen here", marker={"size": 12, "color": INK}
+            )
         named: set[str] = set()
         modes = _Held(self._evidence.of(VEHICLE, "mode"), lambda entry: str(entry.get("mode")))
         for name, piece in pieces(self._evidence, _few(self._samples)):

@@ -168,10 +168,17 @@ def _story(
             items.update(strand.items.get(sysid, {}))
             if strand.kind is Kind.TLOG and not strand.on_board and strand.who:
                 silences.setdefault(strand.who, []).extend(strand.silences.get(sysid, []))
-    # where no file has UTC the axis is monotonic time
-    known = any(strand.kind is not Kind.JOURNAL or strand.offset_s is not None for strand in strands)
+    known = any(_has_utc(strand) for strand in strands)
     notes = RunNotes(utc_offset_s=0.0 if known else None)
     return Story(name, Evidence(entries, package, notes, stations), witness, items, silences)
+
+
+def _has_utc(strand: Strand) -> bool:
+    """Whether the file tells the time of day. Without it a journal has monotonic time, and a dataflash log the seconds
+    since the autopilot was started."""
+    if strand.kind is Kind.DATAFLASH:
+        return any(tick.gps_s is not None for tick in strand.ticks)
+    return strand.kind is Kind.TLOG or strand.offset_s is not None
 
 
 def _seen(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from mavproxy_handover.mission.geodesy import distance_m
-from sitl.report.evidence import NOBODY, Evidence
+from sitl.report.evidence import NOBODY, CommanderChange, Evidence
 from sitl.report.exchange import Exchange
 from sitl.report.journal_reader import Entry
 from sitl.report.times import Times, duration
@@ -79,6 +79,9 @@ def _why(entry: Entry) -> str:
 def outcome(evidence: Evidence, transfers: Sequence[Exchange], times: Times) -> list[Line]:
     """The sentences, in the order in which somebody wants to know them."""
     lines = [_end(evidence, times)]
+    if evidence.begins_in_air:
+        height_m = evidence.samples[0].alt_m
+        lines.append(Line(Gravity.WARNING, f"The record begins in the air, {height_m:.0f} m above home."))
     lines += _wrong(evidence, times)
     lines += _handovers(evidence, transfers)
     lines += _alone(evidence)
@@ -102,8 +105,12 @@ def _end(evidence: Evidence, times: Times) -> Line:
         last = evidence.samples[-1] if evidence.samples else None
         height = "" if last is None else f", {last.alt_m:.0f} m above home"
         return Line(Gravity.BAD, f"What is recorded ends in the air{height}, at {times.plus(evidence.entries[-1].t)}.")
-    took = times.plus_s(landed[-1].t) - times.plus_s(airborne[0].t) if airborne else None
-    flown = "" if took is None else f" after {duration(max(took, 0.0))} in the air"
+    spans = evidence.flights()
+    took = sum(max(times.plus_s(end) - times.plus_s(begin), 0.0) for begin, end in spans)
+    several = f"{len(spans)} flights, " if len(spans) > 1 else ""
+    flown = f" after {several}{duration(took)} in the air" if spans else ""
+    if any(entry.get("by_height") for entry in landed):
+        flown += ", by the height alone"
     armed = evidence.armed_at_end()
     motors = ", its motors armed to the end" if armed else ""
     where = _place(evidence, landed[-1])
@@ -172,23 +179,22 @@ def _handovers(evidence: Evidence, transfers: Sequence[Exchange]) -> list[Line]:
 
 def _alone(evidence: Evidence) -> list[Line]:
     """How long nobody commanded in the air."""
-    airborne = evidence.of(VEHICLE, "airborne") or evidence.of(VEHICLE, "armed")
-    landed = evidence.of(VEHICLE, "landed")
-    if not airborne:
-        return []
-    begin = airborne[0].t
-    end = landed[-1].t if landed and landed[-1].t > begin else evidence.entries[-1].t
     changes = evidence.commanders()
-    if not changes:
-        return []
-    total = 0.0
+    armed = evidence.of(VEHICLE, "armed")
+    spans = evidence.flights() or ([(armed[0].t, evidence.entries[-1].t)] if armed else [])
+    total = sum(_alone_s(evidence, changes, begin, end) for begin, end in spans) if changes else 0.0
+    return [Line(Gravity.BAD, f"Nobody commanded for {duration(total)} in the air.")] if total > _PAUSE_S else []
+
+
+def _alone_s(evidence: Evidence, changes: Sequence[CommanderChange], begin: float, end: float) -> float:
+    """How long nobody commanded between two moments."""
     dead_t = evidence.companion_ended_t()
     edges = [*(change.t for change in changes), min(dead_t, end)]
+    total = 0.0
     for change, until in zip(changes, edges[1:], strict=True):
         if change.commander == NOBODY:
             total += max(0.0, evidence.sim_at(min(until, end)) - evidence.sim_at(max(change.t, begin)))
-    total += max(0.0, evidence.sim_at(end) - evidence.sim_at(max(dead_t, begin))) if dead_t < end else 0.0
-    return [Line(Gravity.BAD, f"Nobody commanded for {duration(total)} in the air.")] if total > _PAUSE_S else []
+    return total + (max(0.0, evidence.sim_at(end) - evidence.sim_at(max(dead_t, begin))) if dead_t < end else 0.0)
 
 
 def _restarts(evidence: Evidence) -> list[Line]:

@@ -17,6 +17,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
+from urllib.parse import quote
 
 from sitl.report.exchange import Exchange, exchanges
 from sitl.report.export import write_csv, write_kml
@@ -182,7 +183,9 @@ def _outcome(story: Story, transfers: Sequence[Exchange], times: Times, record: 
         utc = "; UTC is the time of day of the simulation" if times.at(0.0) is not None else ""
     else:
         known = f"T+ counts from {times.zero_is}"
-        utc = "" if times.at(0.0) is None else "; UTC is GPS time" if record.by_gps else "; UTC as a computer had it"
+        utc = "; UTC is GPS time" if record.by_gps else "; UTC as a computer had it"
+        if times.at(0.0) is None:
+            utc = "; UTC is not known"
     witness = "" if not story.witness else f". The aircraft by {story.witness}"
     return f'<ul class="outcome">{lines}</ul><p class="small">{escape(known + utc + witness)}.</p>'
 
@@ -334,7 +337,8 @@ def _files(record: RunRecord, path: Path) -> str:
     names = [file.resolve().relative_to(here).as_posix() for file in record.files if here in file.resolve().parents]
     if not names:
         return ""
-    links = "".join(f'<li><a href="{escape(name)}">{escape(name)}</a></li>' for name in names)
+    # a name is a path here, whatever it looks like: a browser would run one that begins with "javascript:"
+    links = "".join(f'<li><a href="./{quote(name)}">{escape(name)}</a></li>' for name in names)
     return _section(
         "Files", f'<p class="small">Beside this report, in the same folder:</p><ul class="small">{links}</ul>'
     )

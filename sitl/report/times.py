@@ -21,15 +21,13 @@ class Times:
 
     def __init__(self, evidence: Evidence) -> None:
         self._evidence = evidence
-        begun = next(
-            (found[0].t for event in ("airborne", "armed") if (found := evidence.of(VEHICLE, event))),
-            evidence.entries[0].t if evidence.entries else 0.0,
-        )
-        #: what T+0 is
-        self.zero_is = next(
-            (words for event, words in (("airborne", "take-off"), ("armed", "arming")) if evidence.of(VEHICLE, event)),
-            "the first entry",
-        )
+        begun, self.zero_is = evidence.entries[0].t if evidence.entries else 0.0, "the first entry"
+        for event, words in (("airborne", "take-off"), ("armed", "arming")):
+            found = evidence.of(VEHICLE, event)
+            if found and not evidence.begins_in_air:
+                #: what T+0 is
+                begun, self.zero_is = found[0].t, words
+                break
         self.zero_s = evidence.sim_at(begun)
 
     def plus_s(self, t: float) -> float:
