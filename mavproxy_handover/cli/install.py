@@ -350,7 +350,7 @@ def _manifests(root: Path) -> dict[str, dict[str, str]]:
         found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    except ValueError:
+    except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict) or not all(_is_list(each) for each in found.values()):
         raise _Refused(f"{path} cannot be read: delete it, and install with --force")

@@ -6,17 +6,23 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
+from pymavlink.dialects.v20 import handover as mavlink
+
 from mavproxy_handover.gate.explain import columns, for_commander, for_others, markdown_table, summary
 from mavproxy_handover.gate.policy.access import ANY, Access
+from mavproxy_handover.gate.policy.parameters import OTHER_PARAMETERS, parameter_rule
 from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART, POLICY, PolicyRow
 
 __all__ = ["main"]
 
-_NAMES = frozenset(row.name for row in POLICY)
+_NAMES = frozenset(row.name for row in POLICY) | frozenset(message.msgname for message in mavlink.mavlink_map.values())
+#: as ArduPilot names parameters
+_PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{1,15}")
 
 
 def main(argv: Sequence[str]) -> int:
@@ -47,7 +53,8 @@ def main(argv: Sequence[str]) -> int:
         return 0
     rows = [row for row in POLICY if _wanted(row, arguments.name, arguments.classes)]
     if not rows:
-        print("handover policy: no row fits; what has no row is refused", file=sys.stderr)
+        asked = f"{', '.join(arguments.name)}: " if arguments.name else ""
+        print(f"handover policy: {asked}no row fits. What has no row is refused.", file=sys.stderr)
         return 1
     if arguments.json:
         print(json.dumps([_as_json(row) for row in rows], indent=1))
@@ -68,8 +75,15 @@ def _wanted(row: PolicyRow, names: Sequence[str], classes: Sequence[str] | None)
 
 
 def _fits(row: PolicyRow, word: str) -> bool:
-    """Whether a row's own pattern holds the name: FS_* holds FS_GCS_ENABLE, if that is not a name of something else."""
-    return row.kind == "parameter" and row.name != ANY and word not in _NAMES and fnmatchcase(word, row.name)
+    """Whether a row decides about a name that is not its own."""
+    part = MESSAGES_BY_PART.get(word)
+    if part is not None:  # judged by its contents: the rows of these
+        return row.kind in part.split(", and ")
+    if row.kind != "parameter" or word in _NAMES:
+        return False
+    if row.name == ANY:  # the row of every parameter that has none of its own
+        return _PARAMETER.fullmatch(word) is not None and parameter_rule(word) is OTHER_PARAMETERS
+    return fnmatchcase(word, row.name)
 
 
 def _as_json(row: PolicyRow) -> dict[str, str]:
@@ -89,7 +103,9 @@ def _explain(rows: Sequence[PolicyRow], names: Sequence[str]) -> None:
     for access in Access:
         if any(row.access is access for row in rows):
             print(f"{access.value}: from the commander {for_commander(access)}; from others {for_others(access)}")
-    if not names:
+    asked = [word.upper() for word in names]
+    judged = [message for message in MESSAGES_BY_PART if not names or message in asked]
+    if judged:
         print()
-        for message, part in MESSAGES_BY_PART.items():
-            print(f"{message} is judged by its {part}")
+    for message in judged:
+        print(f"{message} is judged by its {MESSAGES_BY_PART[message]}")

@@ -158,7 +158,7 @@ def _unpack(data: bytes) -> _Stamps:
     """What `_pack` wrote. Raises ValueError that says what is wrong."""
     try:
         content: Any = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         raise ValueError("it is cut or no JSON") from None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         raise ValueError(f"it is not in the form {_FORMAT!r}")

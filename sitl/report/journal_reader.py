@@ -52,7 +52,7 @@ def parse_line(line: str) -> Entry | None:
     """The entry in a line, None when there is none in it."""
     try:
         values = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not isinstance(values, dict):
         return None

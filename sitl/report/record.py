@@ -247,7 +247,7 @@ def _read_values(path: Path) -> dict[str, Any]:
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise RecordError(f"{path}: cannot be read: {error}") from None
     if not isinstance(values, dict):
         raise RecordError(f"{path}: not the record of a run")

@@ -161,7 +161,7 @@ def test_accepted_commands_are_counted(page: Reader) -> None:
 
 
 def test_every_link_leads_to_a_file_beside_the_report(page: Reader, folder: Path) -> None:
-    assert {"companion/companion.jsonl", "vehicle.jsonl", "GCSA/GCSA.jsonl"} <= set(page.links)
+    assert {"./companion/companion.jsonl", "./vehicle.jsonl", "./GCSA/GCSA.jsonl"} <= set(page.links)
     for link in page.links:
         assert (folder / link).is_file()
 
