@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 
 from gcs_module.watch.door import Door, is_loopback
 from gcs_module.watch.ear import listened_to
+from gcs_module.watch.follow import journals_in
 from gcs_module.watch.ground import read
 from mavproxy_handover.link.forms import LinkError
 from mavproxy_handover.mission.errors import MissionError
@@ -21,6 +22,8 @@ from mavproxy_handover.mission.errors import MissionError
 __all__ = ["main"]
 
 _PORT: Final = 8090
+#: the ending of a journal's name
+_JOURNAL: Final = ".jsonl"
 #: a token that somebody has chosen has so many characters at least
 _TOKEN: Final = 16
 
@@ -84,6 +87,10 @@ def _serve(arguments: argparse.Namespace) -> int:
     for path in arguments.path:
         if not path.exists():
             raise _Wrong(f"{path}: no such file or folder")
+        if path.is_file() and path.suffix != _JOURNAL:
+            raise _Wrong(f"{path}: not a journal (*{_JOURNAL}). 'handover report {path}' shows logs after a flight.")
+        if not journals_in(path):
+            print(f"handover watch: {path}: no journal in it yet; the page waits for one", file=sys.stderr, flush=True)
     try:
         devices = [listened_to(text) for text in arguments.link]
         missions = [read(folder) for folder in arguments.mission]

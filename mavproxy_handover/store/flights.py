@@ -29,7 +29,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Final
 
-__all__ = ["LATEST", "Flight", "begin", "delete", "flights", "to_go"]
+__all__ = ["LATEST", "Flight", "begin", "delete", "flights", "latest_flight", "to_go"]
 
 LATEST: Final = "latest"
 #: lock, and what the run is about
@@ -118,6 +118,19 @@ def flights(base: Path) -> list[Flight]:
             begun = datetime.strptime(named["time"], "%Y%m%dT%H%M%SZ").replace(tzinfo=timezone.utc)
             found.append((begun, int(named["count"] or 1), _look(path, named["who"], begun)))
     return [flight for _begun, _count, flight in sorted(found, key=lambda each: (each[0], each[1], each[2].who))]
+
+
+def latest_flight(base: Path) -> list[Path]:
+    """The folders of the newest flight, in the order in which they ended, the last first.
+
+    A flight has a run for the companion and one for each station, and another for each restart: all runs that overlap
+    in time, directly or through others. Raises OSError.
+    """
+    chosen: list[Flight] = []
+    for flight in sorted(flights(base), key=lambda each: (each.held, each.ended), reverse=True):
+        if not chosen or flight.held or flight.ended >= min(each.begun for each in chosen):
+            chosen.append(flight)
+    return [flight.path for flight in chosen]
 
 
 def _look(path: Path, who: str, begun: datetime) -> Flight:

@@ -24,6 +24,8 @@ from sitl.replay.samples import Sample, recorded
 __all__ = ["read_dataflash"]
 
 _READ: Final = ["POS", "XKF1", "BAT", "MODE", "ARM", "EV", "MISE", "CMD"]
+#: how every record of a binary log begins
+_BEGINS: Final = b"\xa3\x95"
 #: EV: armed, disarmed, landed, off the ground
 _ARMED, _DISARMED, _LANDED, _OFF_GROUND = 10, 11, 18, 28
 #: before 4.7 the whole mission is written as CMD when a log begins (s)
@@ -39,6 +41,9 @@ def read_dataflash(path: Path, vehicle: Vehicle) -> Recording:
     try:
         if path.stat().st_size == 0:
             raise RecordingError(f"{path}: is empty")
+        with path.open("rb") as file:
+            if file.read(len(_BEGINS)) != _BEGINS:
+                raise RecordingError(f"{path}: not a dataflash log: it does not begin like one")
         entries = _entries(path)
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from None

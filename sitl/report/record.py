@@ -18,6 +18,7 @@ from typing import Any
 from mavproxy_handover.mission import package as packages
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage
+from mavproxy_handover.store.flights import LATEST, latest_flight
 from mavproxy_handover.store.journal import strangers_path
 from sitl.report.clocks import utc_of
 from sitl.report.evidence import Evidence, RunNotes, of_vehicle, seen_of
@@ -95,11 +96,24 @@ def load(paths: Sequence[Path], mission: Path | None = None) -> RunRecord:
     for path in paths:
         if not path.exists():
             raise RecordError(f"{path}: no such file or folder")
+    paths = [each for path in paths for each in _whole_flight(path)]
     if len(paths) == 1 and paths[0].is_dir():
         values = _read_values(paths[0] / RUN_FILE)
         if "scenario" in values:
             return _staged(paths[0], values)
     return _flown(paths, mission)
+
+
+def _whole_flight(path: Path) -> list[Path]:
+    """Where `latest` leads: the folders of all runs of that flight, the one that it leads to first."""
+    if path.name != LATEST or not path.is_symlink():
+        return [path]
+    newest = path.resolve()
+    try:
+        folders = latest_flight(path.parent)
+    except OSError:
+        return [path]
+    return [newest, *(folder for folder in folders if folder.resolve() != newest)]
 
 
 def load_run(folder: Path) -> RunRecord:

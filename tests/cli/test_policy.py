@@ -14,8 +14,8 @@ from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART
 
 #: parameters of ArduPilot: with a row of their own, in a group of rows, and without any
 PARAMETERS = (
-    "WPNAV_SPEED", "RTL_ALT", "FS_GCS_ENABLE", "SERVO1_FUNCTION", "ATC_RAT_RLL_P", "CAM1_TYPE", "MNT1_TYPE", "SR0_EXTRA1",
-    "LOG_BITMASK", "PILOT_SPEED_UP", "MIS_OPTIONS", "BATT_CAPACITY", "SIM_SPEEDUP",
+    "WPNAV_SPEED", "RTL_ALT", "FS_GCS_ENABLE", "SERVO1_FUNCTION", "ATC_RAT_RLL_P", "CAM1_TYPE", "MNT1_TYPE",
+    "SR0_EXTRA1", "LOG_BITMASK", "PILOT_SPEED_UP", "MIS_OPTIONS", "BATT_CAPACITY", "SIM_SPEEDUP",
 )  # fmt: skip
 
 

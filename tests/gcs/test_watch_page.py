@@ -143,3 +143,16 @@ def test_only_the_page_and_its_command_know_the_web_stack() -> None:
                 for name in {name.split(".")[0] for name in names} & STACK:
                     found.setdefault(str(path.relative_to(root)), set()).add(name)
     assert found == {"gcs_module/watch/command.py": {"uvicorn"}, "gcs_module/watch/page.py": {"fastapi", "nicegui"}}
+
+
+def test_a_log_that_is_no_journal_is_refused_with_the_program_that_reads_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The page would stay empty, without a word."""
+    log = tmp_path / "flight.tlog"
+    log.write_bytes(b"")
+    assert main(["watch", str(log)]) == 2
+    said = capsys.readouterr().err
+    assert (
+        said == f"handover watch: {log}: not a journal (*.jsonl). 'handover report {log}' shows logs after a flight.\n"
+    )

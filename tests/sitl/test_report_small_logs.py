@@ -16,7 +16,11 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.autopilot.kinds import COPTER
+from sitl.replay.reading import read_recording
+from sitl.replay.recording import RecordingError
 from sitl.report.page import main_report
+from tests.sitl.recorded import companion_entries, journal, station_entries
 
 LOGS = Path(__file__).parents[1] / "data" / "logs"
 ARMED = 128
@@ -116,3 +120,29 @@ def test_a_file_name_is_a_path_in_the_links_of_a_page(tmp_path: Path) -> None:
         each for each in re.findall(r'href="([^"]+)"', (tmp_path / "report.html").read_text()) if "alert" in each
     ]
     assert link == "./javascript%3Aalert%281%29%2541%20%23.tlog"
+
+
+def test_latest_is_the_whole_flight_and_not_only_the_last_run(tmp_path: Path) -> None:
+    """The last folder may be that of a station that was started anew."""
+    base = tmp_path / "flights"
+    for name, entries in (
+        ("20230914T221300Z-drone-1", companion_entries()),
+        ("20230914T221330Z-GCSA", station_entries()),
+    ):
+        folder = base / name
+        folder.mkdir(parents=True)
+        who = name.partition("-")[2]
+        journal(folder / f"{who}.jsonl", who, entries)
+    (base / "latest").symlink_to("20230914T221330Z-GCSA")
+    assert main_report([str(base / "latest")]) == 0
+    words = words_of(base / "20230914T221330Z-GCSA" / "report.html")
+    assert "drone-1.jsonl" in words
+    assert "GCSA.jsonl" in words
+
+
+def test_a_telemetry_log_with_another_name_is_no_dataflash_log(tmp_path: Path) -> None:
+    """pymavlink's reader writes a line for each byte that it cannot read: 189,000 lines for one file."""
+    log = tmp_path / "flight.bin"
+    log.write_bytes((LOGS / "two_hops.tlog").read_bytes())
+    with pytest.raises(RecordingError, match=r"flight\.bin: not a dataflash log: it does not begin like one"):
+        read_recording(log, COPTER)

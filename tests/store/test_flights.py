@@ -16,7 +16,7 @@ import pytest
 
 from mavproxy_handover.cli.logs import main
 from mavproxy_handover.store import flights as module
-from mavproxy_handover.store.flights import Flight, begin, delete, flights, to_go
+from mavproxy_handover.store.flights import Flight, begin, delete, flights, latest_flight, to_go
 
 NOON = datetime(2026, 5, 17, 12, 0, 0, tzinfo=timezone.utc)
 
@@ -241,3 +241,24 @@ def test_a_deletion_that_is_cut_short_leaves_no_half_flight(
     with pytest.raises(OSError, match="Input/output"):
         delete(flights(base)[0])
     assert flights(base) == []
+
+
+def run_folder(base: Path, name: str, ended: datetime) -> Path:
+    """A run that is over, with one file that was last written then."""
+    folder = base / name
+    folder.mkdir(parents=True)
+    (folder / "x.jsonl").write_text("{}\n")
+    for path in (folder / "x.jsonl", folder):
+        os.utime(path, (ended.timestamp(), ended.timestamp()))
+    return folder
+
+
+def test_the_newest_flight_is_all_runs_that_overlap_in_time(tmp_path: Path) -> None:
+    """GCSB's terminal was closed and started anew: the last folder is its own, and holds no flight by itself."""
+    minute = timedelta(minutes=1)
+    run_folder(tmp_path, "20260517T100000Z-drone-1", NOON - 60 * minute)  # the flight before
+    companion = run_folder(tmp_path, "20260517T120000Z-drone-1", NOON + 30 * minute)
+    station = run_folder(tmp_path, "20260517T120100Z-GCSA", NOON + 31 * minute)
+    killed = run_folder(tmp_path, "20260517T120200Z-GCSB", NOON + 10 * minute)
+    again = run_folder(tmp_path, "20260517T121500Z-GCSB", NOON + 29 * minute)
+    assert latest_flight(tmp_path) == [station, companion, again, killed]
