@@ -89,14 +89,15 @@ def _serve(arguments: argparse.Namespace) -> int:
             raise _Wrong(f"{path}: no such file or folder")
         if path.is_file() and path.suffix != _JOURNAL:
             raise _Wrong(f"{path}: not a journal (*{_JOURNAL}). 'handover report {path}' shows logs after a flight.")
-        if not journals_in(path):
-            print(f"handover watch: {path}: no journal in it yet; the page waits for one", file=sys.stderr, flush=True)
     try:
         devices = [listened_to(text) for text in arguments.link]
         missions = [read(folder) for folder in arguments.mission]
     except (LinkError, MissionError) as error:
         raise _Wrong(str(error)) from None
     token, tiles = _token(arguments), _tiles(arguments)
+    for path in arguments.path:
+        if not journals_in(path):
+            print(f"handover watch: {path}: no journal in it yet. The page waits for one.", file=sys.stderr, flush=True)
 
     # what is an extra is loaded here, when everything else is in order
     import uvicorn
