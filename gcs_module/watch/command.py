@@ -95,9 +95,6 @@ def _serve(arguments: argparse.Namespace) -> int:
     except (LinkError, MissionError) as error:
         raise _Wrong(str(error)) from None
     token, tiles = _token(arguments), _tiles(arguments)
-    for path in arguments.path:
-        if not journals_in(path):
-            print(f"handover watch: {path}: no journal in it yet. The page waits for one.", file=sys.stderr, flush=True)
 
     # what is an extra is loaded here, when everything else is in order
     import uvicorn
@@ -105,6 +102,9 @@ def _serve(arguments: argparse.Namespace) -> int:
     from gcs_module.watch.follow import Follower
     from gcs_module.watch.page import build
 
+    for path in arguments.path:
+        if not journals_in(path):
+            print(f"handover watch: {path}: no journal in it yet. The page waits for one.", file=sys.stderr, flush=True)
     try:
         follower = Follower(arguments.path, devices, missions)
     except LinkError as error:
