@@ -28,7 +28,7 @@ from mavproxy_handover.doctor.finding import Finding, Level, unseen
 from mavproxy_handover.doctor.flight_controller import autopilot
 from mavproxy_handover.doctor.host import clock, disk, service
 from mavproxy_handover.doctor.mission import missions
-from mavproxy_handover.doctor.patient import Patient, admit
+from mavproxy_handover.doctor.patient import CompanionStarted, Patient, admit
 from mavproxy_handover.doctor.ports import ports
 from mavproxy_handover.doctor.position_box import position_box
 from mavproxy_handover.doctor.programs import programs
@@ -102,6 +102,9 @@ def main(argv: Sequence[str], clocks: Clocks = Clocks(time.time, time.monotonic)
 def _run(name: str, check: Callable[[Patient], Iterator[Finding]], patient: Patient) -> Iterator[Finding]:
     try:
         yield from check(patient)
+    except CompanionStarted:
+        why = "a companion has just been started: what was open here was let go at once"
+        yield unseen(name, why, "Run this again: what a running companion holds is told by its journal.")
     except Exception as fault:  # what is broken here must not hide what is broken there
         why = f"the check itself broke: {type(fault).__name__}: {' '.join(str(fault).split())}"
         yield unseen(name, why, "Report this, with the line above; look at it by hand meanwhile.")

@@ -61,6 +61,7 @@ def autopilot(patient: Patient) -> Iterator[Finding]:
         if patient.kind == "companion":
             yield unseen(_NAME, "there is no configuration to compare it with", "Put the configuration right first.")
         return
+    patient.look_again()
     if patient.running is not None:
         yield from autopilot_by_journal(patient)
         return
@@ -117,7 +118,7 @@ class _Visit:
     def _open(self, spec: DeviceSpec) -> Talk:
         other = self._vehicle.sysid, AUTOPILOT_COMPID
         device = open_device(spec.text)
-        ways = self._heed, self._grounded
+        ways = self._heed, self._grounded, self._patient.look_out
         return Talk(device, self._vehicle.sysid, other, self._peer, self._patient.clocks, *ways)
 
     def _heed(self, message: Any, _frame: Frame) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -19,14 +20,22 @@ from mavproxy_handover.config.files import ConfigError, load_station
 from mavproxy_handover.config.station import StationConfig
 from mavproxy_handover.config.vehicle import VehicleConfig, load_vehicle
 from mavproxy_handover.doctor.accounts import Account, account_of, myself
-from mavproxy_handover.doctor.processes import Process, lock_holder
+from mavproxy_handover.doctor.processes import Process, companion_of, lock_holder
 from mavproxy_handover.doctor.units import Unit, read_unit
 from mavproxy_handover.mission.package import MissionPackage
 
-__all__ = ["Patient", "admit"]
+__all__ = ["CompanionStarted", "Patient", "admit"]
 
 #: whose files `handover install` lays out, whatever runs them
 _USER: Final = "handover"
+
+
+#: how often (s) it is looked whether a companion has been started
+_LOOK_S: Final = 0.2
+
+
+class CompanionStarted(Exception):
+    """A companion has been started: what is open here belongs to it."""
 
 
 @dataclass(slots=True)
@@ -66,6 +75,30 @@ class Patient:
     digests: dict[int, bytes] = field(default_factory=dict)
     #: what the autopilot says of itself
     aircraft: Aircraft = field(default_factory=Aircraft)
+
+    looked_at: float = -inf
+
+    def look_out(self) -> None:
+        """To be called often while a link, a port or a line is open here. Raises CompanionStarted as soon as a
+        companion of this vehicle runs: it must find them free."""
+        now = self.clocks.monotonic()
+        if self.vehicle is None or now - self.looked_at < _LOOK_S:
+            return
+        self.looked_at = now
+        self.running = self._who_runs()
+        if self.running is not None:
+            raise CompanionStarted
+
+    def look_again(self) -> None:
+        """Whether a companion of this vehicle runs by now."""
+        self.running = self._who_runs()
+
+    def _who_runs(self) -> Process | None:
+        if self.vehicle is None:
+            return None
+        folder = self.vehicle.state or self.vehicle.journal.parent
+        holder = lock_holder(self.at(folder) / f"{self.vehicle.name}.lock")
+        return companion_of(self.path) if holder is None else holder
 
     def at(self, path: Path | PurePosixPath) -> Path:
         """Where a path of that machine lies on this one."""
@@ -119,8 +152,7 @@ def admit(
         # a system that was never started has no such user yet: systemd-sysusers makes it
         patient.account = named or patient.account
         patient.account_missing = "" if named is not None or unit is None else user
-    if vehicle is not None and vehicle.state is not None:
-        patient.running = lock_holder(patient.at(vehicle.state) / f"{vehicle.name}.lock")
+    patient.look_again()
     return patient
 
 

@@ -2,26 +2,30 @@
 
 """The ends of links that lie on this machine: are the ports free, is there the interface that a link leaves by?
 
-A port is tried by binding to it, as the link would, and let go at once.
+A port is looked up in the kernel's tables, and not tried: to bind to it is to take it from a companion that starts at
+that moment. Where the system has no such tables it is tried, and let go at once.
 """
 
 from __future__ import annotations
 
 import errno
+import os
 import socket
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 from mavproxy_handover.doctor.finding import Finding, error, ok, warning
 from mavproxy_handover.doctor.patient import Patient
-from mavproxy_handover.doctor.processes import Process, command_line, port_holder, users_of
+from mavproxy_handover.doctor.processes import Process, command_line, listens, port_holder, users_of
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
 
 __all__ = ["held_by_ours", "ports"]
 
 _STATION: Final = "handover_gcs"
 _LISTENING: Final = (Kind.UDP_IN, Kind.TCP_IN)
+_UNPRIVILEGED: Final = Path("/proc/sys/net/ipv4/ip_unprivileged_port_start")
 
 
 def ports(patient: Patient) -> Iterator[Finding]:
@@ -58,8 +62,13 @@ def _links(patient: Patient) -> Iterator[tuple[str, str]]:
 
 def _port(patient: Patient, whose: str, spec: DeviceSpec) -> Finding:
     what = f"link of {whose}"
+    in_use = listens(spec.kind is Kind.UDP_IN, spec.host, spec.port)
+    if in_use:
+        return _held(patient, what, spec)
+    if in_use is False and _reserved(spec.port):
+        return error(what, f"{spec.text}: not allowed", "Take a port above 1023.")
     try:
-        _bind(spec)
+        _bind(spec if in_use is None else replace(spec, port=0))  # 0: any port that is free, to try the address
     except (OSError, UnicodeError) as fault:
         number = getattr(fault, "errno", None)
         if number == errno.EADDRINUSE:
@@ -73,6 +82,15 @@ def _port(patient: Patient, whose: str, spec: DeviceSpec) -> Finding:
     return ok(what, f"{spec.text} is free")
 
 
+def _reserved(port: int) -> bool:
+    """Whether only root may listen on that port, and this is somebody else."""
+    try:
+        first = int(_UNPRIVILEGED.read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        first = 1024
+    return port < first and os.geteuid() != 0
+
+
 def _bind(spec: DeviceSpec) -> None:
     udp = spec.kind is Kind.UDP_IN
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if udp else socket.SOCK_STREAM) as end:
@@ -82,6 +100,7 @@ def _bind(spec: DeviceSpec) -> None:
 
 
 def _held(patient: Patient, what: str, spec: DeviceSpec) -> Finding:
+    patient.look_again()  # it may have been started anew since
     holder = port_holder(spec.kind is Kind.UDP_IN, spec.port)
     if _ours(patient, holder):
         return ok(what, f"{spec.text} is held by the {patient.kind} that runs")

@@ -50,6 +50,7 @@ def position_box(patient: Patient) -> Iterator[Finding]:
     vehicle = patient.vehicle
     if vehicle is None or not vehicle.position.box:
         return
+    patient.look_again()
     if patient.running is not None:
         yield from position_box_by_journal(patient)
         return
@@ -71,6 +72,7 @@ def _listen(patient: Patient, line: BoxLine) -> _Heard:
     heard = _Heard(counters=line.counters)
     begun = now = patient.clocks.monotonic()
     while now < begun + _LISTEN_S:
+        patient.look_out()
         fix = line.read()
         if fix is not None:
             heard.fix = fix

@@ -1,23 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Which process holds a lock, a port, a line: read in /proc, where nothing has to be taken to find out.
+"""Which process holds a lock, a port, a line, and whether a companion runs: read in /proc, where nothing has to be
+taken to find out.
 
-To try a lock is to take it, and a companion that starts at that moment would be refused. What of other users' processes
-cannot be seen is left out: then there is a holder without a name.
+To try a lock or a port is to take it, and a companion that starts at that moment would be refused. What of other users'
+processes cannot be seen is left out: then there is a holder without a name.
 """
 
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-__all__ = ["Process", "command_line", "lock_holder", "port_holder", "users_of"]
+__all__ = ["Process", "command_line", "companion_of", "listens", "lock_holder", "port_holder", "users_of"]
 
 _PROC: Final = Path("/proc")
 _LISTENS: Final = "0A"
+#: every address, as the kernel writes it
+_ANY, _ANY_V6 = "0" * 8, "0" * 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +59,33 @@ def lock_holder(path: Path) -> Process | None:
     return None
 
 
+def companion_of(config: Path) -> Process | None:
+    """The `handover companion` that was started with that configuration, or with none named; None: there is none, or
+    the system does not tell. It is there before it has its vehicle's lock, and while it forks its judge again."""
+    try:
+        pids = _pids()
+    except OSError:
+        return None
+    for pid in pids:
+        words = _words(pid)
+        for number, (program, what) in enumerate(pairwise(words)):
+            if what == "companion" and "handover" in Path(program).name and _is_of(words[number + 2 :], pid, config):
+                return Process(pid, _name(pid))
+    return None
+
+
+def _is_of(words: list[str], pid: int, config: Path) -> bool:
+    named = [value for word, value in pairwise(words) if word == "--config"]
+    named += [word.partition("=")[2] for word in words if word.startswith("--config=")]
+    if not named:
+        return True
+    try:
+        folder = Path(os.readlink(_PROC / str(pid) / "cwd"))
+    except OSError:
+        folder = Path("/")
+    return (folder / Path(named[-1]).expanduser()).resolve() == config.resolve()
+
+
 def users_of(path: Path) -> list[Process]:
     """Who has that file, or line, open."""
     target = str(path.resolve())
@@ -71,15 +103,39 @@ def port_holder(udp: bool, port: int) -> Process:
     return UNKNOWN
 
 
+def listens(udp: bool, host: str, port: int) -> bool | None:
+    """Whether something listens on that port of an address of this machine; None: the system does not tell."""
+    kind = "udp" if udp else "tcp"
+    if not (_PROC / "net" / kind).exists():
+        return None
+    try:
+        wanted = socket.inet_aton(host)[::-1].hex().upper()
+    except OSError:
+        wanted = _ANY
+    found = {address for table in (kind, f"{kind}6") for address in _addresses(table, udp, port)}
+    return bool(found) if wanted == _ANY else bool(found & {wanted, _ANY, _ANY_V6})
+
+
+def _addresses(table: str, udp: bool, port: int) -> Iterator[str]:
+    """The addresses that something listens on at that port, as the kernel writes them."""
+    for fields in _rows(table):
+        address, _, number = fields[1].rpartition(":")
+        if int(number, 16) == port and (udp or fields[3] == _LISTENS):
+            yield address
+
+
 def _listening(table: str, udp: bool, port: int) -> Iterator[str]:
+    for fields in _rows(table):
+        if int(fields[1].rpartition(":")[2], 16) == port and (udp or fields[3] == _LISTENS):
+            yield fields[9]
+
+
+def _rows(table: str) -> list[list[str]]:
     try:
         rows = (_PROC / "net" / table).read_text(encoding="ascii").splitlines()[1:]
     except OSError:
-        return
-    for row in rows:
-        fields = row.split()
-        if int(fields[1].rpartition(":")[2], 16) == port and (udp or fields[3] == _LISTENS):
-            yield fields[9]
+        return []
+    return [row.split() for row in rows]
 
 
 def _pids() -> list[int]:
@@ -105,10 +161,14 @@ def _has_open(pid: int, target: str) -> bool:
 
 def command_line(pid: int) -> str:
     """What it was started with; "" for one that is gone, or that we may not see."""
+    return " ".join(_words(pid)).strip()
+
+
+def _words(pid: int) -> list[str]:
     try:
-        return (_PROC / str(pid) / "cmdline").read_bytes().decode("utf-8", "replace").replace("\0", " ").strip()
+        return (_PROC / str(pid) / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")[:-1]
     except OSError:
-        return ""
+        return []
 
 
 def _name(pid: int) -> str:

@@ -48,6 +48,7 @@ def stations(patient: Patient) -> Iterator[Finding]:
     vehicle = patient.vehicle
     if vehicle is None:
         return
+    patient.look_again()
     if patient.running is not None:
         yield from links_by_journal(patient)
         return
@@ -58,8 +59,10 @@ def stations(patient: Patient) -> Iterator[Finding]:
         do = "Set the clock first." if patient.clock_wrong else "Look again when it is disarmed."
         yield unseen("stations", why, do)
         return
-    asked = [_opened(patient, vehicle, config) for config in vehicle.stations]
+    asked: list[_Asked] = []
     try:
+        for config in vehicle.stations:
+            asked.append(_opened(patient, vehicle, config))
         patient.tell(f"probing {len(asked)} stations, {_LISTEN_S:g} s at most")
         _listen(patient, [each for each in asked if each.port is not None])
         now = patient.clocks.monotonic()
@@ -103,6 +106,7 @@ def _opened(patient: Patient, vehicle: VehicleConfig, config: StationLinks) -> _
 def _listen(patient: Patient, asked: list[_Asked]) -> None:
     end = patient.clocks.monotonic() + _LISTEN_S
     while (now := patient.clocks.monotonic()) < end and not all(_complete(each, now) for each in asked):
+        patient.look_out()
         waiting = select.poll()
         for each in asked:
             assert each.port is not None

@@ -31,7 +31,7 @@ _LINK_ID: Final = 0
 
 class Talk:
     """One link. `heed` is told each message of `other` (system, component; 0: any) that is proven; `may_ask` says
-    whether anything may be sent."""
+    whether anything may be sent; `look_out` is called often, and may end all of it by an exception."""
 
     def __init__(
         self,
@@ -42,6 +42,7 @@ class Talk:
         clocks: Clocks,
         heed: Callable[[Any, Frame], None],
         may_ask: Callable[[], bool],
+        look_out: Callable[[], None] = lambda: None,
     ) -> None:
         self.device = device
         #: system ids that were heard, and how many frames of each
@@ -53,6 +54,7 @@ class Talk:
         self._clocks = clocks
         self._heed = heed
         self._may_ask = may_ask
+        self._look_out = look_out
         self._own = mavlink.MAVLink(None, srcSystem=own_sysid, srcComponent=DOCTOR_COMPID)
         self._conversation: Conversation | None = None
 
@@ -87,6 +89,7 @@ class Talk:
         self.device.close()
 
     def _once(self) -> None:
+        self._look_out()
         number = self.device.fileno()
         waiting = select.poll()
         if number >= 0:

@@ -5,6 +5,10 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +16,9 @@ import pytest
 
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.snapshot import Snapshot
-from mavproxy_handover.doctor.processes import lock_holder
+from mavproxy_handover.doctor import ports
+from mavproxy_handover.doctor.processes import command_line, companion_of, lock_holder
+from mavproxy_handover.doctor.processes import listens as listens_now
 from mavproxy_handover.mission.package import load
 from mavproxy_handover.resources import shipped
 from mavproxy_handover.store.journal import Journal
@@ -183,3 +189,76 @@ def test_the_position_box_is_told_by_the_journal_and_not_connected_to(
         assert box.visits == 0
     finally:
         box.close()
+
+
+# ---- one that is being started --------------------------------------------------------------------------------------
+
+
+def started(*words: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)", *words])
+
+
+@pytest.mark.parametrize(
+    ("words", "is_one"),
+    [
+        (["/opt/handover/bin/handover", "companion", "--config", "{config}", "--master", "x"], True),
+        (["handover", "companion", "--master", "x", "--config={config}"], True),
+        (["handover", "companion", "--master", "x"], True),
+        (["handover", "companion", "--config", "/etc/handover/other.toml"], False),
+        (["handover", "doctor", "companion", "--config", "{config}"], False),
+        (["handover", "station", "--config", "{config}"], False),
+    ],
+)
+def test_a_companion_that_has_no_lock_yet_is_known_by_its_command_line(
+    tmp_path: Path, words: list[str], is_one: bool
+) -> None:
+    config = tmp_path / "handover.toml"
+    process = started(*(word.format(config=config) for word in words))
+    try:
+        end = time.monotonic() + 10.0
+        while not command_line(process.pid).endswith(words[-1].format(config=config)) and time.monotonic() < end:
+            time.sleep(0.01)
+        found = companion_of(config)
+        assert (found is not None and found.pid == process.pid) is is_one
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_when_a_companion_starts_meanwhile_its_links_are_let_go_at_once(
+    tmp_path: Path, speaker: Speaker, capsys: pytest.CaptureFixture[str]
+) -> None:
+    listens = free_port()
+    made = companion(tmp_path, speaker.device, {"GCSA": 9, "GCSB": 10}, listens)
+    free_after_s: list[float] = []
+
+    def start() -> None:
+        while not listens_now(True, "127.0.0.1", listens):  # until the doctor has opened it
+            time.sleep(0.01)
+        lock = VehicleLock(made.path(STATE), "drone-1")
+        begun = time.monotonic()
+        while listens_now(True, "127.0.0.1", listens):
+            time.sleep(0.01)
+        free_after_s.append(time.monotonic() - begun)
+        time.sleep(0.5)
+        lock.release()
+
+    thread = threading.Thread(target=start)
+    thread.start()
+    found = made.doctor(capsys)
+    thread.join()
+    assert free_after_s[0] < 1.0
+    (said,) = found.of("stations", "warning")
+    assert said.endswith(": a companion has just been started: what was open here was let go at once")
+
+
+def test_to_look_at_a_port_does_not_take_it(
+    tmp_path: Path, speaker: Speaker, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listens = free_port()
+    made = companion(tmp_path, speaker.device, {"GCSA": 9, "GCSB": 10}, listens)
+    bound: list[int] = []
+    monkeypatch.setattr(ports, "_bind", lambda spec: bound.append(spec.port))
+    found = made.doctor(capsys, "--no-links")
+    assert bound == [0]
+    assert found.of("ports") == [f"link of GCSB: udpin:127.0.0.1:{listens} is free"]
