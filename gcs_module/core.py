@@ -58,6 +58,7 @@ from gcs_module.events import (
     WishAnswered,
 )
 from mavproxy_handover.core.conductor import READ_S
+from mavproxy_handover.core.cures import ended
 from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
@@ -462,8 +463,8 @@ class StationCore:
         if self._part is not None and self._part.key.handover_id == key.handover_id:
             self._part = None
             if aborted:
-                why = message.reason.name.lower().replace("_", " ")
-                actions.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}."))
+                why = ended(message.reason, self.name(key.from_station), self.name(key.to_station))
+                actions.append(Notice("aborted", f"Handover {key.handover_id} aborted: {why}"))
         self.partner = None
         self._believe(message.commander, key.epoch, actions, over=True)
         actions.append(ToVehicle(self._state(0)))

@@ -611,6 +611,8 @@ class Companion:
                 self.autopilot.orders.refuse_start(action.needs, now)
             case events.RehearsalMoved():
                 self.rehearsal.moved(action, now)
+            case events.Advise():
+                self._announcer.advise(action)
             case events.RehearsalRefused():
                 self.rehearsal.refused(action, now)
             case events.ControlAnswer():

@@ -102,6 +102,8 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600; udpout:HOST:PORT@wwan0 leaves by that interface alone",
         "key": "file of the key that it signs with; needed unless allow_unsigned",
         "module": "false: it runs no handover_gcs, but any program of the operator-control standard",
+        "consent": "with module = false, where its operator cannot be asked: automatic (planned handovers need no "
+        "answer) or refuse (it is never partner, and keeps the aircraft)",
         "sysids": "further MAVLink ids behind this station: a second program, a tracker",
         "not_in_control": "who gets the result NOT_IN_CONTROL: auto, programs that have shown to know it; always, "
         "everybody; never, nobody",
@@ -184,8 +186,10 @@ STATION: Final[Mapping[str, Meanings]] = {
         "mission": "folder of the mission package; the parent needs it, the others receive it; not with [[vehicle]]",
         "key": "file of the key of this station, the same as the vehicle's; MAVProxy signs its links with it; not with "
         "[[vehicle]]",
-        "consent": "what needs no operator: automatic (a zone, a link, a commander that is lost), operator (nothing), "
-        "or a list of zone, link, request, give, forced",
+        "consent": "which planned handovers need no answer: automatic (for a zone or a link), operator (none), "
+        "or a list of zone, link, request, give",
+        "forced": "after the commander is lost: automatic (this station takes the aircraft at once), ask (its operator "
+        "is asked, and the aircraft returns meanwhile)",
         "journal": "file of the journal; `handover station` writes it to the folder of the run",
     },
     "vehicle": {

@@ -16,20 +16,23 @@ from typing import Any, Final
 
 from mavproxy_handover.config.route import route_limits
 from mavproxy_handover.config.toml import ConfigError, Table, check_tables, list_of_tables, read_toml
-from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, Station
+from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, UNASKED, Station
 from mavproxy_handover.core.safety.route import RouteLimits
 
 __all__ = ["FleetVehicle", "PeerConfig", "StationConfig", "load_station"]
 
 #: keys of [station] that are each vehicle's own where there are [[vehicle]] tables, and what they are called there
 _OF_VEHICLE: Final = {"vehicle": "sysid", "mission": "mission", "key": "key"}
-_STATION_KEYS: Final = ("name", "sysid", *_OF_VEHICLE, "consent", "journal")
+_STATION_KEYS: Final = ("name", "sysid", *_OF_VEHICLE, "consent", "forced", "journal")
 _VEHICLE_KEYS: Final = ("name", "sysid", "links", "key", "allow_unsigned", "mission")
 _PEER_KEYS: Final = ("name", "sysid", "link")
 #: a vehicle's name is typed, and labels MAVProxy's links: no blanks, and no number that could be a system id
 _NAME: Final = re.compile(r"(?=.*[A-Za-z])[A-Za-z0-9][A-Za-z0-9._-]{0,19}")
-#: What another operator wants, or the commander's gives away, is for an operator to answer.
-_CONSENTS: Final = {"automatic": frozenset(AUTOMATIC), "operator": frozenset[str]()}
+#: What another operator wants, or the commander's gives away, is for an operator to answer. A forced handover is not
+#: covered: it has a key of its own.
+_CONSENTS: Final = {"automatic": frozenset(AUTOMATIC), "operator": frozenset(UNASKED)}
+#: what is done when the commander is lost: this station takes the aircraft, or its operator is asked
+_FORCED: Final = ("automatic", "ask")
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +177,15 @@ def _folder(table: Table) -> Path | None:
 
 
 def _automatic(table: Table) -> frozenset[str]:
-    """What needs no operator: by one word for all, or a list of questions."""
+    """What needs no operator: by one word for all, or a list of questions; a forced handover by its own key."""
+    forced = table.get("forced", str, _FORCED[0])
+    if forced not in _FORCED:
+        raise table.error("forced", f"{forced!r} must be one of {', '.join(_FORCED)}")
+    planned = _planned(table)
+    return planned - frozenset(UNASKED) if forced == "ask" else planned | frozenset(UNASKED)
+
+
+def _planned(table: Table) -> frozenset[str]:
     consent = table.get("consent", object, "automatic")
     if not isinstance(consent, list):
         if not isinstance(consent, str) or consent not in _CONSENTS:

@@ -17,7 +17,7 @@ from mavproxy_handover.config.position import POSITION_RANGES, PositionSettings,
 from mavproxy_handover.config.route import ROUTE_RANGES, route_limits
 from mavproxy_handover.config.toml import ConfigError, Ranges, Table, check_tables, list_of_tables, read_toml
 from mavproxy_handover.core.limits import Limits
-from mavproxy_handover.core.model import Station
+from mavproxy_handover.core.model import StandingConsent, Station
 from mavproxy_handover.core.safety.causes import CAUSES, Cause
 from mavproxy_handover.core.safety.commands import POLICIES, Limit
 from mavproxy_handover.core.safety.energy_prior import (
@@ -241,7 +241,7 @@ _VEHICLE_KEYS: Final = (
     "autopilot_key",
     "guard_key",
 )
-_STATION_KEYS: Final = ("name", "sysid", "links", "key", "module", "sysids", "not_in_control")
+_STATION_KEYS: Final = ("name", "sysid", "links", "key", "module", "consent", "sysids", "not_in_control")
 
 
 def load_vehicle(path: Path) -> VehicleConfig:
@@ -292,7 +292,7 @@ def vehicle_of(data: Mapping[str, Any], path: Path) -> VehicleConfig:
 
 def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationLinks:
     standard = not table.get("module", bool, True)
-    station = Station(table.sysid("sysid"), table.name("name"), standard)
+    station = Station(table.sysid("sysid"), table.name("name"), standard, _consent(table, standard))
     links = table.get("links", list, required=True)
     if not links:
         raise table.error("links", "must name at least one link")
@@ -309,6 +309,18 @@ def _station_links(table: Table, limits: LinkLimits, unsigned: bool) -> StationL
     if result not in TONGUE_POLICIES:
         raise table.error("not_in_control", f"{result!r} must be one of " + ", ".join(TONGUE_POLICIES))
     return StationLinks(station, checked, frozenset([station.sysid, *extra]), key, limits, result)
+
+
+def _consent(table: Table, standard: bool) -> StandingConsent | None:
+    word = table.get("consent", str)
+    if word is None:
+        return None
+    if not standard:
+        raise table.error("consent", "goes with module = false; with our module the station's own file has its consent")
+    known = {each.value: each for each in StandingConsent}
+    if word not in known:
+        raise table.error("consent", f"{word!r} must be one of " + ", ".join(known))
+    return known[word]
 
 
 def _unique(path: Path, stations: tuple[StationLinks, ...], vehicle: int) -> None:

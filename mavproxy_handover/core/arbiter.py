@@ -50,6 +50,7 @@ from mavproxy_handover.core.events import (
     ModeSeen,
     MotionSeen,
     MotionUnseen,
+    OperatorControlShown,
     OrderRefused,
     PlaceJudged,
     PositionSeen,
@@ -69,6 +70,7 @@ from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck, CrossingKey, HandoverAhead, OkAhead
 from mavproxy_handover.core.model import (
+    NO_MATTER_ON_GROUND,
     AuthorityView,
     FlightAction,
     GuardState,
@@ -343,6 +345,9 @@ class Arbiter:
             case ControlRequested():
                 if self._known(event.station):
                     self._requests.on_request(event, now, actions)
+            case OperatorControlShown():
+                if self._known(event.station):
+                    self._presence[event.station].shows_control = True
             case LinkJudged():
                 self._candidates.links.judged(event, self.name(event.station), now, actions)
                 self._conductor.seek(now, actions)
@@ -404,6 +409,8 @@ class Arbiter:
         self._on_heard(station, now, actions)
         if station not in self._presence:
             return
+        if self._presence[station].station.standard:
+            self._presence[station].shows_control = True
         match message:
             case Connect():
                 self._contacts.answer(station, message, self._authority, self.mission_digest, actions)
@@ -433,7 +440,7 @@ class Arbiter:
     def _grant_parent(self, now: float, actions: list[Action]) -> None:
         authority, parent = self._authority, self._parent
         # it need not hold the mission package yet: it may be about to bring it
-        fit = self.unfit(parent, now) in (None, Reason.MISSION_DIFFERS)
+        fit = self.unfit(parent, now) in (None, *NO_MATTER_ON_GROUND)
         gone = authority.lost and not authority.recovering
         free = authority.owner is None or (gone and authority.owner != parent)
         if free and fit and not authority.released and authority.transfer is None and authority.grounded(now):

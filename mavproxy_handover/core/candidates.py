@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from mavproxy_handover.core.events import Action, Record
+from mavproxy_handover.core.cures import cure
+from mavproxy_handover.core.events import Action, Advise, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
-from mavproxy_handover.core.model import NO_MISSION, RANKS, Mission, Reason, in_words
+from mavproxy_handover.core.model import NO_MISSION, RANKS, Mission, Reason, StandingConsent, in_words
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.zones import ZoneTracker
 
 __all__ = ["Candidates"]
 
 #: a transfer that ended because somebody did not want it
-_OPERATORS_WORD = (Reason.COMMANDER_DENIED, Reason.PARTNER_REFUSED, Reason.CANCELLED)
+_OPERATORS_WORD = (Reason.COMMANDER_DENIED, Reason.PARTNER_REFUSED, Reason.CANCELLED, Reason.CONSENT_REFUSED)
 
 
 class Candidates:
@@ -49,6 +50,31 @@ class Candidates:
         """Why this station could not be a partner now; None if it could."""
         return self._presence[station].unfit(self.mission.digest, now)
 
+    def consent_lacks(self) -> tuple[str, ...]:
+        """Why the handovers of the route cannot have consent, in words that say what to write where; empty: they can.
+
+        With one station there is no handover, and nothing to consent to.
+        """
+        lacks = []
+        for presence in self._presence.values() if len(self._presence) > 1 else ():
+            station = presence.station
+            if station.consent is None and not presence.can_be_asked:
+                lacks.append(
+                    f'{station.name} cannot be asked for consent: write consent = "automatic" or consent = '
+                    f'"refuse" in its [[station]] of the vehicle\'s file'
+                )
+        for commander, partner in zip(self.mission.route, self.mission.route[1:], strict=False):
+            for sysid in (commander, partner):
+                found = self._presence.get(sysid)
+                if found is not None and found.station.consent is StandingConsent.REFUSE:
+                    names = f"{self._name(commander)} -> {self._name(partner)}"
+                    lacks.append(f'{found.station.name} has consent = "refuse", and the route needs {names}')
+        return tuple(lacks)
+
+    def _name(self, station: int) -> str:
+        presence = self._presence.get(station)
+        return f"station {station}" if presence is None else presence.station.name
+
     def silent_s(self, station: int, now: float) -> float:
         """For how long the station has not been heard; inf if it never was."""
         return now - self._presence[station].heard_at
@@ -72,19 +98,20 @@ class Candidates:
 
     def _fit(self, owner: int | None, now: float, actions: list[Action]) -> Sequence[int]:
         """Stations whose zone holds the aircraft and that could take it; says once why another could not."""
-        fit = []
-        for station in self.zones.inside():
-            presence = self._presence.get(station)
-            if presence is None or station == owner:
-                continue
-            why = self.unfit(station, now)
-            if why is None:
-                fit.append(station)
-            elif why is not presence.told_why:
-                text = f"{presence.station.name} cannot be partner: {in_words(why)}"
-                actions.append(Record("partner_unfit", text, why, station))
-            presence.told_why = why
-        return fit
+        others = [station for station in self.zones.inside() if station in self._presence and station != owner]
+        return [station for station in others if self.could_be_partner(station, owner, now, actions)]
+
+    def could_be_partner(self, station: int, owner: int | None, now: float, actions: list[Action]) -> bool:
+        """Whether this station could be partner now. If not, says why, and to both operators what to do, once."""
+        presence = self._presence[station]
+        why, told_why = self.unfit(station, now), presence.told_why
+        presence.told_why = why
+        if why is not None and why is not told_why:
+            name = presence.station.name
+            actions.append(Record("partner_unfit", f"{name} cannot be partner: {in_words(why)}", why, station))
+            told = (station,) if owner is None else (owner, station)
+            actions.append(Advise(told, cure(name, why)))
+        return why is None
 
     def usable(self, owner: int | None, reason: Reason, now: float, actions: list[Action]) -> Sequence[int]:
         """Stations whose zone holds the aircraft, and that may be asked for this reason now."""
@@ -130,7 +157,7 @@ class Candidates:
         """A transfer to the station for `reason` failed, and why: not again at once, unless for a graver reason."""
         pause_s = self._limits.denied_pause_s if why in _OPERATORS_WORD else self._limits.retry_pause_s
         self._retry_after[station, RANKS[reason]] = now + pause_s
-        if why is Reason.PARTNER_SILENT:
+        if why in (Reason.PARTNER_SILENT, Reason.PARTNER_UNANSWERED):
             self._failed.add(station)
             if not self._presence[station].station.standard:  # that has no words
                 self._mute.add(station)

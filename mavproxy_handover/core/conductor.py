@@ -17,7 +17,8 @@ from math import inf
 from mavproxy_handover.core.authority import Authority
 from mavproxy_handover.core.candidates import Candidates
 from mavproxy_handover.core.control import Echo, waiting_s
-from mavproxy_handover.core.events import Action, NotifyOwner, Record, Send
+from mavproxy_handover.core.cures import PEOPLES_WORD, ended
+from mavproxy_handover.core.events import Action, Advise, NotifyOwner, Record, Send
 from mavproxy_handover.core.flight import Flight
 from mavproxy_handover.core.foresight import Foresight
 from mavproxy_handover.core.limits import Limits
@@ -29,7 +30,7 @@ from mavproxy_handover.core.messages import (
     TransferKey,
     TransferMessage,
 )
-from mavproxy_handover.core.model import Outcome, Phase, Reason, in_words
+from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, Outcome, Phase, Reason, StandingConsent, in_words
 from mavproxy_handover.core.presence import Presence
 from mavproxy_handover.core.results import Results
 from mavproxy_handover.core.transfer import Cause, End, Step, Transfer, cause_of
@@ -194,6 +195,7 @@ class Conductor:
             return "the commander is lost"
         self._candidates.spoke(station)
         if cause is Cause.PARTNER_ASKS and self._hurries(transfer, now, actions):
+            transfer.partner_asks = True
             return None
         relay = isinstance(message, (OnHandover, DroneConnected)) and message.relay
         self.move(cause, now, actions, station=key.to_station, relay=relay)
@@ -234,6 +236,12 @@ class Conductor:
             return
         if cause is Cause.TIMEOUT and self._authority.phase is Phase.ON_LOAD:
             transfer.asking = frozenset()  # nothing flies: without a commander no operator is waited for
+        if (
+            cause is Cause.TIMEOUT
+            and transfer.step is Step.CONSENT
+            and not self._presence[transfer.key.from_station].can_be_asked
+        ):
+            cause = Cause.CANNOT_BE_ASKED
         before, partner = transfer.step, transfer.key.to_station
         end = transfer.move(cause, now, station=station, relay=relay)
         self._bury(transfer, now, actions)
@@ -280,10 +288,22 @@ class Conductor:
         cause = transfer.implied(
             partner_standard=self._standard(key.to_station), commander_standard=self._standard(key.from_station)
         )
+        if cause is None and transfer.step is Step.CONSENT:
+            cause = self._standing(key.from_station, transfer.reason)
         if cause is not None:
             self.move(cause, now, actions, relay=True)  # nobody else passes on what nobody has said
         elif transfer.step is Step.CONSENT and self._standard(key.from_station):
             transfer.ask_operator(now)
+
+    def _standing(self, commander: int, reason: Reason) -> Cause | None:
+        """What the configuration answers for a commander that cannot be asked; None: its operator is asked.
+
+        What another operator asks for is never answered by `automatic`.
+        """
+        consent = self._presence[commander].station.consent
+        if consent is StandingConsent.AUTOMATIC and QUESTIONS[reason] in AUTOMATIC:
+            return Cause.CONSENTED
+        return Cause.CONSENT_REFUSED if consent is StandingConsent.REFUSE else None
 
     def _end(self, transfer: Transfer, end: End, now: float, actions: list[Action]) -> None:
         authority = self._authority
@@ -310,6 +330,11 @@ class Conductor:
         )
         event = "transfer_committed" if committed else "transfer_aborted"
         actions.append(Record(event, text, reason, key.to_station, now - transfer.started_at))
+        if not committed and end.reason in PEOPLES_WORD:  # stations with our module learn it from the result
+            names = authority.name(key.from_station), authority.name(key.to_station)
+            standard = tuple(each for each in (key.from_station, *transfer.partners) if self._standard(each))
+            if standard:
+                actions.append(Advise(standard, f"No handover: {ended(end.reason, *names)}"))
         now_key = TransferKey(key.from_station, key.to_station, key.handover_id, authority.epoch)
         result = HandoverResult(now_key, commander, end.outcome, reason)
         told = [station for station in (key.from_station, *transfer.partners) if not self._standard(station)]

@@ -30,8 +30,9 @@ from dataclasses import dataclass
 from enum import Enum
 from math import ceil, inf
 
+from mavproxy_handover.core.cures import cure
 from mavproxy_handover.core.events import ControlRequested, ControlResult
-from mavproxy_handover.core.model import Reason
+from mavproxy_handover.core.model import NO_MATTER_ON_GROUND, Reason
 
 __all__ = ["ControlDecision", "ControlFacts", "Echo", "Effect", "judge_control", "waiting_s"]
 
@@ -72,6 +73,8 @@ class ControlFacts:
     paused_s: float = 0.0
     position_known: bool = True
     just_changed: bool = False
+    #: the name of the station that is to have control
+    name: str = "the station"
 
 
 class Effect(Enum):
@@ -159,8 +162,8 @@ def _cannot_take(facts: ControlFacts, *, busy: bool) -> ControlDecision | None:
         return _denied("unknown station")
     if busy:
         return _denied("another handover is under way")
-    if facts.unfit is not None and not (facts.grounded and facts.unfit is Reason.MISSION_DIFFERS):
-        return _denied(facts.unfit.name.lower().replace("_", " "))
+    if facts.unfit is not None and not (facts.grounded and facts.unfit in NO_MATTER_ON_GROUND):
+        return _denied(cure(facts.name, facts.unfit).rstrip("."))
     if not facts.grounded and not facts.position_known:
         return _denied("no position of the aircraft")
     if not facts.grounded and not facts.in_zone:

@@ -27,6 +27,7 @@ from mavproxy_handover.core.model import (
 
 __all__ = [
     "Action",
+    "Advise",
     "AircraftJudged",
     "Announce",
     "AutopilotState",
@@ -48,6 +49,7 @@ __all__ = [
     "MotionSeen",
     "MotionUnseen",
     "NotifyOwner",
+    "OperatorControlShown",
     "PlaceJudged",
     "PositionSeen",
     "Record",
@@ -311,6 +313,14 @@ class ControlRequested:
 
 
 @dataclass(frozen=True, slots=True)
+class OperatorControlShown:
+    """The program of a station has shown that it knows operator control: by a well-formed request of its own, or by
+    accepting one that asked its operator."""
+
+    station: int
+
+
+@dataclass(frozen=True, slots=True)
 class LinkJudged:
     """What was measured on a station's links went over a limit, or came back.
 
@@ -351,6 +361,7 @@ Event = (
     | StartFinished
     | Cancel
     | ControlRequested
+    | OperatorControlShown
     | LinkJudged
 )
 
@@ -398,6 +409,14 @@ class Announce:
     reason: Reason
     figures: str = ""
     place: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Advise:
+    """Tell the operators of these stations something that they can mend, in one text."""
+
+    stations: tuple[int, ...]
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -475,6 +494,7 @@ Action = (
     | ViewChanged
     | Fly
     | Announce
+    | Advise
     | BeginStart
     | StartRefused
     | RehearsalMoved

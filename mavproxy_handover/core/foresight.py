@@ -127,6 +127,8 @@ class Foresight:
         partner, border, in_s = found
         owner, digest, ahead = self._authority.owner, self._candidates.mission.digest, self._ahead
         assert owner is not None
+        if in_s <= self._limits.operator_timeout_s:  # ahead of the border there is time to mend it
+            self._candidates.could_be_partner(partner, owner, now, actions)
         if ahead is not None and (ahead.border, ahead.key.to_station) == (border, partner):
             self._ahead = replace(ahead, at=now + in_s, seen_at=now)
             return

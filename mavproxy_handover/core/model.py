@@ -15,9 +15,11 @@ from typing import Final
 __all__ = [
     "AUTOMATIC",
     "NO_MISSION",
+    "NO_MATTER_ON_GROUND",
     "PROTOCOL_VERSION",
     "QUESTIONS",
     "RANKS",
+    "UNASKED",
     "AuthorityView",
     "BorderFact",
     "Consent",
@@ -32,9 +34,11 @@ __all__ = [
     "Outcome",
     "Phase",
     "Reason",
+    "StandingConsent",
     "Station",
     "ZoneFact",
     "in_words",
+    "journal_in_words",
 ]
 
 #: Version of the messages of `handover.xml`; stations of another version are not handed authority.
@@ -174,6 +178,11 @@ class Reason(IntEnum):
     ENERGY = 32  #: no more energy than the way to a place needs, with the reserve
     OFF_ROUTE = 33
     FENCE = 34
+    PARTNER_UNANSWERED = 35  #: the partner's operator was asked and did not answer
+    COMMANDER_UNANSWERED = 36  #: the commander's operator was asked and did not answer
+    CANNOT_BE_ASKED = 37  #: the commander's program did not show that it can ask its operator
+    CONSENT_REFUSED = 38  #: the vehicle's configuration refuses handovers of this station
+    MISSION_MISSING = 39  #: the partner holds no mission package
 
 
 #: Why a transfer is begun, the least grave reason first, each with its rank: a graver one takes the place of a lesser
@@ -207,11 +216,40 @@ QUESTIONS: Final = {
 #: Those of them that need no operator, unless a station's configuration says otherwise: what another operator wants, or
 #: gives away, is for people to answer.
 AUTOMATIC: Final = ("zone", "link", "forced")
+#: What needs no operator where `consent` asks the operator about everything: a forced handover asks nobody.
+UNASKED: Final = ("forced",)
+
+
+#: Why a station is no partner in flight, and may command on the ground all the same: it may be about to bring another
+#: mission, and nothing is handed over.
+NO_MATTER_ON_GROUND: Final = (Reason.MISSION_DIFFERS, Reason.MISSION_MISSING, Reason.CONSENT_REFUSED)
+
+#: Reasons whose name does not say to people what it means.
+_WORDS: Final = {
+    Reason.PARTNER_REFUSED: "the partner's operator denied",
+    Reason.COMMANDER_DENIED: "the commander's operator denied",
+    Reason.PARTNER_UNANSWERED: "the partner's operator did not answer",
+    Reason.COMMANDER_UNANSWERED: "the commander's operator did not answer",
+    Reason.CANNOT_BE_ASKED: "the commander's program cannot ask its operator",
+}
 
 
 def in_words(reason: Reason) -> str:
     """For people: "commander lost"."""
-    return reason.name.lower().replace("_", " ")
+    return _WORDS.get(reason) or reason.name.lower().replace("_", " ")
+
+
+def journal_in_words(reason: str) -> str:
+    """The same of a reason as the journal has it, "commander_lost"; one that this version does not know, as it is."""
+    known = Reason.__members__.get(reason.upper())
+    return reason.replace("_", " ") if known is None else in_words(known)
+
+
+class StandingConsent(Enum):
+    """What the vehicle's file answers for a station that cannot be asked."""
+
+    AUTOMATIC = "automatic"  #: planned handovers from it and to it need no answer
+    REFUSE = "refuse"  #: it is never partner, and no planned handover takes the aircraft from it
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,11 +257,13 @@ class Station:
     """A ground station known to the vehicle. `sysid` is its MAVLink system id (1..255).
 
     `standard`: it runs no module of ours and speaks the operator-control protocol of the MAVLink standard only.
+    `consent`: what is answered for it; None: its operator is asked.
     """
 
     sysid: int
     name: str
     standard: bool = False
+    consent: StandingConsent | None = None
 
 
 @dataclass(frozen=True, slots=True)

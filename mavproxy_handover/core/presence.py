@@ -6,6 +6,12 @@ A heartbeat proves only that the station reaches the vehicle. An answer to CONNE
 says which protocol, mission package and epoch the station has. A partner must be proven in both (make before break).
 A station that speaks only the MAVLink standard can prove no more than its heartbeat.
 
+Whether the operator of such a station can be asked, the vehicle knows only from what the program shows in this run
+(`shows_control`): it has sent a well-formed MAV_CMD_REQUEST_OPERATOR_CONTROL, it has accepted one that asked its
+operator, or it has sent a message of ours. A program that knows the command shows its operator the question; nothing
+else proves that. A heartbeat proves nothing, and neither does a refusal: programs answer UNSUPPORTED to what they do
+not know.
+
 So must who commands. One that is heard and answers no more hears nothing of the aircraft: its operator does not see
 what he flies. After `deaf_lost_s` it is lost like one that is silent, and what brings back either is an answer. An
 answer to a question older than `connect_lost_s` is none, be it that it has only just come in.
@@ -18,7 +24,7 @@ from math import ceil, inf
 
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import ConnectAck
-from mavproxy_handover.core.model import PROTOCOL_VERSION, Reason, Station
+from mavproxy_handover.core.model import PROTOCOL_VERSION, Reason, StandingConsent, Station
 
 __all__ = ["Presence"]
 
@@ -26,7 +32,17 @@ __all__ = ["Presence"]
 class Presence:
     """Liveness and agreement of one station. Times are monotonic seconds."""
 
-    __slots__ = ("_limits", "answer", "answered_at", "ask_at", "asked", "heard_at", "station", "told_why")
+    __slots__ = (
+        "_limits",
+        "answer",
+        "answered_at",
+        "ask_at",
+        "asked",
+        "heard_at",
+        "shows_control",
+        "station",
+        "told_why",
+    )
 
     def __init__(self, station: Station, limits: Limits) -> None:
         self._limits = limits
@@ -42,6 +58,8 @@ class Presence:
         self.asked: deque[tuple[int, float]] = deque(maxlen=max(1, ceil(limits.connect_lost_s / pause_s)))
         #: why the station was last journalled as no partner; None while it could be one
         self.told_why: Reason | None = None
+        #: its program has shown in this run that it knows operator control
+        self.shows_control = False
 
     def alive(self, now: float) -> bool:
         """Heard within the heartbeat limit."""
@@ -78,8 +96,15 @@ class Presence:
             return self.alive(now)
         return self.alive(now) and now - self.answered_at < self._limits.connect_lost_s
 
+    @property
+    def can_be_asked(self) -> bool:
+        """Whether its program can ask its operator, as far as this run has shown."""
+        return self.shows_control or not self.station.standard
+
     def unfit(self, mission_digest: bytes, now: float) -> Reason | None:
         """Why it cannot be a partner now, or None if it can."""
+        if self.station.consent is StandingConsent.REFUSE:
+            return Reason.CONSENT_REFUSED
         if self.station.standard:
             return None if self.alive(now) else Reason.PARTNER_SILENT
         if not self.connected(now) or self.answer is None:
@@ -87,5 +112,5 @@ class Presence:
         if self.answer.protocol_version != PROTOCOL_VERSION or not self.answer.accepted:
             return Reason.VERSION_DIFFERS
         if self.answer.mission_digest != mission_digest:
-            return Reason.MISSION_DIFFERS
+            return Reason.MISSION_DIFFERS if any(self.answer.mission_digest) else Reason.MISSION_MISSING
         return None

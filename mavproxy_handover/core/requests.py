@@ -75,6 +75,7 @@ class Requests:
             paused_s=self._candidates.paused_s(station, Reason.REQUESTED, now),
             position_known=self._conductor.position_known(now),
             just_changed=self._conductor.just_changed(now),
+            name=authority.name(station),
         )
 
     def _take_effect(self, effect: Effect, request: ControlRequested, now: float, actions: list[Action]) -> None:

@@ -51,6 +51,8 @@ class StartFacts:
     aircraft_lacks: str = ""
     heights_lack: str = ""
     rehearsing: bool = False
+    #: why handovers of the route cannot have consent, in words
+    consent_lacks: tuple[str, ...] = ()
 
 
 def start_needs(facts: StartFacts) -> tuple[str, ...]:
@@ -78,6 +80,7 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append("no position")
     elif not facts.in_zone:
         needs.append(f"outside the zone of {facts.station}")
+    needs += facts.consent_lacks
     if facts.energy_short:
         needs.append(f"energy: {facts.energy_short}")
     if facts.heights_lack:
@@ -133,6 +136,7 @@ class Start:
                 aircraft_lacks=flight.aircraft_lacks if flown else "",
                 heights_lack=flight.heights_lack if flown else "",
                 rehearsing=flight.rehearsing,
+                consent_lacks=self._candidates.consent_lacks(),
             )
         )
 

@@ -30,7 +30,8 @@ A forced transfer is in a hurry: until it ends nobody commands, and the aircraft
 So every station that could take the aircraft is asked at once (`others`), and CONNECT_HANDOVER goes to the first that
 is ready: that one is the partner from then on, the others stay in reserve. A partner that falls away, or lets CONNECT
 wait while another is ready, makes way for the next. Where only operators are left to wait for when the time is up,
-the question stays open and the hurry ends (`patient`): the aircraft turns home meanwhile.
+the question stays open and the hurry ends (`patient`): the aircraft turns home meanwhile. When every station that is
+asked has said that its operator is asked, that is so at once: a yes moves authority then, and nothing else.
 
 Why a transfer was begun is its rank (`model.RANKS`). A transfer for a graver reason takes its place as long as the
 partner has not been told to set itself up (`yields_to`); if it is to the same partner, this one is raised instead.
@@ -86,6 +87,9 @@ class Cause(Enum):
     CONNECTED = "partner connected"
     RELEASED = "commander released"
     TIMEOUT = "step took too long"
+    UNANSWERED = "an operator was asked and did not answer in time"
+    CANNOT_BE_ASKED = "the commander's program did not show that it asks its operator"
+    CONSENT_REFUSED = "the configuration refuses for the commander"
     LEFT_REGION = "left the region"
     CANCELLED = "cancelled"
     COMMANDER_LOST = "commander lost"
@@ -128,12 +132,16 @@ MOVES: dict[tuple[Step, Cause], Step | End] = {
     (Step.REQUEST, Cause.DENIED): _aborted(Reason.COMMANDER_DENIED),
     (Step.REQUEST, Cause.COMMANDER_LOST): Step.REQUEST,
     (Step.REQUEST, Cause.TIMEOUT): _aborted(Reason.PARTNER_SILENT),
+    (Step.REQUEST, Cause.UNANSWERED): _aborted(Reason.PARTNER_UNANSWERED),
     (Step.CONSENT, Cause.PARTNER_REFUSED): _aborted(Reason.PARTNER_REFUSED),
     (Step.CONSENT, Cause.COMMANDER_ASKS): Step.CONSENT,
     (Step.CONSENT, Cause.CONSENTED): Step.CONNECT,
     (Step.CONSENT, Cause.DENIED): _aborted(Reason.COMMANDER_DENIED),
     (Step.CONSENT, Cause.COMMANDER_LOST): Step.CONNECT,
     (Step.CONSENT, Cause.TIMEOUT): _aborted(Reason.COMMANDER_SILENT),
+    (Step.CONSENT, Cause.UNANSWERED): _aborted(Reason.COMMANDER_UNANSWERED),
+    (Step.CONSENT, Cause.CANNOT_BE_ASKED): _aborted(Reason.CANNOT_BE_ASKED),
+    (Step.CONSENT, Cause.CONSENT_REFUSED): _aborted(Reason.CONSENT_REFUSED),
     (Step.CONNECT, Cause.CONNECTED): Step.RELEASE,
     (Step.CONNECT, Cause.RELEASED): Step.CONNECT_FREED,
     (Step.CONNECT, Cause.COMMANDER_LOST): Step.CONNECT_FREED,
@@ -202,6 +210,7 @@ class Transfer:
         "key",
         "operator_asked",
         "others",
+        "partner_asks",
         "patient",
         "read_until",
         "ready",
@@ -259,7 +268,7 @@ class Transfer:
         self.attempt = 0
         self._pause_s = self._limits.retry_first_s
         self.retry_at = now if speak_now else now + self._pause_s
-        self.operator_asked = False
+        self.operator_asked = self.partner_asks = False
         self._limit(now)
 
     def _limit(self, now: float) -> None:
@@ -333,6 +342,8 @@ class Transfer:
         """
         if cause is Cause.PARTNER_ASKS:
             self._note_asking(self.key.to_station if station is None else station, now)
+        if cause is Cause.TIMEOUT and (self.operator_asked or self.partner_asks):
+            cause = Cause.UNANSWERED
         if station is not None and station != self.key.to_station:
             if cause is not Cause.PARTNER_READY or self.step is not Step.REQUEST:
                 self._of_other(cause, station, now)
@@ -341,7 +352,7 @@ class Transfer:
         elif self.forced and self.others and cause in _FALLS_AWAY:
             self._fall(self.key.to_station, _FALLS_AWAY[cause])
             return self._next(now)
-        elif self.forced and cause is Cause.TIMEOUT:
+        elif self.forced and cause in (Cause.TIMEOUT, Cause.UNANSWERED):
             return self._run_out(now)
         target = MOVES.get((self.step, cause))
         if target is None:
@@ -352,7 +363,7 @@ class Transfer:
             self.forced_until = now + self._limits.forced_timeout_s
             self._limit(now)
             if self.step is Step.REQUEST:  # the question is another one now
-                self.retry_at = now
+                self.retry_at, self.asking = now, frozenset()
         if isinstance(target, End):
             return target
         asked = cause in (Cause.PARTNER_ASKS, Cause.COMMANDER_ASKS)
@@ -378,6 +389,13 @@ class Transfer:
             self._asked_until = now + self._operator_timeout_s
             if self.patient:
                 self._limit(now)
+            elif self.forced and self.step is Step.REQUEST and self.asking.issuperset(self.partners):
+                self._be_patient(now)
+
+    def _be_patient(self, now: float) -> None:
+        """Operators are all that is waited for: there is no hurry any more."""
+        self.patient, self.forced_until = True, inf
+        self._limit(now)
 
     def _prefer(self, station: int) -> None:
         """This one of the others is the partner; the partner so far goes into reserve."""
@@ -405,20 +423,24 @@ class Transfer:
         if self._reserve() or (self.others and now < self.forced_until):
             if now >= self.forced_until:  # the aircraft is on its way home; whoever is ready may take it all the same
                 self.forced_until = now + self._limits.forced_timeout_s
-            self._fall(self.key.to_station, Reason.PARTNER_SILENT)
+            self._fall(self.key.to_station, self._no_answer())
             return self._next(now)
         if self.step is Step.REQUEST and self.asking and not self.patient:
             for station in self.partners:
                 if station not in self.asking:
                     self._fall(station, Reason.PARTNER_SILENT)
-            self.patient, self.forced_until = True, inf
-            self._limit(now)
+            self._be_patient(now)
             if self.key.to_station not in self.asking:
                 self.key = self._key_of(self.others[0])
                 self.others = self.others[1:]
                 return True
             return False
-        return _aborted(Reason.PARTNER_SILENT)
+        return _aborted(self._no_answer())
+
+    def _no_answer(self) -> Reason:
+        """Why the partner of a forced transfer has not taken the aircraft: its operator or its program."""
+        asking = self.step is Step.REQUEST and self.key.to_station in self.asking
+        return Reason.PARTNER_UNANSWERED if asking else Reason.PARTNER_SILENT
 
     def implied(self, *, partner_standard: bool, commander_standard: bool) -> Cause | None:
         """The cause that comes by itself in the present step, None if somebody's word is awaited."""

@@ -18,7 +18,7 @@ from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import Announce, RehearsalMoved
+from mavproxy_handover.core.events import Advise, Announce, RehearsalMoved
 from mavproxy_handover.core.model import FlightAction, Reason
 from mavproxy_handover.stations.voice import Voice
 from mavproxy_handover.wire import status
@@ -77,6 +77,11 @@ class Announcer:
         """Tell everybody who commands now, "" if nobody does; `handover_id`: of the transfer behind it, if one is."""
         number = "" if handover_id is None else f" (handover {handover_id})"
         self._voice.say_to_all(f"{name or 'nobody'} commands now{number}", COMMANDER)
+
+    def advise(self, advice: Advise) -> None:
+        """Tell some operators what they can mend."""
+        for station in advice.stations:
+            self._voice.say(self._voice.ports[station], advice.text)
 
     def rehearsal(self, moved: RehearsalMoved) -> None:
         """Tell everybody that a rehearsal has begun, or is over."""

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
-from mavproxy_handover.core.events import ControlRequested, Event, NotifyOwner
+from mavproxy_handover.core.events import ControlRequested, Event, NotifyOwner, OperatorControlShown
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.refusals import OncePerCause
 from mavproxy_handover.gate.tongues import Tongue
@@ -36,6 +36,8 @@ __all__ = ["OperatorControl", "notification", "read_request"]
 
 #: the longest time-out of a request
 _LONGEST_S: Final = 60
+#: answers of an owner whose operator is asked
+_HEARD: Final = (mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_IN_PROGRESS)
 
 
 def read_request(message: Any, station: StationIdentity) -> ControlRequested | str:
@@ -90,8 +92,10 @@ class OperatorControl:
         """A request of a station, or the owner's word that it has heard of one; `handover_id`: of the transfer."""
         itself = frame.sysid == port.sysid
         if message.get_type() == "COMMAND_ACK":
-            if itself and self._question == (port.sysid, handover_id):
+            # what it does not know a program refuses, or answers as unsupported: then nobody was asked
+            if itself and self._question == (port.sysid, handover_id) and message.result in _HEARD:
                 self._acknowledged = self._question
+                self._handle(OperatorControlShown(port.sysid), now)
             return
         if itself and not port.component:
             port.spoke(frame.compid)
@@ -103,6 +107,8 @@ class OperatorControl:
             return
         if _of_today(message, port.identity):
             port.tongues.show((frame.sysid, frame.compid), Tongue.STANDARD, now)
+            if itself:
+                self._handle(OperatorControlShown(port.sysid), now)
         self._handle(request, now)
 
     def answer(self, port: StationPort, result: int, text: str, now: float) -> None:

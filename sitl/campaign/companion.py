@@ -260,6 +260,8 @@ class Companion:
                 pass
             case events.RehearsalMoved() | events.RehearsalRefused():  # nobody asks for one: the campaign flies
                 pass
+            case events.Advise():
+                self._log.note(now, action.text)
             case events.Announce():
                 self._log.note(now, action.text)
             case events.Record():

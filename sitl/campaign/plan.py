@@ -61,7 +61,8 @@ _OVERLAP, _LATE_OVERLAP, _GAP = (0.55, 0.85), (0.7, 0.85), (1.03, 1.15)
 @dataclass(frozen=True, slots=True)
 class StationPlan:
     """A station. `delay`: of its link, one way, in ticks. `answer`: its operator's when he is asked, and after how long
-    (ticks); None: he never answers. `asked` False: nobody is."""
+    (ticks); None: he never answers. `asked` False: nobody is. `asked_when_lost`: he is asked about a forced handover as
+    well."""
 
     sysid: int
     name: str
@@ -69,6 +70,7 @@ class StationPlan:
     delay: int
     asked: bool = False
     answer: tuple[bool, int] | None = None
+    asked_when_lost: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,9 +259,8 @@ def _stations(chance: Random, *, slow: bool, silent: bool, gap: bool, late: bool
         answer = (yes, after) if chance.random() < 0.9 else None
         if slow and silent:
             asked, answer = True, answer if chance.random() < 0.1 else None
-        found.append(
-            StationPlan(FIRST + number, f"GCS{'ABCDE'[number]}", zone, chance.choice((1, 2, 4, 10)), asked, answer)
-        )
+        delay, when_lost = chance.choice((1, 2, 4, 10)), asked and after % 3 == 0
+        found.append(StationPlan(FIRST + number, f"GCS{'ABCDE'[number]}", zone, delay, asked, answer, when_lost))
     return tuple(found)
 
 

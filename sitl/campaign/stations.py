@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.messages import Message
-from mavproxy_handover.core.model import AUTOMATIC, Station
+from mavproxy_handover.core.model import AUTOMATIC, UNASKED, Station
 from mavproxy_handover.core.never import assert_never
 from sitl.campaign.companion import DIGEST
 from sitl.campaign.log import FlightLog
@@ -43,7 +43,9 @@ class Ground:
         """Its program begins, and knows nothing."""
         station = Station(self._station.sysid, self._station.name)
         peers = tuple(Station(each.sysid, each.name) for each in self._plan.stations if each is not self._station)
-        automatic = () if self._station.asked else AUTOMATIC
+        automatic: tuple[str, ...] = UNASKED if self._station.asked else AUTOMATIC
+        if self._station.asked_when_lost:
+            automatic = tuple(question for question in automatic if question not in UNASKED)
         self.core = gcs.StationCore(station, "drone", peers, automatic=automatic)
         self.core.handle(gcs.MissionHeld(DIGEST), self._core_s(now))
 

@@ -39,18 +39,21 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import Connect, ConnectAck, DroneConnected, Message, OkHandover, TransferKey
-from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Phase
+from mavproxy_handover.core.model import AuthorityView, Consent, LeaseState, Phase, Reason
 from mavproxy_handover.core.snapshot import Snapshot
 
 __all__ = ["Watch"]
 
 _ANYBODY = "anybody"
+#: reasons of a planned handover: what the vehicle's file may consent to
+_PLANNED = (Reason.ZONE, Reason.ZONE_ENDS, Reason.LINK_QUALITY)
 
 
 class Watch:
     """Looks over an arbiter's shoulder. Keeps books of its own: nothing is asked of the arbiter but its view.
 
     `standard`: stations that know only the MAVLink standard, so that the partner's words are not theirs to say.
+    `automatic`: those of them whose consent to a planned handover the vehicle's file gives.
     `restored`: what the arbiter was started from.
     """
 
@@ -61,12 +64,14 @@ class Watch:
         limits: Limits,
         *,
         standard: Collection[int] = (),
+        automatic: Collection[int] = (),
         restored: Snapshot | None = None,
     ) -> None:
         self._arbiter = arbiter
         self._parent = parent
         self._limits = limits
         self._standard = frozenset(standard)
+        self._automatic = frozenset(automatic)
         self._view = arbiter.view
         self._heard: dict[int, float] = {}
         #: questions to each station that may be answered, with when they were asked, and when one last was
@@ -259,7 +264,8 @@ class Watch:
         if old.commander is not None:
             lost = self._lost(owner, heard, now)
             beforehand = bool(self._allowed & {new.commander, _ANYBODY})
-            assert lost or beforehand or self._said(owner, OkHandover, key)
+            standing = owner in self._automatic and old.why in _PLANNED
+            assert lost or beforehand or standing or self._said(owner, OkHandover, key)
 
     def _said(self, station: int, kind: type, key: TransferKey) -> bool:
         return any(

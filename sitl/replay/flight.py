@@ -206,6 +206,8 @@ class _Flight:
                 self._in_force(action, now)
             case events.Record():
                 self._narrator.record(action, now)
+            case events.Advise():  # for people; the recording has the reason
+                pass
             case events.Announce():
                 self._narrator.decision(action)
             case events.Fly():

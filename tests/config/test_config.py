@@ -24,6 +24,7 @@ from mavproxy_handover.config.vehicle import LIMIT_RANGES, LINK_RANGES, OBSERVER
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import (
     AUTOMATIC,
+    StandingConsent,
     Station,
 )
 from mavproxy_handover.core.safety.causes import Cause
@@ -171,7 +172,7 @@ def test_everything_a_station_can_say(file: Path) -> None:
     loaded = load_station(file)
     assert (loaded.path, loaded.station) == (file, Station(251, "GCSA"))
     assert loaded.vehicles == (FleetVehicle(7, mission=file.parent / "missions" / "delivery"),)
-    assert loaded.automatic == frozenset()
+    assert loaded.automatic == frozenset({"forced"})
     assert loaded.journal == Path("/var/log/GCSA.jsonl")
     assert loaded.ground == "udpin:127.0.0.1:15551"
     (peer,) = loaded.peers
@@ -185,6 +186,55 @@ def test_the_least_a_station_must_say(file: Path) -> None:
     assert (loaded.vehicles, loaded.automatic) == ((FleetVehicle(1),), frozenset(AUTOMATIC))
     assert (loaded.journal, loaded.ground, loaded.peers) == (file.parent / "A.jsonl", None, ())
     assert loaded.route == RouteLimits()
+
+
+@pytest.mark.parametrize(
+    ("lines", "automatic"),
+    [
+        ("", {"zone", "link", "forced"}),
+        ('consent = "operator"', {"forced"}),
+        ('consent = "operator"\nforced = "automatic"', {"forced"}),
+        ('consent = "operator"\nforced = "ask"', set()),
+        ('forced = "ask"', {"zone", "link"}),
+        ('consent = ["zone", "request"]', {"zone", "request", "forced"}),
+        ('consent = ["zone", "forced"]\nforced = "ask"', {"zone"}),
+        ("consent = []", {"forced"}),
+    ],
+)
+def test_a_forced_handover_has_a_key_of_its_own(file: Path, lines: str, automatic: set[str]) -> None:
+    file.write_text(f'[station]\nname = "A"\nsysid = 251\n{lines}\n')
+    assert load_station(file).automatic == automatic
+
+
+@pytest.mark.parametrize(
+    ("lines", "consent"),
+    [
+        ("module = false", None),
+        ('module = false\nconsent = "automatic"', StandingConsent.AUTOMATIC),
+        ('module = false\nconsent = "refuse"', StandingConsent.REFUSE),
+    ],
+)
+def test_the_consent_of_a_station_that_cannot_be_asked(file: Path, lines: str, consent: StandingConsent | None) -> None:
+    station = f'[[station]]\nname = "A"\nsysid = 251\nlinks = ["udpin:0.0.0.0:1"]\n{lines}\n'
+    file.write_text(f'[vehicle]\nname = "d"\nparent = "A"\nallow_unsigned = true\n{station}')
+    assert load_vehicle(file).stations[0].station == Station(251, "A", True, consent)
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        (
+            'consent = "automatic"',
+            "[station 1] consent: goes with module = false; with our module the station's own file has its consent",
+        ),
+        ('module = false\nconsent = "operator"', "[station 1] consent: 'operator' must be one of automatic, refuse"),
+        ("module = false\nconsent = true", "[station 1] consent: True must be a text"),
+    ],
+)
+def test_a_mistake_about_it_is_one_line(file: Path, lines: str, expected: str) -> None:
+    station = f'[[station]]\nname = "A"\nsysid = 251\nlinks = ["udpin:0.0.0.0:1"]\n{lines}\n'
+    text = f'[vehicle]\nname = "d"\nparent = "A"\nallow_unsigned = true\n{station}'
+    assert the_line(file, text, load_vehicle) == expected
 
 
 @pytest.mark.parametrize("sample", ["vehicle.toml", "demo/handover.toml"])
@@ -557,7 +607,7 @@ def test_a_misspelt_key_is_named_and_not_only_missed(file: Path, misspelt: str) 
 def test_a_key_of_another_name_altogether_is_named_first_too(file: Path, foreign: str) -> None:
     text = with_change(VEHICLE, "allow_unsigned = true\n", "")
     text = with_change(text, 'name = "GCSA"\n', f'name = "GCSA"\n{foreign} = "x"\n')
-    allowed = "name, sysid, links, key, module, sysids, not_in_control"
+    allowed = "name, sysid, links, key, module, consent, sysids, not_in_control"
     assert the_line(file, text, load_vehicle) == f"[station 1] {foreign}: unknown key; allowed are: {allowed}"
 
 
@@ -594,6 +644,11 @@ STATION_MISTAKES: dict[str, tuple[str, str, str]] = {
         '"operator"',
         '"maybe"',
         "[station] consent: 'maybe' must be one of automatic, operator",
+    ),
+    "forced": (
+        'consent = "operator"\n',
+        'forced = "operator"\n',
+        "[station] forced: 'operator' must be one of automatic, ask",
     ),
     "mission a number": ('"missions/delivery"', "5", "[station] mission: 5 must be a text"),
     "misspelt key": ("consent", "consnet", "[station] consnet: unknown key; did you mean 'consent'?"),
@@ -694,7 +749,7 @@ def test_each_vehicle_of_a_station_has_its_own_links_key_and_mission(file: Path)
         FleetVehicle(2, "drone-2", ("udpin:0.0.0.0:14560",)),
     )
     assert [vehicle.called for vehicle in loaded.vehicles] == ["drone-1", "drone-2"]
-    assert (loaded.automatic, loaded.ground) == (frozenset(), "udpin:127.0.0.1:15551")
+    assert (loaded.automatic, loaded.ground) == (frozenset({"forced"}), "udpin:127.0.0.1:15551")
 
 
 def test_a_vehicle_without_a_table_is_called_by_its_number(file: Path) -> None:

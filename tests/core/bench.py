@@ -23,6 +23,7 @@ from mavproxy_handover.core.events import (
     MissionLoaded,
     ModeSeen,
     MotionSeen,
+    OperatorControlShown,
     PositionSeen,
     Record,
     Send,
@@ -47,7 +48,18 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import Consent, GapFact, GuardState, Kind, Outcome, Phase, Reason, Station, ZoneFact
+from mavproxy_handover.core.model import (
+    Consent,
+    GapFact,
+    GuardState,
+    Kind,
+    Outcome,
+    Phase,
+    Reason,
+    StandingConsent,
+    Station,
+    ZoneFact,
+)
 from mavproxy_handover.core.snapshot import Snapshot
 from tests.core.watch import Watch
 
@@ -126,14 +138,20 @@ class Bench:
         nonce: int = 999,
         *,
         standard: Collection[int] = (),
+        consent: StandingConsent | None = None,
+        shown: bool = True,
     ) -> None:
-        """`standard`: stations without a module of ours."""
+        """`standard`: stations without a module of ours; `consent`: what the vehicle's file answers for them; `shown`:
+        their programs have shown in this run that they know operator control."""
         self.limits = limits or Limits()
         self.standard = frozenset(standard)
+        self._consent = consent
         self._nonce = nonce
         self.route = route
         self.now = 100.0
         self._start(None)
+        for station in self.standard if shown else ():
+            self.arbiter.handle(OperatorControlShown(station), self.now)
         self.alive = {A, B}
         #: stations that hear nothing of the vehicle: they do not answer CONNECT
         self.deaf: set[int] = set()
@@ -156,9 +174,13 @@ class Bench:
         self._surroundings_at = self.now
 
     def _start(self, restored: Snapshot | None) -> None:
-        stations = tuple(Station(sysid, name, sysid in self.standard) for sysid, name in NAMES.items())
+        stations = tuple(
+            Station(sysid, name, sysid in self.standard, self._consent if sysid in self.standard else None)
+            for sysid, name in NAMES.items()
+        )
         self.arbiter = Arbiter(Identity("drone", stations, A, self._nonce), self.limits, restored)
-        self.watch = Watch(self.arbiter, A, self.limits, standard=self.standard, restored=restored)
+        automatic = self.standard if self._consent is StandingConsent.AUTOMATIC else ()
+        self.watch = Watch(self.arbiter, A, self.limits, standard=self.standard, automatic=automatic, restored=restored)
 
     # ---- driving --------------------------------------------------------------------------------------------------
 

@@ -96,14 +96,14 @@ UNFIT: dict[str, tuple[Callable[[Bench], object], Reason, str]] = {
         "GCSB cannot be partner: version differs",
     ),
     "another mission": (
-        lambda b: b.digests.update({B: bytes(32)}),
+        lambda b: b.digests.update({B: bytes(31) + b"x"}),
         Reason.MISSION_DIFFERS,
         "GCSB cannot be partner: mission differs",
     ),
     "no mission": (
         lambda b: b.digests.update({B: b""}),
-        Reason.MISSION_DIFFERS,
-        "GCSB cannot be partner: mission differs",
+        Reason.MISSION_MISSING,
+        "GCSB cannot be partner: mission missing",
     ),
 }
 
@@ -752,7 +752,7 @@ class TestPartners:
         bench.say(B, OnHandover(KEY, Consent.DENIED))
         bench.digests[B] = b""
         bench.run(15.0)
-        assert [record.reason for record in bench.records("partner_unfit")] == [Reason.MISSION_DIFFERS] * 2
+        assert [record.reason for record in bench.records("partner_unfit")] == [Reason.MISSION_MISSING] * 2
 
     def test_an_unfit_station_does_not_stand_in_the_way_of_a_fit_one(self) -> None:
         bench = Bench()

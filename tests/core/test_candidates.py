@@ -7,7 +7,8 @@ from __future__ import annotations
 import pytest
 
 from mavproxy_handover.core.candidates import Candidates
-from mavproxy_handover.core.events import Action, LinkJudged, Record
+from mavproxy_handover.core.cures import cure
+from mavproxy_handover.core.events import Action, Advise, LinkJudged, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.messages import ConnectAck
 from mavproxy_handover.core.model import Mission, Reason, Station, ZoneFact
@@ -48,6 +49,21 @@ def test_the_owner_is_no_candidate_and_nobody_outside_its_zone_is_one() -> None:
     assert actions == []
 
 
+@pytest.mark.parametrize(
+    ("why", "text"),
+    [
+        (Reason.PARTNER_SILENT, "GCSB does not answer. Check its program and its link."),
+        (Reason.VERSION_DIFFERS, "GCSB has another version of the handover module. Install the vehicle's version."),
+        (Reason.MISSION_DIFFERS, "GCSB has another mission. Send it with 'handover share'."),
+        (Reason.MISSION_MISSING, "GCSB has no mission. Send it with 'handover share'."),
+        (Reason.CONSENT_REFUSED, 'GCSB takes no handover: the vehicle\'s file says consent = "refuse".'),
+        (Reason.LEFT_REGION, "GCSB cannot be partner: left region."),
+    ],
+)
+def test_each_reason_has_its_cure(why: Reason, text: str) -> None:
+    assert cure("GCSB", why) == text
+
+
 def test_a_zone_without_a_station_calls_nobody() -> None:
     assert candidates(inside(A), inside(77)).usable(A, Reason.COMMANDER_LOST, NOW, []) == []
 
@@ -55,13 +71,24 @@ def test_a_zone_without_a_station_calls_nobody() -> None:
 def test_why_one_cannot_be_partner_is_told_once_until_it_changes() -> None:
     made = candidates()
     told: list[str] = []
+    advice: list[Advise] = []
     for digest in (b"", b"", DIGEST, b"", b""):
         actions: list[Action] = []
         made.hold(Mission(digest or bytes(32), (A, B, C)))
         made.usable(A, Reason.ZONE, NOW, actions)
         told += [f"{action.station}: {action.text}" for action in actions if isinstance(action, Record)]
+        advice += [action for action in actions if isinstance(action, Advise)]
     once = ["252: GCSB cannot be partner: mission differs", "253: GCSC cannot be partner: mission differs"]
     assert told == once * 2
+    # both operators hear it, with the cure
+    assert (
+        advice
+        == [
+            Advise((A, B), "GCSB has another mission. Send it with 'handover share'."),
+            Advise((A, C), "GCSC has another mission. Send it with 'handover share'."),
+        ]
+        * 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,6 +98,8 @@ def test_why_one_cannot_be_partner_is_told_once_until_it_changes() -> None:
         (Reason.PARTNER_REFUSED, 10.0),
         (Reason.CANCELLED, 10.0),
         (Reason.PARTNER_SILENT, 2.0),
+        (Reason.PARTNER_UNANSWERED, 2.0),
+        (Reason.CONSENT_REFUSED, 10.0),
         (Reason.COMMANDER_SILENT, 2.0),
         (Reason.LEFT_REGION, 2.0),
         (Reason.COMMANDER_RETURNED, 2.0),

@@ -73,12 +73,18 @@ FLYING = ControlFacts(
     known=True,
     unfit=None,
     in_zone=True,
+    name="GCSB",
 )
 GROUND = replace(FLYING, grounded=True, in_zone=False)
 LOST = replace(FLYING, commander=None, lost=True)
 RESTARTED = replace(LOST, recovering=True)
 NEVER_HAD = replace(FLYING, commander=None)
 NOBODY_ON_GROUND = replace(GROUND, commander=None)
+
+
+NOT_HEARD = "GCSB does not answer. Check its program and its link"
+ANOTHER_MISSION = "GCSB has another mission. Send it with 'handover share'"
+ANOTHER_VERSION = "GCSB has another version of the handover module. Install the vehicle's version"
 
 
 def no(text: str) -> ControlDecision:
@@ -124,13 +130,13 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("gives while another asks", asks(A, give_to=B), replace(FLYING, waiting_for=C, yields=True), yes(Effect.GIVE)),
     ("gives just after it came to nothing", asks(A, give_to=B), replace(FLYING, paused_s=7.2), yes(Effect.GIVE)),
     ("gives to a stranger", asks(A, give_to=99), replace(FLYING, known=False), no("unknown station")),
-    ("gives to a silent one", asks(A, give_to=B), replace(FLYING, unfit=Reason.PARTNER_SILENT), no("partner silent")),
+    ("gives to a silent one", asks(A, give_to=B), replace(FLYING, unfit=Reason.PARTNER_SILENT), no(NOT_HEARD)),
     ("gives to another mission", asks(A, give_to=B), replace(FLYING, unfit=Reason.MISSION_DIFFERS),
-     no("mission differs")),
+     no(ANOTHER_MISSION)),
     ("gives to another mission on the ground", asks(A, give_to=B), replace(GROUND, unfit=Reason.MISSION_DIFFERS),
      yes(Effect.GIVE)),
     ("gives to another version", asks(A, give_to=B), replace(GROUND, unfit=Reason.VERSION_DIFFERS),
-     no("version differs")),
+     no(ANOTHER_VERSION)),
     ("gives out of its zone", asks(A, give_to=B), replace(FLYING, in_zone=False),
      no("the aircraft is outside its zone")),
     # the commander lets go
@@ -162,9 +168,9 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
      ControlDecision(PENDING, Effect.TRANSFER)),
     ("asks after the loss, position not known", asks(B), replace(LOST, position_known=False),
      no("no position of the aircraft")),
-    ("asks, unfit", asks(B), replace(FLYING, unfit=Reason.MISSION_DIFFERS), no("mission differs")),
+    ("asks, unfit", asks(B), replace(FLYING, unfit=Reason.MISSION_DIFFERS), no(ANOTHER_MISSION)),
     ("asks, unfit, takeover allowed", asks(B), replace(FLYING, unfit=Reason.PARTNER_SILENT, takeover_allowed=True),
-     no("partner silent")),
+     no(NOT_HEARD)),
     ("asks out of its zone", asks(B), replace(FLYING, in_zone=False), no("the aircraft is outside its zone")),
     ("asks out of its zone, takeover allowed", asks(B), replace(FLYING, in_zone=False, takeover_allowed=True),
      no("the aircraft is outside its zone")),
@@ -180,11 +186,11 @@ TABLE: list[tuple[str, ControlRequested, ControlFacts, ControlDecision]] = [
     ("the same after a loss", asks(B), replace(NOBODY_ON_GROUND, lost=True), yes(Effect.GRANT)),
     ("the same just after a restart", asks(B), replace(NOBODY_ON_GROUND, lost=True, recovering=True), AWAITED),
     ("asks on the ground, unfit", asks(B), replace(NOBODY_ON_GROUND, unfit=Reason.VERSION_DIFFERS),
-     no("version differs")),
+     no(ANOTHER_VERSION)),
     ("asks on the ground, with another mission", asks(B), replace(NOBODY_ON_GROUND, unfit=Reason.MISSION_DIFFERS),
      yes(Effect.GRANT)),
     ("asks after the loss, with another mission", asks(B), replace(LOST, unfit=Reason.MISSION_DIFFERS),
-     no("mission differs")),
+     no(ANOTHER_MISSION)),
     ("asks after the loss", asks(B), LOST, ControlDecision(PENDING, Effect.FORCE)),
     ("asks after the loss, takeover was allowed", asks(B), replace(LOST, takeover_allowed=True),
      ControlDecision(PENDING, Effect.FORCE)),
@@ -354,7 +360,7 @@ class TestRequest:
         bench = flight()
         bench.deaf = {B}
         bench.run(6.0)
-        assert answers(bench.give(asks(B))) == [ControlAnswer(B, DENIED, "partner silent")]
+        assert answers(bench.give(asks(B))) == [ControlAnswer(B, DENIED, NOT_HEARD)]
 
     def test_on_the_ground_too(self) -> None:
         bench = Bench().on_ground()
@@ -755,7 +761,7 @@ class TestTraps:
         assert bench.arbiter.view.partner == B
         bench.run(0.1)
         assert bench.arbiter.view.partner is None
-        assert bench.records("transfer_aborted")[0].reason is Reason.COMMANDER_SILENT
+        assert bench.records("transfer_aborted")[0].reason is Reason.COMMANDER_UNANSWERED
         # the owner's countdown ends when the request does
         for at, question in questions(bench):
             assert question.timeout_s == pytest.approx(max(3.0, asked_at + lives_s - at))

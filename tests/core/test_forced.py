@@ -198,23 +198,52 @@ def test_a_loss_says_nothing_to_the_partner_that_it_has_just_been_told() -> None
 class TestBound:
     """Two seconds for all of it, then the aircraft turns home; and it is commanded home once."""
 
-    @pytest.mark.parametrize("heard", ["nothing", "ready", "its operator is asked"])
+    @pytest.mark.parametrize("heard", ["nothing", "ready"])
     def test_two_seconds_from_the_loss(self, heard: str) -> None:
         bench = lost()
         lost_at = bench.now
         bench.run(1.9)
         if heard == "ready":
             bench.say(B, OnHandover(KEY))  # a step of four seconds of its own begins here
-        elif heard == "its operator is asked":
-            bench.say(B, OnHandover(KEY, Consent.WAITING))
         assert bench.arbiter.view == UNDER_WAY
         assert bench.flights() == []
         bench.run(2.0)
         assert [(at, a) for at, a in bench.log if isinstance(a, Fly)] == [(lost_at + 2.0, RETURN)]
-        over = AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 1)
+        assert bench.arbiter.view == AuthorityView(Phase.EMERGENCY, None, None, 1, LeaseState.LOST, True, 1)
+
+    def test_where_operators_are_asked_the_return_begins_at_once(self) -> None:
+        bench = lost()
+        bench.run(0.1)
+        bench.say(B, OnHandover(KEY, Consent.WAITING))
+        assert bench.flights() == [RETURN]
         # the operator's question stays open while the aircraft flies home
-        asked = replace(over, partner=B, why=Reason.COMMANDER_LOST)
-        assert bench.arbiter.view == (asked if heard == "its operator is asked" else over)
+        assert bench.arbiter.view == AuthorityView(
+            Phase.EMERGENCY, None, B, 1, LeaseState.LOST, True, 1, why=Reason.COMMANDER_LOST
+        )
+
+    def test_an_accept_moves_authority_only_and_the_return_goes_on(self) -> None:
+        bench = lost()
+        bench.run(0.1)
+        bench.say(B, OnHandover(KEY, Consent.WAITING))
+        bench.run(10.0)
+        bench.say(B, OnHandover(KEY))
+        bench.say(B, DroneConnected(KEY))
+        assert (bench.arbiter.view.commander, bench.arbiter.view.epoch) == (B, 2)
+        bench.run(60.0)
+        assert bench.flights() == [RETURN]
+
+    def test_a_station_that_needs_no_operator_takes_the_aircraft_and_nothing_turns_home(self) -> None:
+        bench = lost()
+        bench.alive = {B, C}
+        bench.back(C)
+        bench.position(outside(A), inside(B), inside(C))
+        bench.run(0.1)
+        bench.say(B, OnHandover(KEY, Consent.WAITING))
+        other = replace(KEY, to_station=C)
+        bench.say(C, OnHandover(other))
+        bench.say(C, DroneConnected(other))
+        assert bench.arbiter.view.commander == C
+        assert bench.flights() == []
 
     @pytest.mark.parametrize("bound_s", [0.5, 2.0, 3.5])
     def test_the_bound_is_configured(self, bound_s: float) -> None:
@@ -237,7 +266,7 @@ class TestBound:
         for _ in range(40):
             bench.run(0.1)
             bench.say(B, OnHandover(KEY, Consent.WAITING))
-        assert [at for at, a in bench.log if isinstance(a, Fly)] == [lost_at + 2.0]
+        assert [at for at, a in bench.log if isinstance(a, Fly)] == [lost_at + 0.1]
 
     def test_the_step_before_the_loss_gives_no_more_time_either(self) -> None:
         # the commander's operator is being asked and has thirty seconds

@@ -73,8 +73,9 @@ def test_an_answer_does_not_outlive_the_heartbeat() -> None:
         (replace(ANSWER, protocol_version=2), Reason.VERSION_DIFFERS),
         (replace(ANSWER, protocol_version=0), Reason.VERSION_DIFFERS),
         (replace(ANSWER, accepted=False), Reason.VERSION_DIFFERS),
-        (replace(ANSWER, mission_digest=b""), Reason.MISSION_DIFFERS),
-        (replace(ANSWER, mission_digest=bytes(32)), Reason.MISSION_DIFFERS),
+        (replace(ANSWER, mission_digest=b"another one"), Reason.MISSION_DIFFERS),
+        (replace(ANSWER, mission_digest=b""), Reason.MISSION_MISSING),
+        (replace(ANSWER, mission_digest=bytes(32)), Reason.MISSION_MISSING),
         (replace(ANSWER, protocol_version=2, mission_digest=b""), Reason.VERSION_DIFFERS),
         # what it believes of authority is no matter: the vehicle decides
         (replace(ANSWER, epoch=0xFFFFFFFF, commander=252, station=9, name=""), None),

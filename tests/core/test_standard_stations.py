@@ -14,6 +14,7 @@ import pytest
 
 from mavproxy_handover.core.events import (
     Action,
+    Advise,
     ControlAnswer,
     ControlRequested,
     ControlResult,
@@ -275,6 +276,7 @@ class TestFromStandardToOurs:
         assert not_records(bench.give(bench.request(A))) == [
             ControlAnswer(A, ControlResult.ACCEPTED),
             ViewChanged(STAYS, Reason.COMMANDER_DENIED),
+            Advise((A,), "No handover: GCSA's operator denied it."),
             Send(B, denied, 1),
         ]
         bench.run(9.5)
@@ -288,7 +290,8 @@ class TestFromStandardToOurs:
         assert bench.arbiter.view == UNDER_WAY
         bench.run(0.1)
         assert bench.arbiter.view == STAYS
-        assert bench.records("transfer_aborted")[0].reason is Reason.COMMANDER_SILENT
+        assert bench.records("transfer_aborted")[0].reason is Reason.COMMANDER_UNANSWERED
+        assert Advise((A,), "No handover: GCSA's operator did not answer.") in [action for _at, action in bench.log]
         # its countdown ran along with ours
         assert questions(bench)[0].timeout_s == 30.0
         assert [q.timeout_s for q in questions(bench)] == sorted((q.timeout_s for q in questions(bench)), reverse=True)

@@ -37,6 +37,7 @@ EXPECTED = {
     ("REQUEST", "COMMANDER_ASKS"): "CONSENT",
     ("REQUEST", "DENIED"): "ABORTED COMMANDER_DENIED",
     ("REQUEST", "TIMEOUT"): "ABORTED PARTNER_SILENT",
+    ("REQUEST", "UNANSWERED"): "ABORTED PARTNER_UNANSWERED",
     ("REQUEST", "LEFT_REGION"): "ABORTED LEFT_REGION",
     ("REQUEST", "CANCELLED"): "ABORTED CANCELLED",
     ("REQUEST", "COMMANDER_LOST"): "REQUEST",
@@ -50,6 +51,9 @@ EXPECTED = {
     ("CONSENT", "COMMANDER_ASKS"): "CONSENT",
     ("CONSENT", "DENIED"): "ABORTED COMMANDER_DENIED",
     ("CONSENT", "TIMEOUT"): "ABORTED COMMANDER_SILENT",
+    ("CONSENT", "UNANSWERED"): "ABORTED COMMANDER_UNANSWERED",
+    ("CONSENT", "CANNOT_BE_ASKED"): "ABORTED CANNOT_BE_ASKED",
+    ("CONSENT", "CONSENT_REFUSED"): "ABORTED CONSENT_REFUSED",
     ("CONSENT", "LEFT_REGION"): "ABORTED LEFT_REGION",
     ("CONSENT", "CANCELLED"): "ABORTED CANCELLED",
     ("CONSENT", "COMMANDER_LOST"): "CONNECT",
@@ -346,6 +350,28 @@ class TestTimeouts:
         assert [word[0] for word in words[-2:]] == [108.825, 109.825]
 
 
+class TestUnanswered:
+    """An operator who does not answer is no silent station: the reasons tell them apart."""
+
+    @pytest.mark.parametrize(
+        ("causes", "reason"),
+        [
+            ([], Reason.PARTNER_SILENT),
+            ([Cause.PARTNER_ASKS], Reason.PARTNER_UNANSWERED),
+            ([Cause.PARTNER_READY], Reason.COMMANDER_SILENT),
+            ([Cause.PARTNER_ASKS, Cause.PARTNER_READY], Reason.COMMANDER_SILENT),
+            ([Cause.PARTNER_READY, Cause.COMMANDER_ASKS], Reason.COMMANDER_UNANSWERED),
+            ([Cause.COMMANDER_ASKS], Reason.COMMANDER_UNANSWERED),
+            ([Cause.COMMANDER_ASKS, Cause.CONSENTED], Reason.PARTNER_SILENT),
+        ],
+    )
+    def test_the_time_is_up(self, causes: list[Cause], reason: Reason) -> None:
+        transfer = Transfer(KEY, Reason.ZONE, Limits(), 100.0)
+        for cause in causes:
+            transfer.move(cause, 100.0)
+        assert transfer.move(Cause.TIMEOUT, 200.0) == End(Outcome.ABORTED, reason)
+
+
 class TestForced:
     """Without a commander nobody is left to ask; the partner's two words count as ever, and time is short."""
 
@@ -364,10 +390,31 @@ class TestForced:
         assert transfer.timeout_at == 102.0
         assert transfer.due(100.0) == [(B, HandoverRequest(KEY, Reason.COMMANDER_LOST))]
 
-    def test_no_operator_wins_more_time(self) -> None:
+    def test_when_operators_are_all_that_is_waited_for_the_hurry_is_over(self) -> None:
         transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
         transfer.move(Cause.PARTNER_ASKS, 100.5)
-        assert transfer.timeout_at == 102.0
+        assert transfer.patient
+        assert transfer.timeout_at == 130.5
+        transfer.move(Cause.PARTNER_ASKS, 110.0)  # to say it again wins no time
+        assert transfer.timeout_at == 130.5
+        assert transfer.move(Cause.TIMEOUT, 130.5) == End(Outcome.ABORTED, Reason.PARTNER_UNANSWERED)
+
+    def test_while_a_station_has_not_answered_the_hurry_lasts(self) -> None:
+        transfer = Transfer(KEY, Reason.COMMANDER_LOST, Limits(), 100.0, forced_until=102.0)
+        transfer.invite(C, 100.0, ready=False)
+        transfer.move(Cause.PARTNER_ASKS, 100.5)
+        assert (transfer.patient, transfer.timeout_at) == (False, 102.0)
+        transfer.move(Cause.PARTNER_ASKS, 100.6, station=C)
+        assert (transfer.patient, transfer.timeout_at) == (True, 130.6)
+
+    def test_a_question_from_before_the_loss_is_asked_anew(self) -> None:
+        # it was another question: without an answer to this one the hurry lasts
+        transfer = transfer_in(Step.REQUEST)
+        transfer.move(Cause.PARTNER_ASKS, 100.5)
+        transfer.move(Cause.COMMANDER_LOST, 101.0)
+        assert (transfer.patient, transfer.timeout_at, transfer.retry_at) == (False, 103.0, 101.0)
+        transfer.move(Cause.PARTNER_ASKS, 101.1)
+        assert (transfer.patient, transfer.timeout_at) == (True, 131.1)
 
     @pytest.mark.parametrize(
         ("step", "implied"),

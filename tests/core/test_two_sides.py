@@ -120,7 +120,7 @@ class TestOperators:
 
     def test_who_never_answers(self) -> None:
         network = Network({A: [(0, 200)], B: [(20, 200)]}, (A, B), operators={A: None}).run(51.0)
-        assert network.said("transfer_aborted") == ["handover 1 aborted (commander_silent): GCSA commands"]
+        assert network.said("transfer_aborted") == ["handover 1 aborted (commander_unanswered): GCSA commands"]
         assert network.cores[A].question is None
 
     def test_nobody_hands_over_before_the_aircraft_is_out_it_turns_home(self) -> None:

@@ -412,6 +412,7 @@ class Packer:
             answer=_Answer(),
             ask_at=_Time(0.0),
             asked=_Asked(),
+            shows_control=plain,
             told_why=_Fixed(lambda: None),
         )
         transfer = _Class(
@@ -435,6 +436,7 @@ class Packer:
             forced_until=time,
             key=value,
             operator_asked=plain,
+            partner_asks=plain,
             reason=plain,
             retry_at=_Time(0.0),
             started_at=_Fixed(lambda: NOW),

@@ -37,6 +37,10 @@ def _bounds(setting: Setting) -> str:
     ]
     if setting.operators:
         parts.append(f"operators asked: {setting.operators}")
+    if setting.forced:
+        parts.append(f"asked about a forced handover: {setting.forced}")
+    if setting.consent is not None:
+        parts.append(f"consent of the standard stations: {setting.consent.value}")
     if setting.standard:
         parts.append(f"standard only: {setting.standard}")
     if setting.requests:

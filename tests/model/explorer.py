@@ -85,7 +85,7 @@ class _Settling:
     def __init__(self, world: Graph) -> None:
         self._world = world
         limits = world.setting.limits
-        operators = world.setting.operators or world.setting.standard or world.setting.requests
+        operators = world.setting.operators or world.setting.forced or world.setting.standard or world.setting.requests
         asked = 2 * limits.operator_timeout_s if operators else 0
         #: a step may last its time-out, and a transfer has at most four before its release
         self.bound_s = int(4 * limits.step_timeout_s + limits.release_timeout_s + asked)

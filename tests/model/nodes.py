@@ -8,7 +8,7 @@ real object and under the eyes of `checks.py`, and looked up from then on: that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Collection, Hashable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -30,7 +30,6 @@ from mavproxy_handover.core.events import (
 )
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.model import (
-    AUTOMATIC,
     AuthorityView,
     LeaseState,
     Phase,
@@ -271,12 +270,12 @@ class Stations:
     def __init__(
         self,
         stations: tuple[Station, ...],
-        asked: frozenset[int],
+        automatic: Mapping[int, Collection[str]],
         packer: Packer,
         events: Names,
         make_station: Callable[..., gcs.StationCore] = gcs.StationCore,
     ) -> None:
-        self._stations, self._asked, self._packer, self._events = stations, asked, packer, events
+        self._stations, self._automatic, self._packer, self._events = stations, automatic, packer, events
         self._make = make_station
         self._index = {station.sysid: index for index, station in enumerate(stations)}
         self._states = Names()
@@ -295,7 +294,7 @@ class Stations:
         """A station that has just started, with the mission package."""
         station = self._stations[index]
         peers = tuple(other for other in self._stations if other is not station)
-        core = self._make(station, "drone", peers, automatic=() if station.sysid in self._asked else AUTOMATIC)
+        core = self._make(station, "drone", peers, automatic=self._automatic[station.sysid])
         core.handle(gcs.MissionHeld(DIGEST), NOW)
         return self._number(index, core, StationBooks())
 
@@ -338,7 +337,7 @@ class Stations:
         self.handled += 1
         index, core, books = self._core(number)
         sysid = self._stations[index].sysid
-        before = StationBefore(sysid, sysid in self._asked, core.epoch, core.question)
+        before = StationBefore(sysid, self._automatic[sysid], core.epoch, core.question)
         actions = core.handle(event, NOW)
         if self.story is not None:
             self.story += [

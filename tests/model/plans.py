@@ -9,6 +9,7 @@ any time, the aircraft may fly on at any time, and operators answer at any time 
 
 from __future__ import annotations
 
+from mavproxy_handover.core.model import StandingConsent
 from tests.model.setting import IMPATIENT, Fault, Request, Setting
 
 __all__ = ["DEEP", "QUICK"]
@@ -51,7 +52,11 @@ QUICK = (
         "ranks, weak links", stations=3, path=("AC", "ABC"), faults=1, kinds=WEAK, requests=1, wishes=TAKES, depth=10
     ),
     Setting("all candidates", stations=3, path=("ABC",), operators="B", faults=1, kinds=DEATHS, depth=24),
+    Setting("forced, asked", path=("AB",), operators="B", forced="B", faults=1, kinds=DEATHS),
+    Setting("forced, one of two asked", stations=3, path=("ABC",), forced="B", faults=1, kinds=DEATHS, depth=24),
     Setting("standard commander", standard="A", faults=1),
+    Setting("standard commander, automatic", standard="A", consent=StandingConsent.AUTOMATIC, faults=1),
+    Setting("standard commander, refuses", standard="A", consent=StandingConsent.REFUSE, faults=1, depth=16),
     Setting("standard partner", standard="B", faults=1),
     Setting("standard both", standard="AB", faults=1, requests=1, wishes=ASKED, depth=12),
     Setting("on the ground", path=("_AB", "AB"), faults=1),
@@ -115,6 +120,7 @@ DEEP = (
         kinds=LOST | WEAK | DEATHS,
         depth=16,
     ),
+    Setting("forced, both asked", stations=3, path=("ABC",), forced="BC", faults=1, kinds=DEATHS | LOST, depth=24),
     Setting("all candidates", stations=3, path=("AB", "ABC"), operators="B", faults=2, kinds=DEATHS | LOST, depth=16),
     Setting("request and fault", faults=1, requests=1, wishes=ASKED, path=("AB",)),
     Setting("standard commander", standard="A", faults=2, requests=1, wishes=ASKED),

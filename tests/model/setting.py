@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from mavproxy_handover.core.limits import Limits
+from mavproxy_handover.core.model import StandingConsent
 
 __all__ = ["FAULTS", "IMPATIENT", "LIMITS", "PARENT", "Fault", "Request", "Setting"]
 
@@ -85,8 +86,11 @@ class Setting:
     kinds: frozenset[Fault] = FAULTS
     #: stations whose operator is asked
     operators: str = ""
-    #: stations that speak the MAVLink standard only
+    #: those of them that are asked about a forced handover as well
+    forced: str = ""
+    #: stations that speak the MAVLink standard only, and what the vehicle's file answers for them
     standard: str = ""
+    consent: StandingConsent | None = None
     #: how many requests the operators may make in all, and which
     requests: int = 0
     wishes: frozenset[Request] = frozenset()

@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -26,7 +26,7 @@ from mavproxy_handover.core.messages import (
     OnHandover,
     TransferKey,
 )
-from mavproxy_handover.core.model import AUTOMATIC, QUESTIONS, Consent
+from mavproxy_handover.core.model import QUESTIONS, Consent
 from tests.model.checks import demand
 
 __all__ = ["StationBefore", "StationBooks", "check_beliefs", "check_station"]
@@ -50,10 +50,10 @@ class StationBooks:
 
 @dataclass(frozen=True, slots=True)
 class StationBefore:
-    """What a station was before an event. `asked`: its operator decides."""
+    """What a station was before an event. `automatic`: the questions that need no operator there."""
 
     station: int
-    asked: bool
+    automatic: Collection[str]
     epoch: int
     question: TransferKey | None
 
@@ -72,7 +72,7 @@ def check_station(
             books = replace(books, agreed=before.question)
     if isinstance(event, gcs.WishAnswered) and not event.accepted:
         books = replace(books, wished=books.wished - {event.station})
-    excused = _excused(event)
+    excused = _excused(event, before.automatic)
     if isinstance(event, gcs.AuthorityHeard):
         books = replace(books, announced=excused or books.announced)
     elif excused is not None and excused != books.excused:
@@ -92,7 +92,7 @@ def check_station(
         granting = isinstance(word, (OkHandover, OnHandover)) and word.consent is Consent.GRANTED
         if granting or isinstance(word, DroneConnected):
             agreed = books.agreed == key or key.to_station in books.wished
-            agreed = agreed or (not before.asked and key in (books.announced, books.excused, books.excused_before))
+            agreed = agreed or key in (books.announced, books.excused, books.excused_before)
             demand(agreed, f"{type(word).__name__} without the operator's word")
         if isinstance(word, OkHandover) and granting:
             books = replace(books, granted=key)
@@ -101,13 +101,13 @@ def check_station(
     return books
 
 
-def _excused(event: gcs.Event) -> TransferKey | None:
-    """The transfer that the vehicle says needs no operator."""
+def _excused(event: gcs.Event, automatic: Collection[str]) -> TransferKey | None:
+    """The transfer for which the vehicle gives a reason that needs no operator at this station."""
     if isinstance(event, gcs.AuthorityHeard) and event.commander and event.partner:
         key = TransferKey(event.commander, event.partner, event.handover_id, event.epoch)
-        return key if QUESTIONS.get(event.why) in AUTOMATIC else None
+        return key if QUESTIONS.get(event.why) in automatic else None
     if isinstance(event, gcs.FromVehicle) and isinstance(event.message, (HandoverRequest, OnHandover)):
-        return event.message.key if QUESTIONS.get(event.message.reason) in AUTOMATIC else None
+        return event.message.key if QUESTIONS.get(event.message.reason) in automatic else None
     return None
 
 

@@ -81,6 +81,8 @@ class Graph(World):
             self._to_vehicle(draft, self._mission)
         commander = self.vehicles[draft.vehicle].view.commander
         self._to_vehicle(draft, self._guard)
+        for shown in self._shown:
+            self._to_vehicle(draft, shown)
         self._to_vehicle(draft, self.events(StartRequested(commander or 0)))
         self._to_vehicle(draft, self.events(AutopilotState(armed=True, flying=False)))
         self._to_vehicle(draft, self.events(StartFinished(ok=True)))

@@ -21,6 +21,7 @@ from mavproxy_handover.core.events import StationMessage, Tick
 from mavproxy_handover.core.messages import ConnectAck
 from mavproxy_handover.core.model import (
     AUTOMATIC,
+    UNASKED,
     Phase,
     Station,
 )
@@ -112,8 +113,9 @@ class Shadow:
         station: Station = self.graph.stations[index]
         letter = "ABC"[index]
         peers = tuple(other for other in self.graph.stations if other is not station)
-        asked = letter in self.graph.setting.operators
-        core = gcs.StationCore(station, "drone", peers, automatic=() if asked else AUTOMATIC)
+        setting = self.graph.setting
+        automatic = () if letter in setting.forced else UNASKED if letter in setting.operators else AUTOMATIC
+        core = gcs.StationCore(station, "drone", peers, automatic=automatic)
         core.handle(gcs.MissionHeld(DIGEST), self.now)
         return core
 

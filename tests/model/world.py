@@ -24,12 +24,20 @@ from typing import NamedTuple
 
 from gcs_module import core as gcs
 from mavproxy_handover.core.arbiter import Arbiter
-from mavproxy_handover.core.events import AutopilotState, GuardSeen, MissionLoaded, PositionSeen, StationHeard, Tick
+from mavproxy_handover.core.events import (
+    AutopilotState,
+    GuardSeen,
+    MissionLoaded,
+    OperatorControlShown,
+    PositionSeen,
+    StationHeard,
+    Tick,
+)
 from mavproxy_handover.core.messages import (
     Connect,
     ConnectAck,
 )
-from mavproxy_handover.core.model import GapFact, GuardState, Station, ZoneFact
+from mavproxy_handover.core.model import AUTOMATIC, UNASKED, GapFact, GuardState, Station, ZoneFact
 from tests.model.canonical import EPOCH, GAP_S, Packer, Shift, shifted
 from tests.model.nodes import DIGEST, Names, Parcel, Stations, Vehicles, too_old
 from tests.model.setting import PARENT, Setting
@@ -123,14 +131,19 @@ class World:
         self.count = count = setting.stations
         self.sysids = tuple(PARENT + index for index in range(count))
         self.stations = tuple(
-            Station(sysid, f"GCS{letter}", letter in setting.standard)
+            Station(sysid, f"GCS{letter}", True, setting.consent)
+            if letter in setting.standard
+            else Station(sysid, f"GCS{letter}")
             for letter, sysid in zip(LETTERS, self.sysids, strict=False)
         )
-        asked = frozenset(PARENT + LETTERS.index(letter) for letter in setting.operators)
+        automatic = {
+            sysid: () if letter in setting.forced else UNASKED if letter in setting.operators else AUTOMATIC
+            for letter, sysid in zip(LETTERS, self.sysids, strict=False)
+        }
         packer = Packer(setting.limits, {station.sysid: station.name for station in self.stations})
         self.events = Names()
         self.vehicles = Vehicles(self.stations, setting.limits, packer, self.events, make_arbiter)
-        self.cores = Stations(self.stations, asked, packer, self.events, make_station)
+        self.cores = Stations(self.stations, automatic, packer, self.events, make_station)
         self._lay_channels()
         self._fresh = tuple(DEAD if s.standard else self.cores.new(i) for i, s in enumerate(self.stations))
         self._tick = self.events(Tick())
@@ -144,6 +157,8 @@ class World:
         self._autopilot = [
             self.events(AutopilotState(not place.startswith("_"), not place.startswith("_"))) for place in setting.path
         ]
+        #: programs of the standard show in each run that they know it
+        self._shown = [self.events(OperatorControlShown(s.sysid)) for s in self.stations if s.standard]
         self._guard = self.events(GuardSeen(GuardState.LIVE, ours=True))
         self._mission = self.events(MissionLoaded(DIGEST, self.sysids))
         self._routine: dict[tuple[int, tuple[int, ...], int, tuple[int, ...]], tuple[State, Shift]] = {}

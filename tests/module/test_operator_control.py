@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.core.events import OperatorControlShown
 from mavproxy_handover.core.model import Phase
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.stations.operator_control import OperatorControl
@@ -19,6 +20,7 @@ from tests.module.vehicle import AUTO, Station
 CONTROL = mavlink.MAV_CMD_REQUEST_OPERATOR_CONTROL
 START, LAND = mavlink.MAV_CMD_MISSION_START, mavlink.MAV_CMD_NAV_LAND
 ACCEPTED, DENIED, FAILED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED, mavlink.MAV_RESULT_FAILED
+UNSUPPORTED, TEMPORARILY_REJECTED = mavlink.MAV_RESULT_UNSUPPORTED, mavlink.MAV_RESULT_TEMPORARILY_REJECTED
 NOT_IN_CONTROL = 10
 MANAGER, TAKEOVER = 1, 2
 #: messages of ours that a station of the standard is told like everybody; the others are not for it
@@ -65,11 +67,14 @@ def standard(bench: Bench) -> Bench:
     """In flight inside both zones, both stations of the standard, GCSA in command; the mission was on board."""
     bench.configure(more=f'mission = "{MISSIONS / "delivery"}"')
     text = bench.config.read_text()
-    bench.config.write_text(text.replace('name = "GCS', 'module = false\n            name = "GCS'))
+    text = text.replace('name = "GCS', 'module = false\n            name = "GCS')
+    bench.config.write_text(text)
     assert bench.load() is not None, bench.mpstate.console.lines
     bench.until(lambda: bench.companion.view.commander == 251)
     bench.until(lambda: bench.companion.arbiter.mission_digest)
     bench.run(1.0)
+    for sysid in (251, 252):  # both programs have shown that they know operator control
+        bench.companion.handle(OperatorControlShown(sysid), bench.clock.now)
     bench.a.command(START)
     bench.until(lambda: bench.companion.view.phase is Phase.ON_MISSION)
     bench.run(0.5)
@@ -413,7 +418,7 @@ class TestStandard:
         request(standard.a)
         standard.run(0.2)
         assert control(standard.b) == (MANAGER, 251)
-        assert standard.journal("transfer_aborted")[0]["reason"] == "commander_denied"
+        assert standard.journal("transfer_aborted")[-1]["reason"] == "commander_denied"
         standard.a.received.clear()
         standard.run(9.0)
         assert questions(standard.a) == [], "not asked again at once"
@@ -422,6 +427,16 @@ class TestStandard:
         standard.autopilot.position = IN_BOTH
         standard.until(lambda: questions(standard.a))
         standard.a.send(mavlink.MAVLink_command_ack_message(CONTROL, ACCEPTED, 0, 0, 1, 191), sysid=241)
+        standard.a.received.clear()
+        standard.run(3.0)
+        assert questions(standard.a), "it is asked on"
+
+    @pytest.mark.parametrize("result", [DENIED, UNSUPPORTED, FAILED, TEMPORARILY_REJECTED])
+    def test_a_program_that_refuses_the_question_has_asked_nobody(self, standard: Bench, result: int) -> None:
+        # what it does not know a program of MAVSDK answers as unsupported
+        standard.autopilot.position = IN_BOTH
+        standard.until(lambda: questions(standard.a))
+        acknowledge(standard.a, result)
         standard.a.received.clear()
         standard.run(3.0)
         assert questions(standard.a), "it is asked on"
@@ -439,7 +454,7 @@ class TestStandard:
         acknowledge(standard.a)
         standard.until(lambda: standard.companion.view.partner is None, limit_s=35.0)
         assert standard.companion.view.commander == 251
-        assert standard.journal("transfer_aborted")[0]["reason"] == "commander_silent"
+        assert standard.journal("transfer_aborted")[-1]["reason"] == "commander_unanswered"
 
     def test_asked_for_by_the_other(self, standard: Bench) -> None:
         standard.autopilot.position = IN_BOTH

@@ -108,6 +108,7 @@ FIRST = {
     "safety.battery": ("safety/test_battery.py",),
     "safety.learning": ("safety/test_learning.py",),
     "control": ("test_control.py",),
+    "cures": ("test_candidates.py", "test_standing_consent.py", "test_standard_stations.py"),
     "presence": ("test_presence.py", "test_arbiter_authority.py", "test_deaf_commander.py"),
     "results": ("test_arbiter_transfer.py", "test_arbiter_deadline.py"),
     "messages": ("test_messages.py", "test_two_sides.py"),

@@ -283,7 +283,8 @@ class Lookout:
             found.add(Fact.FLYING)
         if flight.autopilot_alive(now):
             found.add(Fact.AUTOPILOT)
-        if authority.lost and (authority.recovering or (transfer is not None and transfer.forced and hurried)):
+        soon = transfer is not None and transfer.forced and not transfer.patient and hurried
+        if authority.lost and (authority.recovering or soon):
             found.add(Fact.SUCCESSOR)
         self._held_long = self.held_at > -inf and now >= self.held_at + self._limits.hold_s
         covered = authority.owner is not None and self._candidates.zones.holds(authority.owner)
