@@ -266,6 +266,8 @@ def lay_out(
         standard = station.name in scenario.standard
         if standard:
             entry["module"] = False
+            if station.name in scenario.consent:
+                entry["consent"] = scenario.consent[station.name]
         if station.name in scenario.not_in_control:
             entry["not_in_control"] = scenario.not_in_control[station.name]
         if station.name in keys:
@@ -400,6 +402,7 @@ def _station(
         "sysid": station.sysid,
         "vehicle": SYSID,
         "consent": scenario.consent.get(station.name, "automatic"),
+        "forced": scenario.forced.get(station.name, "automatic"),
         "journal": f"{station.name}.jsonl",
     }
     if station == package.parent or scenario.on_board:

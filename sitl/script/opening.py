@@ -32,9 +32,15 @@ _GYROS_S = 15.0
 
 
 def opening(
-    begin: str, package: MissionPackage, standard: Collection[str] = (), *, on_board: bool = False
+    begin: str,
+    package: MissionPackage,
+    standard: Collection[str] = (),
+    shows: Collection[str] = (),
+    *,
+    on_board: bool = False,
 ) -> list[Opened]:
-    """The steps. `standard`: stations without our module; `on_board`: the vehicle has the mission already."""
+    """The steps. `standard`: stations without our module; `shows`: those of them that show before START that they know
+    operator control; `on_board`: the vehicle has the mission already."""
     parent = package.parent.name
     steps: list[Opened] = [
         (
@@ -67,6 +73,9 @@ def opening(
         ]
     if begin == "loaded":
         return steps
+    for name in shows:  # the commander forbids takeover, which changes nothing; another's release is refused
+        steps.append((Type(name, "request" if name == parent else "release"), None, _ZONE_WALL_S, ""))
+        steps.append((_vehicle("control", name, since="begin"), None, _ZONE_WALL_S, ""))
     line = "start" if parent in standard else "handover start"
     steps.append((Type(parent, line), None, _ZONE_WALL_S, "START."))
     steps.append((_vehicle("started"), _START_S, None, ""))

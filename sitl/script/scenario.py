@@ -12,7 +12,8 @@ expectations of `expect.py`; each `[[step]]` and each `[[expect]]` has exactly o
 Before the steps stands what the flight is made of, where that differs from the plain one:
 
     begin = "start"                common opening, so far: "connected", "loaded" or "start"
-    consent = {GCSA = "operator"}  its operator is asked
+    consent = {GCSA = "operator"}  its operator is asked; automatic or refuse for a station in `standard`
+    forced = {GCSB = "ask"}        its operator is asked as well when the commander is lost
     standard = ["GCSA"]            speaks the MAVLink standard only
     not_in_control = {GCSA = "never"}  the vehicle's setting for a station
     on_board = true                the mission package is there before the flight
@@ -76,7 +77,8 @@ __all__ = [
 ]
 
 DEFAULT_TIMEOUT_S = 120.0
-CONSENTS = ("automatic", "operator")
+CONSENTS = ("automatic", "operator", "refuse")
+FORCED = ("automatic", "ask")
 GUARD_KEYS = ("same", "other")
 WORDS: Mapping[str, type[Deed]] = {**STEPS, **FAULT_STEPS}
 #: the name of the autopilot among serial lines
@@ -92,6 +94,7 @@ _KEYS = (
     "speedup",
     "begin",
     "consent",
+    "forced",
     "standard",
     "not_in_control",
     "on_board",
@@ -195,8 +198,11 @@ class Scenario:
     mission: str
     steps: tuple[Step, ...]
     expectations: tuple[Expectation, ...]
-    #: station -> "automatic" or "operator"; those not named consent automatically
+    #: station -> "automatic", "operator" or "refuse"; those not named consent automatically, and one of the standard
+    #: that is not named shows before START that it can be asked
     consent: Mapping[str, str]
+    #: station -> "automatic" or "ask", for a forced handover
+    forced: Mapping[str, str]
     #: [limits] and [policy] of the vehicle's configuration
     limits: Mapping[str, float]
     policy: Mapping[str, str]
@@ -284,6 +290,7 @@ def parse_scenario(text: str, file: str) -> Scenario:
         steps=steps,
         expectations=expectations,
         consent=_words(reader, data, "consent", CONSENTS),
+        forced=_words(reader, data, "forced", FORCED),
         limits=reader.at("limits").numbers(reader.table(data, "limits", {})),
         policy=reader.at("policy").words(reader.table(data, "policy", {})),
         parameters=reader.at("parameters").numbers(reader.table(data, "parameters", {})),
@@ -365,7 +372,8 @@ def with_opening(scenario: Scenario, package: MissionPackage) -> Scenario:
     """The scenario with the steps of its opening, whose number is 0."""
     if not scenario.begin:
         return scenario
-    opened = opening(scenario.begin, package, scenario.standard, on_board=scenario.on_board)
+    shows = [name for name in scenario.standard if name not in scenario.consent]
+    opened = opening(scenario.begin, package, scenario.standard, shows, on_board=scenario.on_board)
     steps = (Step(0, deed, "", say, simulated, wall) for deed, simulated, wall, say in opened)
     return replace(scenario, steps=(*steps, *scenario.steps))
 
