@@ -10,6 +10,9 @@ Nobody can tell which of the two is wrong, only that one is. So:
   enough to enter a zone by.
 * Pairs that stay so for `apart_s` are a disagreement. It is over when they are within CLOSE of every limit for
   `agree_s`: what wanders along a limit does not flicker.
+* Pairs that are beyond a limit and within it by turns are a disagreement too, if they are beyond it for more than a
+  fifth of the time: the time beyond counts up, the time within counts down at a quarter of that speed. So a box that
+  tells the truth now and then cannot keep it quiet that it lies.
 * While there is nothing to compare nothing changes: a disagreement is not forgotten because one of them falls silent.
 
 It is pure: time is an argument.
@@ -26,6 +29,10 @@ from mavproxy_handover.mission.geodesy import distance_m
 
 __all__ = ["CLOSE", "CrossCheck", "Difference", "Place"]
 
+#: how fast the time beyond a limit is forgotten within it
+_FORGETS: Final = 0.25
+#: a pause between two pairs counts for no more than this (s); and sums of pauses are this exact (s)
+_PAUSE_S, _EXACT_S = 0.5, 1e-6
 #: this part of a limit is well within it
 CLOSE: Final = 2.0 / 3.0
 _TEXTS: Final = (
@@ -76,8 +83,11 @@ class CrossCheck:
         #: they disagree
         self.apart = False
         self.last: Difference | None = None
-        #: since when it looks as if that changes
+        #: how long they were beyond a limit, less what is forgotten of it (s)
+        self._beyond_s = 0.0
+        #: since when they are well together again
         self._since: float | None = None
+        self._looked_at: float | None = None
 
     @property
     def sound(self) -> bool:
@@ -99,10 +109,19 @@ class CrossCheck:
         measured = (difference.over_ground_m, difference.height_m, difference.speed_mps)
         part = max(value / limit for value, limit in zip(measured, self._limits, strict=True))
         self.beyond = not part <= 1.0
-        changes = part <= CLOSE if self.apart else self.beyond
-        if not changes:
+        passed_s = 0.0 if self._looked_at is None else min(_PAUSE_S, now - self._looked_at)
+        self._looked_at = now
+        if self.apart:
+            self._agrees(part <= CLOSE, now)
+            return
+        self._beyond_s = max(0.0, self._beyond_s + (passed_s if self.beyond else -_FORGETS * passed_s))
+        if self.beyond and self._beyond_s >= self._apart_s - _EXACT_S:
+            self.apart, self._beyond_s = True, 0.0
+
+    def _agrees(self, together: bool, now: float) -> None:
+        if not together:
             self._since = None
             return
         self._since = now if self._since is None else self._since
-        if now - self._since >= (self._agree_s if self.apart else self._apart_s):
-            self.apart, self._since = not self.apart, None
+        if now - self._since >= self._agree_s:
+            self.apart, self._since = False, None

@@ -9,8 +9,8 @@ Rules:
 2. A position that does not count is not used at all: no zone, route, gap or border is judged by it, no station is told
    it. The position grows old by that, and what is done about that is the cause `position_stale`'s matter, as ever.
 3. The box counts while its records come, in time, with a position, and agree with the autopilot's own
-   (`cross_check.py`); for `unchecked_s` without anything to compare, once they have agreed. A position of the autopilot
-   without a fix is nothing to compare: it is a guess.
+   (`cross_check.py`); for `unchecked_s` without anything to compare, once they have agreed, and only where the aircraft
+   can have come since. A position of the autopilot without a fix is nothing to compare: it is a guess.
 4. Where the autopilot is the source and there is a box, a disagreement takes the autopilot's word away as well. A box
    that is silent does not: nothing says that anything is wrong. What a silent box said last is forgotten on the ground.
 5. `check = "armed"`: a box is believed without the autopilot as long as the autopilot says that it is disarmed, for an
@@ -88,8 +88,9 @@ class PositionWatch:
         self._waits_until = math.inf
         self._heard_at = -math.inf
         self._late_s = 0.0
-        #: when the two agreed last
+        #: when the two agreed last, and where the box had it then
         self._agreed_at = -math.inf
+        self._agreed: Place | None = None
         #: home, in metres above sea level, by the autopilot
         self._home_alt_m: float | None = None
         aircraft.trusts_own = not self.by_box
@@ -117,16 +118,28 @@ class PositionWatch:
             return Standing.NO_POSITION
         if fix.late_s > self._settings.box_age_s:
             return Standing.LATE
-        own = self._own(now)
+        own, record = self._own(now), fix.record
+        theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
         if own is not None:
-            record = fix.record
-            theirs = Place(record.lat_deg, record.lon_deg, record.alt_m, record.north_mps, record.east_mps)
             self._check.look(Difference.between(theirs, own), now)
             if self._check.sound:
-                self._agreed_at = now
+                self._agreed_at, self._agreed = now, theirs
         if not self._check.sound:
             return Standing.APART if self._check.apart else Standing.BEYOND
-        return Standing.SOUND if now - self._agreed_at <= self._settings.unchecked_s else Standing.UNCHECKED
+        believed = now - self._agreed_at <= self._settings.unchecked_s and self._can_have_come(theirs, now)
+        return Standing.SOUND if believed else Standing.UNCHECKED
+
+    def _can_have_come(self, there: Place, now: float) -> bool:
+        """Whether the aircraft can be there, after where the two agreed last: as fast as it was then, or faster by
+        twice the limit for its speed."""
+        before, settings = self._agreed, self._settings
+        if before is None:
+            return False
+        for_s, faster_mps = now - self._agreed_at, 2.0 * settings.apart_mps
+        gone = Difference.between(there, before)
+        speed_mps = math.hypot(before.north_mps, before.east_mps) + faster_mps
+        near = gone.over_ground_m <= settings.apart_m + speed_mps * for_s
+        return near and gone.height_m <= settings.apart_height_m + faster_mps * for_s
 
     def _counts(self, now: float) -> bool:
         """Whether the box's last record is where the aircraft is."""

@@ -419,3 +419,63 @@ def test_without_a_position_the_battery_goes_on_emptying(bench: Bench, box: Box,
     assert 0.25 < returned_at < 0.9
     assert bench.autopilot.mode == RTL, "on its way back nothing is known, and it is not landed for that"
     assert any(entry["text"].startswith("RETURN to home: energy") for entry in bench.journal("decision"))
+
+
+# ---- a hostile one --------------------------------------------------------------------------------------------------
+
+
+def test_unchecked_it_cannot_put_the_aircraft_elsewhere(bench: Bench, box: Box, delivery: MissionPackage) -> None:
+    """The fault: as soon as the autopilot's position was gone, the box was believed whatever it said."""
+    box.configure(SOURCE)
+    bench.connect()
+    bench.share(delivery)
+    bench.run(3.0)
+    assert where(bench) == pytest.approx(HOME, abs=1e-4)
+    box.place = HOME
+    bench.autopilot.position = None
+    bench.run(1.0)
+    assert where(bench) == pytest.approx(HOME, abs=1e-4), "it is believed for a while"
+    box.place = IN_B
+    bench.run(3.0)
+    assert where(bench) is None
+    assert standing(bench) == "unchecked"
+
+
+def test_a_box_that_lies_by_turns_is_told_and_not_used(bench: Bench, box: Box) -> None:
+    box.configure(SOURCE)
+    bench.connect()
+    bench.run(2.0)
+    for _ in range(60):
+        box.place = IN_B
+        bench.run(0.05)
+        box.place = None
+        bench.run(0.05)
+    bench.run(0.05)
+    assert standing(bench) == "apart"
+    assert any("apart (limit 25 m)" in text for text in told(bench))
+
+
+def test_ten_thousand_records_a_second_cost_a_part_of_a_tick(bench: Bench, box: Box) -> None:
+    """As fast as the socket takes them: what is kept stays less than a record, and no tick takes long."""
+    box.configure(SOURCE)
+    bench.connect()
+    bench.run(2.0)
+    line, at_s = bench.module._box, bench.clock.now - 900.0
+    records = (
+        pack_record(BoxRecord(at_s + number * 2e-4, *HOME, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 90.0, 12.0))
+        for number in range(1, 30_000)
+    )
+    flood = b"".join(records)
+    assert box._client is not None
+    box.silent = True
+    box._client.setblocking(False)
+    worst_s, before = 0.0, line.counters.records
+    for _ in range(20):
+        with contextlib.suppress(BlockingIOError):
+            flood = flood[box._client.send(flood) :]
+        begun = time.process_time()
+        line.read()
+        worst_s = max(worst_s, time.process_time() - begun)
+        assert line._stream.waiting < 56
+    assert line.counters.records - before > 5000
+    assert worst_s < 0.03
