@@ -22,6 +22,7 @@ end
 
 read_globals = {
     "millis",
+    "micros",
     "Parameter",
     vehicle = methods("set_mode", "get_mode", "get_control_mode_reason", "get_likely_flying", "is_landing",
                       "is_taking_off", "has_ekf_failsafed"),
@@ -32,6 +33,10 @@ read_globals = {
     gcs = methods("send_text"),
     rc = methods("has_valid_input", "run_aux_function"),
     logger = methods("write"),
+    ahrs = methods("get_gyro", "get_accel"),
+    baro = methods("get_pressure"),
+    battery = methods("voltage"),
+    gps = methods("time_week_ms"),
     mavlink = methods("init", "register_rx_msgid", "receive_chan", "send_chan", "block_command"),
     FWVersion = methods("type", "major", "minor"),
 }

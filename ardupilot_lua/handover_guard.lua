@@ -29,7 +29,7 @@
 local MAV_SEVERITY = {EMERGENCY=0, ALERT=1, CRITICAL=2, ERROR=3, WARNING=4, NOTICE=5, INFO=6, DEBUG=7}
 
 local TEXT = {
-    VERSION = "0.2",
+    VERSION = "0.3",
     PREFIX = "HNDO: ",
     BYTES = 50,                     -- one STATUSTEXT
     AUTH_BYTES = 41,                -- longest reason that the arming check shows
@@ -40,6 +40,9 @@ local MS = {
     BUSY = 10,                      -- next call while the receive queue is not empty yet
     STALL = 500,                    -- woken later than this: the script slept, not the companion
     STATUS = 500,                   -- status to the companion
+    HELLO = 100,                    -- status to a companion that does not know the nonce of this guard yet
+    ASKED = 1000,                   -- that companion has been heard within this time
+    SETTLE = 2000,                  -- after a new nonce, leases with another one are expected for this long
     SECOND = 1000,                  -- registrations, ids and log
     LANDED = 3000,                  -- after a flight, this long on the ground before the motors are stopped
     TAMPER_HOLD = 10000,            -- no arming for this long after the registrations were wiped
@@ -176,9 +179,10 @@ local MAV = {
 }
 
 -- the lease and the answer to it
-local LEASE = {TYPE=47116, BYTES=20, VERSION=1, HELD=1, TRANSFER=2, LOST=3, RECOVERING=4, ALONE=5, TAG_BYTES=8,
-               TAGGED=1}
-local STATUS = {TYPE=47117, BYTES=20, VERSION=1, ENFORCING=1, ARMED=2, FLYING=4, TAMPERED=8, UNKNOWN_VEHICLE=16}
+local LEASE = {TYPE=47116, BYTES=24, VERSION=2, HELD=1, TRANSFER=2, LOST=3, RECOVERING=4, ALONE=5, TAG_BYTES=8,
+               TAGGED=1, TWO_GUARDS=2}
+local STATUS = {TYPE=47117, BYTES=24, VERSION=2, ENFORCING=1, ARMED=2, FLYING=4, TAMPERED=8, UNKNOWN_VEHICLE=16,
+                TAGGED=32, SECOND=64}
 local STATE = {DISABLED=0, WAITING=1, LIVE=2, EXPIRED=3, LOST=4}
 
 -- ------------------------------------------------------------------------------------------------ parameters
@@ -271,11 +275,15 @@ HNDO.ALONE_MAX = bind_add_param("ALONE_MAX", 8, 0)
 
 local config = {enable=true, timeout_ms=3000, lost_ms=1000, action=ACTION.RTL, chan=1, compid=191, sysid_sw=true,
                 alone_ms=0}
--- retired: nonces of earlier companion runs, newest last; alone_at: when ALONE was said first since somebody commanded
--- last; alone_ms: for how long then
+-- retired: nonces of earlier companion runs, newest last; two_guards: the companion hears two; alone_at: when ALONE was
+-- said first since somebody commanded last; alone_ms: for how long then
 local lease = {seen=false, live=false, nonce=0, sequence=0, epoch=0, state=0, commander=0, ttl_ms=0, at=0, chan=-1,
-               retired={}, alone_at=nil, alone_ms=0}
-local refused = {count=0, reason=nil}
+               retired={}, two_guards=false, alone_at=nil, alone_ms=0}
+-- text: for people
+local refused = {count=0, text=nil}
+-- The nonce of this guard, which each lease has to carry (see own.stir), never 0 once drawn. told: the companion may know
+-- it; asked_at, chan: when and where one was heard last that does not.
+local own = {nonce=0, told=false, changed_at=nil, asked_at=nil, chan=-1}
 local state = STATE.WAITING
 local tampering = {seen=false, at=nil}
 
@@ -298,9 +306,10 @@ end
 -- The receive queue. heard: channels that a frame has come from; run: frames read since it was empty; ended: read to
 -- its end since the mode last changed; full_at: it may have overflowed; aux_at, aux_by: a DO_AUX_FUNCTION came that may
 -- have been done; ours_at: since then the firmware leaves it to the guard; own: the table of ids is as large as the guard
--- has made it; blind: too small for commands; commands: how many of a kind came in this second.
+-- has made it; second: another guard has started before this one; blind: too small for commands; commands: how many of a kind came in this second; sums: computed in this
+-- call; hurry: too many for a status with a tag, so the next call reads less.
 local rx = {ids={MAV.TUNNEL, MAV.COMMAND_LONG, MAV.COMMAND_INT}, heard={}, run=0, ended=false, full_at=nil, aux_at=nil,
-            aux_by="", ours_at=nil, own=false, blind=false, commands={}}
+            aux_by="", ours_at=nil, own=false, second=false, blind=false, commands={}, sums=0, hurry=false}
 
 local function clock()
     return millis():toint()
@@ -449,6 +458,9 @@ local function arming_objection(now)
         return "another script tampers"
     end
     tampering.at = nil
+    if rx.second or (lease.live and lease.two_guards) then
+        return "two guards run, remove one script"
+    end
     if state == STATE.LIVE then
         if lease.state == LEASE.HELD or lease.state == LEASE.TRANSFER then
             return nil
@@ -458,8 +470,8 @@ local function arming_objection(now)
     if state == STATE.LOST then
         return "no station has authority"
     end
-    if refused.reason then
-        return "lease refused, " .. refused.reason
+    if refused.text then
+        return refused.text
     end
     if state == STATE.EXPIRED then
         return "lease lost"
@@ -897,11 +909,43 @@ end
 
 local function refuse(reason)
     refused.count = (refused.count + 1) & 0xFFFF
-    refused.reason = reason
+    refused.text = "lease refused, " .. reason
     if lease.live then
-        say(MAV_SEVERITY.WARNING, "refuse", 60000, "strange lease refused, " .. reason)
+        say(MAV_SEVERITY.WARNING, "refuse", 60000, "strange " .. refused.text)
     else
-        say(MAV_SEVERITY.WARNING, "refuse", 10000, "lease refused, " .. reason)
+        say(MAV_SEVERITY.WARNING, "refuse", 10000, refused.text)
+    end
+end
+
+-- Another version of the layout: guard and companion come from different releases.
+local function refuse_version(version)
+    refused.count = (refused.count + 1) & 0xFFFF
+    refused.text = version < LEASE.VERSION and "companion is older, update it" or "guard is older, update it"
+    say(MAV_SEVERITY.WARNING, "version", 10000, refused.text)
+end
+
+-- The nonce of this guard. A lease counts only if it carries it, so a lease that was recorded before a start of this
+-- script is refused. It is told in the status. When a companion takes the place of another one, the nonce becomes the next
+-- number: what was recorded of the one before carries the former nonce. So no lease is ever accepted twice.
+function own.change(now)
+    own.nonce = (own.nonce + 1) & 0xFFFFFFFF
+    if own.nonce == 0 then
+        own.nonce = 1
+    end
+    own.changed_at = now
+end
+
+-- A lease for another guard, or of before a restart. 0 is a companion that asks for the nonce. Until it has heard of a new
+-- one, a companion sends the former: that is not told.
+function own.refuse(now, chan, nonce)
+    own.asked_at, own.chan = now, chan
+    if nonce == 0 or not own.told then
+        return
+    end
+    refused.count = (refused.count + 1) & 0xFFFF
+    if elapsed(now, own.changed_at or since.start) >= MS.SETTLE then
+        refused.text = "lease for another guard or start"
+        say(MAV_SEVERITY.WARNING, "guard nonce", lease.live and 60000 or 10000, refused.text)
     end
 end
 
@@ -959,14 +1003,15 @@ function lease.channel_objection(chan)
     return nil
 end
 
-function lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms, left_s)
+function lease.accept(now, chan, stamp, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s)
     if lease.seen and nonce ~= lease.nonce then
         lease.retired[#lease.retired + 1] = lease.nonce
         if #lease.retired > 8 then
             table.remove(lease.retired, 1)
         end
+        own.change(now)
     end
-    lease.seen, lease.live = true, true
+    lease.seen, lease.live, lease.two_guards = true, true, flags & LEASE.TWO_GUARDS ~= 0
     lease.state, lease.commander = lease_state, commander
     lease.nonce, lease.sequence, lease.epoch = nonce, sequence, epoch
     lease.ttl_ms = ttl_ms
@@ -980,7 +1025,7 @@ function lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence,
     elseif lease_state <= LEASE.TRANSFER and commander ~= 0 then
         lease.alone_at = nil
     end
-    refused.reason = nil
+    refused.text, own.asked_at = nil, nil
 end
 
 -- HalfSipHash-2-4 with 64 bits of result (Aumasson and Bernstein): adds, turns and xors of 32-bit words, made for small
@@ -1047,6 +1092,31 @@ function key.read()
     end
 end
 
+-- The nonce of this start: a hash of what differs from one start to the next. It is drawn when the script starts and once
+-- more, with the noise of then, before it is told for the first time. A source may be missing or always the same.
+function own.stir()
+    local noise = {string.pack("<I4", own.nonce)}
+    local function add(format, get)
+        pcall(function()
+            noise[#noise + 1] = string.pack(format, get())
+        end)
+    end
+    local function axes(vector)
+        return vector:x(), vector:y(), vector:z()
+    end
+    add("<i4", function() return micros():toint() end)
+    add("<f", function() return (param:get("STAT_BOOTCNT")) end)
+    add("<fff", function() return axes(ahrs:get_gyro()) end)
+    add("<fff", function() return axes(ahrs:get_accel()) end)
+    add("<f", function() return baro:get_pressure() end)
+    add("<f", function() return battery:voltage(0) end)
+    add("<i4", function() return gps:time_week_ms(0):toint() end)
+    own.nonce = half_siphash(key.k0 or 0, key.k1 or 0, table.concat(noise))
+    if own.nonce == 0 then
+        own.nonce = 1
+    end
+end
+
 -- The tag covers payload type, target and the lease: what is right for one vehicle is wrong for any other.
 function key.objection(body, flags)
     if not key.required then
@@ -1058,8 +1128,8 @@ function key.objection(body, flags)
     if not key.k0 then
         return "key file"
     end
-    local low, high = half_siphash(key.k0, key.k1, string.sub(body, 1, 4) .. string.sub(body, 6, 25))
-    if string.pack("<I4I4", low, high) ~= string.sub(body, 26, 33) then
+    local low, high = half_siphash(key.k0, key.k1, string.sub(body, 1, 4) .. string.sub(body, 6, 29))
+    if string.pack("<I4I4", low, high) ~= string.sub(body, 30, 37) then
         return "tag"
     end
     return nil
@@ -1088,24 +1158,33 @@ local function read_lease(now, msg, chan, stamp, crc, magic, len, sysid, compid)
     -- trailing zeros are not sent, and what stands behind the end of the message is not to be trusted
     local full = MAV.TUNNEL_HEAD_BYTES + LEASE.BYTES + LEASE.TAG_BYTES
     local body = string.sub(msg, 13, 12 + len) .. string.rep("\0", full - len)
-    local _, target, component, length, version, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s =
-        string.unpack("<I2BBBBBBBI4I4I4I2I2", body)
-    local tagged = flags & LEASE.TAGGED
+    local _, target, component, length, version, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s,
+        guard_nonce = string.unpack("<I2BBBBBBBI4I4I4I2I2I4", body)
     if target ~= autopilot.sysid or component ~= MAV.AUTOPILOT_COMPID then
-        objection = "target"
-    elseif length ~= LEASE.BYTES + LEASE.TAG_BYTES * tagged or len > MAV.TUNNEL_HEAD_BYTES + length then
+        refuse("target")
+        return 1
+    end
+    if version ~= LEASE.VERSION then
+        refuse_version(version)
+        return 1
+    end
+    local tagged = flags & LEASE.TAGGED
+    if length ~= LEASE.BYTES + LEASE.TAG_BYTES * tagged or len > MAV.TUNNEL_HEAD_BYTES + length then
         objection = "length"
-    elseif version ~= LEASE.VERSION then
-        objection = string.format("version %d", version)
     elseif lease_state < LEASE.HELD or lease_state > LEASE.ALONE then
         objection = string.format("state %d", lease_state)
     else
-        objection = key.objection(body, flags) or lease.freshness_objection(nonce, sequence, epoch)
+        objection = key.objection(body, flags)
     end
+    if not objection and guard_nonce ~= own.nonce then
+        own.refuse(now, chan, guard_nonce)
+        return key.required and 2 or 1
+    end
+    objection = objection or lease.freshness_objection(nonce, sequence, epoch)
     if objection then
         refuse(objection)
     else
-        lease.accept(now, chan, stamp, lease_state, commander, nonce, sequence, epoch, ttl_ms, left_s)
+        lease.accept(now, chan, stamp, lease_state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s)
     end
     return key.required and 2 or 1
 end
@@ -1181,7 +1260,7 @@ end
 
 -- returns true when frames may be left
 function rx.read(now)
-    local sums = 0
+    local most = rx.hurry and 1 or WORK.SUMS_PER_CALL
     for _ = 1, WORK.FRAMES_PER_CALL do
         local msg, chan, stamp = mavlink:receive_chan()
         if not msg then
@@ -1193,8 +1272,8 @@ function rx.read(now)
         if rx.run == WORK.QUEUE_FRAMES then
             rx.full_at = now        -- it was full, and may have lost what came then
         end
-        sums = sums + read_frame(now, msg, chan, stamp)
-        if sums >= WORK.SUMS_PER_CALL then
+        rx.sums = rx.sums + read_frame(now, msg, chan, stamp)
+        if rx.sums >= most then
             return true
         end
     end
@@ -1231,6 +1310,9 @@ function rx.register(now, at_start)
             break
         elseif was_missing and not at_start then
             notice_tampering(now, "MAVLink rx was reset by a script")
+        elseif at_start and not was_missing and rx.ids[i] == MAV.TUNNEL then
+            -- also so after a restart of scripting alone, but then this is the first script to ask for an authorisation
+            rx.second = auth_id ~= nil and auth_id > 0
         end
     end
     if mavlink.block_command then
@@ -1273,7 +1355,7 @@ function gcs_id.follow()
 end
 
 -- What makes a status go out at once, and a log record with it, as it was sent last.
-local status = {state=-1, action=-1, flags=-1, epoch=0, nonce=0, enforcement=-1, commander=0}
+local status = {state=-1, action=-1, flags=-1, epoch=0, nonce=0, own=0, enforcement=-1, commander=0}
 
 function status.flags_now()
     local flags = 0
@@ -1283,6 +1365,7 @@ function status.flags_now()
     if craft.flying then flags = flags | STATUS.FLYING end
     if tampering.seen then flags = flags | STATUS.TAMPERED end
     if not autopilot.known then flags = flags | STATUS.UNKNOWN_VEHICLE end
+    if rx.second then flags = flags | STATUS.SECOND end
     return flags
 end
 
@@ -1291,14 +1374,26 @@ end
 function status.send(flags)
     local chan = config.chan
     if chan < 0 then
-        chan = lease.chan           -- -1 until a lease has come: nobody to tell
+        chan = lease.chan >= 0 and lease.chan or own.chan   -- -1 until a companion has spoken: nobody to tell
     end
     if not rx.heard[chan] then
         return true
     end
-    local text = string.pack("<I2BBBBBBBI4I4I4I2BB", STATUS.TYPE, autopilot.sysid, config.compid, STATUS.BYTES,
-                             STATUS.VERSION, state, loss.action, flags, lease.nonce, lease.sequence, lease.epoch,
-                             refused.count, autopilot.major, autopilot.minor)
+    if not own.told then
+        own.stir()
+        own.told = true
+    end
+    local length = STATUS.BYTES
+    if key.k0 then
+        flags, length = flags | STATUS.TAGGED, length + LEASE.TAG_BYTES
+    end
+    local address = string.pack("<I2BB", STATUS.TYPE, autopilot.sysid, config.compid)
+    local body = string.pack("<BBBBI4I4I4I2BBI4", STATUS.VERSION, state, loss.action, flags, lease.nonce,
+                             lease.sequence, lease.epoch, refused.count, autopilot.major, autopilot.minor, own.nonce)
+    local text = address .. string.char(length) .. body
+    if key.k0 then
+        text = text .. string.pack("<I4I4", half_siphash(key.k0, key.k1, address .. body))
+    end
     text = text .. string.rep("\0", MAV.TUNNEL_BYTES - #text)
     local ok, room = pcall(mavlink.send_chan, mavlink, chan, MAV.TUNNEL, text)
     if not ok then
@@ -1310,15 +1405,21 @@ end
 function status.report(now)
     local flags = status.flags_now()
     local changed = status.state ~= state or status.action ~= loss.action or status.flags ~= flags or
-        status.epoch ~= lease.epoch or status.nonce ~= lease.nonce or status.enforcement ~= enforcement
-    if not changed and elapsed(now, since.status) < MS.STATUS then
+        status.epoch ~= lease.epoch or status.nonce ~= lease.nonce or status.enforcement ~= enforcement or
+        status.own ~= own.nonce
+    local asked = own.asked_at and elapsed(now, own.asked_at) < MS.ASKED
+    if own.told and not changed and elapsed(now, since.status) < (asked and MS.HELLO or MS.STATUS) then
+        return false
+    end
+    rx.hurry = key.k0 ~= nil and rx.sums >= WORK.SUMS_PER_CALL
+    if rx.hurry then
         return false
     end
     if not status.send(flags) then
         return false                -- no room on the link: next call
     end
     status.state, status.enforcement, status.action, status.flags = state, enforcement, loss.action, flags
-    status.epoch, status.nonce = lease.epoch, lease.nonce
+    status.epoch, status.nonce, status.own = lease.epoch, lease.nonce, own.nonce
     since.status = now
     return changed
 end
@@ -1344,6 +1445,9 @@ local function second(now)
     end
     if not autopilot.known then
         say(MAV_SEVERITY.ERROR, "type", MS.TYPE, autopilot.name .. " not supported")
+    end
+    if rx.second and not craft.armed then
+        say(MAV_SEVERITY.ERROR, "second", 30000, "two guards run, remove one script")
     end
     rx.register(now, false)
     gcs_id.follow()
@@ -1392,7 +1496,7 @@ end
 local function update()
     local now = clock()
     local stalled = elapsed(now, since.last_run) > MS.STALL
-    since.last_run = now
+    since.last_run, rx.sums = now, 0
     protected(config.read, now)
     if stalled then
         running.catch_up = WORK.CATCH_UP_CALLS
@@ -1412,13 +1516,14 @@ local function update()
         end
     end
     protected(housekeeping, now)
-    if more or craft.unread > 0 then
+    if more or craft.unread > 0 or rx.hurry then
         return update, MS.BUSY
     end
     return update, MS.UPDATE
 end
 
 key.read()
+own.stir()
 rx.take()
 rx.register(since.start, true)
 autopilot.sysid = math.floor(param:get("MAV_SYSID") or param:get("SYSID_THISMAV") or 1)

@@ -427,6 +427,8 @@ class Companion:
         if frame.sysid == self.config.sysid and frame.known:
             if frame.compid == AUTOPILOT_COMPID:
                 self.autopilot.take(message, now)
+                if self.autopilot.asks_for_lease:
+                    self._send_lease(now)
                 self.gate.modes = self.autopilot.aircraft.judged_by
             if frame.msgid == _CONTROL_STATUS:
                 self.autopilot.second_manager(frame)

@@ -24,6 +24,7 @@ from mavproxy_handover.autopilot.copter import Copter
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.execution_watch import ExecutionWatch
 from mavproxy_handover.autopilot.gaps import GapWatch
+from mavproxy_handover.autopilot.guard_link import GuardLink
 from mavproxy_handover.autopilot.kinds import COPTER, PLANE
 from mavproxy_handover.autopilot.loading import Along, MissionLoader, MissionWriter, Prepared, Way, way_of
 from mavproxy_handover.autopilot.orders import Orders
@@ -50,7 +51,7 @@ from mavproxy_handover.core.events import (
     ReturnJudged,
     SignsSeen,
 )
-from mavproxy_handover.core.model import AuthorityView, Flown, ZoneFact
+from mavproxy_handover.core.model import AuthorityView, Flown, GuardState, ZoneFact
 from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.energy import EnergyFact
 from mavproxy_handover.mission import package as mission_package
@@ -65,7 +66,7 @@ from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY, GUARD_STATUS_TUNNEL
-from mavproxy_handover.wire.lease import GuardStatus, unpack_guard_status
+from mavproxy_handover.wire.lease import GuardStatus
 from mavproxy_handover.wire.status import LeaseSequence
 
 __all__ = ["Autopilot"]
@@ -102,7 +103,12 @@ class Autopilot:
         self._sysid = config.sysid
         self._ties = ties
         self._on_board = None if config.mission is None else mission_package.load(config.mission)
-        self._lease = LeaseSequence(nonce, None if config.guard_key is None else load_key(config.guard_key))
+        key = None if config.guard_key is None else load_key(config.guard_key)
+        self._lease = LeaseSequence(nonce, key)
+        #: the guards that answer, and what leases must carry for them
+        self._guards = GuardLink(config.sysid, key, self._lease)
+        #: what was told last of leases and guard that do not fit
+        self._misfit = ""
         #: those with the autopilot that are going on
         talks = self.conversations = Conversations(ties.voice.to_autopilot, ties.fault)
         to_whom = config.sysid, lambda: self.aircraft.status_text
@@ -296,12 +302,21 @@ class Autopilot:
     def _on_tunnel(self, message: Any, now: float) -> None:
         if message.payload_type != GUARD_STATUS_TUNNEL:
             return
-        status = unpack_guard_status(bytes(message.payload)[: message.payload_length])
+        status = self._guards.take(bytes(message.payload)[: message.payload_length], now)
+        misfit = self._guards.problem(now)
+        self._tell_misfit(misfit)
         if status is None:
+            self._ties.handle(GuardSeen(GuardState.SILENT, ours=False, misfit=misfit), now)
             return
         self.guard_status = status
-        self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce), now)
+        self._ties.handle(GuardSeen(status.state, status.nonce == self._lease.nonce, misfit), now)
         self._execution.guard(status, now)
+
+    def _tell_misfit(self, misfit: str) -> None:
+        """In flight the operators hear of it at once; on the ground the check before flight tells it."""
+        if misfit and misfit != self._misfit and self.aircraft.flying:
+            self._ties.voice.say_to_all(misfit)
+        self._misfit = misfit
 
     def _on_parameter(self, message: Any, now: float) -> None:
         self._preflight.told(message.param_id, message.param_value)
@@ -320,9 +335,18 @@ class Autopilot:
 
     # ---- what is wanted of it -------------------------------------------------------------------------------------
 
+    @property
+    def asks_for_lease(self) -> bool:
+        """The guard has no lease of this companion, or a nonce that no lease has carried yet."""
+        return self._guards.asks
+
     def send_lease(self, view: AuthorityView, alone_s: float) -> None:
         """Tell the guard who has authority; `alone_s`: how long the aircraft may still fly on without a commander."""
-        self._ties.voice.to_autopilot(self._lease.next(view, self._sysid, alone_s))
+        now = self._ties.clocks.monotonic()
+        two = self._guards.withholds(now)
+        for nonce in self._guards.addressed(now):
+            self._ties.voice.to_autopilot(self._lease.next(view, self._sysid, alone_s, nonce, two_guards=two))
+        self._guards.answered(now)
 
     def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there.
@@ -494,7 +518,8 @@ class Autopilot:
     def _check(self, grounded: bool, now: float) -> None:
         firmware = None if self.guard_status is None else self.guard_status.firmware
         asked = grounded or self.aircraft.always_armed
-        self._preflight.each_second(self.aircraft, asked, self._ties.arbiter.guard(now), firmware, now)
+        misfit = self._guards.problem(now)
+        self._preflight.each_second(self.aircraft, asked, self._ties.arbiter.guard(now), firmware, now, misfit)
 
     def _look_ahead(self, now: float) -> None:
         if now >= self._walk_at:

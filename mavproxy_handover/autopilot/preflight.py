@@ -108,6 +108,8 @@ class Found:
     batteries: int = 1
     #: its home above the sea (m); None: not known
     home_alt_m: float | None = None
+    #: why leases and guard do not fit, in words
+    misfit: str = ""
 
     @property
     def vehicle(self) -> Vehicle:
@@ -181,6 +183,10 @@ def _guard_on(p: Mapping[str, float], found: Found, limits: Limits) -> str | Non
     return "the guard is switched off" if p.get("HNDO_ENABLE", 1) < 0.5 else None
 
 
+def _fits(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
+    return found.misfit or None
+
+
 def _channel(p: Mapping[str, float], found: Found, limits: Limits) -> str | None:
     channel = p.get("HNDO_CHAN")
     if channel is None or p.get("HNDO_ENABLE", 0) < 0.5:
@@ -189,7 +195,7 @@ def _channel(p: Mapping[str, float], found: Found, limits: Limits) -> str | None
         return "the guard takes leases from any port: whoever reaches one can send them"
     if found.heard_on is not None and found.heard_on != int(channel):
         return f"is {channel:.0f}, but this companion is on channel {found.heard_on}"
-    if found.guard is GuardState.SILENT:
+    if found.guard is GuardState.SILENT and not found.misfit:
         return f"is {channel:.0f} and the guard is silent here: is that the port of this companion?"
     return None
 
@@ -348,6 +354,7 @@ _RULES: tuple[tuple[str, Rule, bool, frozenset[Kind]], ...] = (
     ("ARMING_REQUIRE", _arming_required, False, WINGED),
     ("", _guard_there, True, EVERY),
     ("HNDO_ENABLE", _guard_on, True, EVERY),
+    ("", _fits, True, EVERY),
     ("HNDO_CHAN", _channel, True, EVERY),
     ("HNDO_COMPID", _component, True, EVERY),
     ("HNDO_TIMEOUT", _timeout, True, EVERY),
@@ -445,6 +452,7 @@ class Preflight:
         self._due_at = math.inf
         self._unread = True
         self._heard_on: int | None = None
+        self._misfit = ""
         self._plan: PlanFacts | None = None
         self._gap_s = 0.0
         self._own_energy = energy
@@ -490,9 +498,16 @@ class Preflight:
             self._heard_on = int(match[1])
 
     def each_second(
-        self, aircraft: Aircraft, grounded: bool, guard: GuardState, firmware: tuple[int, int] | None, now: float
+        self,
+        aircraft: Aircraft,
+        grounded: bool,
+        guard: GuardState,
+        firmware: tuple[int, int] | None,
+        now: float,
+        misfit: str = "",
     ) -> None:
-        """Time has passed. `grounded`: neither armed nor flying, or on the ground and always armed."""
+        """Time has passed. `grounded`: neither armed nor flying, or on the ground and always armed. `misfit`: why
+        leases and guard do not fit."""
         heartbeat_at = aircraft.heartbeat_at
         if heartbeat_at - self._heard_at > _REBOOT_S:  # appeared, or came back: another one, for all that is known
             self._due_at = now + _SETTLE_S
@@ -500,6 +515,8 @@ class Preflight:
         self._heard_at = heartbeat_at
         if self._unread and guard is not GuardState.SILENT:
             self._due_at = now
+        if misfit != self._misfit:
+            self._misfit, self._due_at = misfit, now
         if self._replanned and self.findings is not None and "preflight" not in self._conversations:
             self._replanned, self._due_at = False, now
         if now < self._due_at or not grounded or now - heartbeat_at > _REBOOT_S or "preflight" in self._conversations:
@@ -512,7 +529,7 @@ class Preflight:
             self.parameters = {**(talk.result or {}), **self._told}  # what was set meanwhile may have been read before
             self.radio_watched = self.parameters.get(vehicle.radio_failsafe, 1) != 0
             told = aircraft.foreign, self._heard_on, self._plan, self._gap_s, aircraft.kind, batteries
-            found = Found(self.parameters, guard, firmware, *told, aircraft.home_alt_m)
+            found = Found(self.parameters, guard, firmware, *told, aircraft.home_alt_m, self._misfit)
             self._conclude(judge(found, self._limits), now)
 
         self._conversations.begin("preflight", reading(self._sysid, names_of(vehicle, batteries)), done, now)

@@ -515,7 +515,7 @@ class Arbiter:
     def _on_guard(self, event: GuardSeen, now: float, actions: list[Action]) -> None:
         before = self.guard(now)
         self._flight.guard_said(event, now)
-        if before is not event.state:
+        if event.state not in (before, GuardState.SILENT):
             actions.append(Record("guard", f"guard: {before.name.lower()} -> {event.state.name.lower()}"))
 
     def _on_mission(self, event: MissionLoaded, actions: list[Action]) -> None:

@@ -173,10 +173,13 @@ class MotionUnseen:
 
 @dataclass(frozen=True, slots=True)
 class GuardSeen:
-    """A status message of the guard. `ours`: it echoes the nonce of this companion's leases."""
+    """A status message of the guard. `ours`: it echoes the nonce of this companion's leases. `misfit`: why leases and
+    guard do not fit, in words; "": they do.
+    With the state SILENT it is a status that is not proven to be the guard's."""
 
     state: GuardState
     ours: bool
+    misfit: str = ""
 
 
 @dataclass(frozen=True, slots=True)

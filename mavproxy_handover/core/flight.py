@@ -24,6 +24,8 @@ class Flight:
         "_autopilot_at",
         "_guard",
         "_guard_at",
+        "_guard_misfit",
+        "_guard_misfit_at",
         "_guard_ours",
         "_limits",
         "_position_at",
@@ -70,7 +72,8 @@ class Flight:
         self._stale_told = False
         self._guard = GuardState.SILENT
         self._guard_ours = False
-        self._guard_at = -inf
+        self._guard_misfit = ""
+        self._guard_misfit_at = self._guard_at = -inf
 
     @property
     def flying(self) -> bool:
@@ -91,7 +94,11 @@ class Flight:
         self._stale_told = False
 
     def guard_said(self, event: GuardSeen, now: float) -> None:
-        """A status message of the guard."""
+        """A status message of the guard; SILENT: one that is not proven to be the guard's, of which only `misfit`
+        counts."""
+        self._guard_misfit, self._guard_misfit_at = event.misfit, now
+        if event.state is GuardState.SILENT:
+            return
         self._guard_at = now
         self._guard_ours = event.ours
         self._guard = event.state
@@ -118,7 +125,14 @@ class Flight:
 
     def guarded(self, now: float) -> bool:
         """Whether the guard answers the leases of this companion, or none is required."""
-        return not self._limits.guard_required or (self._guard_ours and self.guard(now) is GuardState.LIVE)
+        return not self._limits.guard_required or not self.guard_lacks(now)
+
+    def guard_lacks(self, now: float) -> str:
+        """Why the guard does not watch over this companion's authority, in words; "" if it does."""
+        if self._guard_misfit and now - self._guard_misfit_at < self._limits.guard_lost_s:
+            return self._guard_misfit
+        answers = self._guard_ours and self.guard(now) is GuardState.LIVE
+        return "" if answers else "the guard does not answer the lease"
 
     def autopilot_silent_s(self, now: float) -> float:
         """For how long the autopilot has said nothing; inf if it never has."""

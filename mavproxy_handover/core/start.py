@@ -32,7 +32,8 @@ class StartFacts:
     `foreign`: what the autopilot says that it is, in words, if that is nothing that is flown here. `energy_short`: what
     the loaded mission lacks in energy, in words; `gaps_lack`: what its gaps do; `return_lacks`: why a return would not
     end on the ground; `aircraft_lacks`: why the mission is none for this aircraft; `heights_lack`: why it would not be
-    flown at the heights that were checked. `rehearsing`: it is carried.
+    flown at the heights that were checked; `guard_lacks`: why the guard does not watch over it. `rehearsing`: it is
+    carried.
     """
 
     station: str
@@ -42,7 +43,7 @@ class StartFacts:
     in_transfer: bool
     autopilot_alive: bool
     foreign: str
-    guarded: bool
+    guard_lacks: str
     position_known: bool
     in_zone: bool
     energy_short: str = ""
@@ -74,8 +75,8 @@ def start_needs(facts: StartFacts) -> tuple[str, ...]:
         needs.append(f"{facts.foreign} is neither ArduCopter nor ArduPlane")
     if facts.aircraft_lacks:
         needs.append(facts.aircraft_lacks)
-    if not facts.guarded:
-        needs.append("the guard does not answer the lease")
+    if facts.guard_lacks:
+        needs.append(facts.guard_lacks)
     if not facts.position_known:
         needs.append("no position")
     elif not facts.in_zone:
@@ -127,7 +128,7 @@ class Start:
                 in_transfer=authority.transfer is not None and not authority.transfer.yields_to(Reason.GIVEN),
                 autopilot_alive=flight.autopilot_alive(now),
                 foreign=flight.foreign,
-                guarded=flight.guarded(now),
+                guard_lacks="" if flight.guarded(now) else flight.guard_lacks(now),
                 position_known=flight.position_known(now),
                 in_zone=self._candidates.zones.holds(station),
                 energy_short=flight.energy_short if flown else "",

@@ -4,12 +4,15 @@
 
 TUNNEL is known to every ArduPilot firmware, so the autopilot's signing protects it and firmware 4.5 delivers it to Lua.
 No field is wider than 32 bits: Lua on the flight controller has 32-bit integers. Layouts: docs/architecture.md.
+
+Version 2 added `guard_nonce`. Version 1 is still read: recordings hold it, and an older guard sends it.
 """
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Final
 
 from pymavlink.dialects.v20 import handover as mavlink
 
@@ -18,25 +21,33 @@ from mavproxy_handover.wire.ids import AUTOPILOT_COMPID, LEASE_TUNNEL, TUNNEL_BY
 from mavproxy_handover.wire.lease_tag import TAG_BYTES, lease_tag
 
 __all__ = [
+    "LEASE_VERSION",
     "GuardStatus",
     "Lease",
+    "guard_status_version",
     "pack_lease",
     "unpack_guard_status",
     "unpack_lease",
 ]
 
-_VERSION = 1
-_LEASE = struct.Struct("<BBBBIIIHH")
-_STATUS = struct.Struct("<BBBBIIIHBB")
-_FLAG_TAGGED = 1
-_FLAG_ENFORCING, _FLAG_ARMED, _FLAG_FLYING, _FLAG_TAMPERED, _FLAG_FOREIGN = 1, 2, 4, 8, 16
+#: of both layouts
+LEASE_VERSION: Final = 2
+_LEASE = struct.Struct("<BBBBIIIHHI")
+_STATUS = struct.Struct("<BBBBIIIHBBI")
+#: version -> bytes; what a later version has more stands behind
+_LEASE_BYTES: Final = {1: 20, 2: 24}
+_STATUS_BYTES: Final = {1: 20, 2: 24}
+_FLAG_TAGGED, _FLAG_TWO_GUARDS = 1, 2
+_FLAG_ENFORCING, _FLAG_ARMED, _FLAG_FLYING, _FLAG_TAMPERED, _FLAG_FOREIGN, _FLAG_STATUS_TAGGED = 1, 2, 4, 8, 16, 32
+_FLAG_SECOND = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Lease:
     """One lease. `commander` 0 = nobody; `nonce` is drawn when the companion starts, never 0.
 
-    `left_s`: how long the aircraft may still fly on alone, in the state ALONE.
+    `left_s`: how long the aircraft may still fly on alone, in the state ALONE. `guard_nonce`: of the guard that it is
+    for, 0 asks the guard for it. `two_guards`: two are heard, so neither may permit arming.
     """
 
     state: LeaseState
@@ -46,11 +57,16 @@ class Lease:
     epoch: int
     ttl_ms: int
     left_s: int = 0
+    guard_nonce: int = 0
+    two_guards: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class GuardStatus:
     """What the guard says of itself; nonce, sequence and epoch are those of the last lease it accepted.
+
+    `guard_nonce`: its own, which a lease must carry; 0 in version 1. `tagged`: a tag of its key follows.
+    `second`: another guard has started before it on the same card.
 
     `enforcing`: it is acting on a loss of authority now. A guard that is switched off has the state DISABLED.
     `foreign`: the vehicle is of a type whose modes it does not know; it lets nobody arm.
@@ -68,20 +84,25 @@ class GuardStatus:
     epoch: int
     rejected: int
     firmware: tuple[int, int]
+    guard_nonce: int = 0
+    tagged: bool = False
+    second: bool = False
+    version: int = LEASE_VERSION
 
 
 def pack_lease(lease: Lease, vehicle: int, key: bytes | None = None) -> mavlink.MAVLink_tunnel_message:
     """The TUNNEL message that carries `lease` to the autopilot of system `vehicle`; with a `key` it has a tag."""
     body = _LEASE.pack(
-        _VERSION,
+        LEASE_VERSION,
         lease.state,
         lease.commander,
-        0 if key is None else _FLAG_TAGGED,
+        (0 if key is None else _FLAG_TAGGED) | (_FLAG_TWO_GUARDS if lease.two_guards else 0),
         lease.nonce,
         lease.sequence & 0xFFFFFFFF,
         lease.epoch,
         lease.ttl_ms,
         lease.left_s,
+        lease.guard_nonce,
     )
     target = vehicle, AUTOPILOT_COMPID
     if key is not None:
@@ -90,23 +111,32 @@ def pack_lease(lease: Lease, vehicle: int, key: bytes | None = None) -> mavlink.
 
 
 def unpack_lease(payload: bytes) -> Lease | None:
-    """The lease in a TUNNEL payload cut to its length, with a tag (not looked at) or without, or None if it is none."""
-    if len(payload) not in (_LEASE.size, _LEASE.size + TAG_BYTES):
+    """The lease in a TUNNEL payload cut to its length, with a tag (not checked) or without, or None if it is none."""
+    size = _LEASE_BYTES.get(payload[0]) if payload else None
+    if size is None or len(payload) not in (size, size + TAG_BYTES):
         return None
-    version, state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s = _LEASE.unpack_from(payload)
-    if bool(flags & _FLAG_TAGGED) != (len(payload) > _LEASE.size):
+    fields = _LEASE.unpack(payload[:size].ljust(_LEASE.size, b"\0"))
+    _version, state, commander, flags, nonce, sequence, epoch, ttl_ms, left_s, guard_nonce = fields
+    if bool(flags & _FLAG_TAGGED) != (len(payload) > size) or state not in LeaseState.__members__.values():
         return None
-    if version != _VERSION or state not in LeaseState.__members__.values():
-        return None
-    return Lease(LeaseState(state), commander, nonce, sequence, epoch, ttl_ms, left_s)
+    two_guards = bool(flags & _FLAG_TWO_GUARDS)
+    return Lease(LeaseState(state), commander, nonce, sequence, epoch, ttl_ms, left_s, guard_nonce, two_guards)
+
+
+def guard_status_version(payload: bytes) -> int | None:
+    """The layout's version of what stands in a TUNNEL of the guard's type; None if it is empty."""
+    return payload[0] if payload else None
 
 
 def unpack_guard_status(payload: bytes) -> GuardStatus | None:
-    """The guard's status in a TUNNEL payload cut to its length, or None if it is none."""
-    if len(payload) != _STATUS.size:
+    """The guard's status in a TUNNEL payload cut to its length, its tag not checked, or None if it is none."""
+    size = _STATUS_BYTES.get(payload[0]) if payload else None
+    if size is None or len(payload) not in (size, size + TAG_BYTES):
         return None
-    version, state, action, flags, nonce, sequence, epoch, rejected, major, minor = _STATUS.unpack(payload)
-    if version != _VERSION or state not in GuardState.__members__.values() or state == GuardState.SILENT:
+    fields = _STATUS.unpack(payload[:size].ljust(_STATUS.size, b"\0"))
+    version, state, action, flags, nonce, sequence, epoch, rejected, major, minor, guard_nonce = fields
+    tagged = bool(flags & _FLAG_STATUS_TAGGED)
+    if tagged != (len(payload) > size) or state not in GuardState.__members__.values() or state == GuardState.SILENT:
         return None
     return GuardStatus(
         state=GuardState(state),
@@ -121,4 +151,8 @@ def unpack_guard_status(payload: bytes) -> GuardStatus | None:
         epoch=epoch,
         rejected=rejected,
         firmware=(major, minor),
+        guard_nonce=guard_nonce,
+        tagged=tagged,
+        second=bool(flags & _FLAG_SECOND),
+        version=version,
     )

@@ -7,10 +7,11 @@ instructions a call and 32-bit integers, too little for SHA-256; HalfSipHash is 
 
 HalfSipHash-2-4, 64 bits of key and of tag, by Jean-Philippe Aumasson and Daniel J. Bernstein (github.com/veorq/SipHash,
 with the vectors that the tests use). It is a short-key MAC: 2^64 keys can be searched by somebody with means, so it is
-a lock for a cable and no replacement of MAVLink signing. Replay is kept out by nonce and sequence in the lease.
+a lock for a cable and no replacement of MAVLink signing. The two nonces and the sequence of the lease keep replays out.
 
-Layout: the tag stands behind the 20 bytes of the lease, whose flag bit 0 says so; it covers payload type (u16), target
-system, target component and those 20 bytes. Key: the first 8 of the 32 bytes in a key file (`keys.load_key`).
+Layout: the tag follows the 24 bytes of the lease, whose flag bit 0 says so; it covers payload type (u16), target
+system, target component and those 24 bytes. The guard's status has a tag of the same kind (flag bit 5). Key: the first
+8 of the 32 bytes in a key file (`keys.load_key`).
 """
 
 from __future__ import annotations
@@ -46,9 +47,9 @@ def half_siphash_2_4(key: bytes, message: bytes) -> bytes:
     return struct.pack("<II", low, state[1] ^ state[3])
 
 
-def lease_tag(key: bytes, payload_type: int, target: tuple[int, int], lease: bytes) -> bytes:
-    """The tag of the 20 bytes of a lease to system and component `target`; `key` is that of a key file, 32 bytes."""
-    return half_siphash_2_4(key[:HASH_KEY_BYTES], _COVERED.pack(payload_type, *target) + lease)
+def lease_tag(key: bytes, payload_type: int, target: tuple[int, int], body: bytes) -> bytes:
+    """The tag of a lease or a status to system and component `target`; `key` is that of a key file, 32 bytes."""
+    return half_siphash_2_4(key[:HASH_KEY_BYTES], _COVERED.pack(payload_type, *target) + body)
 
 
 def _turn(word: int, bits: int) -> int:

@@ -46,8 +46,17 @@ class LeaseSequence:
         self._key = key
         self.sequence = 0
 
-    def next(self, view: AuthorityView, vehicle: int, alone_s: float = 0.0) -> Any:
-        """The next lease, as the TUNNEL message to the autopilot. `alone_s`: what is left of a gap.
+    def next(
+        self,
+        view: AuthorityView,
+        vehicle: int,
+        alone_s: float = 0.0,
+        guard_nonce: int = 0,
+        *,
+        two_guards: bool = False,
+    ) -> Any:
+        """The next lease, as the TUNNEL message to the autopilot. `alone_s`: what is left of a gap; `guard_nonce`: of
+        the guard that it is for, 0: not known; `two_guards`: two are heard.
 
         A second that has begun is a whole one, so that the guard is not the first to act at the end of the gap.
         In a rehearsal the lease has the state by which the guard permits no arming and commands nothing: authority
@@ -59,7 +68,17 @@ class LeaseSequence:
             alone_s = 0.0
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
         left_s = min(ceil(max(0.0, alone_s)), _MOST_S)
-        lease = Lease(state, view.commander or 0, self.nonce, self.sequence, view.epoch, _LEASE_TTL_MS, left_s)
+        lease = Lease(
+            state=state,
+            commander=view.commander or 0,
+            nonce=self.nonce,
+            sequence=self.sequence,
+            epoch=view.epoch,
+            ttl_ms=_LEASE_TTL_MS,
+            left_s=left_s,
+            guard_nonce=guard_nonce,
+            two_guards=two_guards,
+        )
         return pack_lease(lease, vehicle, self._key)
 
 

@@ -75,7 +75,7 @@ def repertoire(vehicle: int) -> list[Any]:
     """One message of each kind that would change something if it were obeyed, no two of the same message id."""
     command = (vehicle, _AUTOPILOT, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0, 0, 21196, 0, 0, 0, 0, 0)
     reposition = (vehicle, _AUTOPILOT, 6, mavlink.MAV_CMD_DO_REPOSITION, 0, 0, -1, 1, 0, 0, 526800000, 59200000, 30.0)
-    lease = bytes([1, 1, 77, 0]) + bytes([9] * 16)
+    lease = bytes([2, 1, 77, 0]) + bytes([9] * 20)
     tunnel = [*lease, *([0] * (128 - len(lease)))]
     stick = (1500,) * 8
     setpoint = (0, vehicle, _AUTOPILOT, 1, 0b110111000111, 0, 0, 0, 5.0, 0, 0, 0, 0, 0, 0, 0)

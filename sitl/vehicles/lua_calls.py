@@ -259,6 +259,30 @@ class ScriptCalls:
         return ()
 
     @_binding
+    def get_gyro(self) -> tuple[float, float, float]:
+        return self._host.sensed().gyro_radps
+
+    @_binding
+    def get_accel(self) -> tuple[float, float, float]:
+        return self._host.sensed().accel_mps2
+
+    @_binding
+    def get_pressure(self) -> float:
+        return self._host.sensed().pressure_pa
+
+    @_binding
+    def battery_voltage(self, instance: object) -> float:
+        if _whole(instance, 0, 255) != 0:
+            raise ScriptFault("bad argument (out of range)")
+        return self._host.sensed().battery_v
+
+    @_binding
+    def gps_week_ms(self, instance: object) -> int:
+        if _whole(instance, 0, 255) != 0:
+            raise ScriptFault("bad argument (out of range)")
+        return _lua_integer(self._host.sensed().gps_week_ms)
+
+    @_binding
     def gcs_last_seen(self) -> int:
         return _lua_integer(self._host.gcs_last_seen_ms())
 

@@ -4,9 +4,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
-__all__ = ["VehicleHost"]
+__all__ = ["Sensed", "VehicleHost"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sensed:
+    """What the sensors read now, noise included."""
+
+    gyro_radps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    accel_mps2: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    pressure_pa: float = 101325.0
+    battery_v: float = 12.6
+    gps_week_ms: int = 0
 
 
 class VehicleHost(Protocol):
@@ -83,6 +95,9 @@ class VehicleHost(Protocol):
 
     def has_port(self, channel: int) -> bool:
         """Whether a port belongs to the MAVLink channel."""
+
+    def sensed(self) -> Sensed:
+        """What the sensors read."""
 
     def gcs_last_seen_ms(self) -> int:
         """When the last heartbeat of the GCS id arrived; not reset when the id changes. 0: never."""

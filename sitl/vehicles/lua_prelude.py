@@ -205,6 +205,31 @@ gcs, add = object("gcs")
 add("send_text", 2, forward(py.send_text))
 add("last_seen", 0, function() return new((pass(4, py.gcs_last_seen()))) end)
 
+local function vector(x, y, z)
+    local self, member = object("Vector3f")
+    member("x", 0, function() return x end)
+    member("y", 0, function() return y end)
+    member("z", 0, function() return z end)
+    return self
+end
+
+local ahrs
+ahrs, add = object("ahrs")
+add("get_gyro", 0, function() return vector(pass(4, py.get_gyro())) end)
+add("get_accel", 0, function() return vector(pass(4, py.get_accel())) end)
+
+local baro
+baro, add = object("baro")
+add("get_pressure", 0, forward(py.get_pressure))
+
+local battery
+battery, add = object("battery")
+add("voltage", 1, forward(py.battery_voltage))
+
+local gps
+gps, add = object("gps")
+add("time_week_ms", 1, function(instance) return new((pass(4, py.gps_week_ms(instance)))) end)
+
 local rc
 rc, add = object("rc")
 add("has_valid_input", 0, forward(py.rc_has_valid_input))
@@ -250,6 +275,7 @@ add("patch", 0, forward(py.fw_patch))
 
 env.vehicle, env.arming, env.param, env.gcs, env.rc = vehicle, arming, param, gcs, rc
 env.mavlink, env.logger, env.FWVersion, env.mission = mavlink, logger, version, mission
+env.ahrs, env.baro, env.battery, env.gps = ahrs, baro, battery, gps
 for name in pairs(absent) do env[name] = nil end
 
 -- ---------------------------------------------------------------- running within the instruction budget

@@ -143,14 +143,14 @@ def test_the_companion_is_no_ground_station() -> None:
 
 def test_each_lease_has_the_next_number_and_they_go_round() -> None:
     sequence = status.LeaseSequence(99)
-    leases = [unpack_lease(bytes(sequence.next(VIEW, 1).payload[:20])) for _ in range(3)]
+    leases = [unpack_lease(bytes(sequence.next(VIEW, 1).payload[:24])) for _ in range(3)]
     assert [(lease.sequence, lease.nonce, lease.commander) for lease in leases if lease] == [
         (1, 99, 251),
         (2, 99, 251),
         (3, 99, 251),
     ]
     sequence.sequence = 0xFFFFFFFF
-    last = unpack_lease(bytes(sequence.next(VIEW, 1).payload[:20]))
+    last = unpack_lease(bytes(sequence.next(VIEW, 1).payload[:24]))
     assert last is not None
     assert last.sequence == 0
 

@@ -44,6 +44,7 @@ FILES = (
     "test_guard_vehicles",
     "test_guard_firmware",
     "test_guard_lease",
+    "test_guard_nonce",
     "test_guard_alone",
     "test_guard_arming",
     "test_guard_standing",
@@ -54,6 +55,7 @@ FILES = (
 #: whose tests are asked first about the functions of these names
 LIKELY = {
     "test_guard_tag": ("key", "half_siphash"),
+    "test_guard_nonce": ("own",),
     "test_guard_lease": ("lease", "x25", "crc_fits", "read_lease", "read_frame", "refuse", "serial_ahead", "elapsed"),
     "test_guard_pilot": (
         "judge_pilot",

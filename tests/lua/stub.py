@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import all as dialect
 
 from mavproxy_handover.wire.lease_tag import lease_tag
 from sitl.vehicles.lua_bindings import LuaScripting
+from sitl.vehicles.lua_host import Sensed
 
 #: the shipped script, or one with a fault in it (`plant_faults`)
 GUARD = Path(os.environ.get("PLANTED_GUARD") or Path(__file__).parents[2] / "ardupilot_lua" / "handover_guard.lua")
@@ -35,7 +36,7 @@ HELD, TRANSFER, LOST, RECOVERING, ALONE = 1, 2, 3, 4, 5
 #: of the guard
 LIVE_STATE = 2
 LEASE_TYPE, STATUS_TYPE = 47116, 47117
-LEASE_LAYOUT, STATUS_LAYOUT = "<BBBBIIIHH", "<BBBBIIIHBB"
+LEASE_LAYOUT, STATUS_LAYOUT = "<BBBBIIIHHI", "<BBBBIIIHBBI"
 COMPANION_CHANNEL = 1
 
 
@@ -82,6 +83,8 @@ class FakeVehicle:
         self.records: list[tuple[str, dict[str, object]]] = []
         self.removed: list[str] = []
         self.breaks: set[str] = set()
+        #: what the sensors read
+        self.sensors: Callable[[], Sensed] = Sensed
 
     def _fail(self, name: str) -> None:
         if name in self.breaks:
@@ -169,6 +172,9 @@ class FakeVehicle:
     def has_port(self, channel: int) -> bool:
         return channel in self.ports
 
+    def sensed(self) -> Sensed:
+        return self.sensors()
+
     def gcs_last_seen_ms(self) -> int:
         return 0
 
@@ -199,6 +205,8 @@ class Status:
     rejected: int
     fw_major: int
     fw_minor: int
+    #: the nonce of the guard, which leases must carry
+    guard_nonce: int
 
 
 @dataclass
@@ -215,7 +223,9 @@ class Companion:
     ttl_ms: int = 5000
     #: seconds that it may fly on alone, in the state ALONE
     left_s: int = 0
-    version: int = 1
+    version: int = 2
+    #: the nonce of the guard as its last status told it; 0: not heard yet
+    guard_nonce: int = 0
     #: 32 bytes of a key file: every lease has a tag
     key: bytes | None = None
     packer: dialect.MAVLink = field(init=False)
@@ -232,7 +242,10 @@ class Companion:
         """A frame with the present sequence number."""
         value = {
             name: changes.pop(name, getattr(self, name))
-            for name in ("version", "state", "commander", "nonce", "sequence", "epoch", "ttl_ms", "left_s")
+            for name in (
+                *("version", "state", "commander", "nonce", "sequence", "epoch", "ttl_ms", "left_s"),
+                "guard_nonce",
+            )
         }
         flags = changes.pop("flags", 0 if self.key is None else 1)
         payload = struct.pack(
@@ -246,6 +259,7 @@ class Companion:
             value["epoch"],
             value["ttl_ms"],
             value["left_s"],
+            value["guard_nonce"],
         )
         if self.key is not None:
             payload += lease_tag(self.key, LEASE_TYPE, (changes.pop("tag_for", 1), 1), payload)
@@ -317,10 +331,13 @@ class Bench:
             self.scripting.load_text(earlier_script, "a_neighbour.lua")
         self.scripting.load(guard)
         self.most_instructions = 0
+        self._learnt = 0
         self._lease_due_ms = self.vehicle.now_ms
         self.run(0)
         if heard:
             self.hear()
+            self.run(100)
+        self.starting_instructions, self.most_instructions = self.most_instructions, 0
 
     def run(self, duration_ms: int, step_ms: int = 10) -> None:
         """Let time pass in small steps."""
@@ -331,9 +348,20 @@ class Bench:
                 self._lease_due_ms = self.vehicle.now_ms + 200
             self.scripting.run_due(self.vehicle.now_ms)
             self.most_instructions = max(self.most_instructions, self.scripting.instructions)
+            self._learn()
             if self.vehicle.now_ms >= end_ms:
                 return
             self.vehicle.now_ms += step_ms
+
+    def _learn(self) -> None:
+        """The companion takes the guard's nonce from its newest status; while it sends it answers a new one at once."""
+        before = self.companion.guard_nonce
+        for _, msgid, payload in self.vehicle.messages[self._learnt :]:
+            if msgid == dialect.MAVLINK_MSG_ID_TUNNEL and struct.unpack_from("<H", payload)[0] == STATUS_TYPE:
+                self.companion.guard_nonce = Status(*struct.unpack_from(STATUS_LAYOUT, payload, 5)).guard_nonce
+        self._learnt = len(self.vehicle.messages)
+        if self.sending and self.companion.guard_nonce != before:
+            self.receive(self.companion.lease())
 
     def receive(self, frame: bytes, channel: int = COMPANION_CHANNEL) -> bool:
         self.vehicle.ports.add(channel)
@@ -342,6 +370,11 @@ class Bench:
     def hear(self, channel: int = COMPANION_CHANNEL) -> None:
         """Something of no importance comes in on a channel; the guard answers where it has heard something."""
         self.receive(self.companion.tunnel(b"", kind=0), channel)
+
+    def ask(self, channel: int = COMPANION_CHANNEL) -> None:
+        """The companion asks for the nonce of the guard, which answers at once."""
+        self.receive(self.companion.lease(guard_nonce=0), channel)
+        self.run(100)
 
     def pilot_chooses(self, mode: int, reason: int = BY_RC) -> None:
         """By the switch of a transmitter that is heard."""
@@ -409,5 +442,6 @@ def _statuses(messages: Iterable[tuple[int, int, bytes]], channel: int) -> Itera
     for chan, msgid, payload in messages:
         kind, system, component, length = struct.unpack_from("<HBBB", payload)
         if chan == channel and msgid == dialect.MAVLINK_MSG_ID_TUNNEL and kind == STATUS_TYPE:
-            assert (system, component, length) == (1, 191, 20)
+            assert (system, component) == (1, 191)
+            assert length == (32 if payload[8] & 32 else 24)
             yield Status(*struct.unpack_from(STATUS_LAYOUT, payload, 5))

@@ -17,7 +17,7 @@ def bench() -> Bench:
 
 
 def test_arming_waits_before_the_guard_has_run() -> None:
-    assert Bench().refusal == "Waiting for auxiliary authorisation"
+    assert Bench(heard=False).refusal == "Waiting for auxiliary authorisation"
 
 
 def test_no_lease_since_boot_no_arming(bench: Bench) -> None:

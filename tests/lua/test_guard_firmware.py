@@ -105,6 +105,7 @@ class TestStart:
         bench = Bench(parameters={"HNDO_TIMEOUT": 7.0, "HNDO_CHAN": 2.0})
         bench.run(1000)
         assert (bench.vehicle.parameters["HNDO_TIMEOUT"], bench.vehicle.parameters["HNDO_CHAN"]) == (7.0, 2.0)
+        bench.ask(channel=2)
         bench.receive(bench.companion.lease(ttl_ms=60_000), channel=2)
         bench.run(6500)
         assert bench.statuses(channel=2)[-1].state == LIVE_STATE

@@ -34,7 +34,7 @@ def test_good_lease_is_accepted_and_answered(bench: Bench) -> None:
     bench.receive(bench.companion.lease())
     bench.run(600)
     status = bench.status
-    assert (status.version, status.state, status.nonce, status.sequence, status.epoch) == (1, LIVE, 0xC0FFEE01, 1, 7)
+    assert (status.version, status.state, status.nonce, status.sequence, status.epoch) == (2, LIVE, 0xC0FFEE01, 1, 7)
     assert (status.rejected, status.fw_major, status.fw_minor) == (0, 4, 7)
 
 
@@ -117,9 +117,24 @@ def test_broadcast_lease_is_refused(bench: Bench) -> None:
     assert refused(bench, bench.companion.lease(target_component=0))
 
 
-@pytest.mark.parametrize("version", [0, 2, 255])
-def test_another_layout_version_is_refused(bench: Bench, version: int) -> None:
+@pytest.mark.parametrize(
+    ("version", "text"),
+    [
+        (0, "HNDO: companion is older, update it"),
+        (1, "HNDO: companion is older, update it"),
+        (3, "HNDO: guard is older, update it"),
+        (255, "HNDO: guard is older, update it"),
+    ],
+)
+def test_another_layout_version_is_refused_and_says_which_side_is_older(bench: Bench, version: int, text: str) -> None:
     assert refused(bench, bench.companion.lease(version=version))
+    assert bench.texts[-1] == text
+    assert bench.refusal == text
+
+
+def test_the_lease_of_the_release_before_says_that_the_companion_is_older(bench: Bench) -> None:
+    assert refused(bench, bench.companion.tunnel(struct.pack("<BBBBIIIHH", 1, HELD, 251, 0, 5, 1, 7, 5000, 0)))
+    assert bench.refusal == "HNDO: companion is older, update it"
 
 
 @pytest.mark.parametrize("state", [0, 6, 255])
@@ -128,13 +143,13 @@ def test_unknown_state_is_refused(bench: Bench, state: int) -> None:
 
 
 def test_stated_length_must_be_that_of_a_lease(bench: Bench) -> None:
-    assert refused(bench, bench.companion.lease(length=19))
-    assert refused(bench, bench.companion.lease(length=21))
+    assert refused(bench, bench.companion.lease(length=23))
+    assert refused(bench, bench.companion.lease(length=25))
 
 
 def test_bytes_behind_the_lease_are_refused(bench: Bench) -> None:
-    payload = struct.pack(LEASE_LAYOUT, 1, HELD, 251, 0, 5, 1, 7, 5000, 0) + b"\x01"
-    assert refused(bench, bench.companion.tunnel(payload, length=20))
+    payload = struct.pack(LEASE_LAYOUT, 2, HELD, 251, 0, 5, 1, 7, 5000, 0, bench.companion.guard_nonce) + b"\x01"
+    assert refused(bench, bench.companion.tunnel(payload, length=24))
 
 
 def test_nonce_zero_is_refused(bench: Bench) -> None:
@@ -160,13 +175,12 @@ def test_other_tunnel_payloads_are_none_of_the_guards_business(bench: Bench) -> 
 
 def test_trailing_zeros_that_were_not_sent_count_as_zeros(bench: Bench) -> None:
     bench.companion.sequence = 0x01000000 - 1
-    frame = bench.companion.lease(epoch=0, ttl_ms=0x0100, commander=251)
-    assert frame[1] == 25 - 2
-    short = bench.companion.lease(epoch=0, ttl_ms=0)
-    assert short[1] < 21
-    bench.receive(short)
-    bench.run(600)
-    assert (bench.status.sequence, bench.status.epoch, bench.status.state) == (0x01000001, 0, EXPIRED)
+    short = bench.companion.lease(epoch=0, ttl_ms=0, guard_nonce=0)
+    assert short[1] < 25
+    assert bench.receive(short)
+    bench.run(50)
+    assert (bench.status.state, bench.status.rejected) == (WAITING, 0)  # it was read, and asks for the nonce
+    assert bench.texts[1:] == []
 
 
 class TestSequence:
@@ -364,20 +378,23 @@ class TestChannelAny:
     def test_any_negative_number_means_any_and_the_largest_channel_is_15(self) -> None:
         bench = Bench(parameters={"HNDO_CHAN": -1.0}, firmware=(4, 7, 1))
         bench.vehicle.parameters["HNDO_CHAN"] = -7.0
+        bench.ask(channel=15)
         bench.receive(bench.companion.lease(), channel=15)
         bench.run(600)
         assert bench.may_arm
         bench.vehicle.parameters["HNDO_CHAN"] = 99.0
         bench.receive(bench.companion.lease(), channel=15)
         bench.run(600)
-        assert bench.statuses(channel=15)[-1].sequence == 2
+        assert bench.statuses(channel=15)[-1].sequence == 3
 
     def test_any_channel_may_begin(self, bench: Bench) -> None:
+        bench.ask(channel=3)
         bench.receive(bench.companion.lease(), channel=3)
         bench.run(600)
         assert bench.statuses(channel=3)[-1].state == LIVE
 
     def test_then_it_is_locked(self, bench: Bench) -> None:
+        bench.ask(channel=3)
         bench.receive(bench.companion.lease(), channel=3)
         bench.run(600)
         bench.receive(bench.companion.lease(), channel=2)
@@ -386,6 +403,7 @@ class TestChannelAny:
         assert bench.statuses(channel=2) == []
 
     def test_it_is_free_again_on_the_ground_after_silence(self, bench: Bench) -> None:
+        bench.ask(channel=3)
         bench.receive(bench.companion.lease(), channel=3)
         bench.run(4000)
         bench.receive(bench.companion.lease(), channel=2)
@@ -393,6 +411,7 @@ class TestChannelAny:
         assert bench.statuses(channel=2)[-1].state == LIVE
 
     def test_it_stays_locked_while_armed(self, bench: Bench) -> None:
+        bench.ask(channel=3)
         bench.receive(bench.companion.lease(), channel=3)
         bench.run(300)
         bench.vehicle.armed = bench.vehicle.flying = True
@@ -440,6 +459,8 @@ def test_vehicle_id_of_older_firmware() -> None:
 def test_vehicle_id_counts_from_the_start(name: str) -> None:
     bench = Bench(parameters={name: 9.0}, without=[] if name == "MAV_SYSID" else ["MAV_SYSID"])
     bench.companion.system = 9
+    bench.receive(bench.companion.lease(target_system=9))
+    bench.run(100)
     bench.receive(bench.companion.lease(target_system=9))
     bench.run(100)
     assert bench.may_arm

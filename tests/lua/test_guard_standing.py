@@ -553,7 +553,9 @@ class TestSurvival:
     @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(fields=st.tuples(*[st.integers(0, 255)] * 4, *[st.integers(0, 2**32 - 1)] * 3, *[st.integers(0, 65535)] * 2))
     def test_no_well_formed_lease_stops_the_guard(self, bench: Bench, fields: tuple[int, ...]) -> None:
-        frame = bench.companion.tunnel(struct.pack("<BBBBIIIHH", 1, 1 + fields[1] % 4, *fields[2:]))
+        frame = bench.companion.tunnel(
+            struct.pack("<BBBBIIIHHI", 2, 1 + fields[1] % 4, *fields[2:], bench.companion.guard_nonce)
+        )
         bench.receive(frame)
         bench.run(60)
         assert bench.vehicle.removed == []

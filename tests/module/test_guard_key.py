@@ -24,15 +24,15 @@ def test_every_lease_has_the_tag_of_the_key(bench: Bench) -> None:
     leases = payloads(bench)
     assert len(leases) >= 14
     for lease in leases:
-        assert len(lease) == 28
+        assert len(lease) == 32
         assert lease[3] == 1
-        assert lease[20:] == lease_tag(KEY, 47116, (1, 1), lease[:20])
+        assert lease[24:] == lease_tag(KEY, 47116, (1, 1), lease[:24])
 
 
 def test_without_a_key_leases_are_as_ever(bench: Bench) -> None:
     assert bench.load() is not None
     bench.run(1.0)
-    assert {len(lease) for lease in payloads(bench)} == {20}
+    assert {len(lease) for lease in payloads(bench)} == {24}
 
 
 def test_a_key_that_cannot_be_used_is_said_in_one_line_and_nothing_is_loaded(bench: Bench) -> None:

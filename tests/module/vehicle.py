@@ -59,6 +59,8 @@ class Autopilot:
         self.guard_state: int | None = 2
         self._expected: dict[int, int] = {}
         self._lease: tuple[int, int, int] = (0, 0, 0)
+        #: the nonce of its guard, which leases must carry
+        self.guard_nonce = 0x0BADCAFE
         self._own = stock.MAVLink(None, srcSystem=1, srcComponent=1)
         self._out: list[Any] = []
         self._beat_at = 0.0
@@ -121,8 +123,8 @@ class Autopilot:
 
     def say_guard(self, state: int) -> None:
         nonce, sequence, epoch = self._lease
-        body = struct.pack("<BBBBIIIHBB", 1, state, 0, 0, nonce, sequence, epoch, 0, 4, 6)
-        self.say(stock.MAVLink_tunnel_message(1, 191, 47117, 20, list(body.ljust(128, b"\0"))))
+        body = struct.pack("<BBBBIIIHBBI", 2, state, 0, 0, nonce, sequence, epoch, 0, 4, 6, self.guard_nonce)
+        self.say(stock.MAVLink_tunnel_message(1, 191, 47117, 24, list(body.ljust(128, b"\0"))))
 
     # ---- what arrived -------------------------------------------------------------------------------------------
 
@@ -135,11 +137,12 @@ class Autopilot:
         return [m.command for m in self.got("COMMAND_LONG") if m.command != 511]
 
     def leases(self) -> list[tuple[int, ...]]:
-        """The leases that have arrived: version, state, commander, flags, nonce, sequence, epoch, ttl, reserved."""
+        """The leases that have arrived: version, state, commander, flags, nonce, sequence, epoch, ttl, seconds left,
+        nonce of the guard."""
         return [
-            struct.unpack("<BBBBIIIHH", bytes(m.payload[:20]))
+            struct.unpack("<BBBBIIIHHI", bytes(m.payload[:24]))
             for m in self.got("TUNNEL", 1)
-            if m.payload_type == 47116 and m.payload_length == 20
+            if m.payload_type == 47116 and m.payload_length == 24
         ]
 
     def _take(self, m: Any) -> None:
@@ -170,8 +173,9 @@ class Autopilot:
                 self.parameters[m.param_id] = m.param_value
             self._say_parameter(m.param_id)
         elif kind == "TUNNEL" and m.payload_type == 47116:
-            fields = struct.unpack("<BBBBIIIHH", bytes(m.payload[:20]))
-            self._lease = (fields[4], fields[5], fields[6])
+            fields = struct.unpack("<BBBBIIIHHI", bytes(m.payload[:24]))
+            if fields[9] == self.guard_nonce:
+                self._lease = (fields[4], fields[5], fields[6])
 
     def _say_parameter(self, name: str) -> None:
         if name in self.parameters:

@@ -172,8 +172,8 @@ class Flight:
         kind = message.get_type()
         self.now_ms = max(self.now_ms, getattr(message, "time_boot_ms", 0))
         if kind == "TUNNEL" and from_companion and message.payload_type == 47117:
-            assert message.payload_length == 20
-            self.statuses.append(struct.unpack("<BBBBIIIHBB", bytes(message.payload[:20])))
+            assert message.payload_length in (24, 32)
+            self.statuses.append(struct.unpack("<BBBBIIIHBBI", bytes(message.payload[:24])))
         elif from_companion:
             return
         elif kind == "HEARTBEAT":
@@ -279,8 +279,8 @@ class Flight:
         self.sequence = (self.sequence + 1) & 0xFFFFFFFF
         value = self.lease
         payload = struct.pack(
-            "<BBBBIIIHH",
-            1,
+            "<BBBBIIIHHI",
+            2,
             value["state"],
             value["commander"],
             0,
@@ -289,6 +289,7 @@ class Flight:
             value["epoch"],
             value["ttl_ms"],
             value["left_s"],
+            self.guard_nonce,
         )
         self.last_lease_ms = self.now_ms
         return self.companion.send(tunnel(payload))
@@ -297,6 +298,11 @@ class Flight:
         """What a companion does that was killed: another nonce, numbers from 1, the next epoch."""
         self.lease["nonce"], self.sequence = nonce, 0
         self.lease["epoch"] += 1
+
+    @property
+    def guard_nonce(self) -> int:
+        """As the guard tells it in its status; 0: not heard yet."""
+        return self.statuses[-1][10] if self.statuses else 0
 
     @property
     def status(self) -> tuple[int, ...]:
@@ -372,7 +378,7 @@ class Flight:
 
 
 def tunnel(payload: bytes, kind: int = 47116) -> Any:
-    return dialect.MAVLink_tunnel_message(1, 1, kind, 20, list(payload.ljust(128, b"\0")))
+    return dialect.MAVLink_tunnel_message(1, 1, kind, 24, list(payload.ljust(128, b"\0")))
 
 
 class Transmitter:

@@ -202,7 +202,7 @@ class Soak:
         worst_ms, rejected = 0, flight.status[7]
         try:
             for number in range(self.random.randint(10, 60)):
-                payload = struct.pack("<BBBBIIIHH", 1, LOST, 0, 0, 5, number, 0x7FFF0000, 5000, 0)
+                payload = struct.pack("<BBBBIIIHHI", 2, LOST, 0, 0, 5, number, 0x7FFF0000, 5000, 0, flight.guard_nonce)
                 forger.send(tunnel(payload))
                 corrupted = bytearray(recorded)
                 corrupted[self.random.randrange(10, len(corrupted))] ^= 1 << self.random.randrange(8)

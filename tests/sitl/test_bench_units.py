@@ -229,8 +229,8 @@ class Wire:
         return self.out[-1] if self.out else None
 
     def lease(self, state: int, commander: int) -> None:
-        payload = [1, state, commander] + [0] * 125
-        self.say(mavlink.MAVLink_tunnel_message(1, 1, 47116, 20, payload))
+        payload = [2, state, commander] + [0] * 125
+        self.say(mavlink.MAVLink_tunnel_message(1, 1, 47116, 24, payload))
 
 
 def item(seq: int) -> Any:

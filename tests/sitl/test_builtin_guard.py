@@ -34,19 +34,29 @@ class Companion:
 
     def lease(self) -> None:
         self.sequence += 1
-        payload = struct.pack("<BBBBIIIHH", 1, self.state, 251, 0, NONCE, self.sequence, 7, 1500, 0)
-        self.bench.send(dialect.MAVLink_tunnel_message(1, 1, LEASE, 20, list(payload.ljust(128, b"\0"))))
+        fields = (2, self.state, 251, 0, NONCE, self.sequence, 7, 1500, 0, guard_nonce(self.bench))
+        payload = struct.pack("<BBBBIIIHHI", *fields)
+        self.bench.send(dialect.MAVLink_tunnel_message(1, 1, LEASE, 24, list(payload.ljust(128, b"\0"))))
 
     def run(self, seconds: float, **options: object) -> bool:
         return self.bench.run(seconds, do=self.lease, **options)  # type: ignore[arg-type]
 
 
-def guard_status(bench: Bench) -> tuple[int, ...]:
-    """The fields of the guard's newest answer."""
+def guard_statuses(bench: Bench) -> list[tuple[int, ...]]:
+    """The fields of the guard's answers."""
     frames = [h.message for h in bench.heard if h.message.get_type() == "TUNNEL"]
-    assert frames[-1].payload_type == STATUS
-    assert frames[-1].payload_length == 20
-    return struct.unpack("<BBBBIIIHBB", bytes(frames[-1].payload[:20]))
+    assert all((frame.payload_type, frame.payload_length) == (STATUS, 24) for frame in frames)
+    return [struct.unpack("<BBBBIIIHBBI", bytes(frame.payload[:24])) for frame in frames]
+
+
+def guard_status(bench: Bench) -> tuple[int, ...]:
+    """The newest answer."""
+    return guard_statuses(bench)[-1]
+
+
+def guard_nonce(bench: Bench) -> int:
+    """The nonce that leases must carry; 0 before the first answer."""
+    return next((status[10] for status in reversed(guard_statuses(bench))), 0)
 
 
 @pytest.fixture
@@ -65,9 +75,9 @@ def test_without_a_lease_arming_is_refused_with_the_guards_reason(bench: Bench) 
 
 def test_a_lease_on_another_channel_does_not_count(bench: Bench) -> None:
     companion = Companion(bench)
-    payload = struct.pack("<BBBBIIIHH", 1, HELD, 251, 0, NONCE, 1, 7, 1500, 0)
+    payload = struct.pack("<BBBBIIIHHI", 2, HELD, 251, 0, NONCE, 1, 7, 1500, 0, 0)
     for _ in range(10):
-        message = dialect.MAVLink_tunnel_message(1, 1, LEASE, 20, list(payload.ljust(128, b"\0")))
+        message = dialect.MAVLink_tunnel_message(1, 1, LEASE, 24, list(payload.ljust(128, b"\0")))
         bench.send(message, channel=2)
         bench.run(0.2)
     assert companion.sequence == 0
@@ -81,7 +91,7 @@ def test_with_a_lease_it_arms_and_the_guard_answers_on_the_companions_channel(be
     assert bench.command(400, 1) == ACCEPTED
     companion.run(1.0)
     version, state, action, flags, nonce, sequence, epoch, *_ = guard_status(bench)
-    assert (version, state, action, flags & 0b10, nonce, epoch) == (1, 2, 0, 0b10, NONCE, 7)
+    assert (version, state, action, flags & 0b10, nonce, epoch) == (2, 2, 0, 0b10, NONCE, 7)
     assert companion.sequence - sequence <= 3
     assert {h.channel for h in bench.heard if h.message.get_type() == "TUNNEL"} == {1}
 

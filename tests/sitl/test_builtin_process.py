@@ -44,6 +44,8 @@ class Client:
         self.encoder = dialect.MAVLink(None, 1, 191)
         self.sequence = 0
         self.leasing = False
+        #: as the guard's status tells it
+        self.guard_nonce = 0
 
     def send(self, message: dialect.MAVLink_message) -> None:
         self.socket.sendall(message.pack(self.encoder))
@@ -51,8 +53,8 @@ class Client:
     def lease(self) -> None:
         """One lease; its life of 15 simulated seconds is 0.75 s of the wall clock here."""
         self.sequence += 1
-        payload = struct.pack("<BBBBIIIHH", 1, 1, 251, 0, 99, self.sequence, 1, 15000, 0)
-        self.send(dialect.MAVLink_tunnel_message(1, 1, 47116, 20, list(payload.ljust(128, b"\0"))))
+        payload = struct.pack("<BBBBIIIHHI", 2, 1, 251, 0, 99, self.sequence, 1, 15000, 0, self.guard_nonce)
+        self.send(dialect.MAVLink_tunnel_message(1, 1, 47116, 24, list(payload.ljust(128, b"\0"))))
 
     def wait(self, kind: str, timeout_s: float = 10.0, **fields: Any) -> Any:
         """The next message of a type with these field values; fails after `timeout_s` of the wall clock."""
@@ -67,6 +69,8 @@ class Client:
             assert data, "the vehicle closed the connection"
             for frame in self.splitter.push(data):
                 message = decode(frame)
+                if message is not None and message.get_type() == "TUNNEL" and message.payload_type == 47117:
+                    self.guard_nonce = struct.unpack_from("<I", bytes(message.payload), 20)[0]
                 if message is None or message.get_type() != kind or message.get_srcSystem() != 1:
                     continue
                 if all(getattr(message, name) == value for name, value in fields.items()):

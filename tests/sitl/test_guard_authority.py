@@ -181,7 +181,7 @@ def second_line(flight: Flight) -> Outcome:
 def keyed(flight: Flight) -> Outcome:
     def lease(key: bytes | None, vehicle: int = 1) -> Any:
         flight.sequence = (flight.sequence + 1) & 0xFFFFFFFF
-        value = Lease(LeaseState.HELD, 251, 0xF00DCAFE, flight.sequence, 1, 5000)
+        value = Lease(LeaseState.HELD, 251, 0xF00DCAFE, flight.sequence, 1, 5000, guard_nonce=flight.guard_nonce)
         message = pack_lease(value, vehicle, key)
         message.target_system = 1
         return message

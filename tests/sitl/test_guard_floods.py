@@ -164,8 +164,9 @@ def scripting_commands() -> list[bytes]:
 
 def false_leases() -> list[bytes]:
     """Of the right system and component, on the wrong channel."""
-    lease = struct.Struct("<BBBBIIIHH")
-    return [_packed(tunnel(lease.pack(1, LOST, 0, 0, 5, number, 0x7FFF0000, 5000, 0)), 1, 191) for number in range(100)]
+    lease = struct.Struct("<BBBBIIIHHI")
+    forged = [lease.pack(2, LOST, 0, 0, 5, number, 0x7FFF0000, 5000, 0, number) for number in range(100)]
+    return [_packed(tunnel(payload), 1, 191) for payload in forged]
 
 
 def _packed(message: Any, system: int = 99, component: int = 190) -> bytes:

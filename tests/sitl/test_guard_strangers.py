@@ -107,7 +107,7 @@ def forged_leases(flight: Flight) -> Outcome:
     rejected, sequence = flight.status[7], flight.sequence
     while flight.now_ms < lost_ms + 4000 and flight.mode != RTL:
         sequence += 1
-        forger.send(_lease(HELD, 251, 0xF00DCAFE, sequence & 0xFFFFFFFF, 1))
+        forger.send(_lease(HELD, 251, 0xF00DCAFE, sequence & 0xFFFFFFFF, 1, flight.guard_nonce))
         flight.companion.send_raw(corrupted(tunnel(b"").pack(flight.companion.mav)))
         flight.companion.send_raw(corrupted(recorded))
         flight.companion.send_raw(recorded)
@@ -126,7 +126,7 @@ def forged_while_real_ones_flow(flight: Flight) -> Outcome:
     flight.statuses.clear()
     for number in range(60):
         state, commander = ((HELD, 252), (LOST, 0))[number % 2]
-        forger.send(_lease(state, commander, 0x666, number + 1, 1000 + number))
+        forger.send(_lease(state, commander, 0x666, number + 1, 1000 + number, flight.guard_nonce))
         flight.run(0.1)
     assert_unmoved(flight)
     assert flight.status[7] >= before[7] + 45, f"{flight.status[7] - before[7]} refused"
@@ -141,13 +141,14 @@ def damaged_while_real_ones_flow(flight: Flight) -> Outcome:
     recorded = flight.send_lease()
     damaged: dict[str, Callable[[], bytes]] = {
         "replayed": lambda: recorded,
-        "truncated": lambda: _next(flight, length=19),
-        "too long": lambda: _next(flight, length=21),
-        "of another version": lambda: _next(flight, version=2),
+        "truncated": lambda: _next(flight, length=23),
+        "too long": lambda: _next(flight, length=25),
+        "of another version": lambda: _next(flight, version=1),
         "of no state": lambda: _next(flight, state=9),
         "for another component": lambda: _next(flight, target=0),
         "of another nonce": lambda: _next(flight, nonce=0x666),
         "of no nonce": lambda: _next(flight, nonce=0),
+        "for another start of the guard": lambda: _next(flight, guard_nonce=flight.guard_nonce ^ 1),
     }
     flight.statuses.clear()
     for name, frame in damaged.items():
@@ -175,16 +176,18 @@ def assert_unmoved(flight: Flight) -> None:
     assert flight.parameter(flight.firmware.gcs_id) == 251
 
 
-def _lease(state: int, commander: int, nonce: int, sequence: int, epoch: int) -> Any:
-    return tunnel(struct.pack("<BBBBIIIHH", 1, state, commander, 0, nonce, sequence, epoch, 5000, 0))
+def _lease(state: int, commander: int, nonce: int, sequence: int, epoch: int, guard_nonce: int) -> Any:
+    fields = (2, state, commander, 0, nonce, sequence, epoch, 5000, 0, guard_nonce)
+    return tunnel(struct.pack("<BBBBIIIHHI", *fields))
 
 
 def _next(flight: Flight, **changes: int) -> bytes:
     """A lease that would be the next one, of another commander, with one thing wrong."""
-    value = {"version": 1, "state": HELD, "nonce": 0xF00DCAFE, "length": 20, "target": 1, **changes}
+    value = {"version": 2, "state": HELD, "nonce": 0xF00DCAFE, "length": 24, "target": 1, **changes}
+    guard_nonce = value.get("guard_nonce", flight.guard_nonce)
     sequence = (flight.sequence + 1) & 0xFFFFFFFF
-    fields = (value["version"], value["state"], 252, 0, value["nonce"], sequence, 1, 5000, 0)
-    message = tunnel(struct.pack("<BBBBIIIHH", *fields))
+    fields = (value["version"], value["state"], 252, 0, value["nonce"], sequence, 1, 5000, 0, guard_nonce)
+    message = tunnel(struct.pack("<BBBBIIIHHI", *fields))
     message.payload_length, message.target_component = value["length"], value["target"]
     return bytes(message.pack(flight.companion.mav))
 

@@ -16,9 +16,11 @@ from mavproxy_handover.wire.ids import GUARD_STATUS_TUNNEL, LEASE_TUNNEL
 from mavproxy_handover.wire.lease import GuardStatus, Lease, pack_lease, unpack_guard_status, unpack_lease
 from mavproxy_handover.wire.status import LeaseSequence
 
-LEASE = Lease(LeaseState.TRANSFER, 251, 0x01020304, 0x05060708, 0x090A0B0C, 3000)
-#: version 1, state 2, commander 251, flags 0, nonce, sequence, epoch, ttl, reserved; little-endian
-LEASE_BYTES = bytes.fromhex("01 02 fb 00 04030201 08070605 0c0b0a09 b80b 0000")
+LEASE = Lease(LeaseState.TRANSFER, 251, 0x01020304, 0x05060708, 0x090A0B0C, 3000, guard_nonce=0x11121314)
+#: version 2, state 2, commander 251, flags 0, nonce, sequence, epoch, ttl, seconds left, guard nonce; little-endian
+LEASE_BYTES = bytes.fromhex("02 02 fb 00 04030201 08070605 0c0b0a09 b80b 0000 14131211")
+#: the layout of the release before, as recordings hold it
+LEASE_BYTES_1 = bytes.fromhex("01 02 fb 00 04030201 08070605 0c0b0a09 b80b 0000")
 
 STATUS = GuardStatus(
     GuardState.EXPIRED,
@@ -33,22 +35,25 @@ STATUS = GuardStatus(
     epoch=0x090A0B0C,
     rejected=0x0D0E,
     firmware=(4, 6),
+    guard_nonce=0x11121314,
 )
-#: version 1, state 3, action 1, flags enforcing + armed + tampered, nonce, sequence, epoch, rejected, firmware 4.6
-STATUS_BYTES = bytes.fromhex("01 03 01 0b 04030201 08070605 0c0b0a09 0e0d 04 06")
+#: version 2, state 3, action 1, flags enforcing + armed + tampered, nonce, sequence, epoch, rejected,
+#: firmware 4.6, nonce of the guard
+STATUS_BYTES = bytes.fromhex("02 03 01 0b 04030201 08070605 0c0b0a09 0e0d 04 06 14131211")
+STATUS_BYTES_1 = bytes.fromhex("01 03 01 0b 04030201 08070605 0c0b0a09 0e0d 04 06")
 
 
-def test_a_lease_is_these_twenty_bytes_and_zeros_behind_them() -> None:
+def test_a_lease_is_these_24_bytes_and_zeros_after_them() -> None:
     message = pack_lease(LEASE, 1)
     assert (message.target_system, message.target_component) == (1, 1)
-    assert (message.payload_type, LEASE_TUNNEL, message.payload_length) == (47116, 47116, 20)
-    assert bytes(message.payload) == LEASE_BYTES + bytes(108)
+    assert (message.payload_type, LEASE_TUNNEL, message.payload_length) == (47116, 47116, 24)
+    assert bytes(message.payload) == LEASE_BYTES + bytes(104)
 
 
 def test_the_frame_of_a_lease_byte_by_byte() -> None:
     """Payload order of TUNNEL: payload_type, target system, target component, payload_length, payload."""
     raw = bytes(pack_lease(LEASE, 7).pack(mavlink.MAVLink(None, srcSystem=7, srcComponent=191)))
-    payload = bytes.fromhex("0cb8 07 01 14") + LEASE_BYTES.rstrip(b"\0")
+    payload = bytes.fromhex("0cb8 07 01 18") + LEASE_BYTES.rstrip(b"\0")
     assert raw[:10] == bytes([0xFD, len(payload), 0, 0, 0, 7, 191, 0x81, 0x01, 0x00])
     assert raw[10:-2] == payload
 
@@ -57,10 +62,28 @@ def test_a_lease_comes_back_as_it_went() -> None:
     assert unpack_lease(LEASE_BYTES) == LEASE
 
 
+def test_leases_and_statuses_of_the_release_before_are_read_without_a_guard_nonce() -> None:
+    assert unpack_lease(LEASE_BYTES_1) == replace(LEASE, guard_nonce=0)
+    assert unpack_guard_status(STATUS_BYTES_1) == replace(STATUS, guard_nonce=0, version=1)
+
+
+def test_two_guards_are_flag_2() -> None:
+    raw = LEASE_BYTES[:3] + b"\x02" + LEASE_BYTES[4:]
+    assert bytes(pack_lease(replace(LEASE, two_guards=True), 1).payload)[:24] == raw
+    assert unpack_lease(raw) == replace(LEASE, two_guards=True)
+
+
+def test_a_status_with_a_tag_has_flag_32_and_8_bytes_more() -> None:
+    tagged = STATUS_BYTES[:3] + b"\x2b" + STATUS_BYTES[4:]
+    assert unpack_guard_status(tagged + bytes(8)) == replace(STATUS, tagged=True)
+    assert unpack_guard_status(tagged) is None
+    assert unpack_guard_status(STATUS_BYTES + bytes(8)) is None
+
+
 def test_the_seconds_that_are_left_alone_stand_behind_the_life_of_the_lease() -> None:
     alone = Lease(LeaseState.ALONE, 0, 0x01020304, 0x05060708, 0x090A0B0C, 3000, left_s=0x0102)
-    raw = bytes.fromhex("01 05 00 00 04030201 08070605 0c0b0a09 b80b 0201")
-    assert bytes(pack_lease(alone, 1).payload)[:20] == raw
+    raw = bytes.fromhex("02 05 00 00 04030201 08070605 0c0b0a09 b80b 0201 00000000")
+    assert bytes(pack_lease(alone, 1).payload)[:24] == raw
     assert unpack_lease(raw) == alone
 
 
@@ -68,13 +91,13 @@ def test_the_seconds_that_are_left_alone_stand_behind_the_life_of_the_lease() ->
 def test_a_second_that_has_begun_is_told_as_a_whole_one(alone_s: float, left_s: int) -> None:
     view = AuthorityView(Phase.ON_MISSION, None, None, 4, LeaseState.ALONE, armed=True)
     message = LeaseSequence(9).next(view, 1, alone_s)
-    lease = unpack_lease(bytes(message.payload)[:20])
+    lease = unpack_lease(bytes(message.payload)[:24])
     assert lease == Lease(LeaseState.ALONE, 0, 9, 1, 4, 3000, left_s)
 
 
 def test_nobody_is_commander_0() -> None:
     message = pack_lease(Lease(LeaseState.LOST, 0, 1, 1, 0, 3000), 1)
-    assert bytes(message.payload[:4]) == bytes([1, 3, 0, 0])
+    assert bytes(message.payload[:4]) == bytes([2, 3, 0, 0])
 
 
 def test_the_sequence_wraps() -> None:
@@ -105,17 +128,17 @@ def test_any_lease_comes_back_as_it_went(lease: Lease) -> None:
         LEASE_BYTES[:-1],
         LEASE_BYTES + b"\0",
         b"\x00" + LEASE_BYTES[1:],
-        b"\x02" + LEASE_BYTES[1:],
-        b"\x01\x00" + LEASE_BYTES[2:],
-        b"\x01\x06" + LEASE_BYTES[2:],
+        b"\x03" + LEASE_BYTES[1:],
+        b"\x02\x00" + LEASE_BYTES[2:],
+        b"\x02\x06" + LEASE_BYTES[2:],
     ],
-    ids=["empty", "short", "long", "version 0", "version 2", "state 0", "state 6"],
+    ids=["empty", "short", "long", "version 0", "version 3", "state 0", "state 6"],
 )
 def test_what_is_no_lease_is_none(payload: bytes) -> None:
     assert unpack_lease(payload) is None
 
 
-def test_a_guard_status_is_these_twenty_bytes() -> None:
+def test_a_guard_status_is_these_24_bytes() -> None:
     assert GUARD_STATUS_TUNNEL == 47117
     assert unpack_guard_status(STATUS_BYTES) == STATUS
 
@@ -129,7 +152,7 @@ def test_a_guard_status_is_these_twenty_bytes() -> None:
         (4, ("flying",)),
         (8, ("tampered",)),
         (16, ("foreign",)),
-        (0xE0, ()),
+        (0xC0, ()),
     ],
 )
 def test_each_flag_is_its_bit(flags: int, true: tuple[str, ...]) -> None:
@@ -150,7 +173,7 @@ def test_each_flag_is_its_bit(flags: int, true: tuple[str, ...]) -> None:
     ],
 )
 def test_each_state_is_its_number(number: int, state: GuardState) -> None:
-    status = unpack_guard_status(bytes([1, number]) + STATUS_BYTES[2:])
+    status = unpack_guard_status(bytes([2, number]) + STATUS_BYTES[2:])
     assert status is not None
     assert status.state is state
 
@@ -158,16 +181,16 @@ def test_each_state_is_its_number(number: int, state: GuardState) -> None:
 @pytest.mark.parametrize("number", [5, 100, 255])
 def test_a_state_that_a_guard_cannot_have_is_no_status(number: int) -> None:
     """255 is what the companion calls a guard that it does not hear; no guard can say that of itself."""
-    assert unpack_guard_status(bytes([1, number]) + STATUS_BYTES[2:]) is None
+    assert unpack_guard_status(bytes([2, number]) + STATUS_BYTES[2:]) is None
 
 
 @settings(deadline=None)
 @given(st.binary(max_size=40))
 def test_any_bytes_are_a_status_or_none(payload: bytes) -> None:
     status = unpack_guard_status(payload)
-    assert status is None or (len(payload) == 20 and payload[0] == 1 and payload[1] <= 4)
+    assert status is None or (payload[0] in (1, 2) and payload[1] <= 4)
     lease = unpack_lease(payload)
-    assert lease is None or (len(payload) == 20 and payload[0] == 1 and 1 <= payload[1] <= 4)
+    assert lease is None or (payload[0] in (1, 2) and 1 <= payload[1] <= 5)
 
 
 @pytest.mark.parametrize(

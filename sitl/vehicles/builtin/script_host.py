@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable, Mapping
 
 from pymavlink.dialects.v20 import all as dialect
@@ -12,6 +13,7 @@ from sitl.vehicles.builtin.autopilot import Autopilot
 from sitl.vehicles.builtin.link import Link
 from sitl.vehicles.builtin.param_protocol import ParameterProtocol
 from sitl.vehicles.builtin.telemetry import FIRMWARE
+from sitl.vehicles.lua_host import Sensed
 
 __all__ = ["ScriptHost"]
 
@@ -114,6 +116,10 @@ class ScriptHost:
 
     def has_port(self, channel: int) -> bool:
         return channel in self._links
+
+    def sensed(self) -> Sensed:
+        noise = [random.gauss(0.0, 0.003) for _ in range(6)]
+        return Sensed((noise[0], noise[1], noise[2]), (noise[3], noise[4], noise[5] - 9.81))
 
     def gcs_last_seen_ms(self) -> int:
         seen_s = self._autopilot.failsafes.gcs_seen_at_s
