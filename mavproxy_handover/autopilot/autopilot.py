@@ -346,7 +346,7 @@ class Autopilot:
         two = self._guards.withholds(now)
         for nonce in self._guards.addressed(now):
             self._ties.voice.to_autopilot(self._lease.next(view, self._sysid, alone_s, nonce, two_guards=two))
-        self._guards.answered(now)
+        self._guards.answered()
 
     def adopt(self, package: MissionPackage, now: float) -> None:
         """The autopilot holds this mission since the run before; who commands along its route is known from there.

@@ -58,7 +58,7 @@ class GuardLink:
         #: the nonce of the guard that has echoed one of the last leases, and until when that counts
         self._fresh, self._fresh_until = 0, 0.0
         self._two_until = self._doubt_until = 0.0
-        self._answered_at = -1.0
+        self._asked_at = -1.0
         self._misfit = ""
         self._misfit_until = 0.0
         #: a lease must go out at once
@@ -109,9 +109,9 @@ class GuardLink:
             nonces.append(self._fresh)
         return tuple(nonces)
 
-    def answered(self, now: float) -> None:
+    def answered(self) -> None:
         """Leases have gone out."""
-        self.asks, self._answered_at = False, now
+        self.asks = False
 
     def _note(self, misfit: str, now: float) -> None:
         self._misfit, self._misfit_until = misfit, now + _RUNS_S
@@ -139,5 +139,5 @@ class GuardLink:
         ours = status.nonce == self._leases.nonce
         if ours and (self._leases.sequence - status.sequence) & 0xFFFFFFFF < _LAST_LEASES:
             self._fresh, self._fresh_until = nonce, now + _RUNS_S
-        if (nonce != newest or not ours) and now - self._answered_at >= _ANSWER_S:
-            self.asks = True
+        if (nonce != newest or not ours) and now - self._asked_at >= _ANSWER_S:
+            self.asks, self._asked_at = True, now

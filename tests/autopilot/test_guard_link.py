@@ -46,7 +46,7 @@ def test_a_new_nonce_is_answered_at_once_and_the_lease_is_for_it() -> None:
     link.take(status(5), 10.0)
     assert link.asks
     assert link.addressed(10.0) == (5,)
-    link.answered(10.0)
+    link.answered()
     link.take(status(5), 10.5)
     assert not link.asks
     link.take(status(900), 20.0)
@@ -61,7 +61,7 @@ def test_a_guard_without_a_lease_of_this_companion_is_answered_each_time_but_not
         link.take(status(5, nonce=0), tick / 1000)
         if link.asks:
             answers += 1
-            link.answered(tick / 1000)
+            link.answered()
     assert 20 <= answers <= 25
 
 

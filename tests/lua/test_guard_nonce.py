@@ -63,7 +63,7 @@ class Pair:
             self.sent.append(bytes(message.pack(self.encoder)))
             if self.dice.random() >= self.loss:
                 self.bench.receive(self.sent[-1])
-        self.link.answered(self.now_s)
+        self.link.answered()
 
     def run(self, duration_ms: int, until: Callable[[], bool] = lambda: False) -> bool:
         """Let time pass, until the condition holds if it does."""
@@ -367,10 +367,12 @@ class TestTwoGuards:
     def test_they_never_let_the_vehicle_arm_and_both_sides_say_why(self, tmp_path: Path, seed: int) -> None:
         bench = self.both(tmp_path, 20)
         pair = Pair(bench, seed=seed)
+        told = set()
         for _ in range(3000):
             pair.run(10)
             assert not bench.may_arm
-        assert pair.link.problem(pair.now_s) == "two guards answer: remove one of the two scripts from the card"
+            told.add(pair.link.problem(pair.now_s))
+        assert told == {"", "two guards answer: remove one of the two scripts from the card"}
         assert bench.refusal in {"HNDO: two guards run, remove one script", "HNDO: no lease from companion"}
         assert bench.texts.count("HNDO: two guards run, remove one script") == 1
 
