@@ -184,3 +184,45 @@ def test_the_seconds_stand_behind_the_life_of_the_lease(bench: Bench, tag: bytes
     bench.companion.key = tag
     payload = bench.companion.lease(state=ALONE, commander=0, left_s=0x0102)[15:43]
     assert payload[18:20] == b"\x02\x01"
+
+
+class TestRecordings:
+    """Somebody plays back leases of a gap that was crossed before; each still says 600 s."""
+
+    @pytest.fixture
+    def recorded(self, bench: Bench) -> list[bytes]:
+        """Ten of them; the commander is back since."""
+        alone(bench, 600)
+        frames = []
+        for _ in range(10):
+            frames.append(bench.companion.lease())
+            bench.receive(frames[-1])
+            bench.run(100)
+        bench.companion.state, bench.companion.commander, bench.companion.left_s = HELD, 251, 0
+        bench.run(2000)
+        return frames
+
+    def play(self, bench: Bench, frames: list[bytes]) -> None:
+        for frame in frames:
+            bench.receive(frame)
+            bench.run(500)
+
+    def test_after_the_death_of_the_companion_they_hold_up_nothing(self, bench: Bench, recorded: list[bytes]) -> None:
+        last_ms = bench.lose_lease()
+        self.play(bench, recorded)
+        assert RTL in bench.vehicle.mode_requests
+        assert bench.vehicle.now_ms - last_ms < 6000
+
+    def test_between_true_leases_they_change_nothing(self, bench: Bench, recorded: list[bytes]) -> None:
+        bench.companion.state, bench.companion.commander = LOST, 0
+        self.play(bench, recorded[:5])
+        assert bench.vehicle.mode_requests == []
+        self.play(bench, recorded[5:7])
+        assert bench.vehicle.mode_requests == [RTL]
+
+    def test_a_guard_that_starts_again_in_flight_takes_none(self, bench: Bench, recorded: list[bytes]) -> None:
+        bench.sending = False
+        bench.scripting.restart()
+        self.play(bench, recorded)
+        assert bench.vehicle.mode == RTL
+        assert bench.status.nonce == 0
