@@ -123,7 +123,8 @@ class Aircraft:
         self.zone: int | None = None
         stations = tuple(peer.station for peer in config.peers)
         self.core = StationCore(config.station, vehicle.called, stations, automatic=config.automatic)
-        self.desk = PackageDesk(means.held)
+        kept = config.path.with_name(f"{config.station.name}-vehicle-{vehicle.sysid}.mission")
+        self.desk = PackageDesk(means.held, kept)
         #: the aircraft against its route
         self.route = StationRouteWatch(config.route)
         self.decisions = Decisions(self.said)
@@ -278,8 +279,9 @@ class Aircraft:
         if message is None:
             return
         kind = message.get_type()
-        if kind == "MISSION_PACKAGE_ACK":  # a vehicle sends no packages
-            self.on_package(frame, message)
+        if kind in ("MISSION_PACKAGE", "MISSION_CHUNK", "MISSION_PACKAGE_ACK"):
+            if message.target_system in (0, self.config.station.sysid):
+                self.on_package(frame, message)
         elif kind == "AUTHORITY_STATUS":
             phase = Phase(message.phase) if message.phase in list(Phase) else Phase.EMERGENCY
             recovering = message.lease == LeaseState.RECOVERING
@@ -440,7 +442,7 @@ class Aircraft:
         return self.core.vehicle_alive(now) if vehicle else self.core.peer_alive(receiver, now)
 
     def _tell_of(self, sysid: int, event: str, line: str) -> None:
-        who = "vehicle" if sysid == self.sysid else self.core.name(sysid)
+        who = "this station" if not sysid else "vehicle" if sysid == self.sysid else self.core.name(sysid)
         self.narrator.package(event, line, who)
 
     # ---- out ------------------------------------------------------------------------------------------------------

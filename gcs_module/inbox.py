@@ -10,18 +10,23 @@ What comes over the ground link is an offer, whoever it names as its sender. Rul
 3. While the vehicle is armed, or not known to be disarmed, nothing replaces the package that is held. A station that
    holds none may take the one that the vehicle announces: it is what the vehicle flies.
 4. A package is read beside the main loop, however it is made.
+5. A package that was taken is kept in a file of the station. After a restart it counts again if the vehicle announces
+   its digest, and for nothing else: it is no offer that an operator could take. The file is written and read beside the
+   main loop, and one that cannot be read is no package.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.mission.package import MissionPackage, from_bytes
-from mavproxy_handover.wire.package_transfer import PackageReceiver
+from mavproxy_handover.store.durable import write_beside
+from mavproxy_handover.wire.package_transfer import MAX_PACKAGE_BYTES, PackageReceiver
 from mavproxy_handover.worker import Worker
 
 __all__ = ["Inbox"]
@@ -43,9 +48,10 @@ class _Sender:
 
 
 class Inbox:
-    """`own`: the package of the station's own folder, None if it has none."""
+    """`own`: the package of the station's own folder, None if it has none. `file`: where a package that was taken is
+    kept; None: nowhere."""
 
-    def __init__(self, own: MissionPackage | None) -> None:
+    def __init__(self, own: MissionPackage | None, file: Path | None = None) -> None:
         #: the package that counts
         self.held = own
         self._own = own is not None
@@ -53,6 +59,13 @@ class Inbox:
         self._waiting: dict[int, MissionPackage] = {}
         self._receivers: dict[int, PackageReceiver] = {}
         self._worker = Worker()
+        #: for the file, so that no offer has to wait for the disk
+        self._keeper = Worker()
+        self._file = None if own is not None else file
+        #: of the run before, not read yet, read, or not there; and one that has still to be written
+        self._unread = self._file is not None
+        self._kept: MissionPackage | None = None
+        self._unwritten: MissionPackage | None = None
         #: what is to be sent, and said to the operator, because something was read
         self._messages: list[tuple[int, Any]] = []
         self._lines: list[tuple[int, str]] = []
@@ -115,9 +128,31 @@ class Inbox:
     def tick(self, now: float) -> tuple[list[tuple[int, Any]], list[tuple[int, str]]]:
         """(receiver, message) to send now, and (station, line for the operator). To be called often."""
         self._worker.tick(now)
+        self._keeper.tick(now)
+        if self._file is not None and not self._keeper.busy:
+            self._keep(self._file)
         messages, self._messages = self._messages, []
         lines, self._lines = self._lines, []
         return messages, lines
+
+    def _keep(self, file: Path) -> None:
+        """Read what the run before has kept, then write what this one has taken."""
+        if self._unread:
+            self._unread = not self._keeper.submit(lambda: _read(file), self._was_kept)
+        elif self._unwritten is not None:
+            package = self._unwritten
+            if self._keeper.submit(lambda: _write(file, package), lambda result, _now: self._was_written(result)):
+                self._unwritten = None
+
+    def _was_kept(self, result: MissionPackage | Exception | None, _now: float) -> None:
+        if isinstance(result, Exception):
+            self._lines.append((0, f"The mission that was kept cannot be read: {result}"))
+        else:
+            self._kept = result
+
+    def _was_written(self, result: object) -> None:
+        if isinstance(result, Exception):
+            self._lines.append((0, f"The mission is not kept for a restart: {result}"))
 
     # ---- what makes one count -------------------------------------------------------------------------------------
 
@@ -126,7 +161,8 @@ class Inbox:
 
         `disarmed`: the vehicle is known to be.
         """
-        found = next((package for package in self._waiting.values() if package.digest == digest), None)
+        offers = (*self._waiting.values(), *(() if self._kept is None else (self._kept,)))
+        found = next((package for package in offers if package.digest == digest), None)
         if found is None or not self._may_take(found, disarmed):
             return ""
         self._take(found)
@@ -157,5 +193,24 @@ class Inbox:
         return self.held is None or disarmed
 
     def _take(self, package: MissionPackage) -> None:
+        if package is not self._kept:
+            self._unwritten = package
         self.held = package
         self._waiting = {sysid: other for sysid, other in self._waiting.items() if other.digest != package.digest}
+
+
+def _read(file: Path) -> MissionPackage | None:
+    """The package in this file; None: there is none. Raises MissionError, OSError."""
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(MAX_PACKAGE_BYTES + 1)
+    except FileNotFoundError:
+        return None
+    if len(data) > MAX_PACKAGE_BYTES:
+        raise MissionError(f"{file} is larger than {MAX_PACKAGE_BYTES} bytes")
+    return from_bytes(data)
+
+
+def _write(file: Path, package: MissionPackage) -> None:
+    """Replace the file by this package. Raises OSError."""
+    write_beside(file, package.to_bytes()).replace(file)

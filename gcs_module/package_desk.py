@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import handover as mavlink
@@ -45,9 +46,9 @@ class _Offer:
 class PackageDesk:
     """Sends the package that the inbox holds to any number of receivers at once, by system id."""
 
-    def __init__(self, own: MissionPackage | None) -> None:
-        """`own`: the package of the station's own folder."""
-        self.inbox = Inbox(own)
+    def __init__(self, own: MissionPackage | None, file: Path | None = None) -> None:
+        """`own`: the package of the station's own folder; `file`: where another one that was taken is kept."""
+        self.inbox = Inbox(own, file)
         self._offers: dict[int, _Offer] = {}
 
     @property

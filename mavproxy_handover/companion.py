@@ -53,6 +53,7 @@ from mavproxy_handover.restart import Restart
 from mavproxy_handover.schedule import Schedule, attempt
 from mavproxy_handover.stations.announcer import Announcer
 from mavproxy_handover.stations.operator_control import OperatorControl
+from mavproxy_handover.stations.package_return import PackageReturn
 from mavproxy_handover.stations.port import StationPort
 from mavproxy_handover.stations.rehearsal import RehearsalDesk, Surroundings
 from mavproxy_handover.stations.rehearsal_book import Foreseen
@@ -170,6 +171,7 @@ class Companion:
         around = Surroundings(lambda: self.view, self._place, self._where, self._foreseen)
         told_by = self._voice, self.narrator, self._announcer
         self.rehearsal = RehearsalDesk(config.sysid, self.arbiter, self.handle, *told_by, around)
+        self._package_return = PackageReturn(ports, self.arbiter.unfit, self.narrator)
         self._briefing = Briefing(self.arbiter, self.autopilot, ports, self.fault)
         self.gate.targets.judge = self.autopilot.desk.target
         self.gate.takes_over = self.autopilot.orders.takes_over
@@ -180,6 +182,7 @@ class Companion:
             ("send_authority_status", self._send_authority_status, 0.5),
             ("each_second", self._each_second, 1.0),
             ("journal", lambda _now: self.journal.flush(), _JOURNAL_S),
+            ("package_return", self._return_packages, 0.25),
         ]
         self._schedule = Schedule(jobs, self.fault)
         package = self._restart.resume(self.arbiter, self.narrator)
@@ -399,6 +402,9 @@ class Companion:
         port.spoke(frame.compid)
         port.tongues.show((frame.sysid, frame.compid), Tongue.OURS, now)
         kind = message.get_type()
+        if kind == "MISSION_PACKAGE_ACK":
+            self._package_return.on_ack(port, message, now)
+            return
         if kind.startswith("MISSION_"):
             self.autopilot.on_package(port, message, now)
             return
@@ -491,6 +497,10 @@ class Companion:
         except Exception:
             self.fail_closed(f"arbiter failed on {what}: {traceback.format_exc(limit=-3)}", now)
             return otherwise
+
+    def _return_packages(self, now: float) -> None:
+        package, flying = self.autopilot.package, self.autopilot.aircraft.flying
+        self._package_return.tick(None if self.failed else package, flying, now)
 
     def _send_lease(self, now: float) -> None:
         alone_s = self._asked("the way alone", lambda: self.arbiter.alone_s(now), 0.0, now)

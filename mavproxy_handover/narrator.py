@@ -493,6 +493,11 @@ class Narrator:
         """A mission package is here whole, and fit to be loaded."""
         self._journal.write("package_received", f"mission {mission!r} from {station}", station=station)
 
+    def package_returned(self, station: str, what: str) -> None:
+        """A station that has no mission package in flight is sent the vehicle's; `what`: how that goes."""
+        self._journal.write("package_returned", f"mission package for {station}: {what}", station=station)
+        self.tell(f"Mission package for {station}: {what}.")
+
     def mission_written(self, package: MissionPackage, fence: Sequence[FencePart], cruise_mps: float) -> None:
         """The autopilot holds the plan of the package; `fence`, `cruise_mps`: in force now, of the plan or not."""
         lists = "mission, place of a return and geofence" if package.route.fence else "mission and place of a return"

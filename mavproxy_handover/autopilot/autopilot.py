@@ -195,6 +195,11 @@ class Autopilot:
         return self._energy.memory
 
     @property
+    def package(self) -> MissionPackage | None:
+        """The mission package that the autopilot holds; None: none is known."""
+        return self._loader.package
+
+    @property
     def route_changed(self) -> bool:
         """The commander has changed the mission in flight: it is not the package's any more."""
         return self._changed_aloft

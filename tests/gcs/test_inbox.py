@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -136,3 +137,82 @@ def test_an_internal_fault_while_reading_refuses_and_is_told(
     sender = sent(inbox, B, delivery)
     assert (sender.result, sender.text) == (REFUSED, "internal fault: planted")
     assert inbox.waiting == ()
+
+
+class TestKept:
+    """A package that was taken outlives the station's program; the vehicle's announcement alone brings it back."""
+
+    def flown(self, file: Path, package: MissionPackage) -> None:
+        """A run in which the package was taken."""
+        inbox = Inbox(None, file)
+        sent(inbox, B, package)
+        inbox.announced(package.digest, disarmed=True)
+        inbox.tick(0.0)
+        inbox.tick(0.0)
+
+    def begun(self, file: Path) -> Inbox:
+        """The next run, when it has read what there is."""
+        inbox = Inbox(None, file)
+        inbox.tick(0.0)
+        inbox.tick(0.0)
+        return inbox
+
+    def test_it_counts_again_in_flight_when_the_vehicle_announces_it(
+        self, tmp_path: Path, delivery: MissionPackage
+    ) -> None:
+        self.flown(tmp_path / "kept", delivery)
+        inbox = self.begun(tmp_path / "kept")
+        assert inbox.held is None
+        assert inbox.announced(delivery.digest, disarmed=False) == (
+            f"Mission 'delivery', {delivery.digest.hex()[:8]}, is the vehicle's: taken."
+        )
+        assert inbox.held == delivery
+
+    def test_for_another_announcement_it_counts_for_nothing(
+        self, tmp_path: Path, delivery: MissionPackage, linear: MissionPackage
+    ) -> None:
+        self.flown(tmp_path / "kept", delivery)
+        inbox = self.begun(tmp_path / "kept")
+        assert inbox.announced(linear.digest, disarmed=True) == ""
+        assert inbox.announced(bytes(32), disarmed=True) == ""
+        assert inbox.held is None
+
+    def test_it_is_no_offer_that_an_operator_could_take(self, tmp_path: Path, delivery: MissionPackage) -> None:
+        self.flown(tmp_path / "kept", delivery)
+        inbox = self.begun(tmp_path / "kept")
+        assert inbox.waiting == ()
+        assert inbox.take("delivery", disarmed=True) == "No mission 'delivery' is offered; offered are: none."
+
+    def test_an_offer_that_was_not_taken_is_not_kept(self, tmp_path: Path, delivery: MissionPackage) -> None:
+        inbox = Inbox(None, tmp_path / "kept")
+        sent(inbox, B, delivery)
+        inbox.tick(0.0)
+        assert not (tmp_path / "kept").exists()
+
+    def test_a_station_with_a_folder_of_its_own_keeps_and_reads_nothing(
+        self, tmp_path: Path, delivery: MissionPackage, linear: MissionPackage
+    ) -> None:
+        self.flown(tmp_path / "kept", delivery)
+        inbox = Inbox(linear, tmp_path / "kept")
+        inbox.tick(0.0)
+        assert inbox.announced(delivery.digest, disarmed=True) == ""
+        assert inbox.held == linear
+
+    @pytest.mark.parametrize("data", [b"", b"noise", bytes(65 * 1024)])
+    def test_a_file_that_holds_no_package_is_told_and_does_no_harm(self, tmp_path: Path, data: bytes) -> None:
+        (tmp_path / "kept").write_bytes(data)
+        inbox = Inbox(None, tmp_path / "kept")
+        lines = [*inbox.tick(0.0)[1], *inbox.tick(0.0)[1]]
+        assert len(lines) == 1
+        assert lines[0][1].startswith("The mission that was kept cannot be read: ")
+        assert inbox.held is None
+
+    def test_a_folder_that_cannot_be_written_is_told_and_the_package_counts(
+        self, tmp_path: Path, delivery: MissionPackage
+    ) -> None:
+        inbox = Inbox(None, tmp_path / "not there" / "kept")
+        sent(inbox, B, delivery)
+        inbox.announced(delivery.digest, disarmed=True)
+        lines = [line for _ in range(3) for _who, line in inbox.tick(0.0)[1]]
+        assert any(line.startswith("The mission is not kept for a restart: ") for line in lines)
+        assert inbox.held == delivery
