@@ -6,7 +6,8 @@ Rules that live here
 --------------------
 * The vehicle decides who commands; a station believes the newest epoch it has heard and nothing else. Within an epoch
   there is one order of news: nobody commands yet (the vehicle has restarted and waits for its commander), somebody
-  commands, nobody commands any more.
+  commands, nobody commands any more. An epoch above EPOCH_MAX is none of any flight: after it the station believes the
+  vehicle's next word that is not above EPOCH_MAX.
 * A station only answers. It never retransmits: the vehicle asks again, and the same question gets the same answer.
   What comes late from a transfer before the vehicle's latest, or from one that it has aborted, is no question any
   more.
@@ -60,6 +61,7 @@ from gcs_module.events import (
 from mavproxy_handover.core.conductor import READ_S
 from mavproxy_handover.core.cures import ended
 from mavproxy_handover.core.messages import (
+    EPOCH_MAX,
     Connect,
     ConnectAck,
     ConnectHandover,
@@ -125,6 +127,8 @@ class _Part:
     crossing: int
     #: DRONE_CONNECTED was said (partner) or heard (commander)
     connected: bool = False
+    #: the vehicle asked because the commander is lost
+    forced: bool = False
     #: the operator was told last that so much time is left (s)
     told_left_s: float = inf
 
@@ -376,6 +380,7 @@ class StationCore:
 
     def _believe(self, commander: int | None, epoch: int, actions: list[Action], *, over: bool) -> None:
         """Take over what the vehicle says of commander and epoch, unless it is stale."""
+        self._doubt(epoch)
         nobody = _Stage.NOBODY_ANY_MORE if over else _Stage.NOBODY_YET
         stage = nobody if commander is None else _Stage.COMMANDED
         if (epoch, stage) <= (self.epoch, self._stage):
@@ -384,6 +389,7 @@ class StationCore:
         before, self.commander, self.epoch, self._stage = self.role, commander, epoch, stage
         if known:
             return
+        forced = self._part is not None and self._part.as_partner and self._part.forced
         self._wished_until = -inf  # it was about another commander
         if self._part is not None and self._part.key.epoch < epoch:
             self._part = None  # over, whatever became of it: no question of it is open any more
@@ -399,6 +405,9 @@ class StationCore:
         elif self.role is Role.COMMANDER:
             text = f"I have {self.vehicle_name}: {self._station.name} is the commander now, epoch {epoch}."
             notice = Notice("control_gained", text)
+            if forced:
+                words = "Its commander was lost. 'handover give STATION' or 'handover release' passes it on."
+                notice = Notice("control_gained", f"{text} {words}", Level.WARNING)
         elif commander is not None:
             has = f"{self.name(commander)} has {self.vehicle_name}"
             notice = Notice("control_lost", f"{has}: {self.name(commander)} commands now, epoch {epoch}.")
@@ -406,7 +415,14 @@ class StationCore:
             notice = Notice("control_lost", f"nobody commands now, epoch {epoch}.")
         actions.append(notice)
 
+    def _doubt(self, epoch: int) -> None:
+        """The vehicle says `epoch`. Is the one that was heard before none of any flight, all is believed anew."""
+        if self.epoch > EPOCH_MAX >= epoch:
+            self.epoch, self._stage = 0, _Stage.NOBODY_YET
+            self._part = self._latest = self._announced = self._over = None
+
     def _on_authority(self, event: AuthorityHeard, now: float, actions: list[Action]) -> None:
+        self._doubt(event.epoch)
         self._answer_until = now + event.answer_left_s
         self.alone = event.alone
         if event.phase is Phase.EMERGENCY and self._beforehand.over():
@@ -532,6 +548,7 @@ class StationCore:
         if key.to_station != self._station.sysid or self._stale(key, of_vehicle=True):
             return
         part, new = self._consent(key, message.reason, message.crossing, now, as_partner=True)
+        part.forced = message.reason is Reason.COMMANDER_LOST
         consent = part.consent
         if new:
             what = f"Handover requested{_about(message.reason)}"

@@ -28,7 +28,7 @@ from math import inf
 
 from mavproxy_handover.core.events import Action, Record, ViewChanged
 from mavproxy_handover.core.flight import Flight
-from mavproxy_handover.core.messages import ConnectAck
+from mavproxy_handover.core.messages import EPOCH_MAX, ConnectAck
 from mavproxy_handover.core.model import AuthorityView, LeaseState, Phase, Reason, Station
 from mavproxy_handover.core.phases import PHASES, PhaseCause
 from mavproxy_handover.core.snapshot import Snapshot
@@ -38,8 +38,6 @@ __all__ = ["Authority"]
 
 #: more changes of authority than a disk can have missed
 _UNSEEN = 1000
-#: beyond this an epoch is nobody's memory (it travels in 32 bits)
-_EPOCH_MAX = 0x7FFF_FFFF
 
 
 class Authority:
@@ -228,9 +226,11 @@ class Authority:
     def _hear_of_claim(self, claimant: int, station: int, answer: ConnectAck, actions: list[Action]) -> None:
         """A station's first answer, while somebody has to show that it still has authority."""
         self._may_be_ahead.discard(station)
-        if answer.epoch > _EPOCH_MAX:
+        if answer.epoch >= self.epoch + _UNSEEN:  # no disk can have missed as much: that is no memory of this flight
+            text = f"{self.name(station)} says epoch {answer.epoch}: no memory of this flight, not believed"
+            actions.append(Record("epoch_not_believed", text, Reason.RESTARTED, station))
             return
-        its = answer.commander == claimant and self.epoch <= answer.epoch < self.epoch + _UNSEEN
+        its = answer.commander == claimant and self.epoch <= answer.epoch
         if not its and (answer.epoch, answer.commander is not None) > (self.epoch, False):
             text = (
                 f"{self.name(station)} remembers {self.name(answer.commander)} in epoch {answer.epoch}: nobody commands"
@@ -262,7 +262,7 @@ class Authority:
             return
         self._may_be_ahead.discard(station)
         differs = owned and answer.epoch == self.epoch and answer.commander not in (None, self.owner)
-        if (answer.epoch > self.epoch or differs) and answer.epoch <= _EPOCH_MAX:
+        if (answer.epoch > self.epoch or differs) and answer.epoch <= EPOCH_MAX:
             text = f"{self.name(station)} remembers epoch {answer.epoch}: the state of an earlier run was lost"
             actions.append(Record("epoch_learnt", text, Reason.RESTARTED, station))
             self.epoch = answer.epoch + 1 if owned else answer.epoch

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from mavproxy_handover.core.model import Consent, Outcome, Reason
 
 __all__ = [
+    "EPOCH_MAX",
     "Connect",
     "ConnectAck",
     "ConnectHandover",
@@ -29,6 +30,10 @@ __all__ = [
     "TransferKey",
     "TransferMessage",
 ]
+
+#: An epoch above this one is no memory of any flight (it travels in 32 bits). The vehicle learns none from a station. A
+#: station that holds one believes the vehicle's next word that is not above it.
+EPOCH_MAX = 0x7FFF_FFFF
 
 
 @dataclass(frozen=True, slots=True)

@@ -228,6 +228,29 @@ class TestWhoKnowsBetter:
         bench.heard(B, A, C, D)
         assert commander(bench) == A
 
+    @pytest.mark.parametrize("epoch", [1004, 0x7FFFFFFE, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF])
+    def test_nor_what_no_disk_can_have_missed(self, epoch: int) -> None:
+        # one damaged answer ended the claim of a healthy commander, and put the epoch near its end
+        bench = Remembering({A: (4, A), B: (epoch, B)})
+        bench.heard(B, A, C, D)
+        assert commander(bench) == A
+        assert bench.arbiter.view.epoch == LATER
+        told = [record.text for record in bench.records("epoch_not_believed")]
+        assert told == [f"GCSB says epoch {epoch}: no memory of this flight, not believed"]
+
+    def test_a_thousand_changes_less_one_are_believed(self) -> None:
+        bench = Remembering({A: (4, A), B: (1003, B)})
+        bench.heard(B, A, C, D)
+        assert commander(bench) is None
+
+    @pytest.mark.parametrize("epoch", [1004, 0x7FFFFFFF, 0xFFFFFFFF])
+    def test_nor_does_the_commander_show_anything_by_it(self, epoch: int) -> None:
+        bench = Remembering({A: (epoch, A)})
+        bench.heard(A, B, C, D)
+        bench.run(10.0)
+        assert commander(bench) is None
+        assert bench.arbiter.view.epoch < 2000
+
     def test_once_the_claim_holds_a_late_one_is_outdone_and_nobody_doubts(self) -> None:
         """GCSB had it, was silent for all the time that a commander may be, and comes back."""
         bench = Remembering({A: (4, A), B: (6, B)})

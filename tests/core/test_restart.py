@@ -651,6 +651,15 @@ class TestNumbersLost:
     def test_what_nobody_can_remember_is_not_believed(self, epoch: int) -> None:
         assert self.answered(epoch).arbiter.view.epoch == 1
 
+    def test_the_highest_epoch_that_is_believed_leaves_room_for_every_flight_after_it(self) -> None:
+        bench = self.answered(0x7FFFFFFF)
+        assert bench.arbiter.view.epoch == 0x80000000
+        bench.alive = {A, B}
+        for _ in range(3):  # a restart moves it on by one
+            bench.restart()
+            bench.on_ground()
+        assert bench.arbiter.view.epoch < 0x80000010
+
     def test_not_in_place_of_an_answer_to_a_question(self) -> None:
         bench = Bench()
         bench.alive = set()

@@ -10,6 +10,7 @@ from math import inf
 
 import pytest
 
+from gcs_module.alarms import Level
 from gcs_module.core import (
     Action,
     Answer,
@@ -822,6 +823,63 @@ class TestCrossing:
     def test_to_give_by_name_is_an_answer(self) -> None:
         core = self.asked_twice()
         assert words(core.handle(Wish(C), NOW + 9.1)) == [ToVehicle(OkHandover(self.NEXT))]
+
+
+class TestForced:
+    """A forced handover asks nobody: the operator is told, and may pass the aircraft on."""
+
+    @pytest.mark.parametrize(
+        ("why", "text", "level"),
+        [
+            (Reason.ZONE, "I have drone: GCSB is the commander now, epoch 4.", Level.ADVISORY),
+            (
+                Reason.COMMANDER_LOST,
+                "I have drone: GCSB is the commander now, epoch 4. Its commander was lost. "
+                "'handover give STATION' or 'handover release' passes it on.",
+                Level.WARNING,
+            ),
+        ],
+    )
+    def test_the_operator_gets_an_alarm(self, why: Reason, text: str, level: Level) -> None:
+        core = partner(ground=False)
+        assert words(from_vehicle(core, HandoverRequest(KEY, why))) == [ToVehicle(OnHandover(KEY, relay=True))]
+        told = [a for a in core.handle(AuthorityHeard(Phase.ON_MISSION, B, None, 4), NOW) if isinstance(a, Notice)]
+        assert [(notice.text, notice.gravity) for notice in told if notice.event == "control_gained"] == [(text, level)]
+
+
+class TestEpochOfNoFlight:
+    """An epoch above 0x7FFFFFFF is damaged or forged: it must not keep a station from the vehicle's true word."""
+
+    FORGED = (0x80000000, 0xFFFFFFFE, 0xFFFFFFFF)
+
+    @pytest.mark.parametrize("epoch", FORGED)
+    def test_the_vehicles_next_word_is_believed(self, epoch: int) -> None:
+        core = station(A)
+        core.handle(AuthorityHeard(Phase.ON_MISSION, C, B, epoch, 65535), NOW)
+        assert core.epoch == epoch
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, 3), NOW + 0.5)
+        assert (core.role, core.epoch) == (Role.COMMANDER, 3)
+
+    @pytest.mark.parametrize("epoch", FORGED)
+    def test_and_it_takes_part_in_the_next_transfer(self, epoch: int) -> None:
+        core = partner(ground=False)
+        core.handle(AuthorityHeard(Phase.ON_MISSION, C, B, epoch, 65535), NOW)
+        core.handle(AuthorityHeard(Phase.ON_HANDOVER, A, B, 3, 7, why=Reason.ZONE), NOW + 0.5)
+        asked = from_vehicle(core, HandoverRequest(KEY, Reason.ZONE), NOW + 0.6)
+        assert words(asked) == [ToVehicle(OnHandover(KEY, relay=True))]
+
+    @pytest.mark.parametrize("epoch", [0x7FFFFFFE, 0x7FFFFFFF])
+    def test_up_to_there_the_newest_counts(self, epoch: int) -> None:
+        core = station(A)
+        core.handle(AuthorityHeard(Phase.ON_MISSION, C, None, epoch), NOW)
+        core.handle(AuthorityHeard(Phase.ON_MISSION, A, None, epoch - 1), NOW + 0.5)
+        assert (core.commander, core.epoch) == (C, epoch)
+
+    def test_above_it_as_well_while_the_vehicle_itself_is_there(self) -> None:
+        core = station(A)
+        for epoch, commander in ((0x80000001, B), (0x80000002, C), (0x80000001, A)):
+            core.handle(AuthorityHeard(Phase.ON_MISSION, commander, None, epoch), NOW)
+        assert (core.commander, core.epoch) == (C, 0x80000002)
 
 
 class TestWish:

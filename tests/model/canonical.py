@@ -676,7 +676,14 @@ class Packer:
             _epoch_since=_Ago(limits.deaf_lost_s),
         )
         part = _Class(
-            _Part, key=value, as_partner=plain, consent=plain, crossing=plain, connected=plain, told_left_s=plain
+            _Part,
+            key=value,
+            as_partner=plain,
+            consent=plain,
+            crossing=plain,
+            connected=plain,
+            forced=plain,
+            told_left_s=plain,
         )
         beforehand = _Class(Beforehand, _own=plain, ahead=_Never(lambda: None))
         self._station = _Class(

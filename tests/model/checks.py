@@ -67,6 +67,8 @@ Words = frozenset[tuple[int, str]]
 NOBODYS = (LeaseState.LOST, LeaseState.RECOVERING, LeaseState.ALONE)
 #: so many ticks the energy has to be short before anything is done for it (`causes.py`), and what is done then
 SHORT_S = 2
+#: why a planned handover is begun
+PLANNED = (Reason.ZONE, Reason.ZONE_ENDS, Reason.LINK_QUALITY)
 HOMEWARD = (FlightAction.RETURN, FlightAction.LAND)
 
 
@@ -245,13 +247,17 @@ def check_vehicle(
     after: AuthorityView,
     limits: Limits,
     standard: frozenset[int] = frozenset(),
+    automatic: frozenset[int] = frozenset(),
 ) -> Books:
-    """Judge what the vehicle made of one event; returns the books after it."""
+    """Judge what the vehicle made of one event; returns the books after it.
+
+    `automatic`: commanders of the standard whose consent to a planned handover the vehicle's file gives.
+    """
     old_books, books = books, _note(books, before, event, standard)
     gate = before
     for action in actions:
         if isinstance(action, ViewChanged):
-            _check_change(books, old_books, gate, action.view, event, limits, standard)
+            _check_change(books, old_books, gate, action.view, event, limits, standard, automatic)
             books = _change(books, gate, action.view, event, limits)
             gate = action.view
         elif isinstance(action, Send):
@@ -322,6 +328,7 @@ def _check_change(
     event: Event,
     limits: Limits,
     standard: frozenset[int],
+    automatic: frozenset[int],
 ) -> None:
     begun = new.partner is not None and (old.partner is None or old.handover_id != new.handover_id)
     if begun:
@@ -354,7 +361,7 @@ def _check_change(
         demand(new.epoch == old.epoch + rise, f"a return that changes the epoch by {new.epoch - old.epoch}")
         return
     demand(new.epoch == old.epoch + 1, "a commit that does not raise the epoch by one")
-    _check_commit(books, before, old, new.commander, limits, standard)
+    _check_commit(books, before, old, new.commander, limits, standard, automatic)
 
 
 def _ground_grant(
@@ -387,7 +394,13 @@ def _check_begun(books: Books, old: AuthorityView, new: AuthorityView, event: Ev
 
 
 def _check_commit(
-    books: Books, before: Books, old: AuthorityView, new: int, limits: Limits, standard: frozenset[int]
+    books: Books,
+    before: Books,
+    old: AuthorityView,
+    new: int,
+    limits: Limits,
+    standard: frozenset[int],
+    automatic: frozenset[int],
 ) -> None:
     had = books.had
     assert had is not None, "a commit, and nobody had authority"
@@ -405,7 +418,8 @@ def _check_commit(
     if before.lost(had, limits, standard):
         return  # nobody is left to ask, or both had agreed
     demand(old.commander == had, f"a forced transfer while station {had} lives")
-    demand(books.agreed or "OkHandover" in answered, f"committed without the consent of station {had}")
+    standing = had in automatic and old.why in PLANNED
+    demand(books.agreed or standing or "OkHandover" in answered, f"committed without the consent of station {had}")
     overdue = books.connected is not None and books.connected >= int(limits.release_timeout_s)
     released = had in standard or books.agreed or "DisconnectHandover" in answered
     demand(released or overdue, f"committed before station {had} released")

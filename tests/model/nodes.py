@@ -33,6 +33,7 @@ from mavproxy_handover.core.model import (
     AuthorityView,
     LeaseState,
     Phase,
+    StandingConsent,
     Station,
 )
 from mavproxy_handover.core.snapshot import Snapshot
@@ -101,6 +102,7 @@ class Vehicles:
     ) -> None:
         self._stations = stations
         self._standard = frozenset(station.sysid for station in stations if station.standard)
+        self._automatic = frozenset(s.sysid for s in stations if s.consent is StandingConsent.AUTOMATIC)
         self._limits, self._packer, self._events, self._make = limits, packer, events, make_arbiter
         self._identity = Identity("drone", stations, PARENT)
         self._index = {station.sysid: index for index, station in enumerate(stations)}
@@ -191,7 +193,8 @@ class Vehicles:
         actions = self._handle(arbiter, event)
         if self.story is not None:
             self._tell(actions)
-        books = check_vehicle(before.books, before.view, event, actions, arbiter.view, self._limits, self._standard)
+        known = self._limits, self._standard, self._automatic
+        books = check_vehicle(before.books, before.view, event, actions, arbiter.view, *known)
         if is_old(event, before.view, before.books):
             self._no_more_than_a_heartbeat(before, event, arbiter)
         after, shift = self._number(arbiter, books)
