@@ -465,6 +465,11 @@ class Narrator:
         self._journal.write("bounce", text, place=name)
         self._tell_sentence(text)
 
+    def autopilot_restarted(self, text: str) -> None:
+        """The autopilot has started again."""
+        self._journal.write("autopilot_restarted", text)
+        self._tell_sentence(text)
+
     def second_manager(self, component: int) -> None:
         """Somebody else on board claims to manage operator control."""
         text = f"component {component} claims to be the system manager too: switch its operator control off"

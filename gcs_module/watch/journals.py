@@ -71,6 +71,7 @@ TOLD: Final = {
     "rehearsal": "phase",
     "rehearsal_refused": "question",
     "second_manager": "lost",
+    "autopilot_restarted": "lost",
     "in_our_name": "lost",
     "energy_budget": "question",
 }

@@ -34,6 +34,7 @@ from mavproxy_handover.autopilot.plane import Plane
 from mavproxy_handover.autopilot.position_watch import Box, PositionWatch
 from mavproxy_handover.autopilot.preflight import Finding, Preflight, heights_lack
 from mavproxy_handover.autopilot.procedures import Procedures
+from mavproxy_handover.autopilot.reboot_watch import RebootWatch
 from mavproxy_handover.autopilot.route_watch import RouteWatch
 from mavproxy_handover.autopilot.staging import Rerouted, Staging
 from mavproxy_handover.autopilot.streams import Streams
@@ -81,6 +82,8 @@ _LANDS: Final = {"Q_RTL_MODE": 1.0, "RTL_AUTOLAND": 1.0}
 _WALK_S: Final = 10.0
 #: what an older heartbeat has said of arming and of the mode does not count
 _HEARTBEAT_S: Final = 2.5
+#: what operators read; a STATUSTEXT has 50 bytes
+_RESTARTED: Final = "Autopilot restarted in flight. Check the aircraft."
 #: a position that has waited for longer, because the main loop stood still, does not count: another is on its way
 _OLD_S: Final = 0.2
 
@@ -172,6 +175,7 @@ class Autopilot:
         #: what looks wrong, and what the arbiter was told last of it
         self._seen = self._signs = SignsSeen()
         self._second_manager_told = False
+        self._reboots = RebootWatch()
         #: after a restart: walks the route once more, beside the main loop, and when
         self._walk: Callable[[], None] = lambda: None
         self._walk_at = math.inf
@@ -225,6 +229,8 @@ class Autopilot:
     def take(self, message: Any, now: float) -> None:
         """A message of the autopilot itself."""
         aircraft, narrator = self.aircraft, self._ties.narrator
+        if self._reboots.seen(message, aircraft.flying, now):
+            self._tell_restart(now)
         waypoint, mode, known = aircraft.waypoint, aircraft.custom_mode, aircraft.heartbeat_at > -math.inf
         on_mission = aircraft.flies_mission
         aircraft.take(message, now)
@@ -243,6 +249,14 @@ class Autopilot:
         heed = self._heed.get(message.get_type())
         if heed is not None:
             heed(message, now)
+
+    def _tell_restart(self, now: float) -> None:
+        """The autopilot has started again. In flight the operators have to know: it may say that it is disarmed."""
+        if self._reboots.in_flight(now):
+            self._ties.narrator.autopilot_restarted(_RESTARTED)
+            self._ties.voice.say_to_all(_RESTARTED, mavlink.MAV_SEVERITY_CRITICAL)
+        else:
+            self._ties.narrator.autopilot_restarted("the autopilot has started again")
 
     def second_manager(self, frame: Frame) -> None:
         """CONTROL_STATUS of somebody else on board: people have to know, the stations do not hear it (`gate`)."""

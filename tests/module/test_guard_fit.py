@@ -120,3 +120,47 @@ def payloads(bench: Bench) -> list[bytes]:
     """The leases, whole."""
     found = [m for m in bench.autopilot.got("TUNNEL", 1) if m.payload_type == 47116]
     return [bytes(m.payload)[: m.payload_length] for m in found]
+
+
+class TestRebootInFlight:
+    """The autopilot starts again in flight; its guard and its state are new, its mission is still there."""
+
+    SAID = "Autopilot restarted in flight. Check the aircraft."
+
+    @pytest.fixture
+    def rebooted(self, ready: Bench) -> Bench:
+        ready.a.command(START)
+        ready.until(lambda: ready.autopilot.airborne)
+        ready.run(3.0)
+        autopilot = ready.autopilot
+        autopilot.say(stock.MAVLink_attitude_message(500_000, 0, 0, 0, 0, 0, 0))
+        ready.mpstate.deliver(autopilot._out[-1])
+        autopilot.received.clear()
+        autopilot.silent = True
+        ready.run(2.0)
+        autopilot.silent, autopilot.guard_nonce, autopilot.mode, autopilot._lease = False, 99, 0, (0, 0, 0)
+        autopilot.say(stock.MAVLink_attitude_message(3_000, 0, 0, 0, 0, 0, 0))
+        ready.mpstate.deliver(autopilot._out[-1])
+        return ready
+
+    def test_still_armed_the_operators_hear_it_nothing_is_written_and_the_guard_has_a_lease(
+        self, rebooted: Bench
+    ) -> None:
+        rebooted.run(10.0)
+        assert self.SAID in rebooted.a.texts()
+        assert [entry["text"] for entry in rebooted.journal() if entry["event"] == "autopilot_restarted"] == [self.SAID]
+        written = {m.get_type() for m in rebooted.autopilot.received}
+        assert not written & {"MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_CLEAR_ALL", "PARAM_SET", "SET_MODE"}
+        assert rebooted.autopilot.commands() == []
+        assert rebooted.autopilot.leases()[-1][9] == 99
+        assert (rebooted.companion.view.phase.name, rebooted.companion.view.commander) == ("ON_MISSION", 251)
+        rebooted.autopilot.received.clear()
+        rebooted.a.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 6)
+        rebooted.run(1.0)
+        assert rebooted.autopilot.mode == 6
+
+    def test_disarmed_it_does_not_read_like_a_landing_alone(self, rebooted: Bench) -> None:
+        rebooted.autopilot.armed = rebooted.autopilot.airborne = False
+        rebooted.run(3.0)
+        assert self.SAID in rebooted.a.texts()
+        assert rebooted.companion.view.phase.name == "ON_LOAD"
