@@ -81,24 +81,26 @@ class TargetStreams:
         """The verdict on a frame of TARGET_MESSAGES that stands. `modes`: those of the aircraft's firmware."""
         msgid, payload = frame.msgid, frame.payload
         number = -1
+        # wings add the height of a local target to their own, whatever its mask says: none is near another
+        adds = modes.wings and msgid == _LOCAL
         if msgid != _FOLLOW:
             if _senseless(msgid, payload):
                 return verdict._replace(fate=Fate.DROP, reason=GateReason.NO_NUMBER)
             number = payload[_FRAME]
-            # of a local target wings take the height whatever its mask says
-            if not (modes.wings and msgid == _LOCAL) and payload[_MASK] & (NO_HEIGHT if modes.wings else NO_PLACE):
+            if not adds and payload[_MASK] & (NO_HEIGHT if modes.wings else NO_PLACE):
                 return verdict
         judged = self._streams.get((station, msgid))
         if judged is None:
             judged = self._streams[station, msgid] = _Judged()
         unpack, place, near = _NUMBERS[msgid]
+        near, near_m = (0.0, 0.0) if adds else (near, NEAR_M)
         numbers = first, second, third = unpack.unpack_from(payload, place)
         one, two, three = judged.numbers
         # written so that what is no number is never the same
         same = (
             abs(first - one) <= near
             and abs(second - two) <= near
-            and abs(third - three) <= NEAR_M
+            and abs(third - three) <= near_m
             and number == judged.frame
         )
         if not same or now - judged.at >= HOLDS_S:

@@ -151,6 +151,16 @@ def test_of_wings_an_offset_of_the_height_has_no_bound_whatever_is_masked(make: 
     assert len(watched.asked) == 1
 
 
+def test_of_wings_no_offset_of_the_height_is_near_another(make: Make) -> None:
+    """0 m leads nowhere and passes; 2.9 m right after it would climb 145 m in a second of such frames."""
+    watched = Watched(step_s=0.2)
+    watched.door.gate.modes = PLANE
+    watched.door.up(A, make(LOCAL, type_mask=ONLY_PLACE, coordinate_frame=7, z=0.0))
+    assert watched.asked == []
+    watched.door.up(A, make(LOCAL, type_mask=ONLY_PLACE, coordinate_frame=7, z=-2.9))
+    assert len(watched.asked) == 1
+
+
 #: the field of a guided target, and the bit that leaves it out
 FIELDS = {
     "x": 0,
