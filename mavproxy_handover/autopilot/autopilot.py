@@ -241,6 +241,7 @@ class Autopilot:
             if known:
                 self.orders.mode_changed()
                 self.desk.mode_changed()
+                self._keeps_speed(now)
         if known and aircraft.flies_mission is not on_mission:
             self._mission_flown(now)
         if aircraft.waypoint != waypoint:
@@ -284,6 +285,11 @@ class Autopilot:
         resumes = aircraft.flies_mission and aircraft.flying and not aircraft.foreign
         speed_mps = speed_at(route, aircraft.waypoint) if resumes and route is not None else None
         self.orders.resume_speed(speed_mps, now)
+
+    def _keeps_speed(self, now: float) -> None:
+        """A copter has begun to return. A speed of its commander's that passed just before may have come later."""
+        if self.aircraft.to_place and not self.aircraft.kind.winged and self.desk.sped_lately(now):
+            self.orders.resume_speed(self.places.return_mps, now)
 
     def _on_state(self, message: Any, now: float) -> None:
         aircraft = self.aircraft
@@ -412,7 +418,8 @@ class Autopilot:
         )
         self._lies_along(along)
         self._waypoints.adopt(None if package is None else package.belonging, now)
-        facts, energy = None if route is None else plan_facts(route), None if package is None else package.energy
+        facts = None if package is None else plan_facts(package.route, package.cruise_speed_mps)
+        energy = None if package is None else package.energy
         self._preflight.planned(facts, self._gaps.longest_s, energy)
         self._judge_plan(now)
         self.places.adopt(package, now)

@@ -11,6 +11,10 @@ The rules are `core/safety/commands.py`, the geometry `mission/ahead.py`; here t
 * What wings fly to they circle: by the radius that DO_REPOSITION asks for, which ArduPlane keeps until it leaves
   GUIDED, else by WP_LOITER_RAD or what the mission counts on, and never narrower than a turn (`mission/wings.py`). The
   ceiling of the autopilot's own fence is looked at for them alone: a copter refuses such a target itself.
+* A return keeps its speed: DO_CHANGE_SPEED is refused in it, whoever has ordered it. Nor may a command change a
+  parameter of a plane's that outlives the mode: its least ground speed, its throttle. In AUTO the rest of the mission
+  is judged at the new speed, in GUIDED the way to the target, and each target behind it. Climb and descent are not to
+  be slower than the energy rule counts them.
 * The operator is told in words how to lift the refusal. The journal says who lifted what.
 """
 
@@ -22,10 +26,13 @@ from dataclasses import dataclass, replace
 from math import cos, inf, radians, sin
 from typing import Final
 
+from pymavlink.dialects.v20 import handover as mavlink
+
 from mavproxy_handover.autopilot.aircraft import Aircraft
 from mavproxy_handover.autopilot.energy import EnergyWatch
 from mavproxy_handover.autopilot.places import PlaceWatch
 from mavproxy_handover.autopilot.ties import Ties
+from mavproxy_handover.core.model import Flown
 from mavproxy_handover.core.safety.commands import (
     LIFTED_S,
     QUIET_S,
@@ -35,7 +42,7 @@ from mavproxy_handover.core.safety.commands import (
     Outcome,
     Ruling,
 )
-from mavproxy_handover.core.safety.energy import EnergyModel
+from mavproxy_handover.core.safety.energy import CLIMB_MPS, DESCENT_MPS, EnergyModel
 from mavproxy_handover.gate.intent import Aim, Intent
 from mavproxy_handover.gate.refusals import CAUSE_S, OncePerCause, RefusalLimiter
 from mavproxy_handover.gate.words import how_to_lift
@@ -63,6 +70,15 @@ _GUIDED_MPS: Final = 10.0
 _UNKNOWN_WAY: Final = {Limit.COVERAGE: "where it leads is not known"}
 #: a copy that comes so long (s) after the one before is not a program's retransmission: it is answered in words again
 _BY_HAND_S: Final = 5.0
+#: kinds of speed that are level (to ArduCopter both are the ground speed), and what the energy rule counts for others
+_LEVEL: Final = (mavlink.SPEED_TYPE_AIRSPEED, mavlink.SPEED_TYPE_GROUNDSPEED)
+_VERTICAL: Final = {
+    mavlink.SPEED_TYPE_CLIMB_SPEED: CLIMB_MPS,
+    mavlink.SPEED_TYPE_DESCENT_SPEED: DESCENT_MPS,
+}
+_COMES_HOME: Final = (Flown.RETURN, Flown.LAND)
+#: a command is at the autopilot, and its mode here, by then (s)
+_ARRIVES_S: Final = 3.0
 #: commands of these are done by GUIDED alone
 _GUIDED: Final = (Kind.FLY_TO, Kind.TARGET)
 
@@ -119,6 +135,11 @@ class CommandDesk:
         self._ties = ties
         #: of the circle that GUIDED flies until it is left (m); 0: it has been told none
         self._kept_radius_m = 0.0
+        #: the speed that GUIDED was told until it is left (m/s), and the place; None: none
+        self._kept_mps: float | None = None
+        self._kept_aim: Aim | None = None
+        #: when a speed was let pass last
+        self._sped_at = -inf
         self._purse = _Purse()
         self._entries = RefusalLimiter(1, _ENTRY_S)
         self._stream_entries = RefusalLimiter(1, CAUSE_S)
@@ -128,21 +149,72 @@ class CommandDesk:
 
     def judge(self, port: StationPort, intent: Intent, now: float) -> Ruling:
         """What becomes of a command of the commander in flight; people are told."""
-        copy = _Copy(intent.wish, intent.repeats, intent.quiet_s)
-        ruling = self._rule(port, intent.kind, intent.word, copy, now, lambda: self._way(intent))
-        if ruling.passes and intent.aim is not None and intent.aim.radius_m:
-            self._kept_radius_m = intent.aim.radius_m
+        copy, speeds = _Copy(intent.wish, intent.repeats, intent.quiet_s), intent.kind is Kind.SPEED
+        barred = self._bars(intent) if speeds else ""
+        if barred:
+            return self._bar(port, intent.word, barred, now)
+        slow = self._slow(intent) if speeds else ""
+        ruling = self._rule(port, intent.kind, intent.word, copy, now, lambda: self._way(intent), slow=slow)
+        if ruling.passes:
+            self._keep(intent, now)
+        return ruling
+
+    def _keep(self, intent: Intent, now: float) -> None:
+        """What GUIDED goes on with until it is left."""
+        if intent.aim is not None:
+            self._kept_aim = intent.aim
+            self._kept_radius_m = intent.aim.radius_m or self._kept_radius_m
+        if intent.kind is Kind.SPEED:
+            self._sped_at = now
+            if self._aircraft.flown is Flown.GUIDED and intent.speed_type in _LEVEL:
+                self._kept_mps = intent.speed_mps
+
+    def sped_lately(self, now: float) -> bool:
+        """A speed was let pass so lately that it may have reached the autopilot in another mode by then."""
+        return now - self._sped_at < _ARRIVES_S
+
+    def _bars(self, intent: Intent) -> str:
+        """Why a speed is refused whatever it costs, in words; "" where it is not."""
+        aircraft = self._aircraft
+        if aircraft.flown in _COMES_HOME:
+            return "a return keeps the speed that its energy is counted with"
+        if not aircraft.kind.winged:
+            return ""
+        if intent.speed_type == mavlink.SPEED_TYPE_GROUNDSPEED:
+            return "it would set MIN_GROUNDSPEED, which outlasts the mode: a return is flown by it too"
+        if not intent.throttle <= 0.0:
+            return "it would set TRIM_THROTTLE, which outlasts the mode: a return is flown by it too"
+        return ""
+
+    def _slow(self, intent: Intent) -> str:
+        """Whether it would climb or come down slower than is counted, in words."""
+        counted_mps = _VERTICAL.get(intent.speed_type)
+        speed_mps = intent.speed_mps
+        if counted_mps is None or speed_mps is None or self._aircraft.kind.winged or not 0.0 < speed_mps < counted_mps:
+            return ""
+        return f"slower than the {counted_mps:g} m/s that the energy is counted with"
+
+    def _bar(self, port: StationPort, word: str, why: str, now: float) -> Ruling:
+        """It is refused, and nothing lifts that."""
+        ruling = Ruling(Outcome.REFUSED, (), why)
+        if self._entries.allow(port.sysid, (word, why), now):
+            self._ties.narrator.command_refused(port.name, word, ruling)
+            if self._words.allow(port.sysid, (word, why), now):
+                self._ties.voice.say(port, f"{word} refused: {why}")
         return ruling
 
     def mode_changed(self) -> None:
         """The autopilot flies another mode than before."""
         if self._aircraft.custom_mode != self._aircraft.vehicle.guided:
-            self._kept_radius_m = 0.0
+            self._kept_radius_m, self._kept_mps, self._kept_aim = 0.0, None, None
 
     def target(self, aim: Aim, station: int, now: float) -> bool:
         """Whether the commander's stream of targets may lead there."""
         port = self._ties.voice.ports[station]
-        return self._rule(port, Kind.TARGET, "target", _Copy(aim), now, lambda: self._to(aim)).passes
+        passes = self._rule(port, Kind.TARGET, "target", _Copy(aim), now, lambda: self._to(aim)).passes
+        if passes:
+            self._kept_aim = aim
+        return passes
 
     def route(self, port: StationPort, ahead: Ahead, wish: Hashable, begun_at: float, now: float) -> Ruling:
         """What becomes of another mission; what is known of the situation is looked at in this moment. `begun_at`: when
@@ -195,7 +267,9 @@ class CommandDesk:
         now: float,
         way: Callable[[], Sequence[Leg]],
         ahead: Ahead | None = None,
+        slow: str = "",
     ) -> Ruling:
+        """`slow`: it is known already what it would leave, the energy."""
         limits = self.rules.looks_at(kind)
         if not limits or (self.here(now) is None and kind is not Kind.UNKNOWN):
             return _NOT_JUDGED
@@ -204,7 +278,9 @@ class CommandDesk:
             return Ruling(Outcome.REFUSED, (), "too many commands at once")
         try:
             ceiling_m = self._places.ceiling_m if kind in _GUIDED and self._aircraft.kind.winged else None
-            left: Mapping[Limit, str] = self._left(way(), limits, ahead or self.ahead, ceiling_m, now)
+            left: Mapping[Limit, str] = {Limit.ENERGY: slow}
+            if not slow:
+                left = self._left(way(), limits, ahead or self.ahead, ceiling_m, now)
             if kind is Kind.UNKNOWN and self.ahead is not None:
                 left = _UNKNOWN_WAY
             ruling = self.rules.rule(
@@ -286,6 +362,8 @@ class CommandDesk:
             return ()
         if intent.aim is not None:
             return self._to(intent.aim)
+        if intent.kind is Kind.SPEED and not aircraft.flies_mission:
+            return self._on_at(intent)
         if ahead is None or aircraft.where is None or (intent.auto_only and not aircraft.flies_mission):
             return ()
         item = aircraft.waypoint if intent.item is None or intent.item < 0 else max(1, intent.item)
@@ -293,14 +371,23 @@ class CommandDesk:
         speed_mps = intent.speed_mps
         if speed_mps is None:
             return legs
+        if intent.speed_type not in _LEVEL:
+            return ()
         return tuple(replace(leg, speed_mps=speed_mps) for leg in legs) if 0.0 < speed_mps < inf else ()
 
-    def _to(self, aim: Aim) -> Sequence[Leg]:
+    def _on_at(self, intent: Intent) -> Sequence[Leg]:
+        """The way to the target that GUIDED flies to, at another speed; none elsewhere: the autopilot refuses it."""
+        aim, speed_mps = self._kept_aim, intent.speed_mps
+        if aim is None or speed_mps is None or not 0.0 < speed_mps < inf or intent.speed_type not in _LEVEL:
+            return ()
+        return self._to(aim, speed_mps) if self._aircraft.flown is Flown.GUIDED else ()
+
+    def _to(self, aim: Aim, told_mps: float | None = None) -> Sequence[Leg]:
         here = self._aircraft.where
         there = None if here is None or not aim.makes_sense else self._place_of(aim, here)
         if here is None or there is None:
             return ()
-        speed_mps = _GUIDED_MPS if self.ahead is None else self.ahead.speed_mps
+        speed_mps = told_mps or self._kept_mps or (_GUIDED_MPS if self.ahead is None else self.ahead.speed_mps)
         if not self._aircraft.kind.winged:
             return straight(here, there, speed_mps)
         if aim.here:

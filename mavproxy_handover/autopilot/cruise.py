@@ -5,8 +5,11 @@
 It is written as the autopilot's own parameter for the speed between waypoints, on the ground, with the mission. A
 DO_CHANGE_SPEED would do as well only until the aircraft leaves AUTO: after a while in GUIDED, or a return that was
 called off, the mission would go on at whatever the parameter says. The parameter holds in every mode, and when every
-computer above the autopilot is dead; a return is flown by it too, where RTL_SPEED is 0. A DO_CHANGE_SPEED in the
-mission stays what it is, an item, and the companion says it again when the aircraft comes back to AUTO behind it.
+computer above the autopilot is dead. A DO_CHANGE_SPEED in the mission stays what it is, an item, and the companion says
+it again when the aircraft comes back to AUTO behind it.
+
+A copter has a parameter of its own for the speed of a return. It is written with the cruise speed as well: check and
+energy rule count a return with that speed. At 0 a return is flown at the speed between waypoints.
 
 Of a plane it is an airspeed, and one between the least and the most that it is set up for: a wing that is told to fly
 slower than it can does not, and the check would have walked at a speed that nobody flies.
@@ -31,6 +34,9 @@ __all__ = ["held_cruise", "write_cruise"]
 
 #: parameters have 24 bits
 _ROUNDED: Final = 1e-4
+_ABOVE_ZERO: Final = 5e-324
+#: types of a parameter that holds whole numbers alone
+_WHOLE: Final = frozenset(range(mavlink.MAV_PARAM_TYPE_UINT8, mavlink.MAV_PARAM_TYPE_INT64 + 1))
 
 
 def held_cruise(sysid: int, vehicle: Vehicle = COPTER) -> Asking:
@@ -40,10 +46,20 @@ def held_cruise(sysid: int, vehicle: Vehicle = COPTER) -> Asking:
 
 
 def write_cruise(sysid: int, cruise_mps: float, vehicle: Vehicle = COPTER) -> Asking:
-    """Have the autopilot fly missions at `cruise_mps`, and see that it will. Raises NoAnswer, AutopilotError."""
+    """Have the autopilot fly missions and returns at `cruise_mps`, and see that it will. Raises NoAnswer,
+    AutopilotError."""
     yield from _within(sysid, cruise_mps, vehicle)
-    message = yield from _read(sysid, vehicle.cruise)
-    name, wanted = message.param_id, cruise_mps * vehicle.cruise[message.param_id]
+    yield from _write(sysid, cruise_mps, vehicle.cruise, "the mission's cruise speed")
+    if vehicle.back_speed:
+        yield from _write(sysid, cruise_mps, vehicle.back_speed, "the speed of a return")
+
+
+def _write(sysid: int, speed_mps: float, units: Mapping[str, float], what: str) -> Asking:
+    """Write one parameter, of which a firmware has one of these names, and see that the autopilot has it."""
+    message = yield from _read(sysid, units, least=0.0)
+    name, wanted = message.param_id, speed_mps * units[message.param_id]
+    if message.param_type in _WHOLE:
+        wanted = float(round(wanted))
     if _equal(message.param_value, wanted):
         return
     order = mavlink.MAVLink_param_set_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), wanted, message.param_type)
@@ -51,7 +67,7 @@ def write_cruise(sysid: int, cruise_mps: float, vehicle: Vehicle = COPTER) -> As
         # an answer with another value may be one to somebody else's question of before
         yield Ask(name, (order,), _value_of((name,), lambda value: _equal(value, wanted)))
     except NoAnswer:
-        raise AutopilotError(f"the autopilot does not take {name} {wanted:g}, the mission's cruise speed") from None
+        raise AutopilotError(f"the autopilot does not take {name} {wanted:g}, {what}") from None
 
 
 def _within(sysid: int, cruise_mps: float, vehicle: Vehicle) -> Asking:
@@ -65,11 +81,11 @@ def _within(sysid: int, cruise_mps: float, vehicle: Vehicle) -> Asking:
             raise AutopilotError(f"{what}, {limit_mps:g} m/s")
 
 
-def _read(sysid: int, names: Mapping[str, float]) -> Asking:
+def _read(sysid: int, names: Mapping[str, float], least: float = _ABOVE_ZERO) -> Asking:
     requests = tuple(
         mavlink.MAVLink_param_request_read_message(sysid, AUTOPILOT_COMPID, name.encode("ascii"), -1) for name in names
     )
-    message = yield Ask(" or ".join(names), requests, _value_of(names, lambda value: 0.0 < value < 1e6))
+    message = yield Ask(" or ".join(names), requests, _value_of(names, lambda value: least <= value < 1e6))
     return message
 
 

@@ -75,6 +75,8 @@ class Vehicle:
     speed_type: int = mavlink.SPEED_TYPE_GROUNDSPEED
     #: the parameter of that -> its units in one m/s; a firmware has one of them
     cruise: Mapping[str, float] = field(default_factory=dict)
+    #: the parameter of the speed of a return -> its units likewise; none: a return is flown at the speed of missions
+    back_speed: Mapping[str, float] = field(default_factory=dict)
     #: the parameters of the least and of the most that it may be -> units likewise; none: any speed above 0
     slowest: Mapping[str, float] = field(default_factory=dict)
     fastest: Mapping[str, float] = field(default_factory=dict)
@@ -141,6 +143,7 @@ COPTER: Final = Vehicle(
     # "GCS Failsafe", "EKF Failsafe: changed to LAND Mode", "Failsafe: Terrain data missing", "Polygon fence breached"
     by_itself=re.compile(r"\bFailsafe\b(?!.*[Cc]leared)|\b[Bb]reached$|^Trying \w+ Mode|^SmartRTL Unavailable"),
     cruise={"WPNAV_SPEED": 100.0, "WP_SPD": 1.0},
+    back_speed={"RTL_SPEED": 100.0, "RTL_SPEED_MS": 1.0},
     radio_failsafe="FS_THR_ENABLE",
     gcs_failsafe="FS_GCS_ENABLE",
     gcs_timeout="FS_GCS_TIMEOUT",

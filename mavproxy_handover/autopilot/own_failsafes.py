@@ -14,7 +14,9 @@ A plane that returns circles at the place for ever unless something ends that: t
 (RTL_AUTOLAND), or its rotors (Q_RTL_MODE). Without, no START (`circles_for_ever`).
 
 Names and units differ by firmware: RTL_ALT, RTL_ALT_FINAL, RTL_CLIMB_MIN of copters and RTL_SPEED are centimetres (a
-second), RTL_ALT_M, RTL_ALT_FINAL_M, RTL_CLIMB_MIN_M and RTL_SPEED_MS (from 4.7 on) metres.
+second), RTL_ALT_M, RTL_ALT_FINAL_M, RTL_CLIMB_MIN_M and RTL_SPEED_MS (from 4.7 on) metres; WPNAV_SPEED* and WP_SPD*,
+LAND_SPEED and LAND_SPD_MS likewise. What the energy rule counts by fixed numbers (climb, descent, landing) is compared
+to them: what is slower in the autopilot costs more than is counted.
 Sources: ArduCopter's and ArduPlane's Parameters.cpp, Plane.h (`_failsafe_priorities`), events.cpp, mode_rtl.cpp and
 fence.cpp of the latter, AP_BattMonitor (`check_failsafes`), AC_Fence; docs of the parameters.
 """
@@ -27,7 +29,14 @@ from math import degrees, inf
 from typing import Final
 
 from mavproxy_handover.core.model import Kind
-from mavproxy_handover.core.safety.energy import LOITER_S
+from mavproxy_handover.core.safety.energy import (
+    ACCELERATION_MPSS,
+    CLIMB_MPS,
+    DESCENT_MPS,
+    LANDING_BELOW_M,
+    LANDING_MPS,
+    LOITER_S,
+)
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.heights import above_sea, above_terrain, named
 from mavproxy_handover.mission.items import LANDINGS, LOITER_TURNS, MissionItem, stored_radius_m
@@ -60,6 +69,8 @@ NAMES: Final = (
     "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RTL_SPEED", "RTL_SPEED_MS", "RALLY_INCL_HOME",
     "RTL_CLIMB_MIN", "RTL_CLIMB_MIN_M", "RTL_LOIT_TIME", "HNDO_ACTION", "FS_DR_ENABLE",
     "TERRAIN_ENABLE", "WPNAV_RFND_USE", "RNGFND1_TYPE", "CIRCLE_RATE",
+    "WPNAV_SPEED", "WP_SPD", "WPNAV_SPEED_UP", "WP_SPD_UP", "WPNAV_SPEED_DN", "WP_SPD_DN", "LAND_SPEED", "LAND_SPD_MS",
+    "LAND_ALT_LOW", "LAND_ALT_LOW_M", "WPNAV_ACCEL", "WP_ACC", "OA_TYPE",
 )  # fmt: skip
 #: the same of an aircraft with wings
 PLANE_NAMES: Final = (
@@ -67,7 +78,8 @@ PLANE_NAMES: Final = (
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART",
     "FS_SHORT_ACTN", "FS_LONG_ACTN", "RTL_AUTOLAND", "RTL_CLIMB_MIN", "FLIGHT_OPTIONS", "TERRAIN_FOLLOW",
-    "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS", "TERRAIN_ENABLE",
+    "Q_ENABLE", "Q_RTL_MODE", "Q_RTL_ALT", "Q_OPTIONS", "TERRAIN_ENABLE", "TRIM_ARSPD_CM",
+    "AIRSPEED_CRUISE",
 )  # fmt: skip
 #: of those that begin with BATT_, what each further monitor has as well
 _OF_MONITOR: Final = ("MONITOR", "FS_LOW_ACT", "FS_CRT_ACT", "LOW_VOLT", "LOW_MAH")
@@ -106,10 +118,13 @@ class PlanFacts:
     ground: bool = False
     #: how fast its circles are counted to be flown, at the most (degrees a second); 0: it has none
     circle_deg_s: float = 0.0
+    #: the speed that it was checked with (m/s), of wings through the air; None: not known
+    cruise_mps: float | None = None
 
 
-def plan_facts(route: Route) -> PlanFacts:
-    """The facts of a route. It has at most MAX_ITEMS items, so this takes a few milliseconds."""
+def plan_facts(route: Route, cruise_mps: float | None = None) -> PlanFacts:
+    """The facts of a route, checked with that speed. It has at most MAX_ITEMS items, so this takes a few
+    milliseconds."""
     home = route.home.lat_deg, route.home.lon_deg
     legs = legs_of(route)
     farthest_m = max(distance_m(*home, *leg.end[:2]) for leg in legs)
@@ -128,6 +143,7 @@ def plan_facts(route: Route) -> PlanFacts:
         above_terrain(route),
         route.ground is not None,
         0.0 if route.kind.winged else _circle_deg_s(route, legs),
+        cruise_mps,
     )
 
 
@@ -273,12 +289,61 @@ def _hover(name: str, unit_m: float) -> Rule:
     return rule
 
 
+#: the speed between waypoints -> its unit in m/s
+_CRUISE: Final = {"WPNAV_SPEED": 0.01, "WP_SPD": 1.0, "TRIM_ARSPD_CM": 0.01, "AIRSPEED_CRUISE": 1.0}
+#: parameters have 24 bits, and some are whole numbers
+_ROUGHLY: Final = 0.01
+
+
+def _cruise_speed(name: str) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        counted = None if plan is None else plan.cruise_mps
+        if counted is None or name not in p or p[name] * _CRUISE[name] >= counted - _ROUGHLY:
+            return None
+        return (
+            f"is {p[name]:g}: {p[name] * _CRUISE[name]:g} m/s is flown, handover check and START count {counted:g} m/s"
+        )
+
+    return rule
+
+
+def _slower(name: str, unit: float, counted: float, what: str) -> Rule:
+    """Slower than the energy rule counts. 0 is another parameter's value, or the firmware's own."""
+
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        value = p.get(name, 0.0) * unit
+        if not 0.0 < value < counted - _ROUGHLY:
+            return None
+        return f"is {p[name]:g}: {what.format(value=f'{value:g}', counted=f'{counted:g}')}"
+
+    return rule
+
+
+def _lands_slowly_from(name: str, unit_m: float) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        low_m = p.get(name, 0.0) * unit_m
+        if low_m <= LANDING_BELOW_M + _ROUGHLY:
+            return None
+        return (
+            f"is {p[name]:g}: it lands slowly from {low_m:g} m on, and the energy is counted from {LANDING_BELOW_M:g} m"
+        )
+
+    return rule
+
+
+def _flies_around(p: Parameters, plan: PlanFacts | None) -> str | None:
+    if p.get("OA_TYPE", 0.0) == 0.0:
+        return None
+    return f"is {p['OA_TYPE']:g}: a return flies around obstacles, and the energy and coverage of that are not counted"
+
+
 def _return_speed(name: str, unit_mps: float) -> Rule:
-    """0 is the speed of missions (ModeRTL::init), which the companion writes."""
+    """0 is the speed of missions (ModeRTL::init). The companion writes both where the plan names a speed."""
 
     def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
         speed = p.get(name, 0.0)
-        if speed <= 0.0:
+        missions = next((p[cruise] * unit for cruise, unit in _CRUISE.items() if cruise in p), None)
+        if speed <= 0.0 or (missions is not None and abs(speed * unit_mps - missions) <= _ROUGHLY):
             return None
         counted = "handover check and START count the mission's cruise speed"
         return f"is {speed:g}: a return is flown at {speed * unit_mps:g} m/s, {counted}"
@@ -504,6 +569,30 @@ def _ceiling(p: Parameters, plan: PlanFacts | None) -> str | None:
     return f"is {most_m:g} m, and the route climbs to {plan.highest_m:.0f} m"
 
 
+_CRUISES: Final = (
+    ("WPNAV_SPEED", COPTERS),
+    ("WP_SPD", COPTERS),
+    ("TRIM_ARSPD_CM", WINGED),
+    ("AIRSPEED_CRUISE", WINGED),
+)
+_CLIMBS, _SINKS, _TOUCHES, _SPEEDS_UP = (
+    "a return climbs at {value} m/s, and the energy of {counted} m/s is counted",
+    "a return comes down at {value} m/s, and the energy of {counted} m/s is counted",
+    "it lands at {value} m/s, and the energy of {counted} m/s is counted",
+    "it speeds up and brakes at {value} m/s2, and the energy of {counted} m/s2 is counted",
+)
+#: parameter, its unit, what the energy rule counts with, and what is said of less
+_COUNTED: Final = (
+    ("WPNAV_SPEED_UP", 0.01, CLIMB_MPS, _CLIMBS),
+    ("WP_SPD_UP", 1.0, CLIMB_MPS, _CLIMBS),
+    ("WPNAV_SPEED_DN", 0.01, DESCENT_MPS, _SINKS),
+    ("WP_SPD_DN", 1.0, DESCENT_MPS, _SINKS),
+    ("LAND_SPEED", 0.01, LANDING_MPS, _TOUCHES),
+    ("LAND_SPD_MS", 1.0, LANDING_MPS, _TOUCHES),
+    ("WPNAV_ACCEL", 0.01, ACCELERATION_MPSS, _SPEEDS_UP),
+    ("WP_ACC", 1.0, ACCELERATION_MPSS, _SPEEDS_UP),
+)
+
 #: the gravest first
 RULES: Final[tuple[Row, ...]] = (
     *_rules_of("BATT"),
@@ -532,6 +621,11 @@ RULES: Final[tuple[Row, ...]] = (
     ("RTL_CLIMB_MIN", _first_climb("RTL_CLIMB_MIN", 0.01), COPTERS),
     ("RTL_CLIMB_MIN_M", _first_climb("RTL_CLIMB_MIN_M", 1.0), COPTERS),
     ("RTL_LOIT_TIME", _loiter, COPTERS),
+    *((name, _cruise_speed(name), kinds) for name, kinds in _CRUISES),
+    *((name, _slower(name, unit, counted, what), COPTERS) for name, unit, counted, what in _COUNTED),
+    ("LAND_ALT_LOW", _lands_slowly_from("LAND_ALT_LOW", 0.01), COPTERS),
+    ("LAND_ALT_LOW_M", _lands_slowly_from("LAND_ALT_LOW_M", 1.0), COPTERS),
+    ("OA_TYPE", _flies_around, COPTERS),
     ("RALLY_INCL_HOME", _home, EVERY),
     ("TERRAIN_ENABLE", _terrain, EVERY),
     ("CIRCLE_RATE", _circle_rate, COPTERS),

@@ -7,7 +7,8 @@ gets into the autopilot for `rally.py`. Here they meet, with what the autopilot 
 parameters. Rules that live here:
 
 * Home is where the autopilot has it, which moves when it arms; until it has told, where the plan has it.
-* A return is flown at RTL_SPEED, and where that is 0 at the mission's cruise speed: the autopilot has it (`cruise.py`).
+* A return is flown at RTL_SPEED, and where that is 0 at the speed between waypoints. Both are written with the mission
+  (`cruise.py`), and read here: what the autopilot says that it has is what counts. Of wings it is the airspeed.
   A plane without rotors comes down by the landing sequences of the mission that is flown now.
 * Where no position comes any more, the battery goes on emptying: until it returns, the way back is the one from where
   it was seen last, and from as far beyond as it may have flown since. On its way back it gets nearer, and what was
@@ -35,6 +36,7 @@ from typing import Any, Final
 from pymavlink.dialects.v20 import handover as mavlink
 
 from mavproxy_handover.autopilot.aircraft import Aircraft
+from mavproxy_handover.autopilot.kinds import VEHICLES
 from mavproxy_handover.autopilot.mission_protocol import MissionProtocol
 from mavproxy_handover.autopilot.orders import Orders
 from mavproxy_handover.autopilot.own_failsafes import BELOW_CEILING_M
@@ -82,8 +84,11 @@ _BREACH_S: Final = 3.0
 _GEOFENCE: Final = mavlink.MAV_SYS_STATUS_GEOFENCE
 #: parameter for the height of a return -> its units in a metre; a firmware has one of them
 _RETURN_ALTS: Final = {"RTL_ALT_M": 1.0, "RTL_ALT": 100.0, "RTL_ALTITUDE": 1.0, "ALT_HOLD_RTL": 100.0}
-#: parameter for the speed of a return (0: that of missions) -> its units in one m/s; ArduPlane has none
-_RETURN_SPEEDS: Final = {"RTL_SPEED_MS": 1.0, "RTL_SPEED": 100.0}
+#: parameter for the speed of a return (0: the one behind it), then that of missions -> its units in one m/s
+_RETURN_SPEEDS: Final = {
+    **{name: units for vehicle in VEHICLES for name, units in vehicle.back_speed.items()},
+    **{name: units for vehicle in VEHICLES for name, units in vehicle.cruise.items()},
+}
 #: what is read of the autopilot, and what counts of what it tells
 _NAMES: Final = (
     *_RETURN_ALTS, *_RETURN_SPEEDS, "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_RADIUS", "FENCE_ALT_MAX",

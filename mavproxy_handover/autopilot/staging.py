@@ -239,7 +239,7 @@ def _read_route(
     """What an upload says, with the zones of the package. Raises MissionError. Takes as long as the upload makes it."""
     route: Route = with_return(with_items(package.route, items), package.zones, package.terrain)
     ahead = Ahead(route, package.zone_finder(), package.cruise_speed_mps)
-    legs, facts = ahead.way(1, here), plan_facts(route)
+    legs, facts = ahead.way(1, here), plan_facts(route, ahead.speed_mps)
     if not legs:
         return Rerouted(ahead, (commander,), facts)
     relief = package.relief()

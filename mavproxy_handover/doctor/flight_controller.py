@@ -249,7 +249,7 @@ class _Visit:
             guard,
             firmware,
             self._aircraft.foreign,
-            plan=None if package is None else plan_facts(package.route),
+            plan=None if package is None else plan_facts(package.route, package.cruise_speed_mps),
             gap_s=0.0 if package is None else max((gap.limit_s for gap in package.gaps), default=0.0),
             kind=self._aircraft.kind,
             batteries=self._batteries,

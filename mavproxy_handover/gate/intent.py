@@ -105,7 +105,8 @@ class Aim:
 class Intent:
     """What a frame wants. `word`: what people call it. `wish` tells it from others of its kind; `repeats`: it says of
     itself that it was sent before; `quiet_s`: programs repeat it for less than that. `item`: of the mission to go on
-    with, None: the one that it is at."""
+    with, None: the one that it is at. `speed_mps`: the one to fly with, `speed_type`: of which kind (SPEED_TYPE),
+    `throttle`: what a plane is told besides (%)."""
 
     kind: Kind
     word: str
@@ -115,6 +116,8 @@ class Intent:
     item: int | None = None
     aim: Aim | None = None
     speed_mps: float | None = None
+    speed_type: int = mavlink.SPEED_TYPE_AIRSPEED
+    throttle: float = 0.0
     auto_only: bool = False
 
 
@@ -151,6 +154,8 @@ def _of_command(frame: Frame, modes: Modes) -> Intent | None:
         item=item,
         aim=_aim_of_command(frame, rule) if rule.kind is Kind.FLY_TO else None,
         speed_mps=None if rule.speed is None else field_float(frame, f"param{rule.speed}"),
+        speed_type=0 if rule.speed is None else _speed_type(field_float(frame, "param1"), modes),
+        throttle=0.0 if rule.speed is None else field_float(frame, "param3"),
         auto_only=rule.auto_only,
     )
 
@@ -168,6 +173,15 @@ def _is_one(frame: Frame, rule: JudgedRule, modes: Modes) -> bool:
     if rule.which is not None and not _holds(field_float(frame, f"param{rule.which}"), values):
         return False
     return rule.also is None or _holds(field_float(frame, f"param{rule.also[0]}"), rule.also[1:])
+
+
+def _speed_type(asked: float, modes: Modes) -> int:
+    """The kind of speed, as the autopilot reads it. What is no number is the first kind."""
+    if not isfinite(asked):
+        return 0
+    if modes.wings:
+        return int(asked) & 0xFF
+    return 3 if asked > 2.9 else int(asked + 0.1)  # so ArduCopter up to 4.6 compares
 
 
 def _aim_of_command(frame: Frame, rule: JudgedRule) -> Aim:

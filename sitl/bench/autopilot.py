@@ -61,7 +61,7 @@ class FakeAutopilot:
         self._send = send
         self._own = mavlink.MAVLink(None, srcSystem=sysid, srcComponent=AUTOPILOT)
         self._parser = mavlink.MAVLink(None)
-        self._cruise = {"WPNAV_SPEED": 1000.0}
+        self._cruise = {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 0.0}
         self._items: dict[int, list[Any]] = {}
         self._expected: dict[int, int] = {}
         self._timers: list[Timer] = []

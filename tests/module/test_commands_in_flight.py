@@ -606,8 +606,10 @@ def test_the_way_back_is_flown_at_the_speed_of_a_return(
 ) -> None:
     """1 km and back at 7 m/s against the wind are in reach, the way back at 1 m/s is not."""
     bench.autopilot.battery = 0.65
-    bench.autopilot.parameters |= parameters
     take_off(bench, delivery, 'fence = "off"\ncoverage = "off"')
+    bench.autopilot.parameters |= parameters
+    bench.autopilot.tells += parameters
+    bench.run(1.5)
     fly_to(bench, (52.6880, 5.924))
     assert passed(bench) == (1 if passes else 0)
     assert ("Wh are needed with the reserve" in bench.a.texts()) is not passes
@@ -625,6 +627,117 @@ def test_another_speed_is_judged_by_the_energy_of_the_way_ahead(bench: Bench, de
         bench.run(0.3)
         assert bench.a.acks(SPEED) == answers
     assert "speed refused: " in bench.a.texts()
+
+
+@pytest.mark.parametrize("mode", [RTL, LAND, 21, 27], ids=["RTL", "LAND", "SMART_RTL", "AUTO_RTL"])
+@pytest.mark.parametrize("kind", [0, 1, 2, 3], ids=["airspeed", "ground speed", "climb", "descent"])
+def test_a_return_keeps_its_speed(flown: Bench, mode: int, kind: int) -> None:
+    """The fault: DO_CHANGE_SPEED 0.3 in RTL passed, and ArduCopter obeys it there."""
+    flown.autopilot.mode = mode
+    flown.run(1.5)
+    for speed_mps in (0.3, 20.0):
+        flown.a.command(SPEED, kind, speed_mps, -1)
+        flown.run(0.3)
+    assert flown.autopilot.commands().count(SPEED) == 0
+    assert flown.a.acks(SPEED) == [REJECTED, REJECTED]
+    assert flown.a.texts() == "speed refused: a return keeps the speed that its energy is counted with"
+    flown.run(12.0)
+    flown.a.command(SPEED, kind, 0.3, -1)
+    flown.run(0.3)
+    assert flown.autopilot.commands().count(SPEED) == 0, "nothing lifts that"
+
+
+def test_a_speed_that_may_have_met_a_return_is_followed_by_the_returns_own(flown: Bench) -> None:
+    """It was let pass in AUTO, and the autopilot had begun to return by then: its heartbeat comes once a second."""
+    flown.autopilot.mode = AUTO
+    flown.run(1.5)
+    flown.a.command(SPEED, 1, 9.0, -1)
+    flown.run(0.1)
+    flown.autopilot.mode = RTL
+    flown.run(2.0)
+    said = [(m.get_srcSystem(), m.param2) for m in flown.autopilot.got("COMMAND_LONG") if m.command == SPEED]
+    assert said == [(251, 9.0), (1, 10.0)]
+
+
+@pytest.mark.parametrize(("kind", "slow", "enough"), [(2, 1.0, 2.5), (3, 1.0, 1.5)], ids=["climb", "descent"])
+def test_it_may_not_climb_or_come_down_slower_than_is_counted(
+    flown: Bench, kind: int, slow: float, enough: float
+) -> None:
+    flown.autopilot.mode = AUTO
+    flown.run(1.5)
+    flown.a.command(SPEED, kind, slow, -1)
+    flown.run(0.3)
+    assert flown.a.texts().startswith(
+        f"speed refused: slower than the {enough:g} m/s that the energy is counted with. Send it again in 10 s"
+    )
+    flown.a.command(SPEED, kind, enough, -1)
+    flown.run(0.3)
+    assert flown.autopilot.commands().count(SPEED) == 1
+
+
+def test_in_guided_a_speed_is_judged_by_the_way_to_the_target(bench: Bench, delivery: MissionPackage) -> None:
+    """1 km from home, and what there is is enough for a way there at 10 m/s. The fault: it was let pass at any."""
+    bench.autopilot.battery = 0.65
+    take_off(bench, delivery, 'fence = "off"\ncoverage = "off"')
+    fly_to(bench, (52.6880, 5.924))
+    assert passed(bench) == 1
+    bench.autopilot.mode = GUIDED
+    bench.run(1.5)
+    for speed_mps, passes in ((0.5, False), (9.0, True)):
+        bench.autopilot.received.clear()
+        bench.a.command(SPEED, 1, speed_mps, -1)
+        bench.run(0.3)
+        assert bench.autopilot.commands().count(SPEED) == (1 if passes else 0)
+    assert "speed refused: " in bench.a.texts()
+
+
+def test_what_guided_was_told_counts_for_the_next_target(bench: Bench, delivery: MissionPackage) -> None:
+    bench.autopilot.battery = 0.65
+    take_off(bench, delivery, 'fence = "off"\ncoverage = "off"')
+    bench.autopilot.mode = GUIDED
+    bench.run(1.5)
+    bench.a.command(SPEED, 1, 0.5, -1)
+    bench.run(0.3)
+    fly_to(bench, (52.6880, 5.924))
+    assert passed(bench) == 0
+    assert "Wh are needed with the reserve" in bench.a.texts()
+
+
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        (
+            mavlink.MAVLink_command_int_message(1, 1, 0, 179, 0, 0, 0, 0, 0, 0, 526790000, 59240000, 300.0),
+            "home position refused: locked while armed",
+        ),
+        (
+            mavlink.MAVLink_command_long_message(1, 1, 207, 0, 0, 0, 0, 0, 0, 0, 0),
+            "fence off refused: locked while armed",
+        ),
+        (
+            mavlink.MAVLink_command_long_message(1, 1, 218, 0, 11, 0, 0, 0, 0, 0, 0),
+            "auxiliary switch fence refused: locked while armed",
+        ),
+        (
+            mavlink.MAVLink_command_long_message(1, 1, 42007, 0, 2, 0, 0, 0, 0, 0, 0),
+            "estimator source refused: locked while armed",
+        ),
+        (
+            mavlink.MAVLink_set_gps_global_origin_message(1, 526790000, 59240000, 300000),
+            "origin refused: locked while armed",
+        ),
+        (mavlink.MAVLink_param_set_message(1, 1, b"WPNAV_SPEED", 100.0, 9), "parameter WPNAV_SPEED refused: locked"),
+    ],
+    ids=["home", "fence", "switch", "estimator", "origin", "speed"],
+)
+def test_what_shapes_a_return_is_refused_in_words(flown: Bench, message: Any, text: str) -> None:
+    flown.autopilot.armed = True
+    flown.run(1.5)
+    flown.autopilot.received.clear()
+    flown.a.send(message)
+    flown.run(0.5)
+    assert flown.autopilot.got(message.get_type(), 251) == []
+    assert flown.a.texts().startswith(text)
 
 
 def start_short(bench: Bench, package: MissionPackage) -> None:
@@ -702,3 +815,22 @@ def test_a_flood_of_commands_is_refused_without_a_look(flown: Bench) -> None:
     flown.run(3.0)
     fly_to(flown, (52.6785, 5.9240))
     assert passed(flown) == 1
+
+
+@pytest.mark.parametrize(
+    ("parameters", "text"),
+    [
+        ((1, 15.0, -1), "speed refused: it would set MIN_GROUNDSPEED, which outlasts the mode"),
+        ((257, 15.0, -1), "speed refused: it would set MIN_GROUNDSPEED, which outlasts the mode"),
+        ((0, 99.0, 80), "speed refused: it would set TRIM_THROTTLE, which outlasts the mode"),
+        ((0, 22.0, -1), ""),
+    ],
+    ids=["ground speed", "the same as a byte", "throttle", "airspeed"],
+)
+def test_a_plane_is_told_no_speed_that_outlasts_the_mode(
+    dike: Bench, parameters: tuple[float, float, float], text: str
+) -> None:
+    dike.a.command(SPEED, *parameters)
+    dike.run(0.3)
+    assert dike.a.texts().startswith(text)
+    assert dike.autopilot.commands().count(SPEED) == (0 if text else 1)

@@ -59,6 +59,35 @@ def test_the_mission_s_cruise_speed_is_the_autopilot_s(bench: Bench, delivery: M
     assert bench.journal("mission_written")[0]["cruise_mps"] == 10.0
 
 
+@pytest.mark.parametrize(
+    ("held", "written"),
+    [
+        ({"WPNAV_SPEED": 300.0, "RTL_SPEED": 0.0}, {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 1000.0}),
+        ({"WPNAV_SPEED": 1000.0, "RTL_SPEED": 100.0}, {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 1000.0}),
+        ({"WP_SPD": 3.0, "RTL_SPEED_MS": 2.0}, {"WP_SPD": 10.0, "RTL_SPEED_MS": 10.0}),
+    ],
+    ids=["up to 4.6", "one that is set", "from 4.7 on"],
+)
+def test_the_speed_of_a_return_is_written_with_the_mission(
+    bench: Bench, delivery: MissionPackage, held: dict[str, float], written: dict[str, float]
+) -> None:
+    """The fault: RTL_SPEED 0 stayed, so a return was flown at whatever WPNAV_SPEED said by then."""
+    bench.autopilot.parameters = dict(held)
+    bench.connect()
+    assert bench.share(delivery).result == LOADED
+    assert bench.autopilot.parameters == written
+
+
+def test_a_speed_of_a_return_that_the_autopilot_does_not_take_refuses_the_mission(
+    bench: Bench, delivery: MissionPackage
+) -> None:
+    bench.autopilot.fixed.add("RTL_SPEED")
+    bench.connect()
+    sender = bench.share(delivery)
+    text = "the autopilot does not take RTL_SPEED 1000, the speed of a return"
+    assert (sender.result, sender.text) == (REFUSED, text[:50])
+
+
 def test_a_fence_that_the_autopilot_refuses_is_a_mission_that_is_not_loaded(
     bench: Bench, delivery: MissionPackage
 ) -> None:

@@ -446,20 +446,29 @@ def test_the_best_place_and_not_the_nearest_tells_when_to_turn_back(flying: Benc
 
 @pytest.mark.parametrize(
     ("parameters", "made_mps"),
-    [({}, 4.0), ({"RTL_SPEED": 0.0}, 4.0), ({"RTL_SPEED": 200.0}, 2.0), ({"RTL_SPEED_MS": 2.0}, 2.0)],
+    [
+        ({}, 4.0),
+        ({"RTL_SPEED": 200.0}, 2.0),
+        ({"RTL_SPEED": 0.0, "WPNAV_SPEED": 150.0}, 1.5),
+        ({"RTL_SPEED": 0.0, "RTL_SPEED_MS": 2.0}, 2.0),
+        ({"RTL_SPEED_MS": 0.0, "RTL_SPEED": 0.0, "WP_SPD": 1.5, "WPNAV_SPEED": 150.0}, 1.5),
+    ],
 )
 def test_the_way_is_judged_at_the_speed_at_which_the_autopilot_returns(
     bench: Bench, tmp_path: Path, parameters: dict[str, float], made_mps: float
 ) -> None:
-    """The fault: at cruise_mps of [energy], 7 m/s against the wind that is not known, whatever the mission's speed."""
+    """The faults: at cruise_mps of [energy], 7 m/s against the wind that is not known, whatever the mission's speed;
+    and with RTL_SPEED 0 at the mission's speed, whatever the autopilot's is."""
     shutil.copytree(MISSIONS / "delivery", tmp_path / "slow")
     text = (tmp_path / "slow" / "mission.toml").read_text(encoding="utf-8")
     assert "cruise_speed_mps = 10.0" in text
     text = text.replace("cruise_speed_mps = 10.0", "cruise_speed_mps = 4.0")
     (tmp_path / "slow" / "mission.toml").write_text(text, encoding="utf-8")
-    bench.autopilot.parameters |= parameters
     bench.connect()
     bench.share(load(tmp_path / "slow"))
+    bench.run(3.0)
+    bench.autopilot.parameters |= parameters  # by whoever: it says so to everybody
+    bench.autopilot.tells += parameters
     fly_to(bench, (52.6790, 5.9270), 12.0)
     places = bench.companion.autopilot.places
     assert places.return_mps == made_mps

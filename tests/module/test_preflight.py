@@ -86,7 +86,7 @@ class ParameterAutopilot(Autopilot):
 
     def __init__(self, parameters: dict[str, float]) -> None:
         super().__init__()
-        self.parameters = {"WPNAV_SPEED": 1000.0, **parameters}
+        self.parameters = {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 0.0, **parameters}
         #: requests that get lost before one is answered
         self.deaf_for = 0
         self.asked: list[str] = []
@@ -259,6 +259,7 @@ def test_each_thing_that_does_not_fit_is_said_alone(changes: dict[str, Any], tex
 #: a route of 800 m, up to 50 m, with one area to stay inside, and with two
 PLAN, TWO = PlanFacts(True, 1, 800.0, 50.0), PlanFacts(True, 2, 800.0, 50.0)
 NO_FENCE = PlanFacts(False, 0, 800.0, 50.0)
+AT_10_MPS = replace(NO_FENCE, cruise_mps=10.0)
 SMART = "SMART_RTL flies back the way it came, and not to the place that was chosen"
 AUTO_RTL = "AUTO_RTL follows the mission's landing sequence, and goes not to the place that was chosen"
 CLIMBS_FIRST = "a return climbs by so much first, and the energy of that is not counted"
@@ -329,6 +330,35 @@ AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the missi
         ),
         ({"RTL_SPEED_MS": 5.0}, f"RTL_SPEED_MS is 5: {AT_5_MPS}"),
         ({"RTL_SPEED": 500.0}, f"RTL_SPEED is 500: {AT_5_MPS}"),
+        ({"RTL_SPEED": 500.0, "WPNAV_SPEED": 800.0}, f"RTL_SPEED is 500: {AT_5_MPS}"),
+        (
+            {"WPNAV_SPEED": 300.0, "plan": AT_10_MPS},
+            "WPNAV_SPEED is 300: 3 m/s is flown, handover check and START count 10 m/s",
+        ),
+        ({"WP_SPD": 3.0, "plan": AT_10_MPS}, "WP_SPD is 3: 3 m/s is flown, handover check and START count 10 m/s"),
+        (
+            {"WPNAV_SPEED_UP": 100.0},
+            "WPNAV_SPEED_UP is 100: a return climbs at 1 m/s, and the energy of 2.5 m/s is counted",
+        ),
+        ({"WP_SPD_UP": 1.0}, "WP_SPD_UP is 1: a return climbs at 1 m/s, and the energy of 2.5 m/s is counted"),
+        (
+            {"WPNAV_SPEED_DN": 100.0},
+            "WPNAV_SPEED_DN is 100: a return comes down at 1 m/s, and the energy of 1.5 m/s is counted",
+        ),
+        ({"LAND_SPEED": 25.0}, "LAND_SPEED is 25: it lands at 0.25 m/s, and the energy of 0.5 m/s is counted"),
+        ({"LAND_SPD_MS": 0.25}, "LAND_SPD_MS is 0.25: it lands at 0.25 m/s, and the energy of 0.5 m/s is counted"),
+        (
+            {"WPNAV_ACCEL": 100.0},
+            "WPNAV_ACCEL is 100: it speeds up and brakes at 1 m/s2, and the energy of 1.5 m/s2 is counted",
+        ),
+        (
+            {"LAND_ALT_LOW": 3000.0},
+            "LAND_ALT_LOW is 3000: it lands slowly from 30 m on, and the energy is counted from 10 m",
+        ),
+        (
+            {"OA_TYPE": 1.0},
+            "OA_TYPE is 1: a return flies around obstacles, and the energy and coverage of that are not counted",
+        ),
         ({"RTL_CLIMB_MIN": 1500.0}, f"RTL_CLIMB_MIN is 15 m: {CLIMBS_FIRST}"),
         ({"RTL_CLIMB_MIN_M": 15.0}, f"RTL_CLIMB_MIN_M is 15 m: {CLIMBS_FIRST}"),
         (
@@ -361,6 +391,11 @@ def test_each_of_the_autopilot_s_own_failsafes_that_does_not_fit_is_said_alone(
         {"FS_DR_ENABLE": 0.0},
         {"FS_DR_ENABLE": 2.0},
         {"RTL_SPEED": 0.0},
+        {"RTL_SPEED": 1000.0, "WPNAV_SPEED": 1000.0},
+        {"RTL_SPEED_MS": 10.0, "WP_SPD": 10.0, "plan": AT_10_MPS},
+        {"WPNAV_SPEED": 1500.0, "plan": AT_10_MPS},
+        {"WPNAV_SPEED_UP": 250.0, "WPNAV_SPEED_DN": 150.0, "LAND_SPEED": 50.0, "LAND_ALT_LOW": 1000.0},
+        {"WP_SPD_UP": 2.5, "WP_SPD_DN": 1.5, "LAND_SPD_MS": 0.5, "LAND_ALT_LOW_M": 10.0, "WP_ACC": 2.5, "OA_TYPE": 0.0},
         {"RTL_CLIMB_MIN": 0.0, "RTL_LOIT_TIME": 5000.0},
         {"RTL_CLIMB_MIN_M": 0.0, "RTL_LOIT_TIME": 0.0},
         {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 3.0, "plan": PLAN},

@@ -46,7 +46,9 @@ class Autopilot:
         #: mission_type -> items as MISSION_ITEM_INT messages
         self.items: dict[int, list[Any]] = {0: [], 1: [], 2: []}
         #: parameters by name; it says nothing to a name that it does not have
-        self.parameters: dict[str, float] = {"WPNAV_SPEED": 1000.0}
+        self.parameters: dict[str, float] = {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 0.0}
+        #: of these it tells everybody with its next step, as when somebody else has set them
+        self.tells: list[str] = []
         #: parameters that keep their value whatever is written
         self.fixed: set[str] = set()
         #: mission_type -> what the autopilot answers to a whole list
@@ -82,6 +84,8 @@ class Autopilot:
     def step(self, written: list[bytes], now: float) -> list[Any]:
         """Take in what was written; returns what is said."""
         self._out = []
+        while self.tells:
+            self._say_parameter(self.tells.pop())
         for data in written:
             for message in frames(data):
                 self.received.append(message)

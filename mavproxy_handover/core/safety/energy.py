@@ -38,6 +38,7 @@ from math import cos, hypot, inf, isfinite, radians, sin, sqrt
 from typing import Final, NamedTuple
 
 __all__ = [
+    "ACCELERATION_MPSS",
     "CIRCLE_S",
     "CLIMB_MPS",
     "DESCENT_MPS",

@@ -73,7 +73,7 @@ class JudgedRule:
 
     `which` and `values`: it is one only where that parameter has such a value, of which the autopilot keeps the last
     8 bits; a second pair likewise. `mode`: such a value is the mode of that name in `modes.py`. `item`: the parameter
-    that names an item of the mission, `speed`: the one that is a speed. Of
+    that names an item of the mission, `speed`: the one that is a speed, of which the first parameter says the kind. Of
     `Kind.FLY_TO` parameters 5 to 7 are the place; `radius`: the parameter that wings take for the radius of the circle
     there; `height`: it is a height alone, which nothing but wings takes, and this its parameter: 7 is the one of the
     place, behind any other stands its MAV_FRAME.
@@ -118,7 +118,8 @@ JUDGED_RULES: Final = (
     JudgedRule("DO_ORBIT", Kind.FLY_TO, "target", "flies around a place"),
     JudgedRule("DO_CHANGE_ALTITUDE", Kind.FLY_TO, "altitude", "flies on at another height", height=1),
     JudgedRule("GUIDED_CHANGE_ALTITUDE", Kind.FLY_TO, "altitude", "the same", height=7),
-    JudgedRule("DO_CHANGE_SPEED", Kind.SPEED, "speed", "another speed needs other energy", speed=2, auto_only=True),
+    JudgedRule("DO_CHANGE_SPEED", Kind.SPEED, "speed", "another speed needs other energy", speed=2),
+    JudgedRule("GUIDED_CHANGE_SPEED", Kind.SPEED, "speed", "the same, in GUIDED", speed=2),
 )
 
 
