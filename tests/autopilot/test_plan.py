@@ -59,7 +59,7 @@ def test_a_plan_is_written_and_read_back(autopilot: Autopilot, copter: Copter) -
         "MISSION_REQUEST_LIST", *["MISSION_REQUEST_INT"] * 3,
         "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT",
         "MISSION_REQUEST_LIST", "MISSION_REQUEST_INT",
-        "PARAM_REQUEST_READ", "PARAM_REQUEST_READ",
+        *["PARAM_REQUEST_READ"] * 2, *["PARAM_REQUEST_READ"] * 2, "PARAM_SET",  # cruise, and the speed of a return
     ]  # fmt: skip
     assert {(m.target_system, m.target_component) for m in autopilot.received} == {(1, 1)}
     waypoint = autopilot.got("MISSION_ITEM_INT")[2]
@@ -232,20 +232,22 @@ def test_a_fence_that_comes_back_as_another_is_not_loaded(
 
 
 @pytest.mark.parametrize(
-    ("name", "before", "after"),
-    [("WPNAV_SPEED", 1000.0, 650.0), ("WP_SPD", 10.0, 6.5)],
+    ("names", "before", "after"),
+    [(("WPNAV_SPEED", "RTL_SPEED"), 1000.0, 650.0), (("WP_SPD", "RTL_SPEED_MS"), 10.0, 6.5)],
     ids=["up to 4.6, in cm/s", "from 4.7, in m/s"],
 )
 def test_the_cruise_speed_becomes_the_autopilot_s_own(
-    autopilot: Autopilot, copter: Copter, name: str, before: float, after: float
+    autopilot: Autopilot, copter: Copter, names: tuple[str, str], before: float, after: float
 ) -> None:
-    autopilot.parameters = {name: before}
+    """And so does the speed of a return, which was 0."""
+    autopilot.parameters = {names[0]: before, names[1]: 0.0}
     made = talk(copter.load(replace(SHORT, cruise_mps=6.5)), autopilot)
     assert (made.failure, made.result.cruise_mps) == (None, 6.5)
-    assert autopilot.parameters == {name: after}
+    assert autopilot.parameters == dict.fromkeys(names, after)
 
 
 def test_a_speed_that_the_autopilot_has_already_is_not_written(autopilot: Autopilot, copter: Copter) -> None:
+    autopilot.parameters = {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 1000.0}
     assert talk(copter.load(replace(SHORT, cruise_mps=10.0)), autopilot).failure is None
     assert autopilot.got("PARAM_SET") == []
 
@@ -263,6 +265,12 @@ def test_a_speed_that_the_autopilot_does_not_take_is_a_plan_that_is_not_loaded(
     autopilot.fixed.add("WPNAV_SPEED")
     made = talk(copter.load(replace(SHORT, cruise_mps=6.5)), autopilot)
     assert made.failure == "the autopilot does not take WPNAV_SPEED 650, the mission's cruise speed"
+
+
+def test_nor_is_one_whose_speed_of_a_return_it_does_not_take(autopilot: Autopilot, copter: Copter) -> None:
+    autopilot.fixed.add("RTL_SPEED")
+    made = talk(copter.load(replace(SHORT, cruise_mps=6.5)), autopilot)
+    assert made.failure == "the autopilot does not take RTL_SPEED 650, the speed of a return"
 
 
 @pytest.mark.parametrize("parameters", [{}, {"WPNAV_SPEED": math.nan}, {"WPNAV_SPEED": 0.0}, {"WP_SPD": math.inf}])

@@ -70,6 +70,7 @@ PROMISED = {
     *("off-route", "planned-gap", "rally-choice", "rally-choice-guard", "battery-land"),
     *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
     *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return", "commands-judged"),
+    "return-as-flown",
     *("low-battery-far",),
     *("tcp-provider", "tcp-provider-drift", "rehearsal"),
     *("refusal-texts", "two-vehicles", "linear", "field-test", "waypoints", "waypoints-restart"),
