@@ -34,7 +34,7 @@ WANTED: list[tuple[str, dict[str, Any], Kind, str, dict[str, Any]]] = [
     ("COMMAND_LONG", {"command": 224, "param1": -1.0}, GO_ON, "item -1", {"item": -1}),
     ("COMMAND_LONG", {"command": 224, "param1": math.nan}, GO_ON, "item -1", {"item": -1}),
     ("MISSION_SET_CURRENT", {"seq": 65535}, GO_ON, "item 65535", {"item": 65535}),
-    ("COMMAND_LONG", {"command": 178, "param2": 12.0}, SPEED, "speed", {"speed_mps": 12.0, "auto_only": True}),
+    ("COMMAND_LONG", {"command": 178, "param2": 12.0}, SPEED, "speed", {"speed_mps": 12.0}),
     (
         "COMMAND_INT",
         {"command": 192, "frame": 0, "x": 521234567, "y": -59000000, "z": 40.0},

@@ -81,12 +81,16 @@ GOOD = {
 }
 
 
+#: without these no mission is loaded
+SPEEDS = {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 0.0}
+
+
 class ParameterAutopilot(Autopilot):
     """An autopilot with parameters. It says nothing to a name that it does not have."""
 
     def __init__(self, parameters: dict[str, float]) -> None:
         super().__init__()
-        self.parameters = {"WPNAV_SPEED": 1000.0, "RTL_SPEED": 0.0, **parameters}
+        self.parameters = {**SPEEDS, **parameters}
         #: requests that get lost before one is answered
         self.deaf_for = 0
         self.asked: list[str] = []
@@ -114,9 +118,9 @@ class ParameterAutopilot(Autopilot):
 
 def test_every_parameter_that_is_there_is_read_and_a_missing_one_costs_a_time_out() -> None:
     autopilot = ParameterAutopilot(dict(GOOD))
-    ended = talk(reading(1), autopilot, limit_s=5.0)
+    ended = talk(reading(1), autopilot, limit_s=10.0)
     assert ended.finished
-    assert ended.result == GOOD
+    assert ended.result == {**GOOD, **SPEEDS}
     assert {name: autopilot.asked.count(name) for name in ("SYSID_ENFORCE", "HNDO_CHAN")} == {
         "SYSID_ENFORCE": 3,
         "HNDO_CHAN": 1,
@@ -126,7 +130,7 @@ def test_every_parameter_that_is_there_is_read_and_a_missing_one_costs_a_time_ou
 def test_a_request_that_got_lost_is_repeated() -> None:
     autopilot = ParameterAutopilot(dict.fromkeys(NAMES, 7.0))
     autopilot.deaf_for = 8
-    ended = talk(reading(1), autopilot, limit_s=5.0)
+    ended = talk(reading(1), autopilot, limit_s=10.0)
     assert ended.result == dict.fromkeys(NAMES, 7.0)
 
 
@@ -134,13 +138,13 @@ def test_a_firmware_that_says_that_it_lacks_a_name_is_not_asked_again() -> None:
     autopilot = ParameterAutopilot({"SCR_ENABLE": 1.0})
     autopilot.says_error = True
     ended = talk(reading(1), autopilot, limit_s=1.0)
-    assert ended.result == {"SCR_ENABLE": 1.0}
+    assert ended.result == {"SCR_ENABLE": 1.0, **SPEEDS}
     assert sorted(autopilot.asked) == sorted(NAMES)
 
 
 def test_other_parameters_and_nonsense_are_no_answers() -> None:
     autopilot = ParameterAutopilot({"SCR_ENABLE": float("nan"), "HNDO_ENABLE": float("inf")})
-    assert talk(reading(1), autopilot, limit_s=6.0).result == {}
+    assert talk(reading(1), autopilot, limit_s=10.0).result == SPEEDS
 
 
 def test_no_more_is_asked_at_once_than_the_autopilot_keeps() -> None:
