@@ -37,6 +37,8 @@ from mavproxy_handover.core.safety.energy import (
     LANDING_MPS,
     LOITER_S,
 )
+from mavproxy_handover.gate.policy.access import Access
+from mavproxy_handover.gate.policy.switches import switch_name, switch_rule
 from mavproxy_handover.mission.geodesy import distance_m
 from mavproxy_handover.mission.heights import above_sea, above_terrain, named
 from mavproxy_handover.mission.items import LANDINGS, LOITER_TURNS, MissionItem, stored_radius_m
@@ -62,8 +64,11 @@ __all__ = [
 
 #: how far below a ceiling the companion keeps the return of an ArduPlane (m)
 BELOW_CEILING_M: Final = 10.0
+#: what the switches of the pilot's transmitter do; a station's RC override moves them as well
+_SWITCHED: Final = tuple(f"RC{channel}_OPTION" for channel in range(5, 17))
 #: what is read for these rules; of two names in a row a firmware has one
 NAMES: Final = (
+    *_SWITCHED,
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALT", "RTL_ALT_M", "RTL_ALT_FINAL", "RTL_ALT_FINAL_M", "RTL_SPEED", "RTL_SPEED_MS", "RALLY_INCL_HOME",
@@ -74,6 +79,7 @@ NAMES: Final = (
 )  # fmt: skip
 #: the same of an aircraft with wings
 PLANE_NAMES: Final = (
+    *_SWITCHED,
     "BATT_MONITOR", "BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT", "BATT_LOW_VOLT", "BATT_LOW_MAH",
     "FENCE_ENABLE", "FENCE_AUTOENABLE", "FENCE_TYPE", "FENCE_ACTION", "FENCE_OPTIONS", "FENCE_RADIUS", "FENCE_ALT_MAX",
     "RTL_ALTITUDE", "ALT_HOLD_RTL", "RALLY_INCL_HOME", "HNDO_ACTION", "MIS_RESTART",
@@ -326,6 +332,17 @@ def _lands_slowly_from(name: str, unit_m: float) -> Rule:
         return (
             f"is {p[name]:g}: it lands slowly from {low_m:g} m on, and the energy is counted from {LANDING_BELOW_M:g} m"
         )
+
+    return rule
+
+
+def _switched(name: str) -> Rule:
+    def rule(p: Parameters, plan: PlanFacts | None) -> str | None:
+        function = int(p.get(name, 0))
+        if not function or switch_rule(function).access is not Access.SAFEGUARD:
+            return None
+        what = switch_name(function) or "not known here"
+        return f"is {function} ({what}): a station's RC override switches it in flight, which DO_AUX_FUNCTION may not"
 
     return rule
 
@@ -625,6 +642,7 @@ RULES: Final[tuple[Row, ...]] = (
     ("LAND_ALT_LOW", _lands_slowly_from("LAND_ALT_LOW", 0.01), COPTERS),
     ("LAND_ALT_LOW_M", _lands_slowly_from("LAND_ALT_LOW_M", 1.0), COPTERS),
     ("OA_TYPE", _flies_around, COPTERS),
+    *((name, _switched(name), EVERY) for name in _SWITCHED),
     ("RALLY_INCL_HOME", _home, EVERY),
     ("TERRAIN_ENABLE", _terrain, EVERY),
     ("CIRCLE_RATE", _circle_rate, COPTERS),

@@ -20,7 +20,9 @@ from mavproxy_handover.gate.policy.tables import MESSAGES_BY_PART, POLICY, Polic
 
 __all__ = ["main"]
 
-_NAMES = frozenset(row.name for row in POLICY) | frozenset(message.msgname for message in mavlink.mavlink_map.values())
+_NAMES = frozenset(row.name.upper() for row in POLICY) | frozenset(
+    message.msgname for message in mavlink.mavlink_map.values()
+)
 #: as ArduPilot names parameters
 _PARAMETER = re.compile(r"[A-Z][A-Z0-9_]{1,15}")
 

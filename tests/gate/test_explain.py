@@ -113,8 +113,8 @@ def test_the_summary_has_a_line_for_every_class(capsys: pytest.CaptureFixture[st
 
 
 def test_a_name_without_a_row_and_wrong_usage_are_told_apart(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["NO_SUCH_THING"]) == 1
-    assert "what has no row is refused" in capsys.readouterr().err
+    assert main(["no such thing"]) == 1
+    assert "What has no row is refused" in capsys.readouterr().err
     assert main(["--class", "open"]) == 2
     assert main(["--help"]) == 0
 

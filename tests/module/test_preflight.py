@@ -363,6 +363,10 @@ AT_5_MPS = "a return is flown at 5 m/s, handover check and START count the missi
             {"OA_TYPE": 1.0},
             "OA_TYPE is 1: a return flies around obstacles, and the energy and coverage of that are not counted",
         ),
+        (
+            {"RC7_OPTION": 11.0},
+            "RC7_OPTION is 11 (FENCE): a station's RC override switches it in flight, which DO_AUX_FUNCTION may not",
+        ),
         ({"RTL_CLIMB_MIN": 1500.0}, f"RTL_CLIMB_MIN is 15 m: {CLIMBS_FIRST}"),
         ({"RTL_CLIMB_MIN_M": 15.0}, f"RTL_CLIMB_MIN_M is 15 m: {CLIMBS_FIRST}"),
         (
@@ -396,6 +400,7 @@ def test_each_of_the_autopilot_s_own_failsafes_that_does_not_fit_is_said_alone(
         {"FS_DR_ENABLE": 2.0},
         {"RTL_SPEED": 0.0},
         {"RTL_SPEED": 1000.0, "WPNAV_SPEED": 1000.0},
+        {"RC7_OPTION": 4.0, "RC8_OPTION": 153.0, "RC9_OPTION": 0.0, "RC10_OPTION": 300.0},
         {"RTL_SPEED_MS": 10.0, "WP_SPD": 10.0, "plan": AT_10_MPS},
         {"WPNAV_SPEED": 1500.0, "plan": AT_10_MPS},
         {"WPNAV_SPEED_UP": 250.0, "WPNAV_SPEED_DN": 150.0, "LAND_SPEED": 50.0, "LAND_ALT_LOW": 1000.0},

@@ -18,14 +18,34 @@ from typing import Any
 __all__ = ["survivors"]
 
 
+#: what a mapping has under a key that it does not have
+_NOTHING = object()
+
+
+def _name(case: Any) -> str:
+    """The parameter of a case."""
+    return bytes(dict(case.fields)["param_id"]).decode("latin-1")
+
+
 def survivors() -> tuple[int, list[str]]:
     """How many mutants there were, and those that no check noticed."""
     # Imported here: the runner mutates these modules in processes of their own.
     from mavproxy_handover.gate import judge
-    from mavproxy_handover.gate.policy import files, parameters, rows
+    from mavproxy_handover.gate.policy import files, parameters, rows, switches
     from mavproxy_handover.gate.policy.access import Access
     from tests.gate.frames import make_frame
-    from tests.gate.ledger import CASES, SENDERS, Case
+    from tests.gate.ledger import (
+        CASES,
+        MAINTENANCE,
+        MAINTENANCE_SWITCHES,
+        SAFEGUARD,
+        SAFEGUARD_SWITCHES,
+        SENDERS,
+        TOLD,
+        TOLD_SWITCHES,
+        Case,
+    )
+    from tests.gate.test_firmware_parameters import NAMES as FIRMWARE
     from tests.gate.test_judge import check
 
     @cache
@@ -62,13 +82,16 @@ def survivors() -> tuple[int, list[str]]:
     @contextmanager
     def patched(target: Any, key: Any, value: Any) -> Iterator[None]:
         mapping = target if isinstance(target, dict) else vars(target)
-        before = mapping[key]
+        before = mapping.get(key, _NOTHING)
         mapping[key] = value
         vars(judge)["_USUAL"] = judge._usual_by_id()
         try:
             yield
         finally:
-            mapping[key] = before
+            if before is _NOTHING:
+                del mapping[key]
+            else:
+                mapping[key] = before
             vars(judge)["_USUAL"] = judge._usual_by_id()
 
     total, alive = 0, []
@@ -97,15 +120,36 @@ def survivors() -> tuple[int, list[str]]:
             judge_mutant(f"{message}/* as {access.value}", rows._PART_DEFAULTS, msgid, access, by_message[message])
 
     named = [case for name in parameters.PARAMETER_MESSAGES for case in by_message[name]]
+    kinds = {"locked": SAFEGUARD, "no row": SAFEGUARD, "open": TOLD, "maintenance": MAINTENANCE}
+    firmware = {name: kind for section, kind in kinds.items() for name in FIRMWARE[section]}
+
+    def cases_of(rule: Any) -> list[Case]:
+        """The firmware's own parameters that a row is about."""
+        mine = [name for name in firmware if parameters.parameter_rule(name) is rule]
+        return [Case("PARAM_SET", firmware[name], (("param_id", name.encode()),)) for name in mine]
+
     rules = parameters.PARAMETER_RULES
     for number, rule in enumerate(rules):
+        about = cases_of(rule)
         for access in others(rule.access):
             changed = (*rules[:number], replace(rule, access=access), *rules[number + 1 :])
-            judge_mutant(f"{rule.names} as {access.value}", parameters, "PARAMETER_RULES", changed, named)
+            judge_mutant(f"{rule.names} as {access.value}", parameters, "PARAMETER_RULES", changed, about)
         for pattern in rule.names:
             kept = tuple(name for name in rule.names if name != pattern) or ("no such parameter",)
-            matcher = parameters._matcher((*rules[:number], replace(rule, names=kept), *rules[number + 1 :]))
-            judge_mutant(f"without {pattern}", parameters, "_MATCHER", matcher, named)
+            without = (*rules[:number], replace(rule, names=kept), *rules[number + 1 :])
+            matcher = parameters._matcher(without)
+            with patched(parameters, "_MATCHER", matcher):
+                classes = {parameters.parameter_rule(_name(case)).access for case in about}
+            if classes == {rule.access}:  # what another row, or none, says of these names is the same
+                continue
+            judge_mutant(f"without {pattern}", parameters, "_MATCHER", matcher, about)
+    switched = [case for name in ("COMMAND_LONG", "COMMAND_INT") for case in by_message[name]]
+    switched = [case for case in switched if dict(case.fields).get("command") == 218]
+    for number in (*SAFEGUARD_SWITCHES, *MAINTENANCE_SWITCHES, *TOLD_SWITCHES):
+        rule = switches.switch_rule(number)
+        for access in others(rule.access):
+            mutant_rule = replace(rule, access=access)
+            judge_mutant(f"switch {number} as {access.value}", switches._RULES, number, mutant_rule, switched)
     for access in others(parameters.OTHER_PARAMETERS.access):
         changed_rule = replace(parameters.OTHER_PARAMETERS, access=access)
         judge_mutant(f"other parameters as {access.value}", parameters, "OTHER_PARAMETERS", changed_rule, named)

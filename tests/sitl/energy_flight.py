@@ -146,27 +146,39 @@ def _item(seq: int, command: int, place: tuple[float, float] = (0.0, 0.0), alt_m
     return dialect.MAVLink_mission_item_int_message(1, 1, seq, 3, command, 0, 1, first, 0, 0, 0, lat, lon, alt_m, 0)
 
 
-def fly(folder: Path, settings: EnergySettings, out: tuple[float, float], wind: Wind, speedup: float = 12.0) -> Flown:
+def fly(
+    folder: Path,
+    settings: EnergySettings,
+    out: tuple[float, float],
+    wind: Wind,
+    speedup: float = 12.0,
+    *,
+    return_mps: float | None = None,
+) -> Flown:
     """Out to a place so many metres east and north of home, in that wind, and back.
 
-    With a `payload_kg` in the settings SITL's kilogram is carried out and left there.
+    With a `payload_kg` in the settings SITL's kilogram is carried out and left there. `return_mps`: RTL_SPEED; None: 0.
     """
     place = offset(HOME[0], HOME[1], *out)
     winds = {"SIM_WIND_SPD": wind.speed_mps, "SIM_WIND_DIR": wind.from_deg, "SIM_WIND_T": 1.0}
     gripper = GRIPPER if settings.payload_kg else {}
-    spec = VehicleSpec(home=HOME, speedup=speedup, parameters={"SCR_ENABLE": 0.0, **DRAG, **winds, **gripper})
+    speeds = {} if return_mps is None else {"RTL_SPEED": return_mps * 100.0}
+    parameters = {"SCR_ENABLE": 0.0, **DRAG, **winds, **gripper, **speeds}
+    spec = VehicleSpec(home=HOME, speedup=speedup, parameters=parameters)
     vehicle = launch("arducopter", spec, folder)
     flight = None
     try:
         flight = _Flight(vehicle.address(1), settings)
-        return _fly(flight, settings, place, wind)
+        return _fly(flight, settings, place, wind, return_mps)
     finally:
         if flight is not None:
             flight.wire.socket.close()
         vehicle.stop()
 
 
-def _fly(flight: _Flight, settings: EnergySettings, place: tuple[float, float], wind: Wind) -> Flown:
+def _fly(
+    flight: _Flight, settings: EnergySettings, place: tuple[float, float], wind: Wind, return_mps: float | None
+) -> Flown:
     length, bearing = distance_m(*HOME[:2], *place), bearing_deg(*HOME[:2], *place)
     flight.until(lambda: flight.now > 0.0 or flight.aircraft.heartbeat_at >= 0.0, 60, "the autopilot")
     for message, hertz in RATES.items():
@@ -198,15 +210,15 @@ def _fly(flight: _Flight, settings: EnergySettings, place: tuple[float, float], 
     back = (bearing + 180.0) % 360.0
     return Flown(
         used_wh=flight.used_wh - began_wh,
-        planned_wh=prior.need_wh(out_pieces) + prior.unloaded.need_wh(_home(prior, length, back)),
+        planned_wh=prior.need_wh(out_pieces) + prior.unloaded.need_wh(_home(prior, length, back, return_mps)),
         used_back_wh=flight.used_wh - turned_wh,
-        predicted_back_wh=fact.model.unloaded.need_wh(_home(fact.model, length, back)),
+        predicted_back_wh=fact.model.unloaded.need_wh(_home(fact.model, length, back, return_mps)),
         fact=fact,
     )
 
 
-def _home(model: EnergyModel, length: float, bearing: float) -> tuple[Piece, ...]:
-    return way_home(length, bearing, ALTITUDE_M, 0.0, model.return_alt_m)
+def _home(model: EnergyModel, length: float, bearing: float, speed_mps: float | None) -> tuple[Piece, ...]:
+    return way_home(length, bearing, ALTITUDE_M, 0.0, model.return_alt_m, speed_mps=speed_mps)
 
 
 def _arm(flight: _Flight) -> None:

@@ -73,3 +73,14 @@ def test_what_was_predicted_is_used(tmp_path: Path, speed: float, direction: flo
     assert flown.predicted_back_wh == pytest.approx(flown.used_back_wh, rel=WITHIN)
     assert flown.fact.wind_source == "autopilot"
     assert flown.fact.trouble == ()
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize(
+    "return_mps", [pytest.param(2.0, id="2 m/s"), pytest.param(5.0, id="5 m/s", marks=pytest.mark.long)]
+)
+def test_a_return_is_counted_at_the_speed_at_which_it_is_flown(tmp_path: Path, return_mps: float) -> None:
+    """The fault: a return that the autopilot flew at 1 m/s was counted with the mission's 10 m/s."""
+    flown = fly(tmp_path, load(DELIVERY).energy, OUT, Wind(0.0, 0.0), return_mps=return_mps)
+    print(f"\nat {return_mps:g} m/s: used {flown.used_back_wh:.2f} Wh, predicted {flown.predicted_back_wh:.2f} Wh")
+    assert flown.predicted_back_wh == pytest.approx(flown.used_back_wh, rel=WITHIN)

@@ -71,6 +71,7 @@ PROMISED = {
     *("gps-stale", "autopilot-link-cut", "guard-removed", "auth-attack", "fence"),
     *("rc-takeover", "companion-dies-while-returning", "battery-return", "low-battery-return", "commands-judged"),
     "return-as-flown",
+    "dike-return",
     *("low-battery-far",),
     *("tcp-provider", "tcp-provider-drift", "rehearsal"),
     *("refusal-texts", "two-vehicles", "linear", "field-test", "waypoints", "waypoints-restart"),
