@@ -31,7 +31,7 @@ from mavproxy_handover.autopilot.overrides import Overrides
 from mavproxy_handover.autopilot.position_watch import Box
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
-from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.config.running import Running
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
 from mavproxy_handover.core.messages import TransferMessage
@@ -128,12 +128,13 @@ class Edge:
 class Companion:
     """One vehicle's companion. Times are monotonic seconds; not safe for threads."""
 
-    def __init__(self, config: VehicleConfig, ports: dict[int, StationPort], edge: Edge) -> None:
-        """Raises OSError, KeysError, MissionError: what the configuration names cannot be used."""
-        self.config = config
+    def __init__(self, running: Running, ports: dict[int, StationPort], edge: Edge) -> None:
+        """Raises OSError: the journal cannot be written, and it is no restart."""
+        self.config = config = running.config
         self.ports = ports
-        self.journal = Journal(config.journal, config.name)
-        self._strangers = Journal(strangers_path(config.journal), config.name, _STRANGERS_BYTES)
+        strict = not running.restart
+        self.journal = Journal(config.journal, config.name, strict=strict)
+        self._strangers = Journal(strangers_path(config.journal), config.name, _STRANGERS_BYTES, strict=strict)
         self.faults: Counter[str] = Counter()
         #: of each station, how many of a kind there were when it was told of that kind
         self._faults_told: dict[int, Counter[str]] = {station: Counter() for station in ports}
@@ -162,7 +163,7 @@ class Companion:
         self._announcer = Announcer(self._voice)
         self._control = OperatorControl(self._voice, self.narrator, self.handle)
         try:
-            self.autopilot = Autopilot(config, self._ties(edge.clocks), edge.nonce, edge.box)
+            self.autopilot = Autopilot(running, self._ties(edge.clocks), edge.nonce, edge.box)
         except Exception:
             self._restart.close()
             self.journal.close()

@@ -10,12 +10,13 @@ from collections.abc import Callable
 from typing import Any
 
 from mavproxy_handover.config.files import ConfigError
+from mavproxy_handover.lifeline import Refusal
 from mavproxy_handover.link.devices import LinkError
 from mavproxy_handover.mission.errors import MissionError
 from mavproxy_handover.store.keys import KeysError
 from mavproxy_handover.store.lock import LockError
 
-__all__ = ["SharedLog", "guarded", "why"]
+__all__ = ["SharedLog", "guarded", "refusal", "why"]
 
 
 def guarded(
@@ -33,9 +34,20 @@ def guarded(
             show()
 
 
+#: each is one line for people
+_EXPECTED = (ConfigError, KeysError, LinkError, LockError, MissionError)
+
+
+def refusal(error: Exception) -> Refusal:
+    """What kind of error keeps a module from being loaded."""
+    if isinstance(error, LockError):
+        return Refusal.LOCKED
+    return Refusal.MACHINE if isinstance(error, (*_EXPECTED, OSError)) else Refusal.FAULT
+
+
 def why(error: Exception) -> str:
     """Why a module is not loaded, in one line for people."""
-    if isinstance(error, (ConfigError, KeysError, LinkError, LockError, MissionError)):
+    if isinstance(error, _EXPECTED):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename}: {error.strerror}"

@@ -13,9 +13,10 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from enum import Enum
 from typing import Final
 
-__all__ = ["BEAT", "ENDING", "LET_GO", "Lifeline", "Told", "hold", "lifeline"]
+__all__ = ["BEAT", "ENDING", "LET_GO", "Lifeline", "Refusal", "Told", "hold", "lifeline"]
 
 #: the main loop goes round; it will go round without us (the module is unloaded); an end that somebody wants has begun
 BEAT, LET_GO, ENDING = b".", b"-", b"e"
@@ -32,6 +33,17 @@ class Told:
     leases: bool = True
 
 
+class Refusal(Enum):
+    """What keeps a module from being loaded."""
+
+    #: something on this machine: a file, a link, a device
+    MACHINE = "machine"
+    #: another companion of this vehicle runs
+    LOCKED = "locked"
+    #: an internal fault
+    FAULT = "fault"
+
+
 class Lifeline:
     """The companion's end. Nothing here raises or waits. Times are monotonic seconds."""
 
@@ -40,8 +52,8 @@ class Lifeline:
         self.told = told
         #: the main loop has gone round with the module in it
         self.lived = False
-        #: the module said why it cannot be loaded
-        self.refused = False
+        #: what kept the module from being loaded, if something did
+        self.refused: Refusal | None = None
         #: closes what must be closed when the process cannot be ended otherwise
         self.at_the_end: Callable[[], None] = lambda: None
         self._descriptor = descriptor

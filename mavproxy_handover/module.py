@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import gc
 import math
+import os
 import secrets
 import time
 import traceback
@@ -36,22 +37,20 @@ from mavproxy_handover.autopilot.link import AutopilotLink
 from mavproxy_handover.clocks import Clocks
 from mavproxy_handover.commands import VehicleCommands
 from mavproxy_handover.companion import Companion, Edge
-from mavproxy_handover.config.files import (
-    VehicleConfig,
-    find_vehicle_config,
-    load_vehicle,
-    path_argument,
-)
-from mavproxy_handover.hosting import SharedLog, guarded, why
+from mavproxy_handover.config.files import VehicleConfig, find_vehicle_config, path_argument
+from mavproxy_handover.config.running import Running, forget, keep, load_running
+from mavproxy_handover.hosting import SharedLog, guarded, refusal, why
 from mavproxy_handover.lifeline import lifeline
 from mavproxy_handover.link.box_line import BoxLine
-from mavproxy_handover.link.devices import Device
+from mavproxy_handover.link.devices import Device, parse_device
+from mavproxy_handover.link.names import Names
 from mavproxy_handover.main_loop import STAY_S, TALKING_S, ends, poller, readable, waited_for
 from mavproxy_handover.must_load import loaded, refused
 from mavproxy_handover.schedule import TICK_S, Schedule
 from mavproxy_handover.stations.port import StationPort, open_ports
-from mavproxy_handover.store.keys import load_key
+from mavproxy_handover.store.behind import Behind
 from mavproxy_handover.store.lock import VehicleLock, lock_line
+from mavproxy_handover.store.memory import memory_folder, memory_name
 from mavproxy_handover.store.replay import ReplayStore
 from mavproxy_handover.supervision.manager import ServiceManager, named_manager
 from mavproxy_handover.unloading import UnloadQuestion
@@ -82,29 +81,30 @@ class HandoverModule(mp_module.MPModule):
     def __init__(
         self,
         mpstate: Any,
-        config: VehicleConfig,
+        running: Running,
         ports: dict[int, StationPort],
         lock: VehicleLock,
         clocks: Clocks,
+        names: Names,
         box: BoxLine | None = None,
     ) -> None:
-        """`lock`: the vehicle's; `box`: its position box, where there is one.
-
-        Raises OSError, KeysError, MissionError: what the configuration names is no good.
+        """`lock`: the vehicle's; `names`: of the hosts that links and box use; `box`: its position box, where there is
+        one. Raises OSError: the journal cannot be written, and it is no restart.
         """
+        config = running.config
         super().__init__(mpstate, "handover", "authority handover (companion)", public=True, multi_vehicle=True)
         self.lock = lock
-        mp_util.child_fd_list_add(lock.descriptor)  # or a map's process would keep it
+        for descriptor in lock.descriptors:  # or a map's process would keep it
+            mp_util.child_fd_list_add(descriptor)
         self._lifeline = lifeline()
         self._manager = ServiceManager() if self._lifeline is not None else named_manager()
         self._kept = {name: getattr(self.settings, name) for name in _SETTINGS if hasattr(self.settings, name)}
         #: looked at in every round of the main loop, so not by name
         self._doors = [(self.settings.get_setting(name), _SETTINGS[name]) for name in self._kept]
-        key = None if config.autopilot_key is None else load_key(config.autopilot_key)
-        autopilot = None if key is None else SignedPeer(key, keeps_sent=True)
+        autopilot = None if running.autopilot_key is None else SignedPeer(running.autopilot_key, keeps_sent=True)
         self._to_autopilot = AutopilotLink(mpstate, lambda: self.master, autopilot, clocks)
         nonce = secrets.randbelow(0xFFFFFFFF) + 1
-        self.companion = Companion(config, ports, Edge(self._to_autopilot.write, self._show, clocks, nonce, box))
+        self.companion = Companion(running, ports, Edge(self._to_autopilot.write, self._show, clocks, nonce, box))
         self._box = box
         self._box_holds: list[int] = []
         self._commands = VehicleCommands(self.companion, self._show)
@@ -112,6 +112,9 @@ class HandoverModule(mp_module.MPModule):
         self._idle_at = 0.0
         jobs = [("measuring links", partial(self._measure, port), _measured_s(port)) for port in ports.values()]
         jobs += [("link", partial(self._look_at, port, link), _POLL_S) for port, link in self._links]
+        self._running, self._names = running, names
+        self._record = Behind("run record")
+        jobs.append(("names", partial(self._look_up), _POLL_S))
         jobs.append(("shared log", partial(SharedLog.look, SharedLog(mpstate, self._show)), 1.0))
         self._schedule = Schedule(jobs, self.companion.fault)
         #: when a station's frames were read last
@@ -135,6 +138,8 @@ class HandoverModule(mp_module.MPModule):
         )
         self._unload_question.take()
         self.companion.narrator.loaded(VERSION, str(config.path))
+        for note in running.notes:
+            self.companion.narrator.running_by(note)
         self._close_side_doors(tell=False)
         self._supervised()
         stations = ", ".join(port.name for port in ports.values())
@@ -149,14 +154,20 @@ class HandoverModule(mp_module.MPModule):
         if open_doors:
             self.companion.narrator.unsigned_allowed(open_doors)
             self._show(f"handover: WARNING: {open_doors} without a key: whoever reaches the link is the station")
+        not_kept = "" if running.recorded else keep(running)
+        if not_kept:
+            self.companion.narrator.running_by(not_kept)
+        self._running = replace(running, recorded=not not_kept)
         # what is here now stays: Python need not look through all of it for garbage in the middle of a flight, 30 ms
         # on a desk in one go, and whoever makes us parse a lot decides when
         gc.freeze()
 
     def _guard_against_replay(self, config: VehicleConfig, peers: dict[str, SignedPeer]) -> None:
         folder = config.state or config.journal.parent
-        replay = self._replay = ReplayStore(folder / f"{config.name}.replay.json")
-        note = replay.load(time.time())
+        place = memory_folder(os.environ)
+        memory = None if place is None else place / f"{memory_name(folder, config.name)}.replay"
+        replay = self._replay = ReplayStore(folder / f"{config.name}.replay.json", memory=memory)
+        note = replay.load(time.time(), first=not self._running.restart)
         for name, peer in peers.items():
             replay.attach(name, peer)
         if note:
@@ -225,10 +236,16 @@ class HandoverModule(mp_module.MPModule):
         self._manager.close()
         if self._replay is not None:
             self._guarded("replay state", self._replay.close)
+        grounded = not self._flies()
+        self._record.close()
+        if grounded:
+            forget(self.companion.config)
         self._guarded("unload", self.companion.close)
         gc.unfreeze()
         self._guarded("tlog", self._to_autopilot.log)
-        mp_util.child_fd_list_remove(self.lock.descriptor)
+        self._to_autopilot.release()
+        for descriptor in self.lock.descriptors:
+            mp_util.child_fd_list_remove(descriptor)
         self.lock.release()
 
     # ---- behind them ----------------------------------------------------------------------------------------------
@@ -303,6 +320,13 @@ class HandoverModule(mp_module.MPModule):
         self._serve(port, link)
         self._watch(port, link)
 
+    def _look_up(self, now: float) -> None:
+        """Hosts are looked up beside the main loop; what was found is kept for a restart."""
+        self._names.tick(now)
+        if self._names.known != self._running.addresses:
+            running = self._running = replace(self._running, addresses=self._names.known)
+            self._record.put("addresses", lambda: _keep(running))
+
     def _measure(self, port: StationPort, now: float) -> None:
         self.companion.on_links(port, port.tick(now), now)
 
@@ -355,6 +379,11 @@ class HandoverModule(mp_module.MPModule):
         self.console.writeln(text)
 
 
+def _keep(running: Running) -> None:
+    """Where there is no room the next restart begins with what it can look up."""
+    keep(running)
+
+
 def _measured_s(port: StationPort) -> float:
     return _SEVERAL_S if len(port.links) > 1 else _SINGLE_S
 
@@ -392,10 +421,12 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
     box: BoxLine | None = None
     try:
         path = find_vehicle_config(path_argument("config", config) or _last.get("config"))
-        settings = load_vehicle(path)
+        line = lifeline()
+        running = load_running(path, restarted=line is not None and bool(line.told.why))
         written = path_argument("journal", journal) or _last.get("journal")
         if written is not None:
-            settings = replace(settings, journal=Path(written))
+            running = replace(running, config=replace(running.config, journal=Path(written)))
+        settings, strict = running.config, not running.restart
         forbidden = _outputs(mpstate, settings)
         if forbidden:
             outputs = ", ".join(output.address for output in forbidden)
@@ -406,12 +437,16 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
                 "or set listen_only_outputs = true in [vehicle]",
             )
             return None
-        lock = VehicleLock(settings.state or settings.journal.parent, settings.name)
+        lock = VehicleLock(settings.state or settings.journal.parent, settings.name, strict=strict)
         _lock_lines(mpstate)
         clocks = Clocks(time.time, time.monotonic)
-        ports = open_ports(settings.stations, settings.sysid, clocks)
-        box = BoxLine(settings.position.box, clocks.monotonic) if settings.position.box else None
-        module = HandoverModule(mpstate, settings, ports, lock, clocks, box)
+        names = Names(running.addresses)
+        ports = open_ports(settings.stations, settings.sysid, clocks, running.keys, names, strict=strict)
+        if settings.position.box:
+            if strict:
+                names.find(parse_device(settings.position.box))
+            box = BoxLine(settings.position.box, clocks.monotonic, names)
+        module = HandoverModule(mpstate, running, ports, lock, clocks, names, box)
     except Exception as error:  # whatever: MAVProxy would not live through it when it loads its default modules
         for port in ports.values():
             for link in port.links:
@@ -420,11 +455,12 @@ def init(mpstate: Any, config: Any = None, journal: Any = None, **unknown: Any) 
         if box is not None:
             box.close()
         if lock is not None:
-            mp_util.child_fd_list_remove(lock.descriptor)
+            for descriptor in lock.descriptors:
+                mp_util.child_fd_list_remove(descriptor)
             lock.release()
         mpstate.public_modules.pop("handover", None)
         mpstate.command_map.pop("handover", None)
-        refused(mpstate, "handover", why(error))
+        refused(mpstate, "handover", why(error), refusal(error))
         return None
     loaded()
     _last.update({"config": str(path)} if written is None else {"config": str(path), "journal": written})

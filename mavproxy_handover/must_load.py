@@ -17,7 +17,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, Final
 
-from mavproxy_handover.lifeline import lifeline
+from mavproxy_handover.lifeline import Refusal, lifeline
 from mavproxy_handover.main_loop import end
 
 __all__ = ["MUST_LOAD", "import_fault", "loaded", "must_load", "refused", "starter"]
@@ -57,7 +57,7 @@ def starter(name: str, module: str) -> Callable[..., Any]:
     return init
 
 
-def refused(mpstate: Any, name: str, text: str) -> None:
+def refused(mpstate: Any, name: str, text: str, kind: Refusal = Refusal.MACHINE) -> None:
     """Say why module `name` is not loaded. A MAVProxy that was started for it ends with code 2.
 
     The caller's `init` then returns None to MAVProxy: there is no module.
@@ -65,7 +65,7 @@ def refused(mpstate: Any, name: str, text: str) -> None:
     mpstate.console.writeln(f"{name} is not loaded: {text}")
     line = lifeline()
     if line is not None and not line.lived:
-        line.refused = True
+        line.refused = kind
         end(mpstate)
         return
     command = os.environ.pop(MUST_LOAD, None)

@@ -108,6 +108,11 @@ class Narrator:
         self._journal.write("started_again", f"started again by the supervisor: {why}")
         self.tell(f"Started again by the supervisor: {why}.")
 
+    def running_by(self, note: str) -> None:
+        """What a restart goes on with, and what it does without."""
+        self._journal.write("restart", note)
+        self.tell(f"{note}.")
+
     def unloaded(self) -> None:
         """The module is unloaded."""
         self.sum_up(math.inf)

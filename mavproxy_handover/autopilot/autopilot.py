@@ -41,7 +41,7 @@ from mavproxy_handover.autopilot.streams import Streams
 from mavproxy_handover.autopilot.telemetry import Telemetry
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.autopilot.waypoints import WaypointWatch
-from mavproxy_handover.config.vehicle import VehicleConfig
+from mavproxy_handover.config.running import Running
 from mavproxy_handover.core.events import (
     AircraftJudged,
     AutopilotState,
@@ -55,7 +55,6 @@ from mavproxy_handover.core.events import (
 from mavproxy_handover.core.model import AuthorityView, Flown, GuardState, ZoneFact
 from mavproxy_handover.core.safety.battery import PackMemory
 from mavproxy_handover.core.safety.energy import EnergyFact
-from mavproxy_handover.mission import package as mission_package
 from mavproxy_handover.mission.ahead import Ahead
 from mavproxy_handover.mission.energy import released_at
 from mavproxy_handover.mission.package import MissionPackage
@@ -63,7 +62,6 @@ from mavproxy_handover.mission.plan import Route
 from mavproxy_handover.mission.walk import Handover, speed_at
 from mavproxy_handover.schedule import attempt
 from mavproxy_handover.stations.port import StationPort
-from mavproxy_handover.store.keys import load_key
 from mavproxy_handover.wire.conversation import Conversation, Conversations
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import COMPANION_COMPID, EVERYBODY, GUARD_STATUS_TUNNEL
@@ -89,13 +87,11 @@ _OLD_S: Final = 0.2
 
 
 class Autopilot:
-    """The autopilot of the vehicle of `config`. Times are monotonic seconds."""
+    """The autopilot of the vehicle of a configuration. Times are monotonic seconds."""
 
-    def __init__(self, config: VehicleConfig, ties: Ties, nonce: int, box: Box | None = None) -> None:
-        """`nonce`: of this run's leases, never 0; `box`: the position box, where there is one.
-
-        Raises KeysError, MissionError: what the configuration names.
-        """
+    def __init__(self, running: Running, ties: Ties, nonce: int, box: Box | None = None) -> None:
+        """`nonce`: of this run's leases, never 0; `box`: the position box, where there is one."""
+        config = running.config
         self.aircraft = Aircraft()
         #: whose word of where it is counts
         self.positions = PositionWatch(config.position, self.aircraft, box, ties)
@@ -105,8 +101,8 @@ class Autopilot:
         self.position_waits = False
         self._sysid = config.sysid
         self._ties = ties
-        self._on_board = None if config.mission is None else mission_package.load(config.mission)
-        key = None if config.guard_key is None else load_key(config.guard_key)
+        self._on_board = running.mission
+        key = running.guard_key
         self._lease = LeaseSequence(nonce, key)
         #: the guards that answer, and what leases must carry for them
         self._guards = GuardLink(config.sysid, key, self._lease)

@@ -6,9 +6,10 @@ Rules that live here:
 
 1. Which link it is, is MAVProxy's choice. To ask is a search through all links, so it is asked again twenty times
    a second (`choose`), and at once when the link is no more.
-2. A serial line is written to directly as long as it takes all of a frame. pyserial looks at the line again after each
-   write, which costs as much as the write itself. What the line does not take, and every fault, is for MAVProxy, which
-   waits, reports, and opens the line again. The new line is written to directly from the next choice of the link on.
+2. A serial line is written to directly, and never waited for (`link/line_writer.py`), also in what MAVProxy itself
+   writes. pyserial looks at the line again after each write, which costs as much as the write itself. Every fault is
+   for MAVProxy, which reports it and opens the line again. The new line is written to directly from the next choice of
+   the link on.
 3. With a key of the autopilot, frames are signed here, once; ids and payload stay the sender's. The autopilot refuses a
    stamp that is not newer than the last, so ours outlive a restart (`peer`'s state is kept), and follow those that its
    heartbeats prove: one that has heard younger ones says so.
@@ -19,14 +20,15 @@ Rules that live here:
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Final
 
 import serial
 
 from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.link.line_writer import LineWriter
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import SignedPeer
 
@@ -48,7 +50,7 @@ class AutopilotLink:
         self._peer = peer
         self._master: Any = None
         #: the serial line behind the link, if there is one and it has a descriptor (not so on Windows)
-        self._line: serial.Serial | None = None
+        self._line: LineWriter | None = None
         #: what was written, and when (UTC s)
         self._log: list[tuple[float, bytes]] = []
         self._log_at = 0.0
@@ -57,7 +59,9 @@ class AutopilotLink:
         """Ask MAVProxy anew which link leads to the autopilot."""
         self._master = self._find()
         port = getattr(self._master, "port", None)
-        self._line = port if isinstance(port, serial.Serial) and hasattr(port, "fd") else None
+        if self._line is None or self._line.port is not port:
+            lined = isinstance(port, serial.Serial) and hasattr(port, "fd") and port.is_open
+            self._line = LineWriter(port) if lined else None
 
     @property
     def signed(self) -> bool:
@@ -82,20 +86,30 @@ class AutopilotLink:
         if master is None:  # after `link remove`
             return
         # a line that was closed under its link: the number may be another file's by now
-        usable = line is getattr(master, "port", None) and line is not None and line.fd == master.fd
-        try:
-            taken = os.write(master.fd, data) if usable and not master.portdead else 0
-        except (OSError, TypeError):  # full, unplugged, or just being opened again
-            taken = 0
-        if taken != len(data):
-            master.write(data[taken:])
+        written = False
+        port: Any = getattr(master, "port", None)
+        if line is not None and line.port is port and not master.portdead:
+            with suppress(OSError, TypeError):  # unplugged, or just being opened again
+                written = port.fd == master.fd and line.write(data) > 0
+        if not written:
+            master.write(data)
         self._log.append((self._clocks.utc(), data))
 
     def tick(self, now: float) -> None:
-        """Hand the frames of the last LOG_S to MAVProxy's tlog; to be called often."""
+        """Send what a line did not take, and hand what was sent in LOG_S to MAVProxy's tlog; to be called often."""
+        line = self._line
+        if line is not None and line.port.fd is not None:
+            with suppress(OSError):  # the next frame finds out
+                line.push()
         if now >= self._log_at:
             self._log_at = now + LOG_S
             self.log()
+
+    def release(self) -> None:
+        """Give the line back as it was."""
+        if self._line is not None:
+            self._line.release()
+            self._line = None
 
     def log(self) -> None:
         """The same at once."""

@@ -10,7 +10,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from mavproxy_handover.config.files import ConfigError, FleetVehicle, load_station, load_vehicle
+from mavproxy_handover.config.files import ConfigError, FleetVehicle, load_station
 from mavproxy_handover.link.forms import Kind, parse_device
 from mavproxy_handover.wire.ids import COMPANION_COMPID, STATION_COMPID
 
@@ -45,10 +45,12 @@ def _load(module: str, config: Path, journal: Path | None) -> str:
 def companion_argv(config: Path, master: str, logfile: Path, journal: Path | None = None) -> list[str]:
     """MAVProxy with `handover`. `master`: the autopilot's device; `logfile`: the tlog; `journal`: in place of the
     configuration's. Raises ConfigError."""
-    vehicle = load_vehicle(config)
+    from mavproxy_handover.config.running import start_of  # it imports numerical libraries: see `few_threads`
+
+    vehicle = start_of(config).config
     return [
         *mavproxy(),
-        f"--master={master}",
+        f"--master={_of_mavproxy(master)}",
         f"--source-system={vehicle.sysid}",
         f"--source-component={COMPANION_COMPID}",
         f"--target-system={vehicle.sysid}",
@@ -72,7 +74,7 @@ def station_argv(config: Path, master: str | None, logfile: Path, journal: Path 
     `logfile`: the tlog; `journal`: in place of the configuration's. Raises ConfigError."""
     station = load_station(config)
     labelled = [link for vehicle in station.vehicles for link in _labelled(vehicle)]
-    links = labelled if master is None else [master]
+    links = labelled if master is None else [_of_mavproxy(master)]
     if labelled and master is not None:
         raise ConfigError(f"{station.path}: [[vehicle]] names the links: --master does not go together with it")
     if not links:
@@ -92,6 +94,13 @@ def station_argv(config: Path, master: str | None, logfile: Path, journal: Path 
     ]
 
 
+def _of_mavproxy(link: str) -> str:
+    """The link, which MAVProxy is to open. Raises ConfigError: it cannot."""
+    if "[" in link.partition("{")[0]:
+        raise ConfigError(f"link {link}: MAVProxy opens this one, and knows no IPv6: give an IPv4 address")
+    return link
+
+
 def _labelled(vehicle: FleetVehicle) -> list[str]:
     """Its links as MAVProxy takes them, each with a label that says whose it is; `module.py` goes by that."""
     found = []
@@ -99,6 +108,7 @@ def _labelled(vehicle: FleetVehicle) -> list[str]:
         device = parse_device(link)
         if device.way:
             raise ConfigError(f"link {link}: MAVProxy opens this one, and knows no @{device.way}")
+        _of_mavproxy(link)
         where = f"{device.host},{device.port}" if device.kind is Kind.SERIAL else device.text
         label = vehicle.name if len(vehicle.links) == 1 else f"{vehicle.name}/{number}"
         found.append(f"{where}:{json.dumps({'label': label}, separators=(',', ':'))}")

@@ -8,6 +8,7 @@ The station becomes MAVProxy. The companion stays, and supervises the process th
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import platform
 import shlex
@@ -20,9 +21,10 @@ from pathlib import Path
 from typing import Any
 
 from mavproxy_handover.cli.launch import companion_argv, station_argv
-from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station, load_vehicle
+from mavproxy_handover.config.files import ConfigError, find_vehicle_config, load_station
 from mavproxy_handover.must_load import import_fault, must_load
 from mavproxy_handover.store.flights import LATEST, begin
+from mavproxy_handover.supervision.script import few_threads
 from mavproxy_handover.version import VERSION
 
 __all__ = ["companion", "station"]
@@ -30,6 +32,7 @@ __all__ = ["companion", "station"]
 
 def companion(argv: Sequence[str]) -> int:
     """MAVProxy on the companion computer, supervised."""
+    few_threads()
     parser = argparse.ArgumentParser(
         prog="handover companion",
         description="Run MAVProxy with `module load handover` (the command line is printed), and start it again at "
@@ -45,7 +48,7 @@ def companion(argv: Sequence[str]) -> int:
         help="the third restart in so many seconds sends no more leases: nobody commands (default: 60)",
     )
     _fill_standard_streams()
-    return _run(parser, argv, companion_argv, find_vehicle_config, _supervise)
+    return _run(parser, argv, companion_argv, _vehicle_config, _supervise)
 
 
 def station(argv: Sequence[str]) -> int:
@@ -101,20 +104,37 @@ class _Logs:
 
 def _logs_of(program: str, config: Path, arguments: argparse.Namespace) -> _Logs:
     """A folder for this run; a disk that is full or gone keeps nothing from flying. Raises ConfigError."""
-    name = load_vehicle(config).name if program.endswith("companion") else load_station(config).station.name
+    content: bytes | None = None
+    if program.endswith("companion"):
+        from mavproxy_handover.config.running import start_of  # after `few_threads`
+
+        found = start_of(config)
+        name, content = found.config.name, found.text
+    else:
+        name = load_station(config).station.name
     base = arguments.logs.expanduser().absolute()
     folder = base / LATEST
     if not arguments.print:
         versions = {each: metadata.version(each) for each in ("MAVProxy", "pymavlink")}
         about = {"who": name, "command": program, "version": VERSION, "python": platform.python_version(), **versions}
         try:
-            folder = begin(base, name, datetime.now(timezone.utc), about, config)
+            folder = begin(base, name, datetime.now(timezone.utc), about, config, content)
         except OSError as error:
             lacks = "no tlog, and the journal where the configuration has it"
             text = f"WARNING: {error.filename or base}: {error.strerror}: {lacks}"
             print(f"{program}: {text}", file=sys.stderr, flush=True)
             return _Logs(base / f"{name}.tlog", None, ("--no-state",))
     return _Logs(folder / f"{name}.tlog", folder / f"{name}.jsonl")
+
+
+def _vehicle_config(named: str | None) -> Path:
+    """Where the configuration is. Raises ConfigError: there is none, or what it takes to look at it is broken."""
+    try:
+        importlib.import_module("numpy")  # before shapely, which prints a traceback of its own without it
+        importlib.import_module("mavproxy_handover.config.running")
+    except Exception as error:
+        raise ConfigError(import_fault(error)) from None
+    return find_vehicle_config(named)
 
 
 def _station(command: list[str], _arguments: argparse.Namespace) -> int:
@@ -131,6 +151,7 @@ def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
     if sys.platform != "linux":
         return _unsupervised(command, "only Linux ends a child with its parent")
     # imported here: `handover station` does without all of it
+    from mavproxy_handover.config.running import start_of
     from mavproxy_handover.supervision.child import Companion
     from mavproxy_handover.supervision.manager import service_manager
     from mavproxy_handover.supervision.rules import Limits
@@ -146,7 +167,8 @@ def _supervise(command: list[str], arguments: argparse.Namespace) -> int:
     if not single_threaded():
         return _unsupervised(command, "something that Python imports here starts threads")
     limits = Limits(window_s=arguments.restarts_within)
-    return Supervisor(Companion(script, command[2:]), limits, service_manager()).run()
+    in_flight = start_of(find_vehicle_config(arguments.config)).in_flight
+    return Supervisor(Companion(script, command[2:]), limits, service_manager(), in_flight=in_flight).run()
 
 
 def _unsupervised(command: list[str], why: str) -> int:

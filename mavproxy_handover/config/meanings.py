@@ -99,7 +99,8 @@ VEHICLE: Final[Mapping[str, Meanings]] = {
         "name": "as in the mission package",
         "sysid": "its MAVLink id, as in the mission package",
         "links": "one or more, side by side: udpout:HOST:PORT calls the station, udpin:HOST:PORT waits for it; "
-        "tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600; udpout:HOST:PORT@wwan0 leaves by that interface alone",
+        "tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyUSB0,57600; udpout:HOST:PORT@wwan0 leaves by that interface alone; an "
+        "IPv6 address as HOST stands in brackets",
         "key": "file of the key that it signs with; needed unless allow_unsigned",
         "module": "false: it runs no handover_gcs, but any program of the operator-control standard",
         "consent": "with module = false, where its operator cannot be asked: automatic (planned handovers need no "

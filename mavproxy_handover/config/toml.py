@@ -21,7 +21,17 @@ except ModuleNotFoundError:  # Python 3.10
 
 from mavproxy_handover.link.forms import LinkError, parse_device
 
-__all__ = ["ConfigError", "Ranges", "Table", "check_tables", "list_of_tables", "parse_value", "read_toml"]
+__all__ = [
+    "ConfigError",
+    "Ranges",
+    "Table",
+    "check_tables",
+    "list_of_tables",
+    "parse_toml",
+    "parse_value",
+    "read_file",
+    "read_toml",
+]
 
 #: key -> lowest and highest value allowed
 Ranges = Mapping[str, tuple[float, float]]
@@ -119,14 +129,24 @@ class Table:
 
 def read_toml(path: Path) -> Mapping[str, Any]:
     """The whole file. Raises ConfigError: not there, not to be read, no TOML."""
+    return parse_toml(read_file(path), path)
+
+
+def read_file(path: Path) -> bytes:
+    """The bytes of a file. Raises ConfigError: not there, not to be read."""
     try:
-        with path.open("rb") as file:
-            data: Mapping[str, Any] = tomllib.load(file)
-            return data
+        return path.read_bytes()
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file") from None
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
+
+
+def parse_toml(text: bytes, path: Path) -> Mapping[str, Any]:
+    """What a file holds. `path`: for errors. Raises ConfigError: no TOML."""
+    try:
+        data: Mapping[str, Any] = tomllib.loads(text.decode("utf-8"))
+        return data
     except (ValueError, RecursionError) as error:  # ValueError: no TOML, no UTF-8, a number of thousands of digits
         raise ConfigError(f"{path}: not valid TOML: {error}") from None
 

@@ -20,6 +20,7 @@ from mavproxy_handover.doctor.finding import Finding, error, ok, warning
 from mavproxy_handover.doctor.patient import Patient
 from mavproxy_handover.doctor.processes import Process, command_line, listens, port_holder, users_of
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
+from mavproxy_handover.link.names import endpoint, hear_both_kinds
 
 __all__ = ["held_by_ours", "ports"]
 
@@ -69,11 +70,11 @@ def _port(patient: Patient, whose: str, spec: DeviceSpec) -> Finding:
         return error(what, f"{spec.text}: not allowed", "Take a port above 1023.")
     try:
         _bind(spec if in_use is None else replace(spec, port=0))  # 0: any port that is free, to try the address
-    except (OSError, UnicodeError) as fault:
+    except (OSError, LinkError) as fault:
         number = getattr(fault, "errno", None)
         if number == errno.EADDRINUSE:
             return _held(patient, what, spec)
-        if number == errno.EADDRNOTAVAIL or isinstance(fault, (socket.gaierror, UnicodeError)):
+        if number == errno.EADDRNOTAVAIL or isinstance(fault, LinkError):
             do = "Give an address of this machine, or 0.0.0.0 for all of them, or start its network."
             return error(what, f"{spec.text}: {spec.host} is no address of this machine now", do)
         if number == errno.EACCES:
@@ -93,10 +94,12 @@ def _reserved(port: int) -> bool:
 
 def _bind(spec: DeviceSpec) -> None:
     udp = spec.kind is Kind.UDP_IN
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if udp else socket.SOCK_STREAM) as end:
+    family, address = endpoint(spec)
+    with socket.socket(family, socket.SOCK_DGRAM if udp else socket.SOCK_STREAM) as end:
+        hear_both_kinds(end)
         if not udp:  # a connection that has just been closed is in nobody's way
             end.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        end.bind((spec.host, spec.port))
+        end.bind(address)
 
 
 def _held(patient: Patient, what: str, spec: DeviceSpec) -> Finding:
@@ -124,9 +127,9 @@ def _ours(patient: Patient, holder: Process) -> bool:
 def _way_out(whose: str, spec: DeviceSpec) -> Iterator[Finding]:
     what = f"link of {whose}"
     try:
-        socket.gethostbyname(spec.host)
-    except (OSError, UnicodeError):
-        do = "Give its address by number: no name is looked up in flight."
+        endpoint(spec)
+    except LinkError:
+        do = "Give its address by number, or see to the name service: a start on the ground needs it."
         yield error(what, f"{spec.text}: nobody knows {spec.host}", do)
         return
     if spec.way and spec.way not in (name for _number, name in socket.if_nameindex()) and not _own(spec.way):

@@ -24,6 +24,7 @@ from typing import Final
 from mavproxy_handover.link.base import Backoff, Clock, reason
 from mavproxy_handover.link.dialling import Dialling
 from mavproxy_handover.link.forms import Kind, LinkError, parse_device
+from mavproxy_handover.link.names import Names
 from mavproxy_handover.wire.box_record import LEAP_S, BoxRecord, BoxStream, Lateness
 
 __all__ = ["MOST_WAIT_S", "SILENT_S", "BoxCounters", "BoxLine", "Fix", "box_address"]
@@ -68,15 +69,15 @@ def box_address(text: object) -> str:
 class BoxLine:
     """Connects to `tcp:HOST:PORT`, again and again. See the module's rules."""
 
-    def __init__(self, text: str, clock: Clock = time.monotonic) -> None:
-        """Raises LinkError."""
+    def __init__(self, text: str, clock: Clock = time.monotonic, names: Names | None = None) -> None:
+        """`names`: see `Dialling`. Raises LinkError: no form of a box; without `names` an unknown host too."""
         self.device = box_address(text)
         self.counters = BoxCounters()
         #: the last thing that went wrong, in words; "" while records come
         self.trouble = ""
         self._clock = clock
         self._backoff = Backoff(_FIRST_WAIT_S, MOST_WAIT_S)
-        self._dialling = Dialling(parse_device(text), self._backoff, self._give_up)
+        self._dialling = Dialling(parse_device(text), self._backoff, self._give_up, names)
         self._socket: socket.socket | None = None
         self._stream, self._lateness = BoxStream(), Lateness()
         #: the last new record, or the connection

@@ -8,18 +8,49 @@ import time
 
 from mavproxy_handover.link.base import Clock, Device, LinkCounters
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError, parse_device
+from mavproxy_handover.link.names import Names, is_number
+from mavproxy_handover.link.reopening import ReopeningLink
 from mavproxy_handover.link.tcp import TcpIn, TcpOut
 from mavproxy_handover.link.udp import UdpIn, UdpOut, UdpOutBy
 
-__all__ = ["Device", "DeviceSpec", "Kind", "LinkCounters", "LinkError", "open_device", "parse_device"]
+__all__ = [
+    "Device",
+    "DeviceSpec",
+    "Kind",
+    "LinkCounters",
+    "LinkError",
+    "open_device",
+    "open_link",
+    "parse_device",
+]
 
 
 def open_device(text: str, clock: Clock = time.monotonic) -> Device:
-    """Open the link that `text` names. `clock` gives monotonic seconds.
+    """Open the link that `text` names. `clock` gives monotonic seconds. A host's name is looked up on the spot.
 
     Raises LinkError, one line: a form that is not known, a port in use, an unknown host, no right to a serial line.
     """
+    return _made(parse_device(text), clock)
+
+
+def open_link(text: str, names: Names, clock: Clock = time.monotonic, *, strict: bool = True) -> Device:
+    """The same for a companion: `names` knows the addresses of hosts, and finds them in flight.
+
+    `strict` False: what cannot be opened now is a closed link, and is tried again. Raises LinkError: with `strict` as
+    above, else only for a form that is not known.
+    """
     spec = parse_device(text)
+    named = spec.kind is not Kind.SERIAL and not is_number(spec.host)
+    if named and strict:
+        names.find(spec)
+    if spec.kind is Kind.TCP_OUT:  # it connects again by itself
+        return TcpOut(spec, clock, names)
+    if named or not strict:
+        return ReopeningLink(spec, _made, names, clock, strict=strict)
+    return _made(spec, clock)
+
+
+def _made(spec: DeviceSpec, clock: Clock) -> Device:
     if spec.kind is Kind.UDP_IN:
         return UdpIn(spec, clock)
     if spec.kind is Kind.UDP_OUT:

@@ -12,10 +12,12 @@ import os
 import select
 import socket
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 from mavproxy_handover.link.base import Backoff, reason
 from mavproxy_handover.link.forms import DeviceSpec, LinkError
+from mavproxy_handover.link.names import Address, Names, endpoint, is_number, look_up_for
 
 __all__ = ["Dialling", "tune"]
 
@@ -45,14 +47,23 @@ def tune(sock: socket.socket) -> None:
 
 
 class Dialling:
-    """Attempts to reach `HOST:PORT`, one at a time. `failed` is told in words why one came to nothing."""
+    """Attempts to reach `HOST:PORT`, one at a time. `failed` is told in words why one came to nothing.
 
-    def __init__(self, spec: DeviceSpec, backoff: Backoff, failed: Callable[[str], None]) -> None:
-        """Raises LinkError: unknown host."""
-        try:
-            self.address = (socket.gethostbyname(spec.host), spec.port)
-        except (OSError, UnicodeError) as error:
-            raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
+    A host with several addresses is tried at the next one each time.
+    """
+
+    def __init__(
+        self, spec: DeviceSpec, backoff: Backoff, failed: Callable[[str], None], names: Names | None = None
+    ) -> None:
+        """`names`: knows the host's addresses, now or later; without it a name is looked up on the spot, and one that
+        is not known raises LinkError."""
+        self._spec = spec
+        self._names = names
+        if names is None and not is_number(spec.host):
+            self._spec = replace(spec, host=look_up_for(spec)[0])
+        self._turn = 0
+        #: where the last attempt went
+        self.address: Address = ("", spec.port)
         self._backoff = backoff
         self._failed = failed
         self._socket: socket.socket | None = None
@@ -66,15 +77,29 @@ class Dialling:
         """Make an attempt, due or not."""
         self._backoff.tried(now)
         self._by = now + _CONNECT_TIMEOUT_S
+        host = self._next_host()
+        if not host:
+            self._give_up(f"the address of {self._spec.host} is not known yet")
+            return
         try:
-            sock = self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+            family, self.address = endpoint(replace(self._spec, host=host))
+            sock = self._socket = socket.socket(family, socket.SOCK_STREAM)
             tune(sock)
             result = sock.connect_ex(self.address)
-        except OSError as error:
+        except (OSError, LinkError) as error:
             self._give_up(reason(error))
             return
         if result not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
             self._give_up(os.strerror(result))
+
+    def _next_host(self) -> str:
+        """The address for this attempt, "" if none is known."""
+        if self._names is None:
+            return self._spec.host
+        self._names.look_again(self._spec.host)
+        hosts = self._names.addresses(self._spec.host)
+        self._turn += 1
+        return hosts[(self._turn - 1) % len(hosts)] if hosts else ""
 
     def look(self, now: float) -> socket.socket | None:
         """The connected socket, once, when an attempt has come to something; makes the next one when that is due."""

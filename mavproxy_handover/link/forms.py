@@ -9,12 +9,14 @@
     /dev/ttyX[,BAUD]         serial line
     serial:/dev/ttyX:BAUD    the same
 
-HOST is a name or an IPv4 address, WAY as well: `udpout:10.1.0.9:14550@wwan0`. Without BAUD a serial line runs at 57600,
-as MAVProxy has it.
+HOST is a name, an IPv4 address or an IPv6 address in brackets: `udpin:[::]:14550`, `udpout:[fe80::1%wlan0]:14550`. WAY
+is an interface or an IPv4 address: `udpout:10.1.0.9:14550@wwan0`. Without BAUD a serial line runs at 57600, as MAVProxy
+has it.
 """
 
 from __future__ import annotations
 
+import ipaddress
 import re
 from dataclasses import dataclass
 from enum import Enum
@@ -25,7 +27,8 @@ __all__ = ["DEFAULT_BAUD", "DeviceSpec", "Kind", "LinkError", "parse_device"]
 DEFAULT_BAUD: Final = 57600
 BAUD_RANGE: Final = (1200, 4_000_000)
 _FORMS: Final = (
-    "udpin:HOST:PORT, udpout:HOST:PORT[@WAY], tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyX[,BAUD], serial:/dev/ttyX:BAUD"
+    "udpin:HOST:PORT, udpout:HOST:PORT[@WAY], tcp:HOST:PORT, tcpin:HOST:PORT, /dev/ttyX[,BAUD], serial:/dev/ttyX:BAUD; "
+    "an IPv6 address as HOST stands in brackets"
 )
 
 #: an interface's name as Linux has them, or an address
@@ -51,7 +54,8 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class DeviceSpec:
-    """What a device string says. `text` is the string; `host` is the path and `port` the baud rate of a serial line.
+    """What a device string says. `text` is the string; `host` is the path and `port` the baud rate of a serial line,
+    and an IPv6 address without its brackets.
 
     `way`: interface or own address that a `udpout` leaves by; "" for whatever the system thinks best.
     """
@@ -75,7 +79,7 @@ def parse_device(text: object) -> DeviceSpec:
         # paths such as /dev/serial/by-path/... have colons of their own
         path, _, baud = rest.rpartition(":")
         return _serial(text, path, baud)
-    host, colon, port = rest.partition(":")
+    host, colon, port = _split(rest)
     port, at, way = port.partition("@")
     kinds = {kind.value: kind for kind in Kind}
     wrong_way = at and (word != Kind.UDP_OUT.value or not _WAY.fullmatch(way))
@@ -85,6 +89,18 @@ def parse_device(text: object) -> DeviceSpec:
     if not 1 <= number <= 65535:
         raise LinkError(f"link {text!r}: port must be 1 to 65535")
     return DeviceSpec(text, kinds[word], host, number, way)
+
+
+def _split(rest: str) -> tuple[str, str, str]:
+    """Host, colon and what follows it. The host is empty if brackets hold no IPv6 address."""
+    if not rest.startswith("["):
+        return rest.partition(":")
+    inside, _bracket, after = rest[1:].partition("]")
+    try:
+        ipaddress.IPv6Address(inside)
+    except ValueError:
+        return "", "", ""
+    return (inside, ":", after[1:]) if after.startswith(":") else ("", "", "")
 
 
 def _serial(text: str, path: str, baud: str) -> DeviceSpec:

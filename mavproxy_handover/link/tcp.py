@@ -34,6 +34,7 @@ from typing import Final
 from mavproxy_handover.link.base import PEER_HOLD_S, Backoff, Clock, Device, OutBuffer, reason
 from mavproxy_handover.link.dialling import Dialling, tune
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
+from mavproxy_handover.link.names import Names, endpoint, hear_both_kinds, host_of
 from mavproxy_handover.wire.frames import Frame, FrameSplitter
 
 __all__ = ["TcpIn", "TcpOut"]
@@ -109,13 +110,13 @@ class _Connection:
 class TcpOut(Device):
     """Connects to `HOST:PORT`, again and again."""
 
-    def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic) -> None:
-        """Raises LinkError: unknown host."""
+    def __init__(self, spec: DeviceSpec, clock: Clock = time.monotonic, names: Names | None = None) -> None:
+        """`names`: see `Dialling`. Raises LinkError: unknown host."""
         assert spec.kind is Kind.TCP_OUT
         super().__init__(spec.text, clock)
         self._backoff = Backoff()
         self._connection: _Connection | None = None
-        self._dialling = Dialling(spec, self._backoff, self._give_up)
+        self._dialling = Dialling(spec, self._backoff, self._give_up, names)
         self._dialling.begin(self._clock())
 
     @property
@@ -190,14 +191,16 @@ class TcpIn(Device):
         self._last: list[Frame] = []
         self._listener: socket.socket | None = None
         try:
-            self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+            family, address = endpoint(spec)
+            self._listener = socket.socket(family, socket.SOCK_STREAM)
+            hear_both_kinds(self._listener)
             # a restarted companion must not wait for the system to forget its former connections
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            self._listener.bind((socket.gethostbyname(spec.host), spec.port))
+            self._listener.bind(address)
             self._listener.listen(_BACKLOG)
             self._listener.setblocking(False)
             self._arrivals.register(self._listener, select.POLLIN)
-        except (OSError, UnicodeError) as error:
+        except OSError as error:
             if self._listener is not None:
                 self._listener.close()
             raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
@@ -333,7 +336,7 @@ class TcpIn(Device):
             tune(sock)
             self.counters.connects += 1
             self.trouble = ""
-            taken.append(_Connection(sock, now, address[0]))
+            taken.append(_Connection(sock, now, host_of(address[0])))
             self._arrivals.register(sock, select.POLLIN)
         self._clients += taken
         return taken

@@ -40,11 +40,10 @@ from typing import Final
 
 from mavproxy_handover.link.base import PEER_HOLD_S, Clock, Device, reason
 from mavproxy_handover.link.forms import DeviceSpec, Kind, LinkError
+from mavproxy_handover.link.names import Address, endpoint, hear_both_kinds, host_of
 from mavproxy_handover.wire.frames import MAGIC_V1, MAGIC_V2, Frame, FrameSplitter, parse_one
 
 __all__ = ["UdpIn", "UdpOut", "UdpOutBy"]
-
-Address = tuple[str, int]
 
 _DATAGRAM_BYTES: Final = 2048
 #: datagrams taken off the socket in one `read`
@@ -61,11 +60,12 @@ _RECEIVE_BUFFER_BYTES: Final = 1 << 20
 
 #: not in Python's `socket`; the same on all of Linux's common machines (asm-generic/socket.h, linux/in.h)
 _SO_ATTACH_FILTER: Final = 26
-_IP_UNICAST_IF: Final = 50
+_UNICAST_IF: Final = {socket.AF_INET: (socket.IPPROTO_IP, 50), socket.AF_INET6: (socket.IPPROTO_IPV6, 76)}
 #: classic BPF (linux/filter.h): load 32 or 16 bits, go on if equal, return. A socket's filter sees a datagram from its
 #: UDP header on, and the IP header from SKF_NET_OFF on.
 _LOAD_32, _LOAD_16, _IF_EQUAL, _RETURN = 0x20, 0x28, 0x15, 0x06
-_IP_SOURCE: Final = -0x100000 + 12
+_IP_HEADER: Final = -0x100000
+_SOURCE_IN_HEADER: Final = {socket.AF_INET: 12, socket.AF_INET6: 8}
 _UDP_SOURCE: Final = 0
 _ALL, _NOTHING = 0xFFFFFFFF, 0
 
@@ -79,11 +79,10 @@ class _Udp(Device):
         #: nobody but the peer gets through to the socket
         self._peer_alone = False
         self._splitter = FrameSplitter()  #: of a peer whose datagrams are not made of whole frames
+        family, self._address = endpoint(spec)
         try:
-            # the resolver may ask the network, so this happens once, before anything flies
-            self._address: Address = (socket.gethostbyname(spec.host), spec.port)
-            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        except (OSError, UnicodeError) as error:
+            self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        except OSError as error:
             raise LinkError(f"link {spec.text} cannot be opened: {reason(error)}") from None
         self._socket.setblocking(False)
         # more than the system allows is cut by the system; a burst must outlast one slow round of the main loop
@@ -214,7 +213,8 @@ class UdpOutBy(UdpOut):
         try:
             if self._by_name:  # in truth by number, which may be changed at any time and needs no rights
                 number = socket.if_nametoindex(self._way)
-                self._socket.setsockopt(socket.IPPROTO_IP, _IP_UNICAST_IF, struct.pack("!I", number))
+                level, option = _UNICAST_IF[self._socket.family]
+                self._socket.setsockopt(level, option, struct.pack("!I", number))
             else:
                 self._socket.bind((self._way, 0))
         except OSError as error:
@@ -235,6 +235,7 @@ class UdpIn(_Udp):
         self._senders: dict[int, Address] = {}
         self._last: list[Frame] = []
         try:
+            hear_both_kinds(self._socket)
             self._socket.bind(self._address)
         except OSError as error:
             self._socket.close()
@@ -256,13 +257,14 @@ class UdpIn(_Udp):
             elif (
                 strangers < _STRANGER_DATAGRAMS
                 and stranger_bytes < _STRANGER_BYTES
-                and hosts.get(address[0], 0) < _HOST_BYTES
+                and hosts.get(host_of(address[0]), 0) < _HOST_BYTES
                 and _begins_with_frame(data)
             ):
                 found = self._split(FrameSplitter(), data)
                 strangers += 1
                 stranger_bytes += len(data)
-                hosts[address[0]] = hosts.get(address[0], 0) + max(len(data), _SHORT_BYTES)
+                host = host_of(address[0])
+                hosts[host] = hosts.get(host, 0) + max(len(data), _SHORT_BYTES)
             else:
                 self.counters.strangers += 1
                 continue
@@ -302,12 +304,20 @@ def _is_address(way: str) -> bool:
 
 def _hear_only(udp: socket.socket, address: Address) -> bool:
     """Have the kernel throw away what comes from any other address; False where it cannot."""
-    if sys.platform != "linux":
+    if sys.platform != "linux" or any(address[3:]):  # a link-local address is another host's at another interface
         return False
-    host = int.from_bytes(socket.inet_aton(address[0]), "big")
+    host = socket.inet_pton(udp.family, address[0])
+    source = _IP_HEADER + _SOURCE_IN_HEADER[udp.family]
+    words = range(0, len(host), 4)
     program = (  # operation, instructions to leave out if equal and if not, operand
-        (_LOAD_32, 0, 0, _IP_SOURCE & _ALL),
-        (_IF_EQUAL, 0, 3, host),
+        *(
+            line
+            for at in words
+            for line in (
+                (_LOAD_32, 0, 0, (source + at) & _ALL),
+                (_IF_EQUAL, 0, 2 * (len(words) - 1 - at // 4) + 3, int.from_bytes(host[at : at + 4], "big")),
+            )
+        ),
         (_LOAD_16, 0, 0, _UDP_SOURCE),
         (_IF_EQUAL, 0, 1, address[1]),
         (_RETURN, 0, 0, _ALL),

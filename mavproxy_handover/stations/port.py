@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import secrets
 from collections import Counter, deque
+from collections.abc import Mapping
 from math import inf
 from typing import Any
 
@@ -16,11 +17,12 @@ from mavproxy_handover.config.files import StationLinks
 from mavproxy_handover.gate.judge import StationIdentity
 from mavproxy_handover.gate.tongues import ANEW_S, Tongues
 from mavproxy_handover.link.bundle import LinkBundle
-from mavproxy_handover.link.devices import Device, LinkError, open_device
+from mavproxy_handover.link.devices import Device, LinkError, open_link
+from mavproxy_handover.link.names import Names
 from mavproxy_handover.link.outlet import NO_STAMP
 from mavproxy_handover.link.quality import LinkEvent, LinkEventKind, LinkQuality, Measure
 from mavproxy_handover.link.timesync import probe_message
-from mavproxy_handover.store.keys import StationKeys, check_distinct, load_station_keys
+from mavproxy_handover.store.keys import StationKeys, check_distinct
 from mavproxy_handover.wire import codec
 from mavproxy_handover.wire.frames import Frame
 from mavproxy_handover.wire.ids import COMPANION_COMPID, LANGUAGE_COMPID, OUR_MESSAGES, PROBE_COMPID
@@ -192,9 +194,21 @@ class StationPort:
         return codec.pack(probe_message(stamp), self._prober)
 
 
-def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int, clocks: Clocks) -> dict[int, StationPort]:
-    """Open every link of every station, or none. Raises LinkError, KeysError (two with the same key, for one)."""
-    keys = {config.station.name: load_station_keys(config.key) for config in configs if config.key is not None}
+def open_ports(
+    configs: tuple[StationLinks, ...],
+    vehicle_sysid: int,
+    clocks: Clocks,
+    keys: Mapping[str, StationKeys] | None = None,
+    names: Names | None = None,
+    *,
+    strict: bool = True,
+) -> dict[int, StationPort]:
+    """Open every link of every station, or none. Raises LinkError, KeysError (two with the same key, for one).
+
+    `keys`: of the stations that have one, by name. `strict` False: a link that cannot be opened is no error: it is
+    closed, and tried again.
+    """
+    keys, names = keys or {}, names or Names()
     check_distinct(keys)
     ports: dict[int, StationPort] = {}
     opened: list[Device] = []
@@ -202,7 +216,7 @@ def open_ports(configs: tuple[StationLinks, ...], vehicle_sysid: int, clocks: Cl
         for config in configs:
             links = []
             for device in config.links:
-                links.append(open_device(device))
+                links.append(open_link(device, names, strict=strict))
                 opened.append(links[-1])
             name = config.station.name
             ports[config.station.sysid] = StationPort(config, tuple(links), vehicle_sysid, keys.get(name), clocks)

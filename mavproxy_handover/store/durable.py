@@ -18,8 +18,11 @@ __all__ = ["discard", "sync_folder", "write_beside"]
 _MODE = 0o600
 
 
-def write_beside(path: Path, data: bytes) -> Path:
-    """A new file in the folder of `path`: holds `data`, mode 0600 from the start, on the disk. Raises OSError."""
+def write_beside(path: Path, data: bytes, *, sync: bool = True) -> Path:
+    """A new file in the folder of `path`: holds `data`, mode 0600 from the start, on the disk. Raises OSError.
+
+    `sync` False: of storage in memory, where there is no disk to wait for.
+    """
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
     try:
@@ -27,7 +30,8 @@ def write_beside(path: Path, data: bytes) -> Path:
             os.fchmod(file.fileno(), _MODE)  # the umask may have taken away more
             file.write(data)
             file.flush()
-            os.fsync(file.fileno())
+            if sync:
+                os.fsync(file.fileno())
     except OSError:
         discard(temporary)
         raise

@@ -52,10 +52,12 @@ class Flight:
     held: bool
 
 
-def begin(base: Path, who: str, utc: datetime, about: Mapping[str, Any], config: Path) -> Path:
+def begin(
+    base: Path, who: str, utc: datetime, about: Mapping[str, Any], config: Path, content: bytes | None = None
+) -> Path:
     """Make the folder of a run that begins, and hold it for this process, its children and whoever it becomes.
 
-    `about` goes into it as JSON, and so does the configuration. Raises OSError.
+    `about` goes into it as JSON, and so does the configuration file: `content`, or what is in it now. Raises OSError.
     """
     base.mkdir(parents=True, exist_ok=True)
     who = re.sub(r"[^\w.-]", "_", who)
@@ -76,7 +78,7 @@ def begin(base: Path, who: str, utc: datetime, about: Mapping[str, Any], config:
     os.set_inheritable(lock, True)
     text = json.dumps({"begun_utc": utc.astimezone(timezone.utc).isoformat(timespec="seconds"), **about}, indent=1)
     (folder / _ABOUT).write_text(text + "\n", encoding="utf-8")
-    shutil.copyfile(config, folder / config.name)
+    (folder / config.name).write_bytes(config.read_bytes() if content is None else content)
     _lead_to(base, folder)
     return folder
 

@@ -24,7 +24,7 @@ import shutil
 import time
 from collections import deque
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
@@ -57,8 +57,11 @@ def strangers_path(path: Path) -> Path:
 class Journal:
     """An append-only event log."""
 
-    def __init__(self, path: Path, who: str, max_bytes: int = _MAX_BYTES) -> None:
-        """Open `path` for appending. Raises OSError if that cannot be done: better before the flight than in it."""
+    def __init__(self, path: Path, who: str, max_bytes: int = _MAX_BYTES, *, strict: bool = True) -> None:
+        """Open `path` for appending. Raises OSError if that cannot be done: better before the flight than in it.
+
+        `strict` False: that is no error. It is tried again with each entry.
+        """
         self.path = path
         self._who = who
         self._max_bytes = max_bytes
@@ -73,8 +76,8 @@ class Journal:
         #: of all these the file tells of
         self._dropped = self._failed = self._told = 0
         self._behind = Behind("journal")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._open()
+        with nullcontext() if strict else suppress(OSError):
+            self._open()
 
     @property
     def lost(self) -> int:
@@ -170,6 +173,7 @@ class Journal:
 
     def _open(self) -> int:
         if self._descriptor is None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
             flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
             self._descriptor = os.open(self.path, flags, 0o644)
             size = os.fstat(self._descriptor).st_size

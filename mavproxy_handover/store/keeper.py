@@ -21,7 +21,6 @@ for the disk, as far as the system lets one.
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections import deque
 from contextlib import suppress
@@ -30,19 +29,33 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from mavproxy_handover.core.model import Phase
 from mavproxy_handover.core.snapshot import Snapshot
 from mavproxy_handover.mission.package import MissionPackage
 from mavproxy_handover.store.behind import CLOSE_S, Behind
 from mavproxy_handover.store.durable import discard
-from mavproxy_handover.store.memory import Condition, Slots, boot_id, memory_folder
+from mavproxy_handover.store.memory import Condition, Slots, boot_id, memory_folder, memory_name
 from mavproxy_handover.store.state import Kept, StateError, StateStore, pack, unpack
 
-__all__ = ["StateKeeper"]
+__all__ = ["StateKeeper", "in_flight"]
 
 _STATE: Final = "state"
 _PACKAGE: Final = "package"
 #: so many words about the disk wait to be heard
 _MOST_TROUBLES: Final = 8
+
+
+def in_flight(folder: Path, vehicle: str) -> bool:
+    """Whether the run before this one, in this boot, ended in flight, by the copy in memory. Never raises.
+
+    A rehearsal is no flight. A copy that does not count says nothing.
+    """
+    keeper = StateKeeper(folder, vehicle)
+    try:
+        held, _lost = keeper.held()
+    finally:
+        keeper.close()
+    return held is not None and held.snapshot.phase is not Phase.ON_LOAD and not held.snapshot.rehearsal
 
 
 class StateKeeper:
@@ -65,7 +78,7 @@ class StateKeeper:
     def _open(self, folder: Path) -> tuple[Slots | None, StateStore | None]:
         """The copy in memory, and where packages are kept there."""
         place = memory_folder(os.environ)
-        name = hashlib.sha256(f"{folder.resolve()}\0{self._vehicle}".encode()).hexdigest()[:32]
+        name = memory_name(folder, self._vehicle)
         try:
             if place is not None:
                 return Slots(place / f"{name}.state"), StateStore(place, name)
@@ -85,7 +98,7 @@ class StateKeeper:
             disk = self._disk.load()
         except StateError as error:
             trouble = str(error)
-        held, lost = self._held()
+        held, lost = self.held()
         self._serial = max(held.serial if held else 0, disk.serial if disk else 0)
         if held is not None and disk is not None and disk.boot == self._boot and disk.serial > held.serial:
             held, lost = None, "the copy in memory is older than the one on the disk"
@@ -98,7 +111,7 @@ class StateKeeper:
             return replace(disk.snapshot, owner=None, proven=False), lost
         return replace(disk.snapshot, proven=False), ""
 
-    def _held(self) -> tuple[Kept | None, str]:
+    def held(self) -> tuple[Kept | None, str]:
         """The copy in memory that counts, and what is wrong with the one that is there."""
         if self._slots is None or self._slots.condition is Condition.EMPTY:
             return None, ""

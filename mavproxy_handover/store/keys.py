@@ -21,7 +21,7 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -113,14 +113,18 @@ def previous_path(path: Path) -> Path:
     return path.with_name(path.name + ".old")
 
 
-def load_key(path: Path, owner: int | None = None) -> bytes:
+def load_key(path: Path, owner: int | None = None, warn: Callable[[str], None] | None = None) -> bytes:
     """The 32 bytes in a key file. Raises KeysError: missing, not ours alone, or not a key.
 
-    `owner`: the user who is to use it; None: whoever runs this."""
+    `owner`: the user who is to use it; None: the user who runs this. `warn`: is told what is wrong with mode or owner,
+    which is then no error: for a restart in flight, which must not fail for it."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # a pipe must not stop the start
         try:
             problem = _problem(path, os.fstat(descriptor), owner)
+            if problem and warn is not None and stat.S_ISREG(os.fstat(descriptor).st_mode):
+                warn(f"{path}: {problem}")
+                problem = ""
             content = b"" if problem else os.read(descriptor, _MAX_FILE_BYTES + 1)
         finally:
             os.close(descriptor)
@@ -152,11 +156,12 @@ def _problem(path: Path, status: os.stat_result, owner: int | None) -> str:
     return ""
 
 
-def load_station_keys(path: Path, owner: int | None = None) -> StationKeys:
-    """The key in `path` and, if a rotation is under way, the one before it. Raises KeysError. `owner`: as above."""
-    current = load_key(path, owner)
+def load_station_keys(path: Path, owner: int | None = None, warn: Callable[[str], None] | None = None) -> StationKeys:
+    """The key in `path` and, if a rotation is under way, the one before it. Raises KeysError. `owner`, `warn`: as
+    above."""
+    current = load_key(path, owner, warn)
     old = previous_path(path)
-    previous = load_key(old, owner) if os.path.lexists(old) else None
+    previous = load_key(old, owner, warn) if os.path.lexists(old) else None
     return StationKeys(current, None if previous == current else previous)
 
 

@@ -22,7 +22,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-__all__ = ["SLOT_BYTES", "Condition", "Slots", "boot_id", "memory_folder"]
+__all__ = ["SLOT_BYTES", "Condition", "Slots", "boot_id", "memory_folder", "memory_name"]
 
 #: more than the state of any flight needs, the longest of routes included
 SLOT_BYTES: Final = 64 * 1024
@@ -136,6 +136,11 @@ def memory_folder(environment: Mapping[str, str]) -> Path | None:
         if _own(folder):
             return folder
     return None
+
+
+def memory_name(folder: Path, vehicle: str) -> str:
+    """What the files of a vehicle are called there. `folder`: where its state is kept on the disk."""
+    return hashlib.sha256(f"{folder.resolve()}\0{vehicle}".encode()).hexdigest()[:32]
 
 
 def in_memory(path: Path) -> bool:

@@ -10,7 +10,9 @@ Rules that live here:
    The same lead keeps our own stamps above those that the autopilot has had.
 2. A file that cannot be read shuts nobody out for good and lets nothing old in: everything signed before now is
    refused, and a note says so. A missing file is a first start: then the clock alone says what is new.
-3. Neither reading nor writing raises or waits for the disk in the main loop: the lease goes out from there.
+3. A copy in memory-backed storage is written before the one on the disk. Within a boot it is the newer one: a disk that
+   is full, or a file that is gone, lets nothing old in.
+4. Neither reading nor writing raises or waits for the disk in the main loop: the lease goes out from there.
 """
 
 from __future__ import annotations
@@ -44,8 +46,12 @@ class ReplayStore:
     reserve is refused, so a station is heard again at most `reserve_s` after its last frame, or as soon as it heard us.
     """
 
-    def __init__(self, path: Path, reserve_s: float = 4.0, interval_s: float = 1.0) -> None:
+    def __init__(
+        self, path: Path, reserve_s: float = 4.0, interval_s: float = 1.0, *, memory: Path | None = None
+    ) -> None:
+        """`memory`: the file's copy in memory-backed storage, None where there is none."""
         self.path = path
+        self._memory = memory
         #: what is to be said of the file, "" if it is as it should be
         self.note = ""
         #: writes that failed
@@ -59,11 +65,20 @@ class ReplayStore:
         self._not_before_s = float("-inf")
         self._behind = Behind("replay-state")
 
-    def load(self, now_utc_s: float) -> str:
-        """Read the file; returns what is to be said of it (`note`). Never raises."""
+    def load(self, now_utc_s: float, *, first: bool = True) -> str:
+        """Read the file; returns what is to be said of it (`note`). Never raises.
+
+        `first` False: it is a restart, so there was a file.
+        """
+        newer = self._in_memory()
+        if newer is not None:
+            self._written = newer
+            return self.note
         try:
             data = self.path.read_bytes()
-        except FileNotFoundError:
+        except FileNotFoundError as error:
+            if not first:
+                return self._lost(error.strerror or str(error), now_utc_s)
             self.note = f"{self.path}: no replay state yet; signed frames are accepted if they are new by the clock"
             return self.note
         except OSError as error:
@@ -73,6 +88,13 @@ class ReplayStore:
         except (ValueError, RecursionError) as error:
             return self._lost(str(error), now_utc_s)
         return self.note
+
+    def _in_memory(self) -> _Stamps | None:
+        """The copy in memory; None if there is none that can be used."""
+        try:
+            return None if self._memory is None else _unpack(self._memory.read_bytes())
+        except (OSError, ValueError, RecursionError):
+            return None
 
     def attach(self, name: str, peer: SignedPeer) -> None:
         """Give `peer` what is known of its keys, and keep its state from now on. Before its first frame."""
@@ -133,10 +155,15 @@ class ReplayStore:
         return stamps
 
     def _write(self, stamps: _Stamps) -> None:
-        temporary = None
+        data, temporary = _pack(stamps), None
+        if self._memory is not None:
+            try:
+                os.replace(write_beside(self._memory, data, sync=False), self._memory)
+            except OSError:  # an older copy must not count before a newer file
+                discard(self._memory)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            temporary = write_beside(self.path, _pack(stamps))
+            temporary = write_beside(self.path, data)
             os.replace(temporary, self.path)
         except OSError as error:
             self.errors += 1

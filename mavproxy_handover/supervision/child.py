@@ -19,9 +19,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from mavproxy_handover.lifeline import Lifeline, hold
+from mavproxy_handover.lifeline import Lifeline, Refusal, hold
 from mavproxy_handover.main_loop import end, ends
 from mavproxy_handover.supervision.console import Console, read_lines
+from mavproxy_handover.supervision.rules import LOCKED, REFUSED
 from mavproxy_handover.supervision.script import MAIN, Script, mpstate_of
 from mavproxy_handover.supervision.supervisor import ENDS
 from mavproxy_handover.supervision.tlog import close_logs, log_options, take_queues
@@ -33,12 +34,15 @@ END_S: Final = 1.4
 _LOOK_S: Final = 0.1
 #: for the tlog, and for the last lines of the console
 _LOGS_S, _LAST_S, _CONSOLE_S = 0.5, 0.1, 0.2
-#: wrong usage or bad input, as everywhere
-_REFUSED: Final = 2
+#: an internal fault (EX_SOFTWARE)
+_FAULT: Final = 70
 #: main thread and signals without a prompt, and the word `exit`, since the end of the input ends nothing any more
 _ALWAYS: Final = ("--non-interactive", "--cmd=set requireexit True")
 #: whoever has given MAVProxy one of these wants no prompt
 _NO_PROMPT: Final = ("--daemon", "--non-interactive")
+
+
+_CODES: Final = {Refusal.MACHINE: REFUSED, Refusal.LOCKED: LOCKED, Refusal.FAULT: _FAULT}
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +73,8 @@ class Companion:
             close_logs(mpstate, _LOGS_S)
             if line.lived and ends(mpstate):  # MAVProxy ends with 1 whatever the reason
                 code = 0
-        if line.refused:
-            code = _REFUSED
+        if line.refused is not None:
+            code = _CODES[line.refused]
         console.drain(_CONSOLE_S)
         return code
 

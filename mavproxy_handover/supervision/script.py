@@ -18,7 +18,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, Final
 
-__all__ = ["MAIN", "Script", "mpstate_of"]
+__all__ = ["MAIN", "Script", "few_threads", "mpstate_of"]
 
 #: the name that a script runs under
 MAIN: Final = "__main__"
@@ -51,6 +51,12 @@ _IMPORTS: Final = (
 _MODULE: Final = "mavproxy_handover.module"
 
 
+def few_threads() -> None:
+    """To be called before a numerical library is imported, in a process that is to be forked."""
+    for name in _NO_THREADS:
+        os.environ.setdefault(name, "1")
+
+
 class Script:
     """MAVProxy's script, compiled."""
 
@@ -64,8 +70,7 @@ class Script:
 
         Raises what the import of our module raises: a companion without it is none.
         """
-        for name in _NO_THREADS:
-            os.environ.setdefault(name, "1")
+        few_threads()
         for module in _IMPORTS:
             with suppress(Exception):  # it is optional, or MAVProxy will say what is wrong with it
                 importlib.import_module(module)

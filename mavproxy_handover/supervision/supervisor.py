@@ -52,12 +52,19 @@ def single_threaded() -> bool:
 class Supervisor:
     """Runs `child` in a process of its own, again and again. It is given the lifeline, and returns the exit code."""
 
-    def __init__(self, child: Callable[[Lifeline], int], limits: Limits, manager: ServiceManager | None = None) -> None:
-        """`manager`: who is told that all is in order; None: nobody is."""
+    def __init__(
+        self,
+        child: Callable[[Lifeline], int],
+        limits: Limits,
+        manager: ServiceManager | None = None,
+        *,
+        in_flight: bool = False,
+    ) -> None:
+        """`manager`: who is told that all is in order; None: nobody is. `in_flight`: see `Watch`."""
         self._child = child
         self._manager = manager or ServiceManager()
         self._limits = limits
-        self._watch = Watch(limits)
+        self._watch = Watch(limits, in_flight=in_flight)
         self._pid = 0
         #: signals wake the parent up by this pipe: what is read, what is written
         self._wake: tuple[int, int] = (-1, -1)

@@ -31,6 +31,7 @@ from mavproxy_handover.autopilot.kinds import vehicle_of
 from mavproxy_handover.autopilot.loading import Prepared, prepare
 from mavproxy_handover.autopilot.ties import Ties
 from mavproxy_handover.clocks import Clocks
+from mavproxy_handover.config.running import Running
 from mavproxy_handover.config.vehicle import VehicleConfig
 from mavproxy_handover.core import events
 from mavproxy_handover.core.arbiter import Arbiter, Identity
@@ -157,7 +158,7 @@ class _Flight:
         voice = Voice(config.sysid, self._asked, {}, self._fault)
         self._narrator = narrator
         self._autopilot = Autopilot(
-            config,
+            Running(config, b""),
             Ties(
                 arbiter=self._arbiter,
                 handle=self._handle,

@@ -36,10 +36,15 @@ class Autopilot:
         self.received: list[Any] = []
         #: frames that it sends besides, as fast as they are taken
         self.flood = b""
+        #: it says that it is armed, in AUTO and in the air
+        self.airborne = False
+        #: when each lease of a station that commands came (monotonic s), and the nonce of its run
+        self.held: list[tuple[float, int]] = []
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.settimeout(0.05)
-        self.master = f"tcp:127.0.0.1:{self._server.getsockname()[1]}"
-        self._done = threading.Event()
+        self._address: tuple[str, int] = self._server.getsockname()
+        self.master = f"tcp:127.0.0.1:{self._address[1]}"
+        self._done, self._gone = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
@@ -49,16 +54,27 @@ class Autopilot:
         connection = None
         beat_at = 0.0
         while not self._done.is_set():
+            if self._gone.is_set():
+                if connection is not None:
+                    connection.close()
+                    connection = None
+                self._server.close()
+                time.sleep(0.02)
+                continue
             try:
+                if self._server.fileno() < 0:
+                    self._server = socket.create_server(self._address)
+                    self._server.settimeout(0.05)
                 if connection is None:
                     connection, _address = self._server.accept()
                     connection.settimeout(0.02)
                 if time.monotonic() >= beat_at:
                     beat_at = time.monotonic() + 0.25
-                    connection.sendall(mavlink.MAVLink_heartbeat_message(2, 3, 81, 0, 3, 3).pack(own))
+                    for message in self._state():
+                        connection.sendall(message.pack(own))
                 connection.sendall(self.flood)
                 data = connection.recv(65536)
-                self.received += parser.parse_buffer(data) or []
+                self._take(parser.parse_buffer(data) or [])
                 if not data:
                     connection.close()
                     connection = None
@@ -71,6 +87,28 @@ class Autopilot:
         if connection is not None:
             connection.close()
         self._server.close()
+
+    def _state(self) -> list[Any]:
+        if not self.airborne:
+            return [mavlink.MAVLink_heartbeat_message(2, 3, 81, 0, 3, 3)]
+        return [
+            mavlink.MAVLink_heartbeat_message(2, 3, 81 | 128, 3, 4, 3),
+            mavlink.MAVLink_extended_sys_state_message(0, 2),
+        ]
+
+    def _take(self, messages: list[Any]) -> None:
+        self.received += messages
+        for m in messages:
+            if m.get_type() == "TUNNEL" and m.payload_type == 47116 and m.payload[1] == 1:
+                self.held.append((time.monotonic(), int.from_bytes(m.payload[4:8], "little")))
+
+    def stop(self) -> None:
+        """Nobody can connect any more, until `go_on`."""
+        self._gone.set()
+
+    def go_on(self) -> None:
+        """It can be connected to again."""
+        self._gone.clear()
 
     def leases(self) -> int:
         """Leases that have arrived from the companion's component."""

@@ -89,12 +89,41 @@ def test_a_serial_line_gets_the_frame_without_a_detour(line: Line) -> None:
     assert line.master.written == []
 
 
-def test_what_the_line_does_not_take_is_left_to_mavproxy(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
-    write = os.write
-    monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:7]))
-    link_to(line.master).write(FRAME)
+def test_what_the_line_does_not_take_leaves_with_the_next_tick(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, room = os.write, [7, 0, 50, 100]
+
+    def takes(descriptor: int, data: bytes) -> int:
+        return write(descriptor, data[: room.pop(0)])
+
+    monkeypatch.setattr("mavproxy_handover.link.line_writer.os.write", takes)
+    link = link_to(line.master)
+    link.write(FRAME)
     assert line.arrived() == FRAME[:7]
-    assert line.master.written == [FRAME[7:]]
+    link.write(FRAME)
+    link.tick(0.0)
+    assert line.arrived() == FRAME[7:] + FRAME
+    assert line.master.written == []
+
+
+def test_a_line_that_nobody_reads_holds_nobody_up(line: Line) -> None:
+    """MAVProxy opens it without a time-out for writing. What MAVProxy itself writes goes the same way."""
+    link = link_to(line.master)
+    link.choose()
+    begun = time.monotonic()
+    for _ in range(2000):
+        link.write(FRAME)
+        assert line.port.write(FRAME) == len(FRAME)
+        link.tick(begun)
+    assert time.monotonic() - begun < 2.0
+    assert line.master.written == []
+    found = b""
+    while data := line.arrived():
+        found += data
+        link.tick(begun)
+    assert len(found) > 4096
+    assert found == FRAME * (len(found) // len(FRAME)), "whole frames alone"
+    link.release()
+    assert "write" not in vars(line.port)
 
 
 def test_frames_stay_whole_and_in_order(line: Line) -> None:
@@ -104,12 +133,9 @@ def test_frames_stay_whole_and_in_order(line: Line) -> None:
     assert line.arrived() == FRAME * 10
 
 
-@pytest.mark.parametrize("error", [BlockingIOError(), OSError(5, "Input/output error")], ids=["full", "gone"])
-def test_a_line_that_takes_nothing_is_left_to_mavproxy(
-    line: Line, monkeypatch: pytest.MonkeyPatch, error: OSError
-) -> None:
+def test_a_line_that_is_gone_is_left_to_mavproxy(line: Line, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(descriptor: int, data: bytes) -> int:
-        raise error
+        raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(os, "write", fails)
     link_to(line.master).write(FRAME)

@@ -251,6 +251,20 @@ def test_the_folder_is_made(tmp_path: Path) -> None:
     assert (tmp_path / "a" / "b" / "j.jsonl").exists()
 
 
+def test_in_flight_a_place_that_cannot_be_written_is_no_error_and_is_tried_again(tmp_path: Path) -> None:
+    (tmp_path / "logs").write_text("a file in the way")
+    path = tmp_path / "logs" / "journal.jsonl"
+    journal = Journal(path, "drone-1", strict=False)
+    journal.write("first")
+    assert journal.settle(5.0)
+    assert journal.lost == 1
+    (tmp_path / "logs").unlink()
+    journal.write("second")
+    assert journal.settle(5.0)
+    journal.close()
+    assert [json.loads(line)["event"] for line in path.read_text().splitlines()] == ["journal_lost", "second"]
+
+
 def test_a_place_that_cannot_be_written_is_told_before_the_flight(tmp_path: Path) -> None:
     with pytest.raises(IsADirectoryError):
         Journal(tmp_path, "a")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -75,6 +76,46 @@ def test_a_folder_that_cannot_be_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "state").write_text("a file")
     with pytest.raises(OSError, match="exists"):
         VehicleLock(tmp_path / "state", "drone-1")
+
+
+def test_in_flight_the_lock_in_memory_is_enough(tmp_path: Path) -> None:
+    """The folder beside the state is gone; a second companion is refused all the same, also once it is back."""
+    folder = tmp_path / "state"
+    folder.write_text("a file in the way")
+    lock = VehicleLock(folder, "drone-1", strict=False)
+    with pytest.raises(LockError, match="another companion of drone-1 is running"):
+        VehicleLock(folder, "drone-1", strict=False)
+    folder.unlink()
+    for strict in (True, False):
+        with pytest.raises(LockError, match="another companion of drone-1 is running"):
+            VehicleLock(folder, "drone-1", strict=strict)
+    lock.release()
+    VehicleLock(folder, "drone-1").release()
+
+
+def test_a_folder_that_was_made_anew_holds_no_second_companion(tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    lock = VehicleLock(folder, "drone-1")
+    shutil.rmtree(folder)
+    with pytest.raises(LockError, match="another companion of drone-1 is running"):
+        VehicleLock(folder, "drone-1")
+    lock.release()
+
+
+def test_without_storage_in_memory_the_folder_is_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mavproxy_handover.store.lock.memory_folder", lambda _environment: None)
+    (tmp_path / "state").write_text("a file")
+    with pytest.raises(OSError, match="exists"):
+        VehicleLock(tmp_path / "state", "drone-1", strict=False)
+    lock = VehicleLock(tmp_path / "other", "drone-1")
+    assert len(lock.descriptors) == 1
+    lock.release()
+
+
+def test_no_other_user_can_hold_it(tmp_path: Path) -> None:
+    lock = VehicleLock(tmp_path, "drone-1")
+    assert (tmp_path / "drone-1.lock").stat().st_mode & 0o777 == 0o600
+    lock.release()
 
 
 def test_a_serial_line_is_one_companion_s() -> None:

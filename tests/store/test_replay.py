@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import handover as mavlink
 
+from mavproxy_handover.store import replay
 from mavproxy_handover.store.replay import ReplayStore
 from mavproxy_handover.wire.frames import Frame, parse_one
 from mavproxy_handover.wire.signing import SignatureVerdict, SignedPeer, fingerprint, sign
@@ -281,6 +282,71 @@ def test_the_floor_after_damage_outlives_the_next_restart(path: Path) -> None:
     store, _peer = started(path, utc_s=UTC_S + 100)
     store.close()
     _store, peer = started(path, utc_s=0.0)
+    assert peer.check(heartbeat(STAMP + 100 * SECOND), 0.0, 0.0) is TOO_OLD
+    assert peer.check(heartbeat(STAMP + 101 * SECOND), 0.0, 0.0) is OK
+
+
+class TestCopyInMemory:
+    """A restart within a boot, whatever became of the disk."""
+
+    def started(self, path: Path, memory: Path, utc_s: float = UTC_S) -> tuple[ReplayStore, SignedPeer]:
+        store, peer = ReplayStore(path, memory=memory), SignedPeer(KEY)
+        store.load(utc_s, first=False)
+        store.attach("GCSA", peer)
+        return store, peer
+
+    def test_what_a_full_disk_did_not_take_is_old_all_the_same(self, path: Path, tmp_path: Path) -> None:
+        memory = tmp_path / "memory.replay"
+        store, peer = self.started(path, memory)
+        assert peer.check(heartbeat(STAMP + 30 * SECOND), 0.0, 0.0) is OK
+        store.tick(0.0)
+        settle(store)
+        path.unlink()
+        path.mkdir()  # nothing can be written there any more
+        assert peer.check(heartbeat(STAMP + 50 * SECOND), 0.0, 5.0) is OK
+        store.tick(5.0)
+        settle(store)
+        assert store.errors == 1
+        _store, peer = self.started(path, memory)  # and the process before was killed
+        assert peer.check(heartbeat(STAMP + 50 * SECOND), 0.0, 0.0) is TOO_OLD
+        assert peer.check(heartbeat(STAMP + 53 * SECOND), 0.0, 0.0) is TOO_OLD
+        assert peer.check(heartbeat(STAMP + 55 * SECOND), 0.0, 0.0) is OK
+
+    def test_where_memory_is_full_the_file_counts(
+        self, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        memory = tmp_path / "memory.replay"
+        store, peer = self.started(path, memory)
+        assert peer.check(heartbeat(STAMP + 30 * SECOND), 0.0, 0.0) is OK
+        store.tick(0.0)
+        settle(store)
+        write = replay.write_beside
+
+        def full(where: Path, data: bytes, *, sync: bool = True) -> Path:
+            if where == memory:
+                raise OSError(28, "No space left on device")
+            return write(where, data, sync=sync)
+
+        monkeypatch.setattr(replay, "write_beside", full)
+        assert peer.check(heartbeat(STAMP + 50 * SECOND), 0.0, 5.0) is OK
+        store.tick(5.0)
+        settle(store)
+        _store, peer = self.started(path, memory)
+        assert peer.check(heartbeat(STAMP + 50 * SECOND), 0.0, 0.0) is TOO_OLD
+
+    @pytest.mark.parametrize("damage", [b"", b"[" * 100_000, b"{}"])
+    def test_a_damaged_copy_is_none(self, path: Path, tmp_path: Path, damage: bytes) -> None:
+        path.parent.mkdir()
+        path.write_bytes(saved(path))
+        memory = tmp_path / "memory.replay"
+        memory.write_bytes(damage)
+        assert self.started(path, memory)[0].note == ""
+
+
+def test_a_restart_in_flight_finds_no_file_and_lets_nothing_old_in(path: Path) -> None:
+    store, peer = ReplayStore(path), SignedPeer(KEY)
+    assert store.load(UTC_S + 100, first=False).endswith("what was signed before now is refused")
+    store.attach("GCSA", peer)
     assert peer.check(heartbeat(STAMP + 100 * SECOND), 0.0, 0.0) is TOO_OLD
     assert peer.check(heartbeat(STAMP + 101 * SECOND), 0.0, 0.0) is OK
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import inf
 
 import pytest
@@ -118,10 +119,98 @@ def test_one_that_dies_as_it_starts_again_is_tried_again_after_a_moment() -> Non
     supervised = living()
     supervised.ended(KILLED, 105.0)
     supervised.started(105.0)
-    after = supervised.ended(1, 105.4)
-    assert after == Next(Told("it ended with 1"), pytest.approx(105.7))
+    after = supervised.ended(ABORTED, 105.4)
+    assert after == Next(Told("it was killed by SIGABRT"), pytest.approx(105.7))
     supervised.started(after.at)
     assert supervised.ended(KILLED, 116.0).told == Told("it had not started after 10.3 s", leases=False)
+
+
+# ---- loads that fail ----------------------------------------------------------------------------------------------
+
+
+def loads_fail(supervised: Watch, now: float, times: int, *, each_s: float = 0.5, code: int = 2) -> list[Next]:
+    """A process that was started at `now` cannot be loaded, again and again: each says so after `each_s`."""
+    ends = []
+    for _ in range(times):
+        supervised.started(now)
+        ends.append(supervised.ended(code, now + each_s))
+        now = ends[-1].at
+    return ends
+
+
+@pytest.mark.parametrize("code", [1, 2])
+def test_a_load_that_fails_is_tried_again_with_growing_pauses_and_is_no_restart(code: int) -> None:
+    supervised = living()
+    supervised.ended(KILLED, 101.5)
+    ends = loads_fail(supervised, 101.5, 20, code=code)
+    assert all(after.told is not None and after.told.leases for after in ends)
+    pauses = [later.at - earlier.at - 0.5 for earlier, later in pairwise(ends)]
+    assert ends[0].at == pytest.approx(102.3)
+    assert pauses == [pytest.approx(0.6)] + [pytest.approx(1.0)] * 18
+    assert ends[-1].told is not None
+    assert ends[-1].told.why == (
+        f"it was killed by SIGKILL; failed loads since then: 20, the last one ended with {code}"
+    )
+
+
+def test_a_crash_loop_is_not_hidden_by_loads_that_fail_between_the_crashes() -> None:
+    """Three judges die within seconds of their life; the loads between them fail for two minutes each time."""
+    supervised = living()
+    assert dies(supervised, 110.0).told == Told("it was killed by SIGKILL")
+    loads_fail(supervised, 110.5, 80)
+    assert dies(supervised, 240.0).told == Told("it was killed by SIGKILL")
+    loads_fail(supervised, 240.5, 80)
+    assert dies(supervised, 370.0).told == Told("it was killed by SIGKILL", leases=False)
+
+
+def test_what_is_without_leases_stays_so_after_a_load_that_failed() -> None:
+    supervised = living()
+    for at in (110.0, 111.0, 112.0):
+        dies(supervised, at)
+    supervised.ended(KILLED, 120.0)
+    (after,) = loads_fail(supervised, 125.0, 1)
+    assert after.told is not None
+    assert not after.told.leases
+    assert after.at == pytest.approx(130.5)
+
+
+@pytest.mark.parametrize("code", [KILLED, 70, 0])
+def test_other_ends_of_a_start_are_deaths(code: int) -> None:
+    supervised = living()
+    leases = []
+    now = 105.0
+    supervised.ended(KILLED, now)
+    for _ in range(2):
+        supervised.started(now)
+        after = supervised.ended(code, now + 0.5)
+        assert after.told is not None
+        leases.append(after.told.leases)
+        now = after.at
+    assert leases == [True, False]
+
+
+def test_a_load_that_fails_after_the_pauses_begins_with_the_first_one_once_a_process_has_lived() -> None:
+    supervised = living()
+    supervised.ended(KILLED, 105.0)
+    loads_fail(supervised, 105.0, 5)
+    dies(supervised, 200.0)
+    (after,) = loads_fail(supervised, 201.0, 1)
+    assert after.at == pytest.approx(201.8)
+
+
+def test_a_second_companion_that_is_started_in_flight_gives_up() -> None:
+    supervised = Watch(Limits(), in_flight=True)
+    first, second, third = loads_fail(supervised, 100.0, 3, code=3)
+    assert first.told is not None
+    assert second.told is not None
+    assert third == Next(code=2)
+
+
+def test_in_flight_the_first_start_is_tried_again_too() -> None:
+    supervised = Watch(Limits(), in_flight=True)
+    (after,) = loads_fail(supervised, 100.0, 1)
+    assert after.told == Told("it was started in flight; failed loads since then: 1, the last one ended with 2")
+    assert after.at == pytest.approx(100.8)
 
 
 def test_a_death_after_the_module_was_unloaded_is_one() -> None:
