@@ -69,7 +69,7 @@ class State(Enum):
 
 #: exit codes of a process that says that it cannot start: MAVProxy's own, that of bad input, and that of one that finds
 #: another companion of this vehicle running
-REFUSED, LOCKED = 2, 3
+REFUSED, LOCKED = 2, 75
 FAILED_LOADS: Final = (1, REFUSED, LOCKED)
 #: a first start that finds another companion running tries so often: the one before it may be about to be gone
 _LOCK_TRIES: Final = 3

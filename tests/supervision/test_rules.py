@@ -200,7 +200,7 @@ def test_a_load_that_fails_after_the_pauses_begins_with_the_first_one_once_a_pro
 
 def test_a_second_companion_that_is_started_in_flight_gives_up() -> None:
     supervised = Watch(Limits(), in_flight=True)
-    first, second, third = loads_fail(supervised, 100.0, 3, code=3)
+    first, second, third = loads_fail(supervised, 100.0, 3, code=75)
     assert first.told is not None
     assert second.told is not None
     assert third == Next(code=2)
