@@ -25,12 +25,14 @@ from __future__ import annotations
 import socket
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 from weakref import WeakSet
 
 from mavproxy_handover.config.files import FleetVehicle
+from mavproxy_handover.link.line_writer import LineWriter, is_line
 
 __all__ = ["Links"]
 
@@ -72,6 +74,8 @@ class Links:
         self._known: set[str] = set()
         self._doors: list[_Door] = []
         self._roomy: WeakSet[socket.socket] = WeakSet()
+        #: serial lines, which MAVProxy would wait for
+        self._lines: list[LineWriter] = []
         #: the link that each vehicle's messages take
         self._carriers: dict[int, Any] = {}
         #: whose the sticks are that are set (rule 5)
@@ -126,8 +130,12 @@ class Links:
     def see_to(self) -> None:
         """Look after links that have come and gone; to be called once a second."""
         masters = self._mpstate.mav_master
-        for master in masters:
-            self._give_room(getattr(master, "port", None))
+        ports = [getattr(master, "port", None) for master in masters]
+        self._lines = [line for line in self._lines if any(line.port is port for port in ports)]
+        for port in ports:
+            self._give_room(port)
+            if is_line(port) and not any(line.port is port for line in self._lines):
+                self._lines.append(LineWriter(port))
         if not self.several:
             return
         self._doors = [door for door in self._doors if any(door.master is master for master in masters)]
@@ -136,6 +144,12 @@ class Links:
                 names = ", ".join(self._names.values())
                 self._once(f"Link {number} ({master.address}) is no vehicle's: its label names none of {names}.")
             self._watch(master)
+
+    def push(self) -> None:
+        """Send what serial lines did not take at once; to be called often."""
+        for line in self._lines:
+            with suppress(OSError):  # it is gone: MAVProxy finds out with the next frame
+                line.push()
 
     def align(self) -> None:
         """The link that is set is the chosen vehicle's (rule 3); a choice among its own links is the operator's."""
@@ -157,6 +171,9 @@ class Links:
             if door.mav.callback is door.ours:
                 door.mav.callback = door.callback
         self._doors.clear()
+        for line in self._lines:
+            line.release()
+        self._lines.clear()
 
     @property
     def _chosen(self) -> int:

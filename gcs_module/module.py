@@ -294,6 +294,7 @@ class HandoverGcsModule(mp_module.MPModule):
         if now >= self._turn_at:
             self._turn_at = now + _TURN_S
             self._guarded("links", partial(self._turns, now))
+            self._guarded("links", self.links.push)
         if now >= self._each_second_at:
             self._each_second_at = now + 1.0
             self._guarded("links", self.links.see_to)

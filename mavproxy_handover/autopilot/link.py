@@ -25,10 +25,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Final
 
-import serial
-
 from mavproxy_handover.clocks import Clocks
-from mavproxy_handover.link.line_writer import LineWriter
+from mavproxy_handover.link.line_writer import LineWriter, is_line
 from mavproxy_handover.wire.frames import parse_one
 from mavproxy_handover.wire.signing import SignedPeer
 
@@ -60,8 +58,7 @@ class AutopilotLink:
         self._master = self._find()
         port = getattr(self._master, "port", None)
         if self._line is None or self._line.port is not port:
-            lined = isinstance(port, serial.Serial) and hasattr(port, "fd") and port.is_open
-            self._line = LineWriter(port) if lined else None
+            self._line = LineWriter(port) if is_line(port) else None
 
     @property
     def signed(self) -> bool:
@@ -98,7 +95,7 @@ class AutopilotLink:
     def tick(self, now: float) -> None:
         """Send what a line did not take, and hand what was sent in LOG_S to MAVProxy's tlog; to be called often."""
         line = self._line
-        if line is not None and line.port.fd is not None:
+        if line is not None:
             with suppress(OSError):  # the next frame finds out
                 line.push()
         if now >= self._log_at:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""Writing to a serial line that somebody else has opened: MAVProxy's, to the autopilot.
+"""Writing to a serial line that MAVProxy has opened: a companion's to the autopilot, a station's to its modem.
 
 MAVProxy opens its lines without a time-out for writing: pyserial then waits until the line takes everything, and the
 main loop with it; with a time-out of 0 it spins. So its `write` is replaced by this one. Rules:
@@ -12,23 +12,30 @@ main loop with it; with a time-out of 0 it spins. So its `write` is replaced by 
 
 from __future__ import annotations
 
+import errno
 import os
 from typing import Any
 
+import serial
+
 from mavproxy_handover.link.base import OutBuffer
 
-__all__ = ["LineWriter"]
+__all__ = ["LineWriter", "is_line"]
+
+
+def is_line(port: Any) -> bool:
+    """Whether it is an open serial line that has a descriptor (not so on Windows)."""
+    return isinstance(port, serial.Serial) and hasattr(port, "fd") and port.is_open
 
 
 class LineWriter:
     """The way out of one serial line."""
 
     def __init__(self, port: Any) -> None:
-        """`port`: a serial.Serial with a descriptor, which is open. Its `write` is this one's until `release`."""
+        """`port`: see `is_line`. Its `write` is this one's until `release`."""
         self.port = port
         #: frames that found no room
         self.refused = 0
-        self._descriptor: int = port.fileno()
         self._out = OutBuffer()
         port.write = self.write
 
@@ -37,7 +44,7 @@ class LineWriter:
         data = bytes(data)
         if not len(self._out):  # nearly always so
             try:
-                taken = os.write(self._descriptor, data)
+                taken = self._send(data)
             except (BlockingIOError, InterruptedError):
                 taken = 0
             if taken == len(data) or self._out.add(data[taken:]):
@@ -51,7 +58,12 @@ class LineWriter:
     def push(self) -> None:
         """Send what waits, as far as the line takes it; to be called often. Raises OSError."""
         if len(self._out):
-            self._out.drain(lambda data: os.write(self._descriptor, data))
+            self._out.drain(self._send)
+
+    def _send(self, data: bytes) -> int:
+        if self.port.fd is None:  # closed: its number may be another file's by now
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        return os.write(self.port.fd, data)
 
     def release(self) -> None:
         """The line is written to as before."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,14 @@ def test_links_are_named_in_one_place(
     words = [f"--config={file}", "--print", *([f"--master={master}"] if master else [])]
     assert station(words) == 2
     assert capsys.readouterr().err == f"handover station: {file}: {problem}\n"
+
+
+@pytest.mark.parametrize("link", ["udpin:[::]:14550", "tcp:[2001:db8::9]:5760", "udpout:[fe80::1%wlan0]:14550"])
+def test_mavproxy_s_own_links_have_no_ipv6(file: Path, link: str) -> None:
+    file.write_text(ONE)
+    words = f"link {link}: MAVProxy opens this one, and knows no IPv6: give an IPv4 address"
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        station_argv(file, link, Path("x.tlog"))
+    file.write_text(SEVERAL.replace("tcp:10.0.0.2:5760", link))
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        station_argv(file, None, Path("x.tlog"))

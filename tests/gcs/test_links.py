@@ -1,16 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 
-"""The room for what waits at a station's links; whose they are is tried with whole stations (`tests/stations`)."""
+"""The room for what waits at a station's links, and serial lines that take nothing.
+
+Whose the links are is tried with whole stations (`tests/stations`).
+"""
 
 from __future__ import annotations
 
+import os
 import socket
+import time
+import tty
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import serial
 
 from gcs_module.links import Links
 
@@ -57,3 +65,37 @@ def test_a_link_without_a_socket_or_with_a_closed_one_is_left_alone(port: socket
     port.close()
     no_socket = (SimpleNamespace(port=object()), SimpleNamespace(), SimpleNamespace(port=None))
     links(SimpleNamespace(port=port), *no_socket).see_to()
+
+
+def test_a_serial_line_that_takes_nothing_does_not_stop_the_station() -> None:
+    """MAVProxy opens it without a time-out for writing, so pyserial would wait for the modem."""
+    far, near = os.openpty()
+    tty.setraw(far)
+    tty.setraw(near)
+    port = serial.Serial(os.ttyname(near), timeout=0)
+    ours = links(SimpleNamespace(port=port))
+    ours.see_to()
+    ours.see_to()
+    frame = bytes(range(40))
+    try:
+        begun = time.monotonic()
+        for _ in range(2000):
+            assert port.write(frame) == len(frame)
+        assert time.monotonic() - begun < 2.0
+        os.set_blocking(far, False)
+        found = b""
+        with suppress(BlockingIOError):
+            while True:
+                found += os.read(far, 65536)
+                ours.push()
+                time.sleep(0.01)
+        assert len(found) > 4096
+        assert found == frame * (len(found) // len(frame)), "whole frames alone"
+        port.close()
+        ours.push()
+        ours.release()
+        assert "write" not in vars(port)
+    finally:
+        port.close()
+        os.close(far)
+        os.close(near)
