@@ -119,7 +119,7 @@ class ReplayStore:
         A write that is under way is waited for as well, lest that one comes last.
         """
         if self._peers:
-            self._behind.put("stamps", partial(self._write, self._stamps(0)))
+            self._behind.put("stamps", partial(self._write, self._stamps(0), last=True))
         return self._behind.close(within_s)
 
     def _lost(self, why: str, now_utc_s: float) -> str:
@@ -154,7 +154,7 @@ class ReplayStore:
             }
         return stamps
 
-    def _write(self, stamps: _Stamps) -> None:
+    def _write(self, stamps: _Stamps, *, last: bool = False) -> None:
         data, temporary = _pack(stamps), None
         if self._memory is not None:
             try:
@@ -173,6 +173,8 @@ class ReplayStore:
             return
         sync_folder(self.path)
         self._written = stamps
+        if last and self._memory is not None:  # the file has everything
+            discard(self._memory)
 
 
 def _pack(stamps: _Stamps) -> bytes:

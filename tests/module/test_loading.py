@@ -94,7 +94,7 @@ def test_unload_gives_everything_back(bench: Bench, monkeypatch: pytest.MonkeyPa
     bench.load()
     sockets = [link for port in bench.companion.ports.values() for link in port.links]
     assert sorted(state.select_extra) == sorted(link.fileno() for link in sockets)
-    assert sorted(mp_util.child_fd_list) == sorted([*state.select_extra, bench.module.lock.descriptor])
+    assert sorted(mp_util.child_fd_list) == sorted([*state.select_extra, *bench.module.lock.descriptors])
     bench.run(0.5)
     assert state.unload("handover")
     assert state.select_extra == {}

@@ -312,6 +312,16 @@ class TestCopyInMemory:
         assert peer.check(heartbeat(STAMP + 53 * SECOND), 0.0, 0.0) is TOO_OLD
         assert peer.check(heartbeat(STAMP + 55 * SECOND), 0.0, 0.0) is OK
 
+    def test_after_an_orderly_end_the_file_alone_counts(self, path: Path, tmp_path: Path) -> None:
+        memory = tmp_path / "memory.replay"
+        store, peer = self.started(path, memory)
+        assert peer.check(heartbeat(STAMP + 30 * SECOND), 0.0, 0.0) is OK
+        store.tick(0.0)
+        settle(store)
+        assert memory.exists()
+        store.close()
+        assert not memory.exists()
+
     def test_where_memory_is_full_the_file_counts(
         self, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
