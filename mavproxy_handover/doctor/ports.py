@@ -63,7 +63,8 @@ def _links(patient: Patient) -> Iterator[tuple[str, str]]:
 
 def _port(patient: Patient, whose: str, spec: DeviceSpec) -> Finding:
     what = f"link of {whose}"
-    in_use = listens(spec.kind is Kind.UDP_IN, spec.host, spec.port)
+    # the kernel's tables are read for IPv4 alone; an IPv6 port is tried by binding to it
+    in_use = None if ":" in spec.host else listens(spec.kind is Kind.UDP_IN, spec.host, spec.port)
     if in_use:
         return _held(patient, what, spec)
     if in_use is False and _reserved(spec.port):
