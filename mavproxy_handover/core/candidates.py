@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from mavproxy_handover.core.cures import cure
+from mavproxy_handover.core.cures import cure, ended
 from mavproxy_handover.core.events import Action, Advise, Record
 from mavproxy_handover.core.limits import Limits
 from mavproxy_handover.core.links import Links
@@ -119,6 +119,8 @@ class Candidates:
 
     def ready(self, stations: Iterable[int], owner: int, reason: Reason, now: float) -> list[int]:
         """Those of `stations` that could take the aircraft from `owner` and may be asked for this reason now."""
+        if self._keeps(owner):
+            return []
         return [
             station
             for station in stations
@@ -132,7 +134,24 @@ class Candidates:
         """The stations that authority could move to now, and why it should."""
         fit = self._fit(owner, now, actions)
         reasons = self.zones.reasons(owner, fit, now, self.links.better(owner, fit, now), self.links.worse(owner, fit))
+        if reasons and self._keeps(owner):
+            self._tell_kept(owner, next(iter(reasons)), actions)
+            return {}
         return {station: why for station, why in reasons.items() if self.paused_s(station, why, now) <= 0.0}
+
+    def _keeps(self, owner: int) -> bool:
+        """Whether the vehicle's file refuses planned handovers away from this commander."""
+        presence = self._presence.get(owner)
+        return presence is not None and presence.station.consent is StandingConsent.REFUSE
+
+    def _tell_kept(self, owner: int, partner: int, actions: list[Action]) -> None:
+        """Tell both operators, once, that no handover begins because of that."""
+        presence, why = self._presence[owner], Reason.CONSENT_REFUSED
+        if presence.told_why is not why:
+            presence.told_why = why
+            text = f"No handover: {ended(why, presence.station.name, self._name(partner))}"
+            actions.append(Record("handover_refused", text, why, owner))
+            actions.append(Advise((owner, partner), text))
 
     def wanted(self, owner: int, now: float, actions: list[Action]) -> tuple[int, Reason] | None:
         """The station that authority should move to now, and why; None if it should stay. The gravest reason first."""

@@ -16,7 +16,7 @@ from mavproxy_handover.core.events import (
     StationHeard,
 )
 from mavproxy_handover.core.messages import Connect, DroneConnected, OnHandover
-from mavproxy_handover.core.model import Reason, StandingConsent
+from mavproxy_handover.core.model import FlightAction, Reason, StandingConsent
 from tests.core.bench import KEY, A, B, Bench, inside
 
 AUTOMATIC, REFUSE = StandingConsent.AUTOMATIC, StandingConsent.REFUSE
@@ -90,14 +90,26 @@ class TestCommander:
         assert bench.arbiter.view.commander == B
         assert self.questions(bench) == []
 
-    def test_refuse_ends_the_transfer_at_once(self) -> None:
+    def test_refuse_begins_no_planned_handover_and_both_operators_hear_why_once(self) -> None:
         bench = self.at_the_border(REFUSE)
-        bench.say(B, OnHandover(KEY, relay=True))
-        assert bench.arbiter.view.partner is None
-        assert bench.arbiter.view.commander == A
-        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.CONSENT_REFUSED]
+        bench.run(40.0)
+        assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (A, None)
+        assert bench.sent() == []
         text = 'No handover: GCSA gives no handover: the vehicle\'s file says consent = "refuse".'
-        assert Advise((A,), text) in [action for _at, action in bench.log]
+        assert [action for _at, action in bench.log if isinstance(action, Advise)] == [Advise((A, B), text)]
+
+    def test_where_its_zone_ends_the_aircraft_stops_inside(self) -> None:
+        bench = self.at_the_border(REFUSE)
+        bench.position(inside(A, exit_s=4.0), inside(B))
+        bench.run(1.5)
+        assert [fly.action for fly in bench.flights()] == [FlightAction.HOLD]
+
+    def test_refuse_answers_another_operators_request_at_once(self) -> None:
+        bench = self.at_the_border(REFUSE)
+        bench.give(bench.request(B))
+        bench.say(B, OnHandover(KEY, relay=True))
+        assert (bench.arbiter.view.commander, bench.arbiter.view.partner) == (A, None)
+        assert [record.reason for record in bench.records("transfer_aborted")] == [Reason.CONSENT_REFUSED]
         assert self.questions(bench) == []
 
     def test_automatic_answers_no_other_operators_request(self) -> None:

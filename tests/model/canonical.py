@@ -482,6 +482,8 @@ class Packer:
             _guard=plain,
             _guard_ours=plain,
             _guard_at=_Ago(limits.guard_lost_s),
+            _guard_misfit=plain,
+            _guard_misfit_at=_Ago(limits.guard_lost_s),
         )
         authority = _Class(
             Authority,
@@ -604,6 +606,7 @@ class Packer:
             Supervision,
             _interrupted=plain,
             _deaf=plain,
+            _refused=plain,
             _excused=plain,
             _first_speed=plain,
             _last_m=plain,
