@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from mavproxy_handover.core.events import (
@@ -100,7 +102,7 @@ class TestCommander:
 
     def test_where_its_zone_ends_the_aircraft_stops_inside(self) -> None:
         bench = self.at_the_border(REFUSE)
-        bench.position(inside(A, exit_s=4.0), inside(B))
+        bench.position(replace(inside(A), ends_s=4.0, beyond=frozenset({B})), inside(B))
         bench.run(1.5)
         assert [fly.action for fly in bench.flights()] == [FlightAction.HOLD]
 

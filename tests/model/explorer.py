@@ -19,7 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
-from mavproxy_handover.core.model import LeaseState, Phase
+from mavproxy_handover.core.model import LeaseState, Phase, StandingConsent
 from tests.model.checks import Violation, demand
 from tests.model.steps import Graph, Label
 from tests.model.world import DEAD, State
@@ -89,6 +89,8 @@ class _Settling:
         asked = 2 * limits.operator_timeout_s if operators else 0
         #: a step may last its time-out, and a transfer has at most four before its release
         self.bound_s = int(4 * limits.step_timeout_s + limits.release_timeout_s + asked)
+        #: commanders from which the vehicle's file refuses planned handovers
+        self._keeping = frozenset(s.sysid for s in world.stations if s.consent is StandingConsent.REFUSE)
         #: state -> ticks until its transfer has ended
         self._known: dict[State, int] = {}
         #: states judged, whatever is cut in them and may still go wrong
@@ -150,12 +152,14 @@ class _Settling:
         if books.blank:
             demand(view.commander is None, "the state file was lost, and somebody commands in flight")
             return
-        holding = living & books.zones
+        holding = (living - self._keeping) & books.zones  # those are never partner
         if books.had in living or (books.had is not None and holding and books.flying):
             demand(view.commander is not None, f"nobody commands, though {sorted(living)} live")
         if view.commander is None:
             return
         demand(view.commander in living, f"station {view.commander} commands, and is dead")
+        if view.commander in self._keeping:  # the vehicle's file has it keep the aircraft
+            return
         if books.flying and vehicle.loaded and view.commander not in books.zones:
             demand(not holding, f"station {view.commander} commands outside its zone; {sorted(holding)} could")
         if view.commander in books.ending and vehicle.loaded and books.flying:
