@@ -11,8 +11,9 @@ zones and fence costs a hundred times more than to pass the frame on. So what wa
    and none moves at 30 m/s. So whoever jumps to and fro costs no more than ten judgements a second.
 3. One stream is one message of one station. Nothing that carries no place is judged, but for the height that wings
    take from a place on earth that is left out.
-4. A frame with a number that is none (NaN, infinite), in a field that the autopilot takes, is dropped: ArduCopter looks
-   at the velocity alone, and would fly to such a place.
+4. A frame with a number that is none (NaN, infinite), in a field that the autopilot takes, is dropped. ArduCopter
+   checks the velocity alone: one target with a NaN in its place ended its simulation with a floating point exception
+   (4.7-dev).
 5. FOLLOW_TARGET is a target too: the place of the system that is followed. The aircraft flies beside it, by FOLL_OFS.
 """
 
