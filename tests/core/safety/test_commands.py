@@ -148,14 +148,21 @@ def test_of_what_takes_several_messages_the_wait_ends_with_the_first() -> None:
     assert ask(rules, 200.0, Kind.ROUTE, begun_at=140.0) is LIFTED
 
 
-def test_a_copy_that_is_not_judged_begins_the_wait_anew() -> None:
+@pytest.mark.parametrize(
+    ("kind", "wish", "station", "outcome"),
+    [
+        (Kind.GO_ON, 1, GCSA, REFUSED),
+        (Kind.GO_ON, 2, GCSA, LIFTED),
+        (Kind.FLY_TO, 1, GCSA, LIFTED),
+        (Kind.GO_ON, 1, GCSB, LIFTED),
+    ],
+    ids=["a copy", "another command", "another kind", "another station"],
+)
+def test_a_copy_that_is_not_judged_begins_the_wait_anew(kind: Kind, wish: int, station: int, outcome: Outcome) -> None:
     rules = CommandRules()
     ask(rules, 0.0)
-    rules.came(Kind.GO_ON, 1, GCSA, 5.0)
-    rules.came(Kind.GO_ON, 2, GCSA, 9.0)
-    rules.came(Kind.FLY_TO, 1, GCSA, 9.0)
-    assert ask(rules, 12.0) is REFUSED
-    assert ask(rules, 22.0) is LIFTED
+    rules.came(kind, wish, station, 5.0)
+    assert ask(rules, 12.0) is outcome
 
 
 def test_it_is_said_how_long_after_the_last_copy_one_came() -> None:
