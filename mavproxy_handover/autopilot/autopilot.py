@@ -237,9 +237,10 @@ class Autopilot:
             if known:
                 self.orders.mode_changed()
                 self.desk.mode_changed()
-                self._keeps_speed(now)
         if known and aircraft.flies_mission is not on_mission:
             self._mission_flown(now)
+        if known and aircraft.custom_mode != mode:
+            self._keeps_speed(now)  # behind that, which gives up what the mission's speed was said for
         if aircraft.waypoint != waypoint:
             narrator.waypoint(aircraft.waypoint)
             self._waypoints.flies_on()

@@ -654,9 +654,12 @@ def test_a_speed_that_may_have_met_a_return_is_followed_by_the_returns_own(flown
     flown.a.command(SPEED, 1, 9.0, -1)
     flown.run(0.1)
     flown.autopilot.mode = RTL
+    flown.autopilot.script[SPEED] = None  # the first copy gets lost
+    flown.run(1.5)
+    flown.autopilot.script[SPEED] = 0
     flown.run(2.0)
     said = [(m.get_srcSystem(), m.param2) for m in flown.autopilot.got("COMMAND_LONG") if m.command == SPEED]
-    assert said == [(251, 9.0), (1, 10.0)]
+    assert said == [(251, 9.0), (1, 10.0), (1, 10.0)]
 
 
 @pytest.mark.parametrize(("kind", "slow", "enough"), [(2, 1.0, 2.5), (3, 1.0, 1.5)], ids=["climb", "descent"])
